@@ -1,0 +1,104 @@
+"""Frozen, keyword-only values that check themselves once, and say in a sentence what is wrong."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from stochvi.errors import SceneError
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+NonNegative = Annotated[Number, Field(ge=0)]
+Fraction = Annotated[Number, Field(ge=0, le=1)]
+
+
+def _plain_numbers(values: Any) -> Any:
+    return tuple(values.tolist()) if hasattr(values, "tolist") else values
+
+
+Column = Annotated[tuple[Positive, ...], BeforeValidator(_plain_numbers)]
+"""A column of a table: positive numbers, from a sequence or an array."""
+
+
+class Checked(BaseModel):
+    """Base of every part of a scene: immutable, unknown keys refused, no silent conversion."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", populate_by_name=True, hide_input_in_errors=True
+    )
+
+    def __init__(self, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ValidationError as error:
+            raise SceneError(_problems(error, type(self))) from None
+
+
+def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str, str]]:
+    """Turn a validation error into (key, sentence) pairs, inner errors unfolded."""
+    problems: list[tuple[str, str]] = []
+    for detail in error.errors(include_url=False):
+        path = [part for part in detail["loc"] if part not in _KIND_TAGS]
+        cause = detail.get("ctx", {}).get("error")
+        if isinstance(cause, SceneError):
+            problems += [(_key([*path, key]), text) for key, text in cause.problems]
+        elif detail["type"] == "extra_forbidden":
+            problems.append((_key(path), _unknown_key(str(path[-1]), model)))
+        else:
+            problems.append((_key(path), _sentence(detail)))
+    return problems
+
+
+_KIND_TAGS = {"oscillator", "isolator", "white", "psd", "constant", "restitution"}
+
+
+def _key(path: Sequence[Any]) -> str:
+    return ".".join(str(part) for part in path if part != "")
+
+
+def _unknown_key(key: str, model: type[BaseModel]) -> str:
+    known = [field.alias or name for name, field in model.model_fields.items()]
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+    return f"is not a known key; did you mean {near[0]!r}? (known here: {', '.join(known)})"
+
+
+def _sentence(detail: Any) -> str:
+    """One sentence for one pydantic error: what was expected, and what was got."""
+    got = _short(detail.get("input"))
+    limits = detail.get("ctx", {})
+    match detail["type"]:
+        case "missing":
+            return "is missing"
+        case "greater_than":
+            return f"must be greater than {limits['gt']:g}, got {got}"
+        case "greater_than_equal":
+            return f"must be at least {limits['ge']:g}, got {got}"
+        case "less_than_equal":
+            return f"must be at most {limits['le']:g}, got {got}"
+        case "float_type" | "finite_number":
+            return f"must be a finite number, got {got}"
+        case "literal_error":
+            return f"must be {limits['expected']}, got {got}"
+        case "union_tag_invalid":
+            return f"has kind {limits['tag']!r}, expected {limits['expected_tags']}"
+        case "union_tag_not_found":
+            return 'needs a kind, for example kind = "..."'
+        case "tuple_type" | "list_type":
+            return f"must be a list, got {got}"
+        case "model_type" | "dict_type" | "model_attributes_type":
+            return f"must be a table of keys, got {got}"
+        case "string_type":
+            return f"must be a text, got {got}"
+        case "value_error":
+            return str(limits["error"])
+        case _:
+            return f"is not valid ({detail['msg']}), got {got}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

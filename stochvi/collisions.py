@@ -1,0 +1,57 @@
+"""Collision statistics: laws of impact speed, crossing rates, and the balances they must obey."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from scipy.stats import chi2
+
+
+class StopStatistics(NamedTuple):
+    """What one stop sees: hits per second, and sums of w and w^2 per second (F1, F2)."""
+
+    rate: float
+    speed_rate: float
+    speed_square_rate: float
+
+
+NO_STOP = StopStatistics(0.0, 0.0, 0.0)
+
+
+def gaussian_stop(density: float, velocity_mean_square: float) -> StopStatistics:
+    """Statistics of a stop where x has density p and v, independent of it, is N(0, s^2).
+
+    Impact speeds are Rayleigh distributed: rate = p s / sqrt(2 pi), F1 = p s^2 / 2,
+    F2 = p s^3 sqrt(2 / pi). Exact for elastic stops (B 13.44).
+
+    >>> round(gaussian_stop(0.35443745260, 1.0).rate, 9)
+    0.141400085
+    """
+    s = math.sqrt(velocity_mean_square)
+    return StopStatistics(
+        density * s / math.sqrt(2.0 * math.pi),
+        density * s**2 / 2.0,
+        density * s**3 * math.sqrt(2.0 / math.pi),
+    )
+
+
+def rice_rate(distance: float, displacement_std: float, velocity_std: float) -> float:
+    """Rate at which a Gaussian process crosses a level outwards, one side, 1/s (Rice 1944).
+
+    nu = s_v / (2 pi s_x) exp(-d^2 / (2 s_x^2)), d from the mean.
+
+    >>> round(rice_rate(3.0, 1.0, 2 * math.pi * 10.0) * 3600.0)
+    400
+    """
+    shape = math.exp(-0.5 * (distance / displacement_std) ** 2)
+    return velocity_std / (2.0 * math.pi * displacement_std) * shape
+
+
+def upper_limit_unseen(exposure: float, confidence: float = 0.95) -> float:
+    """Upper confidence limit of a Poisson rate after no event in `exposure` seconds, 1/s.
+
+    >>> round(upper_limit_unseen(1.0), 4)
+    2.9957
+    """
+    return float(chi2.ppf(confidence, 2.0)) / 2.0 / exposure

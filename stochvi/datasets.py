@@ -1,0 +1,115 @@
+"""Profiles, scenes and reference tables that ship with the package, and tables of the user."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.errors import SceneError
+
+LARGEST_TEXT_FILE = 10_000_000
+"""Bytes; a table of breakpoints or a scene is a few kilobytes, anything larger is a mistake."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """A tabulated environment: breakpoints in hertz and g^2/Hz, log-log straight between them."""
+
+    name: str
+    frequency_hz: tuple[float, ...]
+    density: tuple[float, ...]
+    stated_g_rms: float
+    source: str
+
+
+def data_folder() -> Path:
+    """The folder `data/`: inside an installed wheel, or beside the package in a checkout."""
+    package = Path(__file__).resolve().parent
+    for folder in (package / "data", package.parent / "data"):
+        if (folder / "psd_profiles").is_dir():
+            return folder
+    raise SceneError(f"the folder data/ is missing beside {package}; reinstall stochvi")
+
+
+@cache
+def profiles() -> dict[str, Profile]:
+    """Every profile that ships, by name.
+
+    >>> profiles()["navmat-p-9492"].frequency_hz
+    (20.0, 80.0, 350.0, 2000.0)
+    """
+    folder = data_folder() / "psd_profiles"
+    with (folder / "index.csv").open(newline="", encoding="utf-8") as index:
+        rows = list(csv.DictReader(index))
+    found = {}
+    for row in rows:
+        frequency, density = read_table(folder / f"{row['profile']}.csv")
+        found[row["profile"]] = Profile(
+            name=row["profile"],
+            frequency_hz=tuple(frequency.tolist()),
+            density=tuple(density.tolist()),
+            stated_g_rms=float(row["stated_g_rms"]),
+            source=row["source"],
+        )
+    return found
+
+
+def shipped_scene(name: str) -> Path:
+    """Path of a scene that ships, `data/scenes/NAME.toml`."""
+    path = data_folder() / "scenes" / f"{name}.toml"
+    if not path.is_file():
+        known = ", ".join(sorted(entry.stem for entry in path.parent.glob("*.toml")))
+        raise SceneError(f"scene {name!r} does not ship; known: {known}")
+    return path
+
+
+def read_text(path: Path) -> str:
+    """The text of a small UTF-8 file; a sentence for everything that it may be instead."""
+    try:
+        size = path.stat().st_size
+        if not path.is_file():
+            raise SceneError(f"{path} is not a file")
+        if size > LARGEST_TEXT_FILE:
+            raise SceneError(
+                f"{path} holds {size} bytes, expected a text of at most {LARGEST_TEXT_FILE}"
+            )
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise SceneError(f"{path} is not text: expected UTF-8, got binary data") from None
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise SceneError(f"{path} cannot be read: {reason}") from None
+
+
+def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two columns, frequency in hertz and density, from comma- or space-separated text.
+
+    Lines that start with # and one header line are passed over. Raises `SceneError` for
+    anything else that is not two numbers.
+    """
+    rows: list[tuple[float, float]] = []
+    header_seen = False
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        cells = line.split("#")[0].replace(",", " ").replace(";", " ").split()
+        if not cells:
+            continue
+        try:
+            frequency, density = (float(cell) for cell in cells)
+        except ValueError:
+            if not rows and not header_seen:
+                header_seen = True
+                continue
+            raise SceneError(
+                f"{path}, line {number}: expected two numbers (frequency_hz, density), "
+                f"got {line.strip()[:60]!r}"
+            ) from None
+        rows.append((frequency, density))
+    if not rows:
+        raise SceneError(f"{path} holds no rows of two numbers (frequency_hz, density)")
+    table = np.array(rows)
+    return table[:, 0], table[:, 1]

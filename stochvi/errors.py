@@ -1,0 +1,48 @@
+"""What can go wrong, each in one sentence that says what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from stochvi.estimates import Response
+
+
+class StochviError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class SceneError(StochviError, ValueError):
+    """The scene, or a file it names, is not valid.
+
+    `problems` holds (key, sentence) pairs; the message joins them, one line each.
+    """
+
+    def __init__(self, problems: Sequence[tuple[str, str]] | str) -> None:
+        self.problems = [("", problems)] if isinstance(problems, str) else list(problems)
+        super().__init__("\n".join(f"{key} {text}".strip() for key, text in self.problems))
+
+
+class NotApplicable(StochviError):
+    """A method does not cover this scene; `conditions` lists everything that is unmet."""
+
+    def __init__(self, method: str, conditions: Sequence[str]) -> None:
+        self.method = method
+        self.conditions = tuple(conditions)
+        super().__init__(f"{method} does not apply: " + "; ".join(self.conditions) + ".")
+
+
+class NoExactSolution(NotApplicable):
+    """No closed form is known for this scene; `conditions` lists every unmet condition."""
+
+    def __init__(self, conditions: Sequence[str]) -> None:
+        super().__init__("exact", conditions)
+
+
+class NotConverged(StochviError):
+    """The accuracy asked for was not reached; `response` holds what was."""
+
+    def __init__(self, message: str, response: Response | None = None) -> None:
+        self.response = response
+        super().__init__(message)

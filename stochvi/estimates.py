@@ -1,0 +1,203 @@
+"""What every method answers with: numbers that carry their errors and their price."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COORDINATE_QUANTITIES = (
+    "displacement_mean",
+    "displacement_std",
+    "displacement_mean_square",
+    "velocity_std",
+    "velocity_mean_square",
+    "acceleration_std",
+    "upcrossing_rate",
+)
+"""Keys of a coordinate: m, m, m^2, m/s, m^2/s^2, m/s^2 (absolute) and 1/s (of the mean)."""
+
+IMPACT_QUANTITIES = (
+    "collision_rate",
+    "collision_rate_lower",
+    "collision_rate_upper",
+    "impact_speed_mean",
+    "impact_speed_rate",
+    "impact_speed_square_rate",
+    "peak_force",
+)
+"""Keys of an impact pair: 1/s, 1/s, 1/s, m/s, m/s^2 (F1), m^2/s^3 (F2), N."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A number with its errors.
+
+    Parameters
+    ----------
+    value
+        In SI units.
+    standard_error
+        One standard deviation of the statistical error; 0 where nothing was sampled.
+    bias
+        Bound on, or estimate of, the systematic error left by the step or the model;
+        None where no method here can tell.
+    how
+        Where the two errors come from, in words.
+    upper_95
+        Upper 95 % confidence limit of a rate that was never seen.
+
+    Examples
+    --------
+    >>> Estimate(value=0.2828, standard_error=0.0004, bias=0.0, how="256 paths")
+    0.28280(40) [256 paths]
+    """
+
+    value: float
+    standard_error: float = 0.0
+    bias: float | None = 0.0
+    how: str = ""
+    upper_95: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("value", "standard_error"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} must be finite, got {getattr(self, name)}")
+
+    def __repr__(self) -> str:
+        return f"{format_with_error(self.value, self.standard_error)} [{self.how}]"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON form; `upper_95` appears only where it means something."""
+        document = asdict(self)
+        if self.upper_95 is None:
+            del document["upper_95"]
+        return document
+
+
+def format_with_error(value: float, error: float) -> str:
+    """The physicist's notation: two digits of the standard error in brackets.
+
+    >>> format_with_error(0.28281234, 0.00041)
+    '0.28281(41)'
+    >>> format_with_error(0.5395600937, 0.0)
+    '0.539560094'
+    >>> format_with_error(1234.5, 210.0)
+    '1230(210)'
+    >>> format_with_error(3.21e-07, 4.5e-09)
+    '3.210(45)e-07'
+    """
+    if error <= 0.0 or not math.isfinite(error):
+        return f"{value:.9g}"
+    size = max(abs(value), error)
+    exponent = math.floor(math.log10(size))
+    if -4 <= exponent < 6:
+        exponent = 0
+    scaled, scaled_error = value / 10.0**exponent, error / 10.0**exponent
+    digits = 1 - math.floor(math.log10(scaled_error))
+    if digits >= 2 or scaled_error < 1.0:
+        bracket = f"{round(scaled_error * 10.0**digits)}"
+    else:
+        bracket = f"{round(scaled_error, digits):.{max(digits, 0)}f}"
+    text = f"{round(scaled, digits):.{max(digits, 0)}f}({bracket})"
+    return text if exponent == 0 else f"{text}e{exponent:+03d}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """The price of an answer: seconds (compilation apart) and what they bought."""
+
+    wall_time: float = 0.0
+    compile_time: float = 0.0
+    steps: int = 0
+    impacts: int = 0
+    paths: int = 0
+    threads: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """The stationary response of a scene by one method.
+
+    `coordinates` and `impact_pairs` map a name to its quantities (`COORDINATE_QUANTITIES`,
+    `IMPACT_QUANTITIES`); a quantity the method cannot give is None. `identities` holds the
+    residuals of the energy, virial and force balances, which are zero for a right answer.
+    """
+
+    method: str
+    coordinates: Mapping[str, Mapping[str, Estimate | None]]
+    impact_pairs: Mapping[str, Mapping[str, Estimate | float | None]]
+    effects: Sequence[str] = ()
+    assumptions: Sequence[str] = ()
+    cost: Cost = field(default_factory=Cost)
+    warnings: Sequence[str] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    identities: Mapping[str, Estimate] = field(default_factory=dict)
+
+    def estimates(self) -> dict[tuple[str, str], Estimate]:
+        """Every estimate that exists, keyed by (coordinate or pair, quantity)."""
+        found: dict[tuple[str, str], Estimate] = {}
+        for group in (self.coordinates, self.impact_pairs):
+            for owner, quantities in group.items():
+                for name, estimate in quantities.items():
+                    if isinstance(estimate, Estimate):
+                        found[owner, name] = estimate
+        return found
+
+    def to_frame(self) -> pd.DataFrame:
+        """A tidy table, one row per quantity."""
+        import pandas as pd
+
+        rows = [
+            {"method": self.method, "of": owner, "quantity": name, **estimate.to_dict()}
+            for (owner, name), estimate in self.estimates().items()
+        ]
+        return pd.DataFrame(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document: only plain types, never NaN or infinity."""
+
+        def group(entries: Mapping[str, Mapping[str, Estimate | float | None]]) -> dict[str, Any]:
+            return {
+                owner: {
+                    name: item.to_dict() if isinstance(item, Estimate) else item
+                    for name, item in quantities.items()
+                }
+                for owner, quantities in entries.items()
+            }
+
+        return {
+            "method": self.method,
+            "coordinates": group(self.coordinates),
+            "impact_pairs": group(self.impact_pairs),
+            "identities": {name: item.to_dict() for name, item in self.identities.items()},
+            "effects": list(self.effects),
+            "assumptions": list(self.assumptions),
+            "warnings": list(self.warnings),
+            "cost": asdict(self.cost),
+            "provenance": dict(self.provenance),
+        }
+
+    def _repr_html_(self) -> str:
+        frame = self.to_frame()
+        return f"<b>{self.method}</b>{frame.to_html(index=False)}"
+
+
+def provenance(scene: Mapping[str, Any], seed: int | None = None) -> dict[str, Any]:
+    """What is needed to make a number again: versions, processor, seed and the scene."""
+    versions = {
+        name: importlib.metadata.version(name) for name in ("stochvi", "numpy", "scipy", "numba")
+    }
+    return {
+        "version": versions.pop("stochvi"),
+        "libraries": versions,
+        "processor": platform.machine(),
+        "seed": seed,
+        "scene": dict(scene),
+    }
