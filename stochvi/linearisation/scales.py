@@ -1,0 +1,180 @@
+"""The linear system with added stiffness and damping, and the units in which it is solved."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self, cast
+
+from scipy.optimize import brentq
+
+from stochvi.collisions import StopStatistics
+from stochvi.cut_normal import CutNormal
+from stochvi.errors import NotConverged
+from stochvi.linearisation.forms import ROOT_TWO_PI, Trial, restitutions
+from stochvi.scenes import System
+from stochvi.spectra import Table, response_moments
+
+
+def linear_moments(system: System, stiffness: float, damping: float) -> tuple[float, float]:
+    """Variances of x and v with stiffness and damping added (B 13.8-13.11)."""
+    total_stiffness = system.omega**2 + stiffness
+    total_damping = system.damping_rate + damping
+    displacement = velocity = 0.0
+    if system.intensity > 0.0:
+        velocity = system.intensity / (2.0 * total_damping) if total_damping > 0.0 else math.inf
+        displacement = velocity / total_stiffness
+    if system.tables:
+        coloured = response_moments(system.tables, math.sqrt(total_stiffness), total_damping)
+        displacement += coloured.displacement
+        velocity += coloured.velocity
+    return displacement, velocity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """Origin and units in which the elastic law at speed s has mean 0 and deviation 1, s = 1.
+
+    A single stop is made the upper one by mirroring x.
+    """
+
+    mirrored: bool
+    origin: float
+    length: float
+    speed: float
+
+    @classmethod
+    def of(cls, system: System) -> Self:
+        """Raises NotConverged where no speed balances the energy."""
+        mirrored = system.upper is None
+        if mirrored:
+            system = _mirror(system)
+        speed = _speed_scale(system)
+        law = _gibbs_law(system, speed)
+        return cls(mirrored=mirrored, origin=law.mean, length=math.sqrt(law.variance), speed=speed)
+
+    def shrink(self, system: System) -> System:
+        """The same scene in the units of the frame."""
+        if self.mirrored:
+            system = _mirror(system)
+        time = self.length / self.speed
+        lower, upper = (
+            None if stop is None else (stop - self.origin) / self.length
+            for stop in (system.lower, system.upper)
+        )
+        return system._replace(
+            omega=system.omega * time,
+            damping_rate=system.damping_rate * time,
+            intensity=system.intensity * time / self.speed**2,
+            tables=tuple(
+                Table(
+                    frequency_hz=table.frequency_hz * time,
+                    density=table.density * time / self.speed**2,
+                )
+                for table in system.tables
+            ),
+            load=(system.load - system.omega**2 * self.origin) * time / self.speed,
+            lower=lower,
+            upper=upper,
+        )
+
+    def grow(self, trial: Trial) -> Trial:
+        """A response back in SI units."""
+        frequency = self.speed / self.length
+        sign = -1.0 if self.mirrored else 1.0
+        lower, upper = (
+            StopStatistics(
+                hits.rate * frequency,
+                # the book's form "force" has None here
+                cast(float, hits.speed_rate and hits.speed_rate * frequency * self.speed),
+                hits.speed_square_rate * frequency * self.speed**2,
+            )
+            for hits in (trial.lower, trial.upper)
+        )
+        if self.mirrored:
+            lower, upper = upper, lower
+        return trial._replace(
+            mean=sign * (self.origin + self.length * trial.mean),
+            variance=trial.variance * self.length**2,
+            velocity_mean_square=trial.velocity_mean_square * self.speed**2,
+            density_at_mean=trial.density_at_mean / self.length,
+            stop_force=sign * trial.stop_force * self.speed * frequency,
+            stiffness=trial.stiffness * frequency**2,
+            damping=trial.damping * frequency,
+            lower=lower,
+            upper=upper,
+        )
+
+
+def _mirror(system: System) -> System:
+    return system._replace(
+        load=-system.load,
+        lower=None if system.upper is None else -system.upper,
+        upper=None if system.lower is None else -system.lower,
+        restitution_lower=system.restitution_upper,
+        restitution_upper=system.restitution_lower,
+    )
+
+
+def _gibbs_law(system: System, speed: float) -> CutNormal:
+    """exp(-U / speed^2) between the stops, the exact law for elastic stops (B 13.38)."""
+    return CutNormal(
+        slope=system.load / speed**2,
+        curvature=(system.omega / speed) ** 2,
+        lower=system.lower,
+        upper=system.upper,
+    )
+
+
+def gibbs_stops(system: System, speed: float) -> tuple[float, float]:
+    """Stiffness and damping of stops under the elastic law at a speed s.
+
+    s^2 = (omega^2 + k) Var x, and the loss of a stop is (1 - R^2) p_c s^3 / sqrt(2 pi) with
+    p_c = 2 p / (1 + R), the density at the stop that the balance of forces then calls for.
+    """
+    law = _gibbs_law(system, speed)
+    stiffness = max(speed**2 / law.variance - system.omega**2, 0.0)
+    r_lower, r_upper = restitutions(system)
+    loss = (1.0 - r_lower) * law.density_at(system.lower)
+    loss += (1.0 - r_upper) * law.density_at(system.upper)
+    return stiffness, 2.0 * loss * speed / ROOT_TWO_PI
+
+
+def _speed_scale(system: System) -> float:
+    """The speed s at which the elastic law takes up the power that the noise supplies, m/s.
+
+    Exact for elastic stops and white noise, where s^2 = S0 / (2 b); else near the answer.
+    """
+
+    def surplus(log_speed: float) -> float:
+        speed = math.exp(log_speed)
+        supplied = linear_moments(system, *gibbs_stops(system, speed))[1]
+        if not 0.0 < supplied < math.inf:
+            # no loss at all, as far below the first impact; or no noise left to follow
+            return 1e3 if supplied > 0.0 else -1e3
+        return math.log(supplied) - 2.0 * log_speed
+
+    high = math.log(_rough_speed(system))
+    ceiling, floor = high + 100.0, high - 100.0
+    while surplus(high) > 0.0 and high < ceiling:
+        high += 1.0
+    low = high - 1.0
+    while surplus(low) <= 0.0 and low > floor:
+        low -= 1.0
+    if not (floor < low and high < ceiling):
+        raise NotConverged(
+            "linearise found no speed at which the losses balance what the noise supplies; "
+            "simulate this scene instead."
+        )
+    return math.exp(brentq(surplus, low, low + 1.0, xtol=1e-14, rtol=1e-14))
+
+
+def _rough_speed(system: System) -> float:
+    """Any speed that scales as it should, m/s."""
+    rate = system.damping_rate or system.omega
+    if rate > 0.0:
+        return math.sqrt(linear_moments(system._replace(damping_rate=rate), 0.0, 0.0)[1])
+    assert system.lower is not None and system.upper is not None
+    gap = system.upper - system.lower
+    power = sum(table.mean_square() for table in system.tables)
+    return math.sqrt(gap) * max(math.sqrt(power), (system.intensity**2 / gap) ** (1.0 / 6.0))

@@ -1,0 +1,253 @@
+"""White noise and rigid stops by kick-flow-kick, for many paths at once.
+
+The oscillator x'' + b x' + w0^2 x = f + g is split in two parts that are both solved exactly:
+
+    kick   dv = -b v dt + sqrt(S0) dW        v <- e v + s z,  e = exp(-b h), z ~ N(0, 1)
+    flow   x'' + w0^2 x = g, with its stops  a rotation, and impacts v <- -R v
+
+One step is a kick over h and a flow over h. With elastic stops both parts preserve the density
+exp(-(v^2 + w0^2 x^2) / 2 theta), so the stationary law is exact for any h; else the scheme is of
+second order. The flow draws no random numbers, so nothing about an impact has to be sampled.
+
+Symbols: x is measured from the rest position under the load g, u and l are the stops from there;
+(C, S) = (cos w0 h, sin w0 h / w0), so that a flow over h is x1 = C x + S v, v1 = C v - w0^2 S x,
+also for w0 = 0. An orbit of energy E2 = v^2 + w0^2 x^2 passes the stop u with the speed
+w = sqrt(E2 - w0^2 u^2). Sr, Cr belong to the time r between that passage and the end of the step:
+Sr = (x1 w - v1 u) / E2, Cr = (v1 w + w0^2 x1 u) / E2. A reset of the velocity at the stop changes
+the end by -(1 + R) w (Sr, Cr).
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from stochvi.monte_carlo.kernels.random_numbers import normal_pairs
+
+LANES = 256
+"""Paths that move together: their arrays stay in the first-level cache."""
+
+MOST_BOUNCES = 10_000
+"""In one step; bounces die out geometrically (R < 1), more than this rest on the stop."""
+
+RESTING = 1e-8
+"""A bounce this much lower than the pressing acceleration times the step rests on the stop."""
+
+AGAIN = np.inf
+"""Marks a path whose step may hold more than one impact, in the array of impact speeds."""
+
+X, XX, VV, N_LOWER, F1_LOWER, F2_LOWER, N_UPPER, F1_UPPER, F2_UPPER = range(9)
+SUMS = 9
+"""Rows of the table of sums: x, x^2, v^2, and for each stop hits, w and w^2."""
+
+
+@numba.njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
+def passage(x, v, x1, v1, stiff, stop):
+    """Does the free orbit from (x, v) to (x1, v1) pass `stop` upwards? Also w, E2 Sr, E2 Cr."""
+    # differences of squares keep their digits close to the stop
+    square = v * v + stiff * (x - stop) * (x + stop)
+    w = math.sqrt(max(square, 0.0))
+    sr = x1 * w - v1 * stop
+    since_start = v * stop - x * w
+    passed = (square > 0.0) & (sr > 0.0) & ((since_start > 0.0) | (x1 > stop))
+    return passed, w, sr, v1 * w + stiff * x1 * stop
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def fly(x, v, z, hit, kick, flow, lower, upper):
+    """One step of every path; `hit` gets +w at the upper stop, -w at the lower, 0, or AGAIN.
+
+    A path marked AGAIN has had its kick only. Returns how many there are.
+    """
+    e, s = kick
+    h, cosine, sine, stiff = flow
+    again = 0
+    for i in range(x.shape[0]):
+        q = x[i]
+        p = e * v[i] + s * z[i]
+        x1 = cosine * q + sine * p
+        v1 = cosine * p - stiff * sine * q
+        energy = p * p + stiff * q * q
+        inverse = 1.0 / energy
+        speed = 0.0
+        both = False
+        shift_x = 0.0
+        shift_v = 0.0
+        if upper is not None:
+            stop, restitution, slow = upper
+            up, w, sr, cr = passage(q, p, x1, v1, stiff, stop)
+            factor = (1.0 + restitution) * w * inverse if up else 0.0
+            shift_x = factor * sr
+            shift_v = factor * cr
+            speed = w if up else 0.0
+            both = up & (restitution * w < slow)
+        if lower is not None:
+            stop, restitution, slow = lower
+            down, w, sr, cr = passage(-q, -p, -x1, -v1, stiff, -stop)
+            factor = (1.0 + restitution) * w * inverse if down else 0.0
+            both = both | (down & ((speed > 0.0) | (restitution * w < slow)))
+            shift_x -= factor * sr
+            shift_v -= factor * cr
+            speed = -w if down else speed
+        if (lower is not None) and (upper is not None):
+            gap = upper[0] - lower[0]
+            both = both | ((speed != 0.0) & (energy * h * h >= gap * gap))
+        x2 = x1 - shift_x
+        v2 = v1 - shift_v
+        if upper is not None:
+            x2 = min(x2, upper[0])
+        if lower is not None:
+            x2 = max(x2, lower[0])
+        x[i] = q if both else x2
+        v[i] = p if both else v2
+        hit[i] = AGAIN if both else speed
+        again += 1 if both else 0
+    return again
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def bounce(x, v, flow, lower, upper, threshold, sums):
+    """One flow with any number of impacts, added up in `sums`; returns the end (x, v)."""
+    h, cosine, sine, stiff = flow
+    x1 = cosine * x + sine * v
+    v1 = cosine * v - stiff * sine * x
+    for _ in range(MOST_BOUNCES):
+        energy = v * v + stiff * x * x
+        up = False
+        down = False
+        upper_cr = 0.0
+        if upper is not None:
+            up, w, sr, upper_cr = passage(x, v, x1, v1, stiff, upper[0])
+            if up:
+                position, restitution = upper[0], upper[1]
+                speed, s_r, c_r = w, sr / energy, upper_cr / energy
+        if lower is not None:
+            down, w, sr, cr = passage(-x, -v, -x1, -v1, stiff, -lower[0])
+            # of two passages the first is the one farther from the end
+            if down and (not up or cr < upper_cr):
+                position, restitution = lower[0], lower[1]
+                speed, s_r, c_r = -w, sr / energy, cr / energy
+                up = False
+            else:
+                down = False
+        if not (up or down):
+            break
+        w = abs(speed)
+        row = N_UPPER if up else N_LOWER
+        sums[row] += 1.0 if w >= threshold else 0.0
+        sums[row + 1] += w
+        sums[row + 2] += w * w
+        x1 -= (1.0 + restitution) * speed * s_r
+        v1 -= (1.0 + restitution) * speed * c_r
+        x = position
+        v = -restitution * speed
+        # pressed against the stop by stiff |x|, and too slow to leave it within the step
+        if (position * speed < 0.0) and (abs(v) <= RESTING * stiff * abs(position) * h):
+            x1 = position
+            v1 = 0.0
+            break
+    if upper is not None:
+        x1 = min(x1, upper[0])
+    if lower is not None:
+        x1 = max(x1, lower[0])
+    return x1, v1
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def count_side(hit, threshold, number, speed_sum, square_sum):
+    """Add the impacts of one step on the upper stop (hit > 0)."""
+    for i in range(hit.shape[0]):
+        w = hit[i]
+        w = w if w > 0.0 else 0.0
+        number[i] += 1.0 if (w > 0.0) & (w >= threshold) else 0.0
+        speed_sum[i] += w
+        square_sum[i] += w * w
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def add_moment(values, total):
+    """total += values."""
+    for i in range(values.shape[0]):
+        total[i] += values[i]
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def add_square(values, total):
+    """total += values^2."""
+    for i in range(values.shape[0]):
+        total[i] += values[i] * values[i]
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def negate(values, out):
+    """out = -values."""
+    for i in range(values.shape[0]):
+        out[i] = -values[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def run_white(x, v, streams, sums, kick, flow, lower, upper, threshold, burn_in, steps, stride, record):
+    """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
+
+    Parameters
+    ----------
+    x, v : (paths,) start, replaced by the end.
+    streams : (2, paths) random streams, advanced.
+    sums : (SUMS, paths), added to. Moments are taken every `stride` steps, before the kick.
+    kick : (e, s); flow : (h, C, S, w0^2).
+    lower, upper : None, or (stop, R, slow), slow = the speed after an impact under which the
+        same stop may be met again within a step (negative: never).
+    record : None, or zeros (steps, paths, 3) to take x, v and the impact speed of every step;
+        the burn-in must then be 0.
+    """
+    first = np.empty(LANES)
+    second = np.empty(LANES)
+    hit = np.empty(LANES)
+    mirrored = np.empty(LANES)
+    local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
+    several = np.zeros(SUMS)
+    for start in range(0, x.shape[0], LANES):
+        end = min(start + LANES, x.shape[0])
+        xs, vs = x[start:end], v[start:end]
+        state0, state1 = streams[0][start:end], streams[1][start:end]
+        local[:] = 0.0
+        z1, z2 = first[: end - start], second[: end - start]
+        hits, opposite = hit[: end - start], mirrored[: end - start]
+        for step in range(burn_in + steps):
+            if step % 2 == 0:
+                normal_pairs(state0, state1, z1, z2)
+            again = fly(xs, vs, z1 if step % 2 == 0 else z2, hits, kick, flow, lower, upper)
+            counted = step >= burn_in
+            if again > 0:
+                for i in range(end - start):
+                    if hits[i] == AGAIN:
+                        several[:] = 0.0
+                        xs[i], vs[i] = bounce(
+                            xs[i], vs[i], flow, lower, upper, threshold, several
+                        )
+                        if counted:
+                            local[:, i] += several
+                        # for a record: the summed speed, signed by the side that got more
+                        hits[i] = 0.0
+                        if record is not None:
+                            record[step - burn_in, start + i, 2] = (
+                                several[F1_UPPER] - several[F1_LOWER]
+                            )
+            if counted:
+                if upper is not None:
+                    count_side(hits, threshold, local[N_UPPER], local[F1_UPPER], local[F2_UPPER])
+                if lower is not None:
+                    negate(hits, opposite)
+                    count_side(
+                        opposite, threshold, local[N_LOWER], local[F1_LOWER], local[F2_LOWER]
+                    )
+                if (step - burn_in) % stride == 0:
+                    add_moment(xs, local[X])
+                    add_square(xs, local[XX])
+                    add_square(vs, local[VV])
+                if record is not None:
+                    for i in range(end - start):
+                        record[step - burn_in, start + i, 0] = xs[i]
+                        record[step - burn_in, start + i, 1] = vs[i]
+                        record[step - burn_in, start + i, 2] += hits[i]
+        sums[:, start:end] += local[:, : end - start]

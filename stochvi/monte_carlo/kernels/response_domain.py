@@ -1,0 +1,179 @@
+"""Rigid stops under tabulated noise: the response without stops is given, impacts are added.
+
+Between impacts the structure is linear, so x = y + e with y the stationary response without
+stops, synthesised from its own spectrum, and e a free decay that every impact kicks:
+
+    e(t + h) = A(h) e(t),    impact at u with speed w:  e' <- e' - (1 + R) w
+
+Only y and y' at the samples enter. Within a sampling interval x is the cubic through the end
+values and slopes (error of fourth order); an impact takes the first upward root of x - u, and
+changes the end of the interval by -(1 + R) w times the second column of A(remaining time).
+
+Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from stochvi.monte_carlo.kernels.flight import N_LOWER, N_UPPER, VV, XX, X
+
+MOST_BOUNCES = 200
+"""In one sampling interval; after that the mass rests on the stop until the next sample."""
+
+RESTING = 1e-9
+"""An impact this much slower than the velocity scale rests on the stop."""
+
+
+@numba.njit(cache=True, error_model="numpy")
+def decay(t, damping_rate, omega):
+    """Second column of A(t): displacement and velocity after a unit velocity at t = 0."""
+    half = 0.5 * damping_rate
+    square = (omega - half) * (omega + half)
+    root = math.sqrt(abs(square))
+    if root * t < 1e-8:
+        shape, slope = t, 1.0
+    elif square > 0.0:
+        shape, slope = math.sin(root * t) / root, math.cos(root * t)
+    else:
+        # written so that neither exponential overflows for strong damping
+        fast, slow = math.exp(-2.0 * root * t), math.exp((root - half) * t)
+        return (
+            slow * (1.0 - fast) / (2.0 * root),
+            slow * ((1.0 + fast) / 2.0 - half * (1.0 - fast) / (2.0 * root)),
+        )
+    envelope = math.exp(-half * t)
+    return envelope * shape, envelope * (slope - half * shape)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def first_upward_root(c0, c1, c2, c3):
+    """First s in (0, 1] where c0 + c1 s + c2 s^2 + c3 s^3 passes 0 upwards, or 2 for none.
+
+    The cubic starts at or below 0. Its pieces between extrema are monotone, so each holds at
+    most one root, which bisection cannot miss and Newton sharpens.
+    """
+    extrema = (2.0, 2.0)
+    discriminant = c2 * c2 - 3.0 * c1 * c3
+    if discriminant > 0.0:
+        q = -(c2 + math.copysign(math.sqrt(discriminant), c2))
+        first = q / (3.0 * c3) if c3 != 0.0 else 2.0
+        second = c1 / q if q != 0.0 else 2.0
+        extrema = (min(first, second), max(first, second))
+    left, left_value = 0.0, min(c0, 0.0)
+    for piece in range(3):
+        right = 1.0 if piece == 2 else extrema[piece]
+        if not (left < right <= 1.0):
+            continue
+        right_value = c0 + right * (c1 + right * (c2 + right * c3))
+        if left_value <= 0.0 and right_value > 0.0:
+            low, high = left, right
+            s = 0.5 * (low + high)
+            for _ in range(60):
+                value = c0 + s * (c1 + s * (c2 + s * c3))
+                if value > 0.0:
+                    high = s
+                else:
+                    low = s
+                slope = c1 + s * (2.0 * c2 + s * 3.0 * c3)
+                step = s - value / slope if slope != 0.0 else low
+                following = step if low < step < high else 0.5 * (low + high)
+                if abs(following - s) <= 1e-15 or high - low <= 1e-15:
+                    break
+                s = following
+            return s
+        left, left_value = right, right_value
+    return 2.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def time_to_stop(x0, v0, x1, v1, span, stop):
+    """Fraction of the interval until x passes `stop` upwards, and the speed there."""
+    top = max(max(x0 + v0 * span / 3.0, x1 - v1 * span / 3.0), max(x0, x1))
+    if top <= stop:  # the cubic lies in the hull of its four control points
+        return 2.0, 0.0
+    rise = x1 - x0
+    c1 = v0 * span
+    c2 = 3.0 * rise - (2.0 * v0 + v1) * span
+    c3 = (v0 + v1) * span - 2.0 * rise
+    s = first_upward_root(x0 - stop, c1, c2, c3)
+    return s, max((c1 + s * (2.0 * c2 + s * 3.0 * c3)) / span, 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, sums):
+    """One sampling interval with any number of impacts; returns the end (x, v)."""
+    omega, damping_rate = structure
+    for bounces in range(MOST_BOUNCES + 1):
+        s, w, position, restitution, side = 2.0, 0.0, 0.0, 0.0, 1.0
+        if upper is not None:
+            s, w = time_to_stop(x0, v0, x1, v1, span, upper[0])
+            position, restitution = upper
+        if lower is not None:
+            t, below = time_to_stop(-x0, -v0, -x1, -v1, span, -lower[0])
+            if t < s:
+                s, w, side = t, below, -1.0
+                position, restitution = lower
+        if s > 1.0:
+            return x1, v1
+        if w <= RESTING * scale or bounces == MOST_BOUNCES:
+            return position, 0.0
+        row = N_UPPER if side > 0.0 else N_LOWER
+        sums[row] += 1.0 if w >= threshold else 0.0
+        sums[row + 1] += w
+        sums[row + 2] += w * w
+        span *= 1.0 - s
+        shape, slope = decay(span, damping_rate, omega)
+        change = -(1.0 + restitution) * w * side
+        x1 += change * shape
+        v1 += change * slope
+        x0, v0 = position, -restitution * w * side
+    return x1, v1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def run_response(free, span, structure, lower, upper, threshold, scale, warm_up, sums, record):
+    """Add impacts to `free` responses, each periodic in time; sums of one period go to `sums`.
+
+    Parameters
+    ----------
+    free : (paths, samples) complex, y + i y' / w0 at equal intervals `span`.
+    structure : (w0, b). lower, upper : None, or (stop, R) from the mean position.
+    warm_up : samples at the end of the period that are flown first, uncounted.
+    scale : a velocity to compare the slowest impacts with.
+    sums : (SUMS, paths), added to. record : None, or (samples, paths, 3).
+    """
+    omega, damping_rate = structure
+    shape, slope = decay(span, damping_rate, omega)
+    # first column of A(h), from e'' = -b e' - w0^2 e
+    shape_x, slope_x = slope + damping_rate * shape, -omega * omega * shape
+    samples = free.shape[1]
+    discard = np.zeros(sums.shape[0])
+    for path in range(free.shape[0]):
+        e, rate = 0.0, 0.0
+        previous = samples - warm_up - 1
+        x, v = free[path, previous].real, omega * free[path, previous].imag
+        total = np.zeros(sums.shape[0])
+        for step in range(-warm_up, samples):
+            index = step if step >= 0 else samples + step
+            y, y_rate = free[path, index].real, omega * free[path, index].imag
+            e, rate = shape_x * e + shape * rate, slope_x * e + slope * rate
+            x1, v1 = y + e, y_rate + rate
+            target = total if step >= 0 else discard
+            speeds = target[N_UPPER + 1] - target[N_LOWER + 1]
+            if upper is not None or lower is not None:
+                x1, v1 = cross(
+                    x, v, x1, v1, span, structure, lower, upper, threshold, scale, target
+                )
+                e, rate = x1 - y, v1 - y_rate
+            x, v = x1, v1
+            if step >= 0:
+                total[X] += x
+                total[XX] += x * x
+                total[VV] += v * v
+                if record is not None:
+                    record[step, path, 0] = x
+                    record[step, path, 1] = v
+                    record[step, path, 2] = target[N_UPPER + 1] - target[N_LOWER + 1] - speeds
+        sums[:, path] += total

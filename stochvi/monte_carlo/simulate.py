@@ -1,0 +1,433 @@
+"""Monte Carlo of a scene: rounds of independent paths until the errors are what was asked for."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from stochvi.collisions import upper_limit_unseen
+from stochvi.errors import NotApplicable, NotConverged
+from stochvi.estimates import Cost, Estimate, Response, provenance
+from stochvi.identities import residuals
+from stochvi.monte_carlo.statistics import PathStatistics
+from stochvi.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
+from stochvi.monte_carlo.white import WhitePlan, plan_white
+from stochvi.scenes import Scene, System
+
+Plan = WhitePlan | TabulatedPlan
+Means = dict[str, float]
+Quantity = Callable[[Means], float]
+Progress = Callable[[float, str], None]
+
+FIRST_BLOCKS = 4
+"""Blocks of paths in the first round; enough paths for an honest standard error."""
+
+MOST_REFINEMENTS = 4
+"""How often the step is halved when its bias, beyond doubt, exceeds what was asked for."""
+
+COLLAPSE_RESTITUTION = math.exp(-math.pi / math.sqrt(3.0))
+"""Below this the collision rate is infinite (Cornell, Swift and Bray, PRL 81, 1998)."""
+
+
+def simulate(
+    scene: Scene,
+    *,
+    rel_error: float | None = None,
+    paths: int | None = None,
+    duration: float | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    speed_threshold: float | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> Response:
+    """Stationary response by Monte Carlo, with standard errors from independent paths.
+
+    White noise is stepped by kick-flow-kick (impacts inside the step, no bias with elastic
+    stops, second order otherwise); for a tabulated density the response without stops is
+    synthesised and the impacts are added. The bias of a finite step is measured by running the
+    same paths at twice the step: |difference| / 3, for a method of second order.
+
+    Parameters
+    ----------
+    rel_error
+        Run until mean squares, rate, F1 and F2 have this relative standard error (means:
+        relative to the standard deviation). 0.01 if `paths` is not given either.
+    paths, duration
+        Instead: this many paths of this many seconds each, after burn-in.
+    seed
+        The streams of random numbers belong to (seed, path): same seed, same digits, on any
+        number of threads.
+    threads, executor
+        Threads to start here, or any `concurrent.futures.Executor`.
+    speed_threshold
+        Impacts slower than this (m/s) are left out of the rates, never out of F1 and F2. By
+        default 0, or 5 % of the rms velocity where a stop loses energy.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
+    progress
+        Called with the fraction done and a sentence.
+
+    Raises
+    ------
+    NotApplicable
+        With every condition that the scene does not meet.
+    NotConverged
+        Carries the response so far.
+
+    Examples
+    --------
+    >>> from stochvi.contacts import Restitution
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.scenes import ImpactPair
+    >>> from stochvi.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> deviation = simulate(scene, rel_error=0.01).coordinates["x"]["displacement_std"]
+    >>> abs(deviation.value - 0.53956) < 4.5 * deviation.standard_error
+    True
+    """
+    _check_arguments(rel_error, paths, duration, seed, speed_threshold, budget, threads)
+    plan = make_plan(scene, speed_threshold, duration)
+    workers = threads or len(os.sched_getaffinity(0))
+    compile_time = _compile(plan)
+    own = ThreadPoolExecutor(workers) if executor is None else None
+    run = _Run(scene, plan, seed, executor or own, workers, progress, compile_time)
+    try:
+        if paths is not None:
+            run.add_paths(paths)
+        else:
+            _until(run, 0.01 if rel_error is None else rel_error, budget)
+        return run.response()
+    finally:
+        if own is not None:
+            own.shutdown(cancel_futures=True)
+
+
+def record_path(
+    scene: Scene, *, duration: float, seed: int = 0, path: int = 0, step: float | None = None
+) -> pd.DataFrame:
+    """One path, sample by sample: time (s), displacement, velocity and impact_speed (SI).
+
+    `impact_speed` is the incident speed of an impact within the step that ends at `time`,
+    positive at the upper stop, negative at the lower, 0 for none (several: their sum). The path
+    is not stationary at its start: it begins at a guess of the stationary law.
+
+    Examples
+    --------
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> list(record_path(scene, duration=10.0))
+    ['time', 'displacement', 'velocity', 'impact_speed']
+    """
+    plan = make_plan(scene, None, duration)
+    if step is not None:
+        plan = plan.with_step(step)
+    samples = plan.recorded_samples
+    record = np.zeros((samples, 1, 3))
+    plan.averages(seed, path, 1, record)
+    return pd.DataFrame(
+        {
+            "time": plan.step * np.arange(1, samples + 1),
+            "displacement": record[:, 0, 0] + plan.rest,
+            "velocity": record[:, 0, 1],
+            "impact_speed": record[:, 0, 2],
+        }
+    )
+
+
+def make_plan(scene: Scene, speed_threshold: float | None, duration: float | None) -> Plan:
+    """Choose the method that the scene's excitation calls for, its step and its lengths."""
+    system = scene.system()
+    if system.tables:
+        return plan_tabulated(system, speed_threshold, duration)
+    if system.intensity == 0.0:
+        raise NotApplicable("simulate", ["excitation must contain noise, got a constant load alone"])
+    return plan_white(system, speed_threshold, duration)
+
+
+def _check_arguments(
+    rel_error: float | None,
+    paths: int | None,
+    duration: float | None,
+    seed: int,
+    speed_threshold: float | None,
+    budget: float | None,
+    threads: int | None,
+) -> None:
+    if rel_error is not None and paths is not None:
+        raise ValueError("give rel_error or paths, not both")
+    if rel_error is not None and not 1e-6 <= rel_error < 1.0:
+        raise ValueError(f"rel_error must be in [1e-6, 1), got {rel_error}")
+    if paths is not None and paths < 2:
+        raise ValueError(f"paths must be at least 2 for a standard error, got {paths}")
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads must be at least 1, got {threads}")
+    if not 0 <= seed < 2**63:
+        raise ValueError(f"seed must be in [0, 2^63), got {seed}")
+    for name, value in (("duration", duration), ("budget", budget)):
+        if value is not None and not 0.0 < value < math.inf:
+            raise ValueError(f"{name} must be a positive number of seconds, got {value}")
+    if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
+        raise ValueError(f"speed_threshold must be at least 0, got {speed_threshold}")
+
+
+def _compile(plan: Plan) -> float:
+    """Run the kernels once on next to nothing; seconds it took (machine code is cached)."""
+    start = time.perf_counter()
+    plan.shortest().averages(0, 0, 2)
+    return time.perf_counter() - start
+
+
+def _block_averages(plan: Plan, seed: int, first_path: int, paths: int) -> PathStatistics:
+    """One task: a function of its arguments alone, so any worker may do it, twice if need be."""
+    return PathStatistics.of(plan.averages(seed, first_path, paths))
+
+
+@dataclass
+class _Run:
+    """Paths simulated so far, at the step and (unless that is free of bias) at twice the step."""
+
+    scene: Scene
+    plan: Plan
+    seed: int
+    executor: Executor | None
+    threads: int
+    progress: Progress | None
+    compile_time: float
+
+    def __post_init__(self) -> None:
+        self.started = time.perf_counter()
+        self.fine = PathStatistics.none()
+        self.coarse = PathStatistics.none()
+        self.steps = 0
+
+    @property
+    def elapsed(self) -> float:
+        return time.perf_counter() - self.started
+
+    def add_paths(self, paths: int, deadline: float = math.inf) -> bool:
+        """Simulate more paths, merged in the order of their numbers; False if time ran out."""
+        plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
+        assert self.executor is not None
+        futures = [
+            [self.executor.submit(_block_averages, plan, self.seed, *block) for plan in plans]
+            for block in _blocks(self.fine.count, paths, self.plan.block)
+        ]
+        done, total = 0, len(futures)
+        for pair in futures:
+            if self.elapsed > deadline:
+                for group in futures:
+                    for future in group:
+                        future.cancel()
+                return False
+            self.fine = self.fine.merge(pair[0].result())
+            if len(pair) == 2:
+                self.coarse = self.coarse.merge(pair[1].result())
+            done += 1
+            if self.progress:
+                self.progress(done / total, f"{self.fine.count} paths")
+        self.steps += paths * sum(plan.steps_per_path for plan in plans)
+        return True
+
+    def refine(self) -> None:
+        """Start again at half the step."""
+        self.plan = self.plan.finer()
+        self.fine, self.coarse = PathStatistics.none(), PathStatistics.none()
+
+    def estimate(self, quantity: Quantity, unseen_rate: bool = False) -> Estimate:
+        """A function of the means with its standard error and the bias left by the step."""
+        value, error = self.fine.evaluate(quantity)
+        how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
+        if unseen_rate and value == 0.0:
+            exposure = self.fine.count * self.plan.duration
+            return Estimate(
+                value=0.0, how=f"none seen, {how}", upper_95=upper_limit_unseen(exposure)
+            )
+        if self.plan.elastic:
+            return Estimate(value=value, standard_error=error, how=how)
+        bias = abs(self.coarse.evaluate(quantity)[0] - value) / 3.0
+        return Estimate(
+            value=value, standard_error=error, bias=bias, how=f"{how}; bias from twice the step"
+        )
+
+    def response(self, warnings: tuple[str, ...] = ()) -> Response:
+        """Everything that the paths so far say."""
+        system = self.scene.system()
+        coordinate: dict[str, Estimate | None] = {
+            name: self.estimate(quantity) for name, quantity in _COORDINATE.items()
+        }
+        coordinate |= {"acceleration_std": self._acceleration(system), "upcrossing_rate": None}
+        pairs = {}
+        for pair in self.scene.impact_pairs:
+            found: dict[str, Estimate | float | None] = {
+                name: self.estimate(quantity, unseen_rate=True)
+                for name, quantity in _IMPACTS.items()
+            }
+            hit = self.fine.evaluate(_IMPACTS["collision_rate"])[0] > 0.0
+            found["impact_speed_mean"] = self.estimate(_speed_mean) if hit else None
+            found |= {"peak_force": None, "speed_threshold": self.plan.threshold}
+            pairs[pair.name] = found
+        impacts = self.fine.evaluate(_IMPACTS["collision_rate"])[0]
+        return Response(
+            method="simulate",
+            coordinates={"x": coordinate},
+            impact_pairs=pairs,
+            effects=self.scene.effects(),
+            assumptions=[*self.scene.assumptions(), *self._assumptions()],
+            cost=Cost(
+                wall_time=self.elapsed,
+                compile_time=self.compile_time,
+                steps=self.steps,
+                impacts=round(impacts * self.fine.count * self.plan.duration),
+                paths=self.fine.count,
+                threads=self.threads,
+            ),
+            warnings=[*warnings, *self._warnings(system)],
+            provenance=provenance(self.scene.document(), self.seed),
+            identities={
+                name: self.estimate(lambda means, name=name: residuals(system, means)[name])  # type: ignore[misc]
+                for name in residuals(system, dict.fromkeys(_MEANS, 1.0))
+            },
+        )
+
+    def _acceleration(self, system: System) -> Estimate | None:
+        """Absolute acceleration between impacts, -(b x' + w0^2 x): finite without rigid stops."""
+        if self.scene.impact_pairs or not system.moving_base or system.noise_on_mass:
+            return None
+        b, stiff = system.damping_rate, system.omega**2
+        return self.estimate(
+            lambda m: math.sqrt(b**2 * m["vv"] + stiff**2 * (m["xx"] - m["x"] ** 2))
+        )
+
+    def _assumptions(self) -> list[str]:
+        plan = self.plan
+        return [
+            f"{plan.method}, step {plan.step:.3g} s, burn-in {plan.burn_in:.3g} s per path",
+            "standard errors from independent paths (delta method)",
+        ]
+
+    def _warnings(self, system: System) -> Iterator[str]:
+        if self.plan.threshold > 0.0 and self.scene.impact_pairs:
+            yield (
+                f"rates count impacts faster than {self.plan.threshold:.3g} m/s; F1 and F2 "
+                "count all"
+            )
+        for side in ("lower", "upper"):
+            restitution = getattr(system, f"restitution_{side}")
+            if restitution is not None and restitution <= COLLAPSE_RESTITUTION:
+                yield (
+                    f"restitution {restitution:g} at the {side} stop is below "
+                    f"{COLLAPSE_RESTITUTION:.4f}: the rate of all impacts is infinite under white "
+                    "noise, only rates above a speed threshold mean something"
+                )
+            if getattr(system, side) is not None:
+                unseen = self.fine.evaluate(_IMPACTS[f"collision_rate_{side}"])[0] == 0.0
+                if unseen:
+                    yield f"no impact on the {side} stop was seen; its rate has an upper limit only"
+
+
+def _blocks(first_path: int, paths: int, size: int) -> Iterator[tuple[int, int]]:
+    """(first path, number of paths) of blocks that start at multiples of `size` where they can."""
+    end = first_path + paths
+    while first_path < end:
+        count = min(size - first_path % size, end - first_path)
+        yield first_path, count
+        first_path += count
+
+
+def _until(run: _Run, rel_error: float, budget: float | None) -> None:
+    """Double the number of paths until every governed quantity is as accurate as asked."""
+    deadline = math.inf if budget is None else budget
+    refinements = 0
+    paths = FIRST_BLOCKS * run.plan.block
+    while True:
+        in_time = run.add_paths(paths, deadline)
+        if run.fine.count < 2:
+            raise NotConverged(f"budget of {budget:g} s was too short for a single block of paths")
+        errors, bias = _relative_errors(run)
+        if in_time and errors <= rel_error:
+            if bias <= rel_error or refinements == MOST_REFINEMENTS:
+                if bias > rel_error:
+                    raise NotConverged(
+                        f"the step still leaves a relative bias of {bias:.2g}, asked for "
+                        f"{rel_error:g}", run.response()
+                    )  # fmt: skip
+                return
+            run.refine()
+            refinements += 1
+            continue
+        needed = run.elapsed * (errors / rel_error) ** 2
+        if not in_time or run.elapsed > deadline:
+            raise NotConverged(
+                f"relative standard error {errors:.2g} after {run.elapsed:.1f} s, asked for "
+                f"{rel_error:g}, which takes about {needed:.3g} s; raise budget or rel_error",
+                run.response(("the accuracy asked for was not reached",)),
+            )
+        if run.progress:
+            run.progress(min(1.0, (rel_error / errors) ** 2), f"relative error {errors:.2g}")
+        growth = (errors / rel_error) ** 2 - 1.0
+        paths = math.ceil(run.fine.count * min(max(1.1 * growth, 0.1), 3.0))
+        paths = math.ceil(paths / run.plan.block) * run.plan.block
+
+
+def _relative_errors(run: _Run) -> tuple[float, float]:
+    """Largest relative standard error, and largest relative bias that is beyond its own noise."""
+    errors, biases = [0.0], [0.0]
+    deviation = run.fine.evaluate(_COORDINATE["displacement_std"])[0]
+    for name, quantity in _GOVERNED.items():
+        value, error = run.fine.evaluate(quantity)
+        size = deviation if name == "displacement_mean" else abs(value)
+        if size == 0.0:
+            continue
+        errors.append(error / size)
+        if not run.plan.elastic:
+            coarse, coarse_error = run.coarse.evaluate(quantity)
+            doubt = 2.0 * math.hypot(error, coarse_error)
+            biases.append(max(0.0, abs(coarse - value) - doubt) / 3.0 / size)
+    return max(errors), max(biases)
+
+
+def _speed_mean(means: Means) -> float:
+    return _IMPACTS["impact_speed_rate"](means) / _IMPACTS["collision_rate"](means)
+
+
+_MEANS = ("x", "xx", "vv", "f1_lower", "f1_upper", "f2_lower", "f2_upper")
+
+_COORDINATE: dict[str, Quantity] = {
+    "displacement_mean": lambda m: m["x"],
+    "displacement_std": lambda m: math.sqrt(max(m["xx"] - m["x"] ** 2, 0.0)),
+    "displacement_mean_square": lambda m: m["xx"],
+    "velocity_std": lambda m: math.sqrt(max(m["vv"], 0.0)),
+    "velocity_mean_square": lambda m: m["vv"],
+}
+
+_IMPACTS: dict[str, Quantity] = {
+    "collision_rate": lambda m: m["n_lower"] + m["n_upper"],
+    "collision_rate_lower": lambda m: m["n_lower"],
+    "collision_rate_upper": lambda m: m["n_upper"],
+    "impact_speed_rate": lambda m: m["f1_lower"] + m["f1_upper"],
+    "impact_speed_square_rate": lambda m: m["f2_lower"] + m["f2_upper"],
+}
+
+_GOVERNED = {
+    name: quantity
+    for name, quantity in (_COORDINATE | _IMPACTS).items()
+    if name in ("displacement_mean", "displacement_mean_square", "velocity_mean_square")
+    or name in ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
+}

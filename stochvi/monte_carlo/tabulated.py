@@ -1,0 +1,288 @@
+"""Tabulated noise: synthesise the response without stops, then add the impacts.
+
+A path is a row of independent blocks. Within a block the free response y is a periodic Gaussian
+signal, a sum over bins of width 1 / length whose variances are the integrals of the response
+density |H|^2 G over the bins, so that the edges of a table are exact. Bins up to the cut at half
+the sampling rate are synthesised; the last quarter of them is scaled up so that the velocity
+variance beyond the cut is not lost.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import ifft, next_fast_len
+
+from stochvi.errors import NotApplicable
+from stochvi.monte_carlo.kernels.flight import N_LOWER, SUMS, XX, X
+from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
+from stochvi.monte_carlo.kernels.response_domain import run_response
+from stochvi.monte_carlo.white import default_threshold
+from stochvi.scenes import System
+from stochvi.spectra import Table, response_moments, squared_gain
+
+SAMPLES_PER_PERIOD = 20.0
+"""Of the natural period; more where the response to the table is broader than the resonance."""
+
+LARGEST_LOSS = 0.005
+"""Share of the velocity variance that may lie beyond the cut and be folded back."""
+
+FOLD_FROM = 0.75
+"""Bins from here to the cut take up the velocity variance that lies beyond it."""
+
+BLOCK_RELAXATIONS = 120.0
+"""Length of a block in time constants of the structure: resolves its resonance."""
+
+WARM_UP_RELAXATIONS = 15.0
+"""Flown before counting starts, for the decay e to forget that it began at rest."""
+
+MOST_SAMPLES = 2**22
+"""To a block of one path; more means a table far above a resonance that is far too sharp."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TabulatedPlan:
+    """Sampling and lengths for one scene under tabulated noise (SI units, per unit mass)."""
+
+    system: System
+    samples: int
+    block_length: float
+    blocks_per_path: int
+    warm_up: float
+    threshold: float
+    bins: NDArray[np.float64]
+
+    method = "response-domain synthesis"
+    elastic = False
+
+    @property
+    def block(self) -> int:
+        """Paths that are synthesised together: a few megabytes of samples."""
+        return max(1, min(32, 2**19 // self.samples))
+
+    @property
+    def duration(self) -> float:
+        """Counted seconds of a path."""
+        return self.block_length * self.blocks_per_path
+
+    @property
+    def step(self) -> float:
+        """Sampling interval, s."""
+        return self.block_length / self.samples
+
+    @property
+    def burn_in(self) -> float:
+        """Uncounted seconds of a path."""
+        return self.warm_up * self.blocks_per_path
+
+    @property
+    def steps_per_path(self) -> int:
+        """All samples of a path, warm-up included."""
+        return (self.samples + self._warm_up_samples) * self.blocks_per_path
+
+    @property
+    def _warm_up_samples(self) -> int:
+        return min(self.samples - 1, math.ceil(self.warm_up / self.step))
+
+    @property
+    def rest(self) -> float:
+        """Mean position without stops."""
+        return self.system.load / self.system.omega**2
+
+    @cached_property
+    def folded(self) -> float:
+        """Share of the velocity variance that lies beyond the cut."""
+        return _beyond_cut(self.bins, self.samples, self.block_length, self.system)
+
+    def coarser(self) -> TabulatedPlan:
+        """The same paths at half the sampling rate: common bins have common amplitudes."""
+        return replace(self, samples=2 * (self.samples // 4))
+
+    def finer(self) -> TabulatedPlan:
+        """Paths at twice the sampling rate."""
+        return self.with_step(self.step / 2.0)
+
+    def with_step(self, step: float) -> TabulatedPlan:
+        """Paths at a chosen sampling interval, s."""
+        samples = _even_fast_length(self.block_length / step)
+        system = self.system
+        bins = _bin_variances(
+            system.tables, system.omega, system.damping_rate, self.block_length, samples // 2
+        )
+        return replace(self, samples=samples, bins=bins)
+
+    def shortest(self) -> TabulatedPlan:
+        """A block of few samples: enough to have the kernels compiled."""
+        return replace(self, samples=32, blocks_per_path=1)
+
+    @property
+    def recorded_samples(self) -> int:
+        """Samples of a recorded path."""
+        return self.samples * self.blocks_per_path
+
+    def averages(
+        self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Time averages (SUMS, paths) of the paths first_path, first_path + 1, ..."""
+        sums = np.zeros((SUMS, paths))
+        for number in range(self.blocks_per_path):
+            block_record = None
+            if record is not None:
+                block_record = record[number * self.samples : (number + 1) * self.samples]
+            run_response(
+                self._free_response(seed, first_path, paths, number),
+                self.step,
+                (self.system.omega, self.system.damping_rate),
+                self._stop(self.system.lower, self.system.restitution_lower),
+                self._stop(self.system.upper, self.system.restitution_upper),
+                self.threshold,
+                math.sqrt(self._velocity_variance),
+                self._warm_up_samples,
+                sums,
+                block_record,
+            )
+        sums[:N_LOWER] /= self.samples * self.blocks_per_path
+        sums[N_LOWER:] /= self.duration
+        sums[XX] += self.rest * (2.0 * sums[X] + self.rest)
+        sums[X] += self.rest
+        return sums
+
+    def _stop(
+        self, position: float | None, restitution: float | None
+    ) -> tuple[float, float] | None:
+        if position is None or restitution is None:
+            return None
+        return (position - self.rest, restitution)
+
+    @cached_property
+    def _velocity_variance(self) -> float:
+        omega, b = self.system.omega, self.system.damping_rate
+        return response_moments(self.system.tables, omega, b).velocity
+
+    @cached_property
+    def _amplitudes(self) -> NDArray[np.float64]:
+        """Standard deviation of the cosine and sine coefficients of each synthesised bin."""
+        variance = self.bins[: self.samples // 2 - 1].copy()
+        omega2 = (2.0 * np.pi / self.block_length * np.arange(1, len(variance) + 1)) ** 2
+        last = int(FOLD_FROM * len(variance))
+        top = float(np.sum((omega2 * variance)[last:]))
+        missing = self._velocity_variance - float(np.sum(omega2 * variance))
+        if top > 0.0 and missing > 0.0:
+            variance[last:] *= 1.0 + missing / top
+        deviation: NDArray[np.float64] = np.sqrt(variance)
+        return deviation
+
+    def _free_response(
+        self, seed: int, first_path: int, paths: int, number: int
+    ) -> NDArray[np.complex128]:
+        """y + i y' / omega of block `number` of each path, (paths, samples)."""
+        streams = np.empty((2, paths), np.uint64)
+        # every (path, block) has a stream of its own, whatever the blocks of other paths need
+        for index in range(paths):
+            first = (first_path + index) * 2**20 + number
+            seed_streams(np.uint64(seed), first, streams[:, index : index + 1])
+        amplitudes = self._amplitudes
+        count = len(amplitudes)
+        cosine, sine = np.empty((2, count, paths))
+        normal_rows(streams[0], streams[1], cosine, sine)
+        # y = sum a cos + b sin = Re sum (a - i b) e^(i w t): half of it at +w, half at -w
+        coefficient = (cosine - 1j * sine).T * (amplitudes * self.samples / 2.0)
+        relative = 2.0 * np.pi / self.block_length / self.system.omega * np.arange(1, count + 1)
+        spectrum = np.zeros((paths, self.samples), complex)
+        spectrum[:, 1 : count + 1] = coefficient * (1.0 - relative)
+        spectrum[:, : self.samples - count - 1 : -1] = coefficient.conj() * (1.0 + relative)
+        free: NDArray[np.complex128] = ifft(spectrum, axis=1, overwrite_x=True)
+        return free
+
+
+def plan_tabulated(
+    system: System, threshold: float | None, duration: float | None
+) -> TabulatedPlan:
+    """Choose sampling and lengths for a scene whose noise is tabulated."""
+    unmet = []
+    if system.intensity > 0.0:
+        unmet.append("white and tabulated noise in one scene are not simulated together")
+    if system.omega == 0.0:
+        unmet.append("tabulated noise needs stiffness > 0, got 0")
+    if system.damping_rate == 0.0:
+        unmet.append("tabulated noise needs damping > 0, got 0")
+    if unmet:
+        raise NotApplicable("simulate", unmet)
+    omega, b = system.omega, system.damping_rate
+    half = b / 2.0
+    slowest = half - math.sqrt(max(half * half - omega * omega, 0.0))
+    relaxation = 1.0 / max(slowest, omega**2 / b / 2.0 if half > omega else half)
+    length = BLOCK_RELAXATIONS * max(relaxation, 1.0 / omega)
+    blocks = 1
+    if duration is not None:
+        blocks = max(1, math.ceil(duration / (1.5 * length)))
+        length = duration / blocks
+    highest = max(float(table.frequency_hz[-1]) for table in system.tables)
+    rate = SAMPLES_PER_PERIOD * omega / (2.0 * math.pi)
+    most = _even_fast_length(2.2 * highest * length)
+    samples = _even_fast_length(rate * length)
+    bins = _bin_variances(system.tables, omega, b, length, max(samples, most) // 2)
+    while samples < most and _beyond_cut(bins, samples, length, system) > LARGEST_LOSS:
+        samples = min(most, _even_fast_length(1.5 * samples))
+    if samples > MOST_SAMPLES:
+        raise NotApplicable(
+            "simulate",
+            [f"a block needs {samples} samples, at most {MOST_SAMPLES} are made: the table reaches "
+             f"{highest:g} Hz, far above a resonance that decays in {relaxation:.3g} s"],
+        )  # fmt: skip
+    velocity = response_moments(system.tables, omega, b).velocity
+    lossy = any(
+        r not in (None, 1.0) for r in (system.restitution_lower, system.restitution_upper)
+    )
+    return TabulatedPlan(
+        system=system,
+        samples=samples,
+        block_length=length,
+        blocks_per_path=blocks,
+        warm_up=WARM_UP_RELAXATIONS * relaxation,
+        threshold=default_threshold(lossy, math.sqrt(velocity)) if threshold is None else threshold,
+        bins=bins,
+    )
+
+
+def _even_fast_length(samples: float) -> int:
+    """An even number of samples of which the half is quick to transform."""
+    return 2 * int(next_fast_len(math.ceil(max(samples, 32.0) / 2.0)))
+
+
+def _beyond_cut(
+    bins: NDArray[np.float64], samples: int, length: float, system: System
+) -> float:
+    """Share of the velocity variance in bins that `samples` per block do not reach."""
+    total = response_moments(system.tables, system.omega, system.damping_rate).velocity
+    kept = bins[: samples // 2 - 1]
+    omega2 = (2.0 * np.pi / length * np.arange(1, len(kept) + 1)) ** 2
+    return max(0.0, 1.0 - float(np.sum(omega2 * kept)) / total)
+
+
+def _bin_variances(
+    tables: tuple[Table, ...], omega: float, damping_rate: float, length: float, count: int
+) -> NDArray[np.float64]:
+    """Integrals of |H|^2 G over the bins 1 ... count - 1, [(k - 1/2), (k + 1/2)] / length.
+
+    What lies below the first bin is added to it. Bins are cut at the breakpoints of the tables,
+    so that a jump of the density inside a bin does no harm.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    edges = (np.arange(count) + 0.5) / length
+    edges[0] = 1e-6 / length
+    variances = np.zeros(count - 1)
+    for table in tables:
+        cuts = np.unique(np.concatenate([edges, table.frequency_hz]))
+        cuts = cuts[(cuts >= edges[0]) & (cuts <= edges[-1])]
+        half, middle = np.diff(cuts) / 2.0, (cuts[1:] + cuts[:-1]) / 2.0
+        f = middle[:, None] + half[:, None] * nodes
+        density = squared_gain(f, omega, damping_rate) * table(f)
+        pieces = half * (density @ weights)
+        owner = np.searchsorted(edges, middle) - 1
+        np.add.at(variances, np.clip(owner, 0, count - 2), pieces)
+    return variances

@@ -1,0 +1,282 @@
+"""White noise: how a scene is laid out for kick-flow-kick, and one block of its paths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from stochvi.collisions import gaussian_stop
+from stochvi.cut_normal import CutNormal
+from stochvi.errors import NotApplicable
+from stochvi.monte_carlo.kernels.flight import N_LOWER, SUMS, VV, XX, X, run_white
+from stochvi.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
+from stochvi.scenes import System
+
+LARGEST_ANGLE = 0.4
+"""omega h of a step where any step is free of bias (elastic stops); kept well below pi / 2."""
+
+LOSSY_ANGLE = 0.2
+"""omega h of a step where stops lose energy: second-order errors of some 1e-4 (R = 0.5)."""
+
+LOSSY_DECAY = 0.05
+"""b h of such a step, b the damping rate including the losses at impacts."""
+
+GAP_PER_STEP = 0.25
+"""Share of the gap that the mass crosses in a step at its rms speed: few double impacts."""
+
+RELAXATIONS = 12.0
+"""Burn-in in slowest time constants: the start is forgotten to e^-12 of its small error."""
+
+DURATION = 5.0
+"""Length of a path in burn-ins, where the caller does not choose."""
+
+MOMENT_ANGLE = 0.8
+"""omega times the time between samples of the moments; closer samples say little more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WhitePlan:
+    """Steps, start and lengths for one scene under white noise (SI units, per unit mass)."""
+
+    system: System
+    speed: float
+    step: float
+    burn_in: float
+    duration: float
+    threshold: float
+
+    block = 256
+    """Paths to a block: the unit of work, and of the random streams' layout."""
+
+    method = "kick-flow-kick"
+
+    @property
+    def rest(self) -> float:
+        """Rest position under the load."""
+        return self.system.load / self.system.omega**2 if self.system.load else 0.0
+
+    @property
+    def elastic(self) -> bool:
+        """Whether no stop loses energy, so that any step leaves the stationary law exact."""
+        return all(restitution in (None, 1.0) for restitution in _restitutions(self.system))
+
+    @property
+    def steps(self) -> int:
+        """Counted steps of a path."""
+        return max(2, math.ceil(self.duration / self.step))
+
+    @property
+    def steps_per_path(self) -> int:
+        """All steps of a path, burn-in included."""
+        return self.steps + self._burn_in_steps
+
+    @property
+    def _burn_in_steps(self) -> int:
+        return math.ceil(self.burn_in / self.step)
+
+    def coarser(self) -> WhitePlan:
+        """The same paths at twice the step, to measure what the step leaves as bias."""
+        return replace(self, step=2.0 * self.step)
+
+    def finer(self) -> WhitePlan:
+        """The same paths at half the step."""
+        return replace(self, step=self.step / 2.0)
+
+    def with_step(self, step: float) -> WhitePlan:
+        """The same paths at a chosen step, s."""
+        return replace(self, step=step)
+
+    def shortest(self) -> WhitePlan:
+        """Two steps: enough to have the kernels compiled."""
+        return replace(self, burn_in=self.step, duration=2.0 * self.step)
+
+    @property
+    def recorded_samples(self) -> int:
+        """Samples of a recorded path."""
+        return self.steps
+
+    def averages(
+        self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Time averages (SUMS, paths) of the paths first_path, first_path + 1, ..."""
+        streams = np.empty((2, paths), np.uint64)
+        seed_streams(np.uint64(seed), first_path, streams)
+        x, v = self._start(streams)
+        sums = np.zeros((SUMS, paths))
+        burn_in = 0 if record is not None else self._burn_in_steps
+        stride = self._stride
+        run_white(
+            x, v, streams, sums, *self._kernel_constants(), self.threshold,
+            burn_in, self.steps, stride, record,
+        )  # fmt: skip
+        sums[:N_LOWER] /= math.ceil(self.steps / stride)
+        sums[N_LOWER:] /= self.steps * self.step
+        return self._in_scene_terms(sums)
+
+    @property
+    def _stride(self) -> int:
+        fastest = max(self.system.omega, 1.0 / self.burn_in)
+        return max(1, round(MOMENT_ANGLE / fastest / self.step))
+
+    def _in_scene_terms(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Positions from the unloaded spring; velocities in the middle of the kick."""
+        b, rest = self.system.damping_rate, self.rest
+        # half a kick, of time h / 2, after the velocities that were summed
+        decay = math.exp(-b * self.step)
+        sums[VV] = decay * sums[VV] + _kick_variance(self.system, self.step / 2.0)
+        sums[XX] += rest * (2.0 * sums[X] + rest)
+        sums[X] += rest
+        return sums
+
+    def _kernel_constants(self) -> tuple[Any, ...]:
+        system, h = self.system, self.step
+        angle = system.omega * h
+        kick = (math.exp(-system.damping_rate * h), math.sqrt(_kick_variance(system, h)))
+        sine = math.sin(angle) / system.omega if angle else h
+        flow = (h, math.cos(angle), sine, system.omega**2)
+        # the same stop is met again within the step after leaving slower than this
+        again = system.omega * math.tan(angle / 2.0)
+
+        def stop(position: float | None, restitution: float | None, side: float) -> Any:
+            if position is None:
+                return None
+            shifted = position - self.rest
+            return (shifted, restitution, -side * shifted * again)
+
+        return (
+            kick,
+            flow,
+            stop(system.lower, system.restitution_lower, -1.0),
+            stop(system.upper, system.restitution_upper, +1.0),
+        )
+
+    def _start(
+        self, streams: NDArray[np.uint64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Independent draws of the Gibbs law at the expected speed: close to stationary."""
+        first, second = np.empty((2, streams.shape[1]))
+        normal_pairs(streams[0], streams[1], first, second)
+        law = _law(self.system, self.speed)
+        spread = 9.0 * math.sqrt(law.variance)
+        low = law.mean - spread if law.lower is None else max(law.lower, law.mean - spread)
+        high = law.mean + spread if law.upper is None else min(law.upper, law.mean + spread)
+        grid = np.linspace(low, high, 2001)
+        density = law.density(grid)
+        cumulative = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
+        x = np.interp(ndtr(first), cumulative / cumulative[-1], grid)
+        return x - self.rest, self.speed * second
+
+
+def plan_white(system: System, threshold: float | None, duration: float | None) -> WhitePlan:
+    """Choose step, burn-in and length for a scene with white noise alone."""
+    unmet = []
+    if system.omega == 0.0 and system.load != 0.0:
+        unmet.append("a constant load needs stiffness > 0, got 0")
+    if system.omega == 0.0 and (system.lower is None or system.upper is None):
+        unmet.append("without stiffness the mass needs a lower and an upper stop")
+    if system.damping_rate == 0.0 and all(r in (None, 1.0) for r in _restitutions(system)):
+        unmet.append("damping must be positive or a restitution below 1 (no stationary state)")
+    if unmet:
+        raise NotApplicable("simulate", unmet)
+    speed = expected_speed(system)
+    burn_in = RELAXATIONS * _slowest_time(system, speed)
+    lossy = any(r not in (None, 1.0) for r in _restitutions(system))
+    return WhitePlan(
+        system=system,
+        speed=speed,
+        step=_step(system, speed, lossy),
+        burn_in=burn_in,
+        duration=DURATION * burn_in if duration is None else duration,
+        threshold=default_threshold(lossy, speed) if threshold is None else threshold,
+    )
+
+
+def default_threshold(lossy: bool, speed: float) -> float:
+    """Impacts slower than this are left out of the rates (never out of F1 and F2).
+
+    At a stop that loses energy slow impacts come in bursts without end: their rate converges
+    slowly with any resolution, and is infinite below R = exp(-pi / sqrt 3).
+    """
+    return 0.05 * speed if lossy else 0.0
+
+
+def expected_speed(system: System) -> float:
+    """Velocity scale s from the energy balance, if the law were Gibbs at temperature s^2.
+
+    b s^2 + sum (1 - R^2) F2(s) / 2 = S0 / 2. A guess, for steps and starts only.
+    """
+
+    def excess(log_speed: float) -> float:
+        s = math.exp(log_speed)
+        law = _law(system, s)
+        loss = system.damping_rate * s * s
+        for position, restitution in (
+            (system.lower, system.restitution_lower),
+            (system.upper, system.restitution_upper),
+        ):
+            if position is not None and restitution is not None:
+                stop = gaussian_stop(law.density_at(position), s * s)
+                loss += (1.0 - restitution**2) / 2.0 * stop.speed_square_rate
+        return loss / (system.intensity / 2.0) - 1.0
+
+    if system.damping_rate > 0.0:
+        high = 0.5 * math.log(system.intensity / (2.0 * system.damping_rate))
+    else:
+        high = math.log(system.intensity) / 3.0
+        while excess(high) < 0.0:
+            high += 1.0
+    if excess(high) <= 1e-12:
+        return math.exp(high)
+    low = high - 1.0
+    while excess(low) > 0.0:
+        low -= 2.0
+    return math.exp(float(brentq(excess, low, high, xtol=1e-6)))
+
+
+def _law(system: System, speed: float) -> CutNormal:
+    return CutNormal(
+        slope=system.load / speed**2,
+        curvature=(system.omega / speed) ** 2,
+        lower=system.lower,
+        upper=system.upper,
+    )
+
+
+def _restitutions(system: System) -> tuple[float | None, float | None]:
+    return system.restitution_lower, system.restitution_upper
+
+
+def _kick_variance(system: System, h: float) -> float:
+    """Variance of the velocity that noise brings in over h: S0 (1 - e^(-2 b h)) / (2 b)."""
+    b = system.damping_rate
+    return system.intensity * (-math.expm1(-2.0 * b * h) / (2.0 * b) if b else h)
+
+
+def _step(system: System, speed: float, lossy: bool) -> float:
+    limits = []
+    if system.omega > 0.0:
+        limits.append((LOSSY_ANGLE if lossy else LARGEST_ANGLE) / system.omega)
+    if system.lower is not None and system.upper is not None:
+        limits.append(GAP_PER_STEP * (system.upper - system.lower) / speed)
+    if lossy:
+        limits.append(LOSSY_DECAY * 2.0 * speed**2 / system.intensity)
+    return min(limits)
+
+
+def _slowest_time(system: System, speed: float) -> float:
+    """Relaxation of the energy, of an overdamped position, of a mass between far stops."""
+    rate = system.intensity / (2.0 * speed**2)
+    times = [1.0 / rate]
+    if system.omega > 0.0:
+        times.append(1.0 / system.omega)
+        times.append(system.damping_rate / system.omega**2)
+    elif system.lower is not None and system.upper is not None:
+        gap = system.upper - system.lower
+        times += [gap / speed, gap**2 * rate / speed**2]
+    return max(times)
