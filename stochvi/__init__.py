@@ -1,0 +1,81 @@
+"""stochvi: stochastic vibration of systems that hit their stops.
+
+A `Scene` is a structure, the stops it can hit, and what shakes it. `exact`, `linearise` and
+`simulate` turn it into the same kind of `Response`, and `check` asks whether they agree.
+
+Names are imported when they are first used, so that importing the package costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from stochvi.closed_form import displacement_density, exact
+    from stochvi.contacts import Restitution
+    from stochvi.crosscheck import Check, check
+    from stochvi.errors import (
+        NoExactSolution,
+        NotApplicable,
+        NotConverged,
+        SceneError,
+        StochviError,
+    )
+    from stochvi.estimates import Cost, Estimate, Response
+    from stochvi.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
+    from stochvi.isolators import clearance_curve, screen
+    from stochvi.linearisation import linearise
+    from stochvi.monte_carlo import record_path, simulate
+    from stochvi.scenes import ImpactPair, Scene, load_scene
+    from stochvi.structures import Isolator, Oscillator
+
+_HOME = {
+    "closed_form": ("displacement_density", "exact"),
+    "contacts": ("Restitution",),
+    "crosscheck": ("Check", "check"),
+    "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
+    "estimates": ("Cost", "Estimate", "Response"),
+    "excitations": ("ConstantLoad", "TabulatedNoise", "WhiteNoise"),
+    "isolators": ("clearance_curve", "screen"),
+    "linearisation": ("linearise",),
+    "monte_carlo": ("record_path", "simulate"),
+    "scenes": ("ImpactPair", "Scene", "load_scene"),
+    "structures": ("Isolator", "Oscillator"),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [
+    "Check",
+    "ConstantLoad",
+    "Cost",
+    "Estimate",
+    "ImpactPair",
+    "Isolator",
+    "NoExactSolution",
+    "NotApplicable",
+    "NotConverged",
+    "Oscillator",
+    "Response",
+    "Restitution",
+    "Scene",
+    "SceneError",
+    "StochviError",
+    "TabulatedNoise",
+    "WhiteNoise",
+    "check",
+    "clearance_curve",
+    "displacement_density",
+    "exact",
+    "linearise",
+    "load_scene",
+    "record_path",
+    "screen",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'stochvi' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"stochvi.{_MODULE_OF[name]}"), name)

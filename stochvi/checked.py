@@ -42,7 +42,7 @@ def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str,
     """Turn a validation error into (key, sentence) pairs, inner errors unfolded."""
     problems: list[tuple[str, str]] = []
     for detail in error.errors(include_url=False):
-        path = [part for part in detail["loc"] if part not in _KIND_TAGS]
+        path = _without_kind(detail["loc"])
         cause = detail.get("ctx", {}).get("error")
         if isinstance(cause, SceneError):
             problems += [(_key([*path, key]), text) for key, text in cause.problems]
@@ -53,7 +53,10 @@ def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str,
     return problems
 
 
-_KIND_TAGS = {"oscillator", "isolator", "white", "psd", "constant", "restitution"}
+def _without_kind(path: Sequence[Any]) -> list[Any]:
+    """Pydantic puts the kind of a part into its path: ("structure", "oscillator", "mass")."""
+    place = {"structure": 1, "excitation": 2}.get(path[0] if path else "", len(path))
+    return [*path[:place], *path[place + 1 :]]
 
 
 def _key(path: Sequence[Any]) -> str:
@@ -86,7 +89,7 @@ def _sentence(detail: Any) -> str:
         case "union_tag_invalid":
             return f"has kind {limits['tag']!r}, expected {limits['expected_tags']}"
         case "union_tag_not_found":
-            return 'needs a kind, for example kind = "..."'
+            return f"needs the key {limits['discriminator']}, got {got}"
         case "tuple_type" | "list_type":
             return f"must be a list, got {got}"
         case "model_type" | "dict_type" | "model_attributes_type":
@@ -97,6 +100,11 @@ def _sentence(detail: Any) -> str:
             return str(limits["error"])
         case _:
             return f"is not valid ({detail['msg']}), got {got}"
+
+
+def given(part: BaseModel, *names: str) -> str:
+    """Which of the keys `names` have a value, in words."""
+    return ", ".join(name for name in names if getattr(part, name) is not None) or "none"
 
 
 def _short(value: Any) -> str:

@@ -84,43 +84,40 @@ class CutNormal:
 
     @cached_property
     def _quadrature(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Offsets from the peak, and weights that sum to 1 and hold the density."""
-        edges = [
-            (start - self.peak, end - self.peak) for start, end in self._panels() if end > start
-        ]
+        """Offsets from the peak, and weights that hold the density there."""
+        edges = [(start, end) for start, end in self._panels() if end > start]
         starts, ends = (np.array(column)[:, None] for column in zip(*edges, strict=True))
         offset = ((starts + ends) / 2.0 + (ends - starts) / 2.0 * NODES).ravel()
         weight = ((ends - starts) / 2.0 * WEIGHTS).ravel() * np.exp(self._relative_log(offset))
         return offset, weight
 
     def _panels(self) -> list[tuple[float, float]]:
-        """Intervals that hold the density, each monotone."""
-        if self.curvature > 0.0:
-            left = self._reach(self.peak, -1.0)
-            right = self._reach(self.peak, +1.0)
-            return [(left, self.peak), (self.peak, right)]
-        if self.lower is None or self.upper is None:
-            far = self._reach(self.peak, 1.0 if self.upper is None else -1.0)
-            return [(min(far, self.peak), max(far, self.peak))]
+        """Intervals that hold the density, each monotone, as offsets from the peak."""
+        low = -math.inf if self.lower is None else self.lower - self.peak
+        high = math.inf if self.upper is None else self.upper - self.peak
+        if self.curvature > 0.0 or self.lower is None or self.upper is None:
+            left = 0.0 if low == 0.0 else max(-self._reach(self.peak, -1.0), low)
+            right = 0.0 if high == 0.0 else min(self._reach(self.peak, 1.0), high)
+            return [(left, 0.0), (0.0, right)]
         if self.curvature == 0.0:
-            turn = self.upper if self.slope <= 0.0 else self.lower
+            turn = high if self.slope <= 0.0 else low
         else:
-            turn = min(max(self.slope / self.curvature, self.lower), self.upper)
-        left = min(self._reach(self.lower, +1.0), turn)
-        right = max(self._reach(self.upper, -1.0), turn)
-        return [(self.lower, left), (right, self.upper)]
+            turn = min(max(self.slope / self.curvature - self.peak, low), high)
+        left = min(low + self._reach(self.lower, 1.0), turn)
+        right = max(high - self._reach(self.upper, -1.0), turn)
+        return [(low, left), (right, high)]
 
     def _reach(self, start: float, direction: float) -> float:
-        """Where the density has fallen by e^-CUT on the way from `start`, or the stop there."""
-        stop = self.upper if direction > 0.0 else self.lower
-        limit = direction * math.inf if stop is None else stop
+        """How far from `start` the density has fallen by e^-CUT; infinite if it never does."""
         fall = max(-direction * self._slope_at(start), 0.0)
-        discriminant = fall * fall + 2.0 * self.curvature * CUT
-        if discriminant < 0.0 or fall + math.sqrt(discriminant) == 0.0:
-            return limit
-        distance = 2.0 * CUT / (fall + math.sqrt(discriminant))
-        far = start + direction * distance
-        return min(far, limit) if direction > 0.0 else max(far, limit)
+        bend = 2.0 * self.curvature * CUT
+        if bend >= 0.0:
+            total = fall + math.hypot(fall, math.sqrt(bend))
+        elif fall == 0.0 or bend / fall / fall < -1.0:
+            return math.inf
+        else:
+            total = fall * (1.0 + math.sqrt(1.0 + bend / fall / fall))
+        return 2.0 * CUT / total if total > 0.0 else math.inf
 
     @cached_property
     def _mass(self) -> float:

@@ -71,9 +71,12 @@ def shipped_scene(name: str) -> Path:
 def read_text(path: Path) -> str:
     """The text of a small UTF-8 file; a sentence for everything that it may be instead."""
     try:
+        if "\0" in str(path):
+            raise SceneError(f"{str(path)!r} cannot be read: a file name holds no null character")
         size = path.stat().st_size
         if not path.is_file():
-            raise SceneError(f"{path} is not a file")
+            got = "a folder" if path.is_dir() else "a device or a pipe"
+            raise SceneError(f"{path} cannot be read: expected a text file, got {got}")
         if size > LARGEST_TEXT_FILE:
             raise SceneError(
                 f"{path} holds {size} bytes, expected a text of at most {LARGEST_TEXT_FILE}"
@@ -89,8 +92,8 @@ def read_text(path: Path) -> str:
 def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Two columns, frequency in hertz and density, from comma- or space-separated text.
 
-    Lines that start with # and one header line are passed over. Raises `SceneError` for
-    anything else that is not two numbers.
+    Lines that start with # and one header line, without numbers, are passed over. Raises
+    `SceneError` for anything else that is not two numbers.
     """
     rows: list[tuple[float, float]] = []
     header_seen = False
@@ -101,7 +104,7 @@ def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         try:
             frequency, density = (float(cell) for cell in cells)
         except ValueError:
-            if not rows and not header_seen:
+            if not rows and not header_seen and not any(map(_is_number, cells)):
                 header_seen = True
                 continue
             raise SceneError(
@@ -113,3 +116,11 @@ def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         raise SceneError(f"{path} holds no rows of two numbers (frequency_hz, density)")
     table = np.array(rows)
     return table[:, 0], table[:, 1]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

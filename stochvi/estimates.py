@@ -12,27 +12,24 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pandas as pd
 
-COORDINATE_QUANTITIES = (
-    "displacement_mean",
-    "displacement_std",
-    "displacement_mean_square",
-    "velocity_std",
-    "velocity_mean_square",
-    "acceleration_std",
-    "upcrossing_rate",
-)
-"""Keys of a coordinate: m, m, m^2, m/s, m^2/s^2, m/s^2 (absolute) and 1/s (of the mean)."""
-
-IMPACT_QUANTITIES = (
-    "collision_rate",
-    "collision_rate_lower",
-    "collision_rate_upper",
-    "impact_speed_mean",
-    "impact_speed_rate",
-    "impact_speed_square_rate",
-    "peak_force",
-)
-"""Keys of an impact pair: 1/s, 1/s, 1/s, m/s, m/s^2 (F1), m^2/s^3 (F2), N."""
+QUANTITY_UNITS = {
+    "displacement_mean": "m",
+    "displacement_std": "m",
+    "displacement_mean_square": "m^2",
+    "velocity_std": "m/s",
+    "velocity_mean_square": "m^2/s^2",
+    "acceleration_std": "m/s^2",
+    "upcrossing_rate": "1/s",
+    "collision_rate": "1/s",
+    "collision_rate_lower": "1/s",
+    "collision_rate_upper": "1/s",
+    "impact_speed_mean": "m/s",
+    "impact_speed_rate": "m/s^2",
+    "impact_speed_square_rate": "m^2/s^3",
+    "peak_force": "N",
+}
+"""Units of every quantity: of a coordinate (accelerations are absolute, up-crossings are of the
+mean), then of an impact pair (the rates of w and w^2 are F1 and F2)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,9 +122,9 @@ class Cost:
 class Response:
     """The stationary response of a scene by one method.
 
-    `coordinates` and `impact_pairs` map a name to its quantities (`COORDINATE_QUANTITIES`,
-    `IMPACT_QUANTITIES`); a quantity the method cannot give is None. `identities` holds the
-    residuals of the energy, virial and force balances, which are zero for a right answer.
+    `coordinates` and `impact_pairs` map a name to its quantities (`QUANTITY_UNITS`); a quantity
+    that the method cannot give is None. `identities` holds the residuals of the energy, virial
+    and force balances, which are zero for a right answer.
     """
 
     method: str
@@ -155,7 +152,13 @@ class Response:
         import pandas as pd
 
         rows = [
-            {"method": self.method, "of": owner, "quantity": name, **estimate.to_dict()}
+            {
+                "method": self.method,
+                "of": owner,
+                "quantity": name,
+                "unit": QUANTITY_UNITS[name],
+                **estimate.to_dict(),
+            }
             for (owner, name), estimate in self.estimates().items()
         ]
         return pd.DataFrame(rows)

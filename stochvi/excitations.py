@@ -9,7 +9,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import PrivateAttr, model_validator
 
-from stochvi.checked import Checked, Column, Number, Positive
+from stochvi.checked import Checked, Column, Number, Positive, given
 from stochvi.conventions import (
     ACCELERATION_DENSITY_UNITS,
     DENSITY_UNITS,
@@ -18,6 +18,7 @@ from stochvi.conventions import (
     power_ratio,
 )
 from stochvi.datasets import profiles, read_table
+from stochvi.errors import SceneError
 from stochvi.spectra import Table
 
 Where = Literal["x", "base"]
@@ -56,9 +57,15 @@ class WhiteNoise(Checked):
     @model_validator(mode="after")
     def _one_strength(self) -> Self:
         if (self.intensity is None) == (self.density is None):
-            raise ValueError("needs exactly one of intensity and density")
+            raise ValueError(
+                "needs exactly one of intensity and density, "
+                f"got {given(self, 'intensity', 'density')}"
+            )
         if (self.density is None) != (self.unit is None):
-            raise ValueError("needs density and unit together (intensity is in SI units)")
+            raise ValueError(
+                "needs density and unit together (intensity is in SI units), "
+                f"got {given(self, 'intensity', 'density', 'unit')}"
+            )
         return self
 
     @property
@@ -98,16 +105,23 @@ class TabulatedNoise(Checked):
     def _read(self) -> Self:
         inline = self.frequency_hz is not None or self.density is not None
         if (self.profile is not None) + (self.file is not None) + inline != 1:
-            raise ValueError("needs exactly one of profile, file, and frequency_hz with density")
+            raise ValueError(
+                "needs exactly one of profile, file, and frequency_hz with density, "
+                f"got {given(self, 'profile', 'file', 'frequency_hz', 'density')}"
+            )
         if self.profile is None and self.unit is None:
-            raise ValueError(f"needs unit, one of {', '.join(DENSITY_UNITS)}")
+            raise ValueError(f"needs unit, one of {', '.join(DENSITY_UNITS)}, got none")
         if self.profile is not None and self.unit not in (None, "g2/Hz"):
             raise ValueError(f"has unit {self.unit!r}, but shipped profiles are in 'g2/Hz'")
         if abs(self.level_db) > 200.0:
             raise ValueError(f"has level_db outside -200..200, got {self.level_db:g}")
         frequency, density = self._columns()
         factor = DENSITY_UNITS[self.unit or "g2/Hz"] * power_ratio(self.level_db)
-        self._table = Table(frequency_hz=frequency, density=density * factor)
+        try:
+            self._table = Table(frequency_hz=frequency, density=density).scaled(factor)
+        except ValueError as error:
+            where = "" if self.file is None else f"{self.file} "
+            raise SceneError([("" if self.file is None else "file", f"{where}{error}")]) from None
         return self
 
     def _columns(self) -> tuple[np.ndarray, np.ndarray]:
@@ -119,9 +133,15 @@ class TabulatedNoise(Checked):
             shipped = profiles()[self.profile]
             return np.array(shipped.frequency_hz), np.array(shipped.density)
         if self.file is not None:
-            return read_table(Path(self.file))
+            try:
+                return read_table(Path(self.file))
+            except SceneError as error:
+                raise SceneError([("file", str(error))]) from None
         if self.frequency_hz is None or self.density is None:
-            raise ValueError("needs frequency_hz and density together")
+            raise ValueError(
+                "needs frequency_hz and density together, "
+                f"got {given(self, 'frequency_hz', 'density')}"
+            )
         return np.array(self.frequency_hz), np.array(self.density)
 
     @property
@@ -158,7 +178,10 @@ class ConstantLoad(Checked):
     @model_validator(mode="after")
     def _one_load(self) -> Self:
         if (self.force is None) == (self.acceleration is None):
-            raise ValueError("needs exactly one of force (N) and acceleration (m/s^2 of the base)")
+            raise ValueError(
+                "needs exactly one of force (N) and acceleration (m/s^2 of the base), "
+                f"got {given(self, 'force', 'acceleration')}"
+            )
         if (self.on == "x") != (self.force is not None):
             raise ValueError(
                 f"takes force with on = 'x' and acceleration with on = 'base', got on = {self.on!r}"

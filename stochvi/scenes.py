@@ -131,9 +131,33 @@ class Scene(Checked):
             sentence = self._misfit(excitation)
             if sentence:
                 problems.append((f"excitation.{index}", sentence))
-        if problems:
+        if problems := problems or self._out_of_range():
             raise SceneError(problems)
         return self
+
+    def _out_of_range(self) -> list[tuple[str, str]]:
+        """Numbers whose products and squares would not fit a floating-point number."""
+        mass = self.structure.mass
+        if mass is not None and not _fits(mass):
+            return [("structure", _range_sentence("the mass (kg)", mass))]
+        system = self.system()
+        numbers = [
+            ("structure", "the natural frequency (rad/s)", system.omega),
+            ("structure", "the damping per unit mass (1/s)", system.damping_rate),
+            ("excitation", "the intensity per unit mass squared", system.intensity),
+            ("excitation", "the load per unit mass (m/s^2)", system.load),
+            ("impact_pair", "the lower stop (m)", system.lower),
+            ("impact_pair", "the upper stop (m)", system.upper),
+        ]
+        for table in system.tables:
+            for column in (table.frequency_hz, table.density):
+                extremes = float(column.min()), float(column.max())
+                numbers += [("excitation", "the table per unit mass", size) for size in extremes]
+        return [
+            (key, _range_sentence(name, value))
+            for key, name, value in numbers
+            if value is not None and not _fits(value)
+        ]
 
     def _misfit(self, excitation: Excitation) -> str:
         where = self.place(excitation)
@@ -221,6 +245,21 @@ class Scene(Checked):
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
+LARGEST_NUMBER = 1e50
+"""Of anything in a scene, per unit mass, and the inverse of the smallest: squares stay finite."""
+
+
+def _fits(value: float) -> bool:
+    return value == 0.0 or 1.0 / LARGEST_NUMBER <= abs(value) <= LARGEST_NUMBER
+
+
+def _range_sentence(name: str, value: float) -> str:
+    return (
+        f"gives {name} the value {value:g}, expected 0 or a size from "
+        f"{1.0 / LARGEST_NUMBER:g} to {LARGEST_NUMBER:g}"
+    )
+
+
 def load_scene(path: str | Path) -> Scene:
     """Read a scene file (TOML); tables that it names are looked for beside it.
 
@@ -234,11 +273,16 @@ def load_scene(path: str | Path) -> Scene:
         document = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{path} is not valid TOML: {error}") from None
+    except RecursionError:
+        raise SceneError(f"{path} is not a scene: its brackets are nested too deeply") from None
     return scene_from(document, folder=path.parent)
 
 
 def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
     """A scene from the keys of a scene file; relative file names start at `folder`."""
+    for name, field in Scene.model_fields.items():
+        if field.alias is not None and name in document:
+            raise SceneError([(name, f"is not a known key; did you mean {field.alias!r}?")])
     entries = document.get("excitation")
     if isinstance(entries, list):
         entries = [

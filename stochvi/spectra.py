@@ -61,7 +61,9 @@ class Table:
 
     def scaled(self, factor: float) -> Table:
         """The same shape at `factor` times the density."""
-        return Table(frequency_hz=self.frequency_hz, density=self.density * factor)
+        with np.errstate(over="ignore", under="ignore"):
+            density = self.density * factor
+        return Table(frequency_hz=self.frequency_hz, density=density)
 
     def moment(self, power: float) -> float:
         """Integral of f^power G(f) df over the table, exact on every log-log segment.

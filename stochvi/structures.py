@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from stochvi.checked import Checked, NonNegative, Positive
+from stochvi.checked import Checked, NonNegative, Positive, given
 
 
 class Oscillator(Checked):
@@ -43,7 +43,8 @@ class Oscillator(Checked):
             )
         if not modal and (len(physical) < 2 or self.mass is None):
             raise ValueError(
-                "needs mass, damping and stiffness, or frequency_hz with exactly one of zeta and Q"
+                "needs mass, damping and stiffness, or frequency_hz with exactly one of zeta and "
+                f"Q, got {given(self, 'mass', 'damping', 'stiffness')}"
             )
         if modal and (self.frequency_hz is None or (self.zeta is None) == (self.Q is None)):
             raise ValueError(

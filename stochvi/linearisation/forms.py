@@ -23,7 +23,7 @@ class Trial(NamedTuple):
     """A response, and the linearised stops that it calls for, per unit mass.
 
     `stop_force`, `stiffness` and `damping` are m_F, k and beta; `density_at_mean` is that of x.
-    `rise` is the factor by which the density at the stop exceeds that of the family.
+    `rise` is the factor by which the density right at a stop exceeds that of the family of laws.
     """
 
     mean: float
@@ -49,14 +49,16 @@ class Form(NamedTuple):
 
 
 def choose(form: str, variant: str, system: System) -> Form:
+    """The form for a scene whose only stop, where it has one stop, is the upper one."""
     book = variant == "book"
     if form == "motion":
         return Form(_motion_start, lambda system, x: _motion_trial(system, x, book))
     if form == "force":
         return Form(_force_start, lambda system, x: _force_trial(system, x, book))
-    if system.lower is None:
+    if system.lower is None or system.upper is None:
         return Form(_one_stop_start, _one_stop_trial)
-    return Form(_closure_start, _closure_trial)
+    floor = _curvature_floor(system)
+    return Form(_closure_start, lambda system, x: _closure_trial(system, x, floor))
 
 
 def restitutions(system: System) -> tuple[float, float]:
@@ -65,25 +67,55 @@ def restitutions(system: System) -> tuple[float, float]:
     return 1.0 if lower is None else lower, 1.0 if upper is None else upper
 
 
-# moment closure
+# The moment closure.
 
 
 def _closure_start(system: System) -> Unknowns:
     return np.array([system.load, system.omega**2, 0.0])
 
 
-def _closure_trial(system: System, unknowns: Unknowns) -> Trial:
-    """Unknowns lambda, kappa and log s_v; two stops."""
+def _curvature_floor(system: System) -> float:
+    """kappa D^2 of an evenly filled, very narrow gap of half width D, the least that is needed.
+
+    There the balance of forces asks for a density 1 / ((1 + R) D) at the stops. A law that is
+    more hollow than this would heap up mass at a far stop that nothing drives there.
+    """
+    wanted = 1.0 / (1.0 + min(restitutions(system)))
+
+    def excess(curvature: float) -> float:
+        law = CutNormal(slope=0.0, curvature=curvature, lower=-1.0, upper=1.0)
+        return law.density_at(1.0) - wanted
+
+    # for R = 0 the floor is -3.53, for R = 1 it is 0
+    floor: float = brentq(excess, -4.0, 0.5)
+    return floor
+
+
+def _closure_trial(system: System, unknowns: Unknowns, floor: float) -> Trial:
+    """Unknowns lambda, kappa and log s_v; two stops.
+
+    Below its floor kappa stays there, and the density right at the stops rises instead, as for
+    a single stop.
+    """
+    assert system.lower is not None and system.upper is not None
     slope, curvature, log_speed = unknowns.tolist()
-    law = CutNormal(slope=slope, curvature=curvature, lower=system.lower, upper=system.upper)
+    least = floor / ((system.upper - system.lower) / 2.0) ** 2
+    rise = 1.0 + max(least - curvature, 0.0)
+    law = CutNormal(
+        slope=slope,
+        curvature=max(curvature, least),
+        lower=system.lower,
+        upper=system.upper,
+    )
     return _closed(
         system,
         mean=law.mean,
         variance=law.variance,
         speed=math.exp(log_speed),
-        density_lower=law.density_at(system.lower),
-        density_upper=law.density_at(system.upper),
+        density_lower=rise * law.density_at(system.lower),
+        density_upper=rise * law.density_at(system.upper),
         density_at_mean=law.density_at(law.mean),
+        rise=rise,
     )
 
 
@@ -147,14 +179,13 @@ class OneStopLaw(NamedTuple):
 def _one_stop_law(shape: float) -> OneStopLaw:
     """The law of one shape number t, a smooth scale through the whole family.
 
-    Mean over deviation before the cut is t where t >= 0 and t / sqrt(1 + t) down to t = -1, the
-    exponential law; below that, the rise is -t.
+    Mean over deviation before the cut is e^t - 1 where t >= 0 (it may be thousands), and
+    t / sqrt(1 + t) down to t = -1, the exponential law; below that, the rise is -t.
     """
     if shape < -1.0 + 1e-12:
         return OneStopLaw(1.0, max(-shape, 1.0), math.exp(-1.0), max(-shape, 1.0))
-    law = CutNormal(
-        slope=shape if shape >= 0.0 else shape / math.sqrt(1.0 + shape), curvature=1.0, lower=0.0
-    )
+    mean = math.expm1(shape) if shape >= 0.0 else shape / math.sqrt(1.0 + shape)
+    law = CutNormal(slope=mean, curvature=1.0, lower=0.0)
     deviation = math.sqrt(law.variance)
     return OneStopLaw(
         law.mean / deviation,
@@ -170,7 +201,10 @@ def _one_stop_start(system: System) -> Unknowns:
     shape = -1.0
     if system.omega > 0.0:
         ratio = system.upper * system.omega - system.load / system.omega
-        shape = ratio if ratio >= 0.0 else 2.0 * ratio / (math.hypot(ratio, 2.0) - ratio)
+        if ratio >= 0.0:
+            shape = math.log1p(ratio)
+        else:
+            shape = 2.0 * ratio / (math.hypot(ratio, 2.0) - ratio)
     return np.array([shape, 0.0, 0.0])
 
 
@@ -191,7 +225,7 @@ def _one_stop_trial(system: System, unknowns: Unknowns) -> Trial:
     )
 
 
-# form "motion"
+# The form "motion".
 
 
 def _motion_start(system: System) -> Unknowns:
@@ -223,14 +257,15 @@ def _motion_factor(restitution: float, book: bool) -> float:
 
 
 def _motion_trial(system: System, unknowns: Unknowns, book: bool) -> Trial:
-    """Unknowns m, log s_x and log s_v.
+    """Unknowns asinh(m / s_x), log s_x and log s_v: m may lie thousands of s_x beyond a stop.
 
     m_F = s_v^2 (A_u p_u - A_l p_l), k = d m_F / d m, beta = sum (1 - R^2) p s_v / sqrt(2 pi), with
     A the factor above and p the cut density at a stop. The derivative of p at a stop c is
     p (c - mean of the cut law) / s_x^2.
     """
-    mean, log_deviation, log_speed = unknowns.tolist()
+    bend, log_deviation, log_speed = unknowns.tolist()
     deviation, speed = math.exp(log_deviation), math.exp(log_speed)
+    mean = deviation * math.sinh(bend)
     law = _normal_law(system, mean, deviation)
     r_lower, r_upper = restitutions(system)
     force = stiffness = damping = 0.0
@@ -257,7 +292,7 @@ def _motion_trial(system: System, unknowns: Unknowns, book: bool) -> Trial:
     )
 
 
-# form "force"
+# The form "force".
 
 
 def _force_start(system: System) -> Unknowns:

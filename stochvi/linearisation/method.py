@@ -25,29 +25,25 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     Parameters
     ----------
     scene
-        An oscillator or isolator with white and tabulated noise, any constant load, and no,
-        one or two rigid stops with restitution, anywhere.
+        White and tabulated noise, any constant load, no stop or one or two rigid ones.
     form
-        "closure" (the best of the three), "motion" or "force"; see the head of this module.
+        "closure" (the best of the three), "motion" or "force", as `stochvi.linearisation` says.
     variant
-        "consistent", where m_F and beta follow from the same law of impacts, or "book", the
-        factors as printed in (B 13.12) for "motion" and (B 8.52) for "force". The closure is not
-        in the book.
+        "consistent", or "book": the factors of m_F as in (B 13.12) for "motion", and of beta as
+        in (B 8.54) for "force". The closure is not in the book.
 
     Returns
     -------
     Response
-        SI units. The error of a linearisation is not known, so bias is None, except where the
-        answer is exact: without stops, and for the closure with elastic stops in white noise.
+        SI units. The error of a linearisation is not known: bias is None, except where the
+        answer is exact, that is without stops, and for the closure with elastic stops in white
+        noise.
 
     Raises
     ------
-    ValueError
-        If there is no such form or variant.
-    NotApplicable
-        With every condition that the scene does not meet.
-    NotConverged
-        If no response was found that is its own linearisation.
+    ValueError, NotApplicable, NotConverged
+        If there is no such form or variant; with every condition that the scene does not meet;
+        if no response was found that is its own linearisation.
 
     Examples
     --------
@@ -155,8 +151,8 @@ def _warnings(system: System, trial: Trial) -> list[str]:
     found = []
     if trial.rise > 1.0:
         found.append(
-            "the preload is too deep for a density C exp(lambda x - kappa x^2 / 2): it is taken "
-            f"as exponential, and {trial.rise:.3g} times higher right at the stop"
+            "the mass leans on a stop more closely than a density C exp(lambda x - kappa x^2 / 2) "
+            f"allows: this is kept at its limit, and raised {trial.rise:.3g}-fold at the stop"
         )
     for side, sign in (("lower", -1.0), ("upper", 1.0)):
         stop = getattr(system, side)

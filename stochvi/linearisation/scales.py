@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self, cast
+from typing import Self
 
 from scipy.optimize import brentq
 
 from stochvi.collisions import StopStatistics
 from stochvi.cut_normal import CutNormal
-from stochvi.errors import NotConverged
 from stochvi.linearisation.forms import ROOT_TWO_PI, Trial, restitutions
 from stochvi.scenes import System
 from stochvi.spectra import Table, response_moments
@@ -23,7 +22,7 @@ def linear_moments(system: System, stiffness: float, damping: float) -> tuple[fl
     displacement = velocity = 0.0
     if system.intensity > 0.0:
         velocity = system.intensity / (2.0 * total_damping) if total_damping > 0.0 else math.inf
-        displacement = velocity / total_stiffness
+        displacement = velocity / total_stiffness if total_stiffness > 0.0 else math.inf
     if system.tables:
         coloured = response_moments(system.tables, math.sqrt(total_stiffness), total_damping)
         displacement += coloured.displacement
@@ -44,13 +43,10 @@ class Frame:
     speed: float
 
     @classmethod
-    def of(cls, system: System) -> Self:
-        """Raises NotConverged where no speed balances the energy."""
+    def of(cls, system: System, speed: float) -> Self:
+        """The frame of a scene at a speed, m/s."""
         mirrored = system.upper is None
-        if mirrored:
-            system = _mirror(system)
-        speed = _speed_scale(system)
-        law = _gibbs_law(system, speed)
+        law = _gibbs_law(_mirror(system) if mirrored else system, speed)
         return cls(mirrored=mirrored, origin=law.mean, length=math.sqrt(law.variance), speed=speed)
 
     def shrink(self, system: System) -> System:
@@ -86,7 +82,7 @@ class Frame:
             StopStatistics(
                 hits.rate * frequency,
                 # the book's form "force" has None here
-                cast(float, hits.speed_rate and hits.speed_rate * frequency * self.speed),
+                hits.speed_rate and hits.speed_rate * frequency * self.speed,
                 hits.speed_square_rate * frequency * self.speed**2,
             )
             for hits in (trial.lower, trial.upper)
@@ -126,7 +122,7 @@ def _gibbs_law(system: System, speed: float) -> CutNormal:
     )
 
 
-def gibbs_stops(system: System, speed: float) -> tuple[float, float]:
+def _gibbs_stops(system: System, speed: float) -> tuple[float, float]:
     """Stiffness and damping of stops under the elastic law at a speed s.
 
     s^2 = (omega^2 + k) Var x, and the loss of a stop is (1 - R^2) p_c s^3 / sqrt(2 pi) with
@@ -140,7 +136,7 @@ def gibbs_stops(system: System, speed: float) -> tuple[float, float]:
     return stiffness, 2.0 * loss * speed / ROOT_TWO_PI
 
 
-def _speed_scale(system: System) -> float:
+def speed_scale(system: System) -> float:
     """The speed s at which the elastic law takes up the power that the noise supplies, m/s.
 
     Exact for elastic stops and white noise, where s^2 = S0 / (2 b); else near the answer.
@@ -148,25 +144,30 @@ def _speed_scale(system: System) -> float:
 
     def surplus(log_speed: float) -> float:
         speed = math.exp(log_speed)
-        supplied = linear_moments(system, *gibbs_stops(system, speed))[1]
+        try:
+            supplied = linear_moments(system, *_gibbs_stops(system, speed))[1]
+        except ValueError:
+            # so slow that the mass lies on a stop within rounding
+            return -1e3
         if not 0.0 < supplied < math.inf:
             # no loss at all, as far below the first impact; or no noise left to follow
             return 1e3 if supplied > 0.0 else -1e3
         return math.log(supplied) - 2.0 * log_speed
 
-    high = math.log(_rough_speed(system))
-    ceiling, floor = high + 100.0, high - 100.0
+    # half a step above, so that no end of the bracket is a root
+    high = math.log(_rough_speed(system)) + 0.5
+    ceiling, floor = high + 100.0, high - 25.0
     while surplus(high) > 0.0 and high < ceiling:
         high += 1.0
-    low = high - 1.0
+    low = best = high - 1.0
     while surplus(low) <= 0.0 and low > floor:
-        low -= 1.0
-    if not (floor < low and high < ceiling):
-        raise NotConverged(
-            "linearise found no speed at which the losses balance what the noise supplies; "
-            "simulate this scene instead."
-        )
-    return math.exp(brentq(surplus, low, low + 1.0, xtol=1e-14, rtol=1e-14))
+        high, low = low, low - 1.0
+        best = max(low, best, key=surplus)
+    if low <= floor:
+        # no balance: a preload holds the mass on a stop. A form may still find one of its own
+        return math.exp(best)
+    log_speed: float = brentq(surplus, low, high, xtol=1e-14, rtol=1e-14)
+    return math.exp(log_speed)
 
 
 def _rough_speed(system: System) -> float:
@@ -176,5 +177,5 @@ def _rough_speed(system: System) -> float:
         return math.sqrt(linear_moments(system._replace(damping_rate=rate), 0.0, 0.0)[1])
     assert system.lower is not None and system.upper is not None
     gap = system.upper - system.lower
-    power = sum(table.mean_square() for table in system.tables)
-    return math.sqrt(gap) * max(math.sqrt(power), (system.intensity**2 / gap) ** (1.0 / 6.0))
+    rms = math.sqrt(sum(table.mean_square() for table in system.tables))
+    return max(math.sqrt(gap * rms), math.cbrt(gap * system.intensity))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,9 @@ Progress = Callable[[float, str], None]
 
 FIRST_BLOCKS = 4
 """Blocks of paths in the first round; enough paths for an honest standard error."""
+
+WINDOW = 4
+"""Blocks per thread that may wait to be merged in order: bounds memory, hides stragglers."""
 
 MOST_REFINEMENTS = 4
 """How often the step is halved when its bias, beyond doubt, exceeds what was asked for."""
@@ -102,17 +106,16 @@ def simulate(
     plan = make_plan(scene, speed_threshold, duration)
     workers = threads or len(os.sched_getaffinity(0))
     compile_time = _compile(plan)
-    own = ThreadPoolExecutor(workers) if executor is None else None
-    run = _Run(scene, plan, seed, executor or own, workers, progress, compile_time)
-    try:
-        if paths is not None:
-            run.add_paths(paths)
-        else:
+    with ThreadPoolExecutor(workers) as own:
+        run = _Run(scene, plan, seed, executor or own, workers, progress, compile_time)
+        if paths is None:
             _until(run, 0.01 if rel_error is None else rel_error, budget)
+        elif not run.add_paths(paths, math.inf if budget is None else budget):
+            raise NotConverged(
+                f"{run.fine.count} of {paths} paths were done in {budget:g} s; raise budget",
+                run.response(("not all paths were simulated",)),
+            )
         return run.response()
-    finally:
-        if own is not None:
-            own.shutdown(cancel_futures=True)
 
 
 def record_path(
@@ -157,7 +160,9 @@ def make_plan(scene: Scene, speed_threshold: float | None, duration: float | Non
     if system.tables:
         return plan_tabulated(system, speed_threshold, duration)
     if system.intensity == 0.0:
-        raise NotApplicable("simulate", ["excitation must contain noise, got a constant load alone"])
+        raise NotApplicable(
+            "simulate", ["excitation must contain noise, got a constant load alone"]
+        )
     return plan_white(system, speed_threshold, duration)
 
 
@@ -206,7 +211,7 @@ class _Run:
     scene: Scene
     plan: Plan
     seed: int
-    executor: Executor | None
+    executor: Executor
     threads: int
     progress: Progress | None
     compile_time: float
@@ -224,26 +229,28 @@ class _Run:
     def add_paths(self, paths: int, deadline: float = math.inf) -> bool:
         """Simulate more paths, merged in the order of their numbers; False if time ran out."""
         plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
-        assert self.executor is not None
-        futures = [
-            [self.executor.submit(_block_averages, plan, self.seed, *block) for plan in plans]
-            for block in _blocks(self.fine.count, paths, self.plan.block)
-        ]
-        done, total = 0, len(futures)
-        for pair in futures:
+        first, goal = self.fine.count, self.fine.count + paths
+        waiting: deque[list[Future[PathStatistics]]] = deque()
+        for block in _blocks(first, paths, self.plan.block):
             if self.elapsed > deadline:
-                for group in futures:
-                    for future in group:
-                        future.cancel()
-                return False
-            self.fine = self.fine.merge(pair[0].result())
-            if len(pair) == 2:
-                self.coarse = self.coarse.merge(pair[1].result())
-            done += 1
-            if self.progress:
-                self.progress(done / total, f"{self.fine.count} paths")
-        self.steps += paths * sum(plan.steps_per_path for plan in plans)
-        return True
+                break
+            waiting.append(
+                [self.executor.submit(_block_averages, plan, self.seed, *block) for plan in plans]
+            )
+            if len(waiting) >= WINDOW * self.threads:
+                self._merge(waiting.popleft(), first, goal)
+        while waiting:
+            self._merge(waiting.popleft(), first, goal)
+        self.steps += (self.fine.count - first) * sum(plan.steps_per_path for plan in plans)
+        return self.fine.count == goal
+
+    def _merge(self, block: list[Future[PathStatistics]], first: int, goal: int) -> None:
+        self.fine = self.fine.merge(block[0].result())
+        if len(block) == 2:
+            self.coarse = self.coarse.merge(block[1].result())
+        if self.progress:
+            done = (self.fine.count - first) / (goal - first)
+            self.progress(done, f"{self.fine.count} paths")
 
     def refine(self) -> None:
         """Start again at half the step."""

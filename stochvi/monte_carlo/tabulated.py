@@ -235,9 +235,7 @@ def plan_tabulated(
              f"{highest:g} Hz, far above a resonance that decays in {relaxation:.3g} s"],
         )  # fmt: skip
     velocity = response_moments(system.tables, omega, b).velocity
-    lossy = any(
-        r not in (None, 1.0) for r in (system.restitution_lower, system.restitution_upper)
-    )
+    lossy = any(r not in (None, 1.0) for r in (system.restitution_lower, system.restitution_upper))
     return TabulatedPlan(
         system=system,
         samples=samples,
@@ -254,9 +252,7 @@ def _even_fast_length(samples: float) -> int:
     return 2 * int(next_fast_len(math.ceil(max(samples, 32.0) / 2.0)))
 
 
-def _beyond_cut(
-    bins: NDArray[np.float64], samples: int, length: float, system: System
-) -> float:
+def _beyond_cut(bins: NDArray[np.float64], samples: int, length: float, system: System) -> float:
     """Share of the velocity variance in bins that `samples` per block do not reach."""
     total = response_moments(system.tables, system.omega, system.damping_rate).velocity
     kept = bins[: samples // 2 - 1]

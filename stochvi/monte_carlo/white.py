@@ -96,6 +96,13 @@ class WhitePlan:
         """Two steps: enough to have the kernels compiled."""
         return replace(self, burn_in=self.step, duration=2.0 * self.step)
 
+    def _start_of(self, seed: int, path: int) -> tuple[float, float]:
+        """Where one path starts, from the rest position (for tests)."""
+        streams = np.empty((2, 1), np.uint64)
+        seed_streams(np.uint64(seed), path, streams)
+        x, v = self._start(streams)
+        return float(x[0]), float(v[0])
+
     @property
     def recorded_samples(self) -> int:
         """Samples of a recorded path."""

@@ -186,7 +186,9 @@ def negate(values, out):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def run_white(x, v, streams, sums, kick, flow, lower, upper, threshold, burn_in, steps, stride, record):
+def run_white(
+    x, v, streams, sums, kick, flow, lower, upper, threshold, burn_in, steps, stride, record
+):
     """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
 
     Parameters
@@ -222,9 +224,7 @@ def run_white(x, v, streams, sums, kick, flow, lower, upper, threshold, burn_in,
                 for i in range(end - start):
                     if hits[i] == AGAIN:
                         several[:] = 0.0
-                        xs[i], vs[i] = bounce(
-                            xs[i], vs[i], flow, lower, upper, threshold, several
-                        )
+                        xs[i], vs[i] = bounce(xs[i], vs[i], flow, lower, upper, threshold, several)
                         if counted:
                             local[:, i] += several
                         # for a record: the summed speed, signed by the side that got more

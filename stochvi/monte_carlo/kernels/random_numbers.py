@@ -5,9 +5,9 @@ results depend neither on threads nor on how paths are gathered into blocks. Loo
 paths of a block, hold no branches, and vectorise.
 
 Generator: D. Blackman and S. Vigna, ACM Trans. Math. Softw. 47 (2021) 36; two words of state, so
-that a loop over paths has few arrays to prove distinct, which the vectoriser needs. Normals: G. E. P. Box
-and M. E. Muller, Ann. Math. Statist. 29 (1958) 610, with both uniforms of 52 bits, so that the
-largest normal is sqrt(2 * 52 ln 2) = 8.49.
+that a loop over paths has few arrays to prove distinct, which the vectoriser needs. Normals:
+G. E. P. Box and M. E. Muller, Ann. Math. Statist. 29 (1958) 610, with both uniforms of 52 bits,
+so that the largest normal is sqrt(2 * 52 ln 2) = 8.49.
 """
 
 import math

@@ -1,0 +1,36 @@
+# `make demo` and `make test` need Python >= 3.11 and make, nothing else: they create .venv.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+
+.PHONY: demo test verify lint studies bench clean
+
+demo: .venv/test-installed
+	$(BIN)/stochvi demo --out out
+
+test: .venv/test-installed
+	$(BIN)/python -m pytest
+
+verify: .venv/test-installed
+	$(BIN)/python -m pytest -m verify
+
+lint: .venv/dev-installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+studies: .venv/test-installed
+	for study in studies/*/run.py; do $(BIN)/python $$study || exit 1; done
+
+bench: .venv/bench-installed
+	for study in studies/*/bench.py; do [ ! -e $$study ] || $(BIN)/python $$study || exit 1; done
+
+.venv/bin/python:
+	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "stochvi needs Python 3.11 or newer"'
+	$(PYTHON) -m venv .venv
+
+.venv/%-installed: .venv/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$*]'
+	touch $@
+
+clean:
+	rm -rf .venv out

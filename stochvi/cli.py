@@ -1,0 +1,321 @@
+"""The command line. Nothing heavy is imported before a command needs it."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from stochvi.estimates import Response
+
+FAILED, BAD_INPUT = 1, 2
+PLAIN_WIDTH = 132
+"""Columns of a table that is not written to a terminal."""
+
+TEMPLATE = """\
+title = "isolated box on a truck"
+
+[structure]
+kind = "isolator"            # "oscillator": on a fixed base, "isolator": on a moving one
+frequency_hz = 12.0          # with exactly one of zeta and Q
+zeta = 0.1
+# mass = 2.5                 # kg; needed if a force acts on the mass
+# or: mass (kg), damping (N s/m) and stiffness (N/m)
+
+[[impact_pair]]              # leave the section out for no stops
+lower = -0.006               # m from the position of the unloaded spring; leave out for none
+upper = 0.006
+law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
+
+[[excitation]]
+kind = "psd"                 # "white", "psd" or "constant"; several sections add up
+profile = "mil-std-810h-truck-vertical-5hz"          # see: stochvi profiles
+level_db = 0.0
+# or: file = "my.csv" (two columns), or frequency_hz = [..] and density = [..], with a unit:
+# unit = "g2/Hz"             # "g2/Hz", "(m/s2)2/Hz" or "N2/Hz"; one-sided per hertz
+# white: intensity = S0 (two-sided, SI), or density = .. with unit = ..
+# constant: force (N) or acceleration (m/s^2, of the base)
+"""
+
+
+class _Commands(click.Group):
+    """Turns every expected error into one sentence on stderr and its exit code."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        from stochvi.errors import NotConverged, StochviError
+
+        try:
+            return super().invoke(ctx)
+        except NotConverged as error:
+            _stop(str(error), FAILED)
+        except (StochviError, ValueError) as error:
+            _stop(str(error), BAD_INPUT)
+        except OSError as error:
+            _stop(f"{error.filename or ''} {(error.strerror or str(error)).lower()}", BAD_INPUT)
+
+
+def _stop(message: str, code: int) -> NoReturn:
+    for line in message.splitlines():
+        click.echo(f"stochvi: {line.strip()}", err=True)
+    sys.exit(code)
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="stochvi")
+def main() -> None:
+    """Stochastic vibration of systems that hit their stops.
+
+    A scene file says what moves, where it hits and what shakes it; each command answers one
+    question about it. Start with: stochvi new scene.toml, then stochvi check scene.toml.
+    """
+
+
+def _options(*names: str) -> Callable[[Any], Any]:
+    """The options that several commands share."""
+    known = {
+        "json": click.option(
+            "--json", "json_file", metavar="FILE|-", help="Write the answer as JSON (- : stdout)."
+        ),
+        "out": click.option(
+            "--out", type=click.Path(path_type=Path), metavar="DIR",
+            help="Write tables and pictures here.",
+        ),
+        "seed": click.option("--seed", type=int, default=0, help="Same seed, same digits."),
+        "threads": click.option("--threads", type=int, help="Default: all cores."),
+        "budget": click.option(
+            "--budget", type=float, default=60.0, show_default=True, metavar="SECONDS",
+            help="Give up (exit 1) if the accuracy takes longer.",
+        ),
+        "quiet": click.option("--quiet", is_flag=True, help="No tables, no progress."),
+    }  # fmt: skip
+
+    def decorate(command: Any) -> Any:
+        for name in reversed(names):
+            command = known[name](command)
+        return command
+
+    return decorate
+
+
+@main.command()
+@click.argument("scene")
+@_options("json", "out", "quiet")
+def exact(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
+    """Closed form, where there is one: white noise, elastic stops."""
+    from stochvi.closed_form import exact as solve
+    from stochvi.scenes import load_scene
+
+    _finish(solve(load_scene(scene)), json_file, out, quiet)
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--form", type=click.Choice(["closure", "motion", "force"]), default="closure",
+    show_default=True, help="What is linearised, and with which law.",
+)  # fmt: skip
+@click.option(
+    "--variant", type=click.Choice(["consistent", "book"]), default="consistent",
+    show_default=True, help="Coefficients that obey the balances, or as printed in the book.",
+)  # fmt: skip
+@_options("json", "out", "quiet")
+def linearise(
+    scene: str, form: str, variant: str, json_file: str | None, out: Path | None, quiet: bool
+) -> None:
+    """Statistical linearisation: milliseconds, approximate."""
+    from stochvi.linearisation import linearise as solve
+    from stochvi.scenes import load_scene
+
+    _finish(solve(load_scene(scene), form=form, variant=variant), json_file, out, quiet)
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--rel-error", type=float, help="Relative standard error to reach [0.01].")
+@click.option("--paths", type=int, help="Instead: this many paths ...")
+@click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
+@click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
+@_options("budget", "seed", "threads", "json", "out", "quiet")
+def simulate(
+    scene: str,
+    rel_error: float | None,
+    paths: int | None,
+    duration: float | None,
+    speed_threshold: float | None,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Monte Carlo, with standard errors and the bias of the step."""
+    from stochvi.errors import NotConverged
+    from stochvi.monte_carlo import simulate as solve
+    from stochvi.scenes import load_scene
+
+    loaded = load_scene(scene)
+    try:
+        with _progress(quiet, "simulating") as report:
+            response = solve(
+                loaded,
+                rel_error=rel_error,
+                paths=paths,
+                duration=duration,
+                speed_threshold=speed_threshold,
+                budget=budget,
+                seed=seed,
+                threads=threads,
+                progress=report,
+            )
+    except NotConverged as reason:
+        if reason.response is not None:
+            _finish(reason.response, json_file, out, quiet)
+        raise
+    _finish(response, json_file, out, quiet)
+    if out is not None and loaded.structure.omega > 0.0:
+        from stochvi.demo import draw_overview
+
+        draw_overview(loaded, "", out / "overview.png")
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--rel-error", type=float, default=0.003, show_default=True, help="Of Monte Carlo.")
+@_options("budget", "seed", "threads", "json", "out", "quiet")
+def check(
+    scene: str,
+    rel_error: float,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """All methods that apply, compared; exit 1 if they disagree."""
+    from stochvi.crosscheck import check as compare
+    from stochvi.files import write_json, write_table
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_check
+
+    loaded = load_scene(scene)
+    with _progress(quiet, "checking") as report:
+        verdict = compare(
+            loaded, rel_error=rel_error, budget=budget, seed=seed, threads=threads, progress=report
+        )
+    if not quiet:
+        print_check(_console(json_file), verdict)
+    if json_file is not None:
+        write_json(verdict.to_dict(), json_file)
+    if out is not None:
+        write_table(verdict.to_frame(), out / "check.csv")
+    if not verdict.passed:
+        _stop("the methods disagree, see the rows marked DISAGREES", FAILED)
+
+
+@main.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+    metavar="DIR", help="Where tables and pictures go.",
+)  # fmt: skip
+@_options("seed", "threads", "quiet")
+def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
+    """A textbook oscillator and a truck isolator, by every method, with pictures."""
+    from stochvi.demo import run_demo
+
+    console = _console(None)
+    console.quiet = quiet
+    with _progress(quiet, "demo", console) as report:
+        agreed = run_demo(out, console, report, seed=seed, threads=threads)
+    console.print(f"\ntables and pictures are in {out}/", highlight=False)
+    if not agreed:
+        _stop("the methods disagree, see above", FAILED)
+
+
+@main.command()
+def profiles() -> None:
+    """The tabulated environments that ship."""
+    import pandas as pd
+
+    from stochvi.conventions import STANDARD_GRAVITY
+    from stochvi.datasets import profiles as shipped
+    from stochvi.excitations import TabulatedNoise
+    from stochvi.tables import print_frame
+
+    rows = [
+        {
+            "profile": profile.name,
+            "from (Hz)": profile.frequency_hz[0],
+            "to (Hz)": profile.frequency_hz[-1],
+            "stated (g rms)": profile.stated_g_rms,
+            "recomputed (g rms)": TabulatedNoise(profile=profile.name).table.mean_square() ** 0.5
+            / STANDARD_GRAVITY,
+            "source": profile.source,
+        }
+        for profile in shipped().values()
+    ]
+    print_frame(_console(None), pd.DataFrame(rows), "profiles", {})
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+def new(file: Path) -> None:
+    """Write a commented scene file to start from."""
+    if file.exists():
+        _stop(f"{file} exists already; choose another name", BAD_INPUT)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(TEMPLATE, encoding="utf-8")
+    click.echo(f"wrote {file}; try: stochvi check {file}", err=True)
+
+
+def _finish(response: Response, json_file: str | None, out: Path | None, quiet: bool) -> None:
+    """Print, and write what was asked for."""
+    from stochvi.files import to_json, write_json, write_table, write_text
+    from stochvi.tables import print_response
+
+    if not quiet:
+        print_response(_console(json_file), response)
+    if json_file is not None:
+        write_json(response.to_dict(), json_file)
+    if out is not None:
+        write_table(response.to_frame(), out / "response.csv")
+        write_text(to_json(response.to_dict()) + "\n", out / "response.json")
+
+
+def _console(json_file: str | None) -> Console:
+    """Standard output, or standard error where the JSON document has the output to itself."""
+    from rich.console import Console
+
+    stream = sys.stderr if json_file == "-" else sys.stdout
+    return Console(file=stream, width=None if stream.isatty() else PLAIN_WIDTH)
+
+
+@contextlib.contextmanager
+def _progress(
+    quiet: bool, title: str, console: Console | None = None
+) -> Iterator[Callable[[float, str], None]]:
+    """A bar on a terminal; one line per new message elsewhere; nothing when quiet."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    if quiet:
+        yield lambda done, text: None
+        return
+    if not sys.stderr.isatty():
+        yield lambda done, text: None
+        return
+    terminal = console if console and console.is_terminal else Console(stderr=True)
+    with Progress(console=terminal, transient=True) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda done, text: bar.update(task, completed=done, description=f"{title}: {text}")

@@ -1,0 +1,229 @@
+"""Every method that covers a scene, side by side: do they agree within their own errors?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from scipy.stats import norm
+
+from stochvi.closed_form import exact
+from stochvi.errors import NoExactSolution, NotApplicable, NotConverged
+from stochvi.estimates import Estimate, Response
+from stochvi.linearisation import linearise
+from stochvi.monte_carlo import simulate
+from stochvi.monte_carlo.simulate import Progress
+from stochvi.scenes import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FAMILY_ALARM_RATE = 0.003
+"""Chance that a check of methods which all agree raises any alarm."""
+
+AGREES, DISAGREES, APPROXIMATE = "agrees", "DISAGREES", "approximate"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """One quantity by two methods; `relative` is the difference in units of the reference."""
+
+    of: str
+    quantity: str
+    reference: str
+    method: str
+    reference_value: float
+    value: float
+    difference: float
+    relative: float
+    tolerance: float | None
+    verdict: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """The verdict on a scene, with every comparison and every response behind it."""
+
+    comparisons: Sequence[Comparison]
+    responses: Sequence[Response]
+    left_out: Sequence[str]
+    z: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether no comparison that claims to be right disagrees."""
+        return all(row.verdict != DISAGREES for row in self.comparisons)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per comparison."""
+        import pandas as pd
+
+        return pd.DataFrame([vars(row) for row in self.comparisons])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {
+            "method": "check",
+            "passed": self.passed,
+            "family_alarm_rate": FAMILY_ALARM_RATE,
+            "z": self.z,
+            "comparisons": [dict(vars(row)) for row in self.comparisons],
+            "left_out": list(self.left_out),
+            "responses": [response.to_dict() for response in self.responses],
+        }
+
+
+def check(
+    scene: Scene,
+    *,
+    rel_error: float = 0.003,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> Check:
+    """Compare all methods that cover a scene, and the balances that a right answer obeys.
+
+    Closed form and Monte Carlo must agree within z standard errors plus the stated bias of the
+    step, and the energy, virial and force residuals must vanish within theirs; z is set so that
+    all these comparisons together raise a false alarm with probability `FAMILY_ALARM_RATE`
+    (Sidak). Linearisation is an approximation: its error is shown, not judged.
+
+    Examples
+    --------
+    >>> from stochvi.contacts import Restitution
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.scenes import ImpactPair
+    >>> from stochvi.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> check(scene, rel_error=0.01).passed
+    True
+    """
+    left_out: list[str] = []
+    responses: list[Response] = []
+    try:
+        responses.append(exact(scene))
+    except NoExactSolution as reason:
+        left_out.append(str(reason))
+    try:
+        responses.append(
+            simulate(
+                scene,
+                rel_error=rel_error,
+                seed=seed,
+                threads=threads,
+                budget=budget,
+                progress=progress,
+            )
+        )
+    except NotApplicable as reason:
+        left_out.append(str(reason))
+    except NotConverged as reason:
+        left_out.append(f"simulate: {reason}")
+        if reason.response is not None:
+            responses.append(reason.response)
+    approximations = _approximations(scene, left_out)
+    return compare(responses, approximations, left_out)
+
+
+def _approximations(scene: Scene, left_out: list[str]) -> list[Response]:
+    found = []
+    for form in ("closure", "motion", "force") if scene.impact_pairs else ("closure",):
+        try:
+            found.append(linearise(scene, form=form))
+        except (NotApplicable, NotConverged) as reason:
+            left_out.append(f"linearise:{form}: {reason}")
+    return found
+
+
+def compare(
+    responses: Sequence[Response],
+    approximations: Sequence[Response] = (),
+    left_out: Sequence[str] = (),
+) -> Check:
+    """Judge `responses` against the first of them, and show the error of `approximations`.
+
+    The first response is the reference. Responses that claim to be right are judged, and so are
+    the residuals of their balances; at least one is needed.
+    """
+    if not responses:
+        return Check(comparisons=(), responses=approximations, left_out=left_out, z=0.0)
+    reference = responses[0]
+    known = reference.estimates()
+    rivals = list(_shared(responses[1:], known))
+    balances = [
+        (response, name, residual)
+        for response in responses
+        for name, residual in response.identities.items()
+    ]
+    judged = max(len(rivals) + len(balances), 1)
+    z = float(norm.isf((1.0 - (1.0 - FAMILY_ALARM_RATE) ** (1.0 / judged)) / 2.0))
+    rows = [
+        _row(response, of, quantity, estimate, known[of, quantity], reference.method, z)
+        for response, of, quantity, estimate in rivals
+    ]
+    rows += [
+        _row(response, "balance", name, residual, Estimate(value=0.0), "identity", z)
+        for response, name, residual in balances
+    ]
+    rows += [
+        _row(response, of, quantity, estimate, known[of, quantity], reference.method, None)
+        for response, of, quantity, estimate in _shared(approximations, known)
+    ]
+    return Check(
+        comparisons=tuple(rows),
+        responses=(*responses, *approximations),
+        left_out=tuple(left_out),
+        z=z,
+    )
+
+
+def _shared(
+    responses: Sequence[Response], known: Mapping[tuple[str, str], Estimate]
+) -> Iterator[tuple[Response, str, str, Estimate]]:
+    """The estimates of each response that the reference has too."""
+    for response in responses:
+        for (of, quantity), estimate in response.estimates().items():
+            if (of, quantity) in known:
+                yield response, of, quantity, estimate
+
+
+ROUNDING = 1e-9
+"""Relative error granted to any deterministic number: quadrature and root finding."""
+
+
+def _row(
+    response: Response,
+    of: str,
+    quantity: str,
+    estimate: Estimate,
+    known: Estimate,
+    reference: str,
+    z: float | None,
+) -> Comparison:
+    """Compare two estimates; judged at z standard errors, or only shown where z is None."""
+    difference = estimate.value - known.value
+    tolerance, verdict = None, APPROXIMATE
+    if z is not None:
+        size = 1.0 if of == "balance" else abs(known.value)
+        tolerance = z * math.hypot(estimate.standard_error, known.standard_error)
+        tolerance += (estimate.bias or 0.0) + (known.bias or 0.0) + ROUNDING * size
+        verdict = AGREES if abs(difference) <= tolerance else DISAGREES
+    return Comparison(
+        of=of,
+        quantity=quantity,
+        reference=reference,
+        method=response.method,
+        reference_value=known.value,
+        value=estimate.value,
+        difference=difference,
+        relative=difference / abs(known.value) if known.value else 0.0,
+        tolerance=tolerance,
+        verdict=verdict,
+    )

@@ -1,0 +1,71 @@
+"""Answers on disk: CSV tables, JSON documents, PNG pictures."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def to_json(document: Mapping[str, Any]) -> str:
+    """The text of a JSON document; refuses NaN and infinity."""
+    return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def write_json(document: Mapping[str, Any], target: str) -> None:
+    """Write a document to a file, or to standard output where `target` is "-"."""
+    text = to_json(document) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        write_text(text, Path(target))
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write a file whole or not at all."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "Is a folder, expected a file name", str(path))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(
+        "w", dir=path.parent, prefix=f".{path.name}.", delete=False, encoding="utf-8"
+    ) as file:
+        try:
+            file.write(text)
+            file.flush()
+            os.chmod(file.name, 0o666 & ~_umask())
+            os.replace(file.name, path)
+        except BaseException:
+            os.unlink(file.name)
+            raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_table(frame: pd.DataFrame, path: Path) -> None:
+    """A CSV table with all the digits of its numbers."""
+    write_text(frame.to_csv(index=False), path)
+
+
+def write_picture(ax: Axes, path: Path) -> None:
+    """A PNG of the figure that holds these Axes; the figure is closed."""
+    import matplotlib.pyplot as plt
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.savefig(path, dpi=150)
+    plt.close(figure)

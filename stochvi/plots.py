@@ -1,0 +1,200 @@
+"""Pictures. Every function draws on the Axes it is given (or on new ones) and returns them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from scipy.stats import norm
+
+from stochvi.closed_form import displacement_density, exact, unmet_conditions
+from stochvi.estimates import Estimate
+
+if TYPE_CHECKING:
+    from stochvi.scenes import Scene
+
+COLOURS = {
+    "exact": "#1b1b1b",
+    "simulate": "#0b6fb8",
+    "linearise:closure": "#d1495b",
+    "linearise:motion": "#e0a030",
+    "linearise:force": "#3a8f5c",
+    "stop": "#8a8f98",
+}
+"""One colour per method, the same in every picture."""
+
+LENGTH_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"))
+
+
+def length_unit(size: float) -> tuple[float, str]:
+    """Unit in which lengths of this size read well: (metres, name)."""
+    return next((unit for unit in LENGTH_UNITS if size >= 0.2 * unit[0]), LENGTH_UNITS[-1])
+
+
+def draw_stops(ax: Axes, scene: Scene, unit: float, *, vertical: bool) -> None:
+    """The stops as grey walls; the view is widened where it does not reach them."""
+    limits, span, set_limits = (
+        (ax.get_xlim, ax.axvspan, ax.set_xlim)
+        if vertical
+        else (ax.get_ylim, ax.axhspan, ax.set_ylim)
+    )
+    stops = [
+        (position / unit, side)
+        for pair in scene.impact_pairs
+        for position, side in ((pair.lower, -1.0), (pair.upper, 1.0))
+        if position is not None
+    ]
+    low, high = limits()
+    margin = 0.08 * (high - low)
+    for place, side in stops:
+        low = min(low, place - margin) if side < 0.0 else low
+        high = max(high, place + margin) if side > 0.0 else high
+    for place, side in stops:
+        edges = (low, place) if side < 0.0 else (place, high)
+        span(*edges, color=COLOURS["stop"], alpha=0.35, linewidth=0)
+    set_limits(low, high)
+
+
+def plot_displacement_density(
+    scene: Scene, path: pd.DataFrame, linear_std: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Histogram of a recorded path, the exact density where there is one, and the stops.
+
+    Parameters
+    ----------
+    scene
+        The scene that was simulated.
+    path
+        From `record_path`, long enough for a smooth histogram.
+    linear_std
+        Standard deviation without stops (m); if given, its normal law is drawn for comparison.
+    """
+    ax = _axes(ax)
+    unit, name = length_unit(float(path["displacement"].abs().max()))
+    samples = path["displacement"].to_numpy() / unit
+    low, high = samples.min(), samples.max()
+    ax.hist(
+        samples, bins=60, range=(low, high), density=True, color=COLOURS["simulate"], alpha=0.45,
+        label="Monte Carlo",
+    )  # fmt: skip
+    x = np.linspace(low, high, 801)
+    if not unmet_conditions(scene):
+        density = displacement_density(scene, x * unit) * unit
+        ax.plot(x, density, color=COLOURS["exact"], linewidth=1.8, label="exact")
+    if linear_std is not None:
+        rest = scene.system().load / scene.structure.omega**2
+        density = norm.pdf(x, rest / unit, linear_std / unit)
+        ax.plot(
+            x, density, color=COLOURS["stop"], linestyle="--", linewidth=1.4, label="without stops"
+        )
+    draw_stops(ax, scene, unit, vertical=True)
+    ax.set_xlabel(f"displacement ({name})")
+    ax.set_ylabel(f"probability density (1/{name})")
+    _legend_above(ax)
+    return ax
+
+
+def plot_velocity_density(scene: Scene, path: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Histogram of the velocity of a recorded path, and the normal law: the exact one or,
+    where none is known, that of the same rms."""
+    ax = _axes(ax)
+    samples = path["velocity"].to_numpy()
+    deviation = float(np.sqrt(np.mean(samples**2)))
+    limit = 4.2 * deviation
+    ax.hist(
+        samples, bins=70, range=(-limit, limit), density=True, color=COLOURS["simulate"],
+        alpha=0.45, label="Monte Carlo",
+    )  # fmt: skip
+    v = np.linspace(-limit, limit, 401)
+    if unmet_conditions(scene):
+        ax.plot(
+            v, norm.pdf(v, 0.0, deviation), color=COLOURS["stop"], linestyle="--", linewidth=1.4,
+            label="normal law of the same rms",
+        )  # fmt: skip
+    else:
+        known = exact(scene).coordinates["x"]["velocity_std"]
+        assert isinstance(known, Estimate)
+        density = norm.pdf(v, 0.0, known.value)
+        ax.plot(v, density, color=COLOURS["exact"], linewidth=1.8, label="exact")
+    ax.set_xlabel("velocity (m/s)")
+    ax.set_ylabel("probability density (s/m)")
+    _legend_above(ax)
+    return ax
+
+
+def plot_record(scene: Scene, path: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """A short record with its impacts marked on the stops, sized by impact speed."""
+    ax = _axes(ax)
+    unit, name = length_unit(float(path["displacement"].abs().max()))
+    ax.plot(path["time"], path["displacement"] / unit, color=COLOURS["simulate"], linewidth=1.1)
+    hits = path[path["impact_speed"] != 0.0]
+    if len(hits):
+        pair = scene.impact_pairs[0]
+        place = np.where(hits["impact_speed"] > 0.0, pair.upper or 0.0, pair.lower or 0.0)
+        size = hits["impact_speed"].abs() / hits["impact_speed"].abs().max()
+        ax.scatter(
+            hits["time"], place / unit, s=12.0 + 60.0 * size, color=COLOURS["linearise:closure"],
+            edgecolor="white", linewidth=0.6, zorder=3,
+            label=f"{len(hits)} impact{'s' if len(hits) > 1 else ''}, larger = faster",
+        )  # fmt: skip
+    draw_stops(ax, scene, unit, vertical=False)
+    ax.set_xlim(path["time"].iloc[0], path["time"].iloc[-1])
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel(f"displacement ({name})")
+    if len(hits):
+        _legend_above(ax)
+    return ax
+
+
+def plot_clearance_curve(curve: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Hit rate against clearance: Rice, closure, and Monte Carlo with its 95 % interval."""
+    ax = _axes(ax)
+    sigma = curve["clearance_in_sigma"]
+    ax.plot(sigma, curve["rice"], color=COLOURS["exact"], linestyle="--", label="Rice (no impacts)")
+    ax.plot(sigma, curve["closure"], color=COLOURS["linearise:closure"], label="moment closure")
+    centre = curve["simulated"]
+    ax.errorbar(
+        sigma, centre, color=COLOURS["simulate"], fmt="o", markersize=4.5, capsize=3,
+        yerr=[centre - curve["simulated_low"], curve["simulated_high"] - centre],
+        label="Monte Carlo, 95 %",
+    )  # fmt: skip
+    ax.set_yscale("log")
+    ax.set_xlabel("clearance per side / rms displacement without stops")
+    ax.set_ylabel("hits on both stops (1/s)")
+    ax.grid(which="major", color="#dddddd", linewidth=0.6)
+    ax.legend(frameon=False)
+    unit, name = length_unit(float(curve["clearance"].max()))
+    per_sigma = float(curve["clearance"].iloc[0] / sigma.iloc[0]) / unit
+    top = ax.secondary_xaxis(
+        "top", functions=(lambda s: np.asarray(s) * per_sigma, lambda c: np.asarray(c) / per_sigma)
+    )
+    top.set_xlabel(f"clearance per side ({name})")
+    return ax
+
+
+def plot_clearance_ratio(curve: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """The same rates divided by Rice's: what the impacts themselves change."""
+    ax = _axes(ax)
+    sigma, rice = curve["clearance_in_sigma"], curve["rice"]
+    ratio = curve["simulated"] / rice
+    ax.axhline(1.0, color=COLOURS["exact"], linestyle="--", linewidth=1.2)
+    ax.plot(sigma, curve["closure"] / rice, color=COLOURS["linearise:closure"])
+    ax.errorbar(
+        sigma, ratio, color=COLOURS["simulate"], fmt="o", markersize=4.5, capsize=3,
+        yerr=[ratio - curve["simulated_low"] / rice, curve["simulated_high"] / rice - ratio],
+    )  # fmt: skip
+    ax.set_xlabel("clearance per side / rms displacement without stops")
+    ax.set_ylabel("rate / Rice")
+    ax.grid(which="major", color="#dddddd", linewidth=0.6)
+    return ax
+
+
+def _axes(ax: Axes | None) -> Axes:
+    return plt.subplots(figsize=(6.4, 4.0), layout="constrained")[1] if ax is None else ax
+
+
+def _legend_above(ax: Axes) -> None:
+    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)

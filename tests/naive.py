@@ -1,0 +1,171 @@
+"""Slow, plain twins of the engine, written another way, and integrators that are known to fail."""
+
+import math
+
+import numpy as np
+
+from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
+
+MASK = 2**64 - 1
+
+
+def rotate_left(word: int, bits: int) -> int:
+    return ((word << bits) | (word >> (64 - bits))) & MASK
+
+
+def split_mix(z: int) -> int:
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
+    return z ^ (z >> 31)
+
+
+def stream_words(seed: int, path: int, count: int) -> list[int]:
+    """xoroshiro128++ on Python integers, seeded like the kernel's streams."""
+    golden = 0x9E3779B97F4A7C15
+    z = split_mix((split_mix((seed + golden) & MASK) + path * golden) & MASK)
+    s0 = split_mix((z + golden) & MASK)
+    s1 = split_mix((z + 2 * golden) & MASK)
+    words = []
+    for _ in range(count):
+        words.append((rotate_left((s0 + s1) & MASK, 17) + s0) & MASK)
+        s1 ^= s0
+        s0 = rotate_left(s0, 49) ^ s1 ^ ((s1 << 21) & MASK)
+        s1 = rotate_left(s1, 28)
+    return words
+
+
+def normals(seed: int, path: int, count: int) -> np.ndarray:
+    """The first `count` normals of a path, as the kernel draws them."""
+    rows = -(-count // 2)
+    streams = np.empty((2, 1), np.uint64)
+    seed_streams(np.uint64(seed), path, streams)
+    first, second = np.empty((2, rows, 1))
+    normal_rows(streams[0], streams[1], first, second)
+    return np.stack([first[:, 0], second[:, 0]], axis=1).ravel()[:count]
+
+
+def flow(x, v, h, omega, stops, hits):
+    """Undamped motion over h with impacts, each found from the phase of the orbit.
+
+    `stops` holds (position, restitution, side) from the rest position. Stops pressing with less
+    than one part in 10^8 of a bounce hold the mass.
+    """
+    left = h
+    for _ in range(10_000):
+        events = [
+            (when, position, restitution, side)
+            for position, restitution, side in stops
+            if (when := time_to(side * position, side * x, side * v, omega)) <= left
+        ]
+        if not events:
+            break
+        when, position, restitution, side = min(events)
+        w = math.sqrt(max(v * v + omega**2 * (x - position) * (x + position), 0.0))
+        hits.append((side, w))
+        x, v, left = position, -side * restitution * w, left - when
+        pressed = omega**2 * -side * position
+        if pressed > 0.0 and restitution * w <= 1e-8 * pressed * h:
+            return position, 0.0
+    if omega == 0.0:
+        x += v * left
+    else:
+        c, s = math.cos(omega * left), math.sin(omega * left)
+        x, v = x * c + v / omega * s, v * c - omega * x * s
+    for position, _, side in stops:  # a bounce lost in rounding leaves the mass on the stop
+        x = side * min(side * x, side * position)
+    return x, v
+
+
+def time_to(stop, x, v, omega):
+    """Time until an undamped orbit passes `stop` upwards, infinite if it never does."""
+    if x >= stop and v > 0.0:
+        return 0.0
+    if omega == 0.0:
+        return (stop - x) / v if v > 0.0 else math.inf
+    amplitude = math.hypot(x, v / omega)
+    if amplitude <= abs(stop):
+        return math.inf
+    # x = A sin(phase), v = A omega cos(phase); the passage is at phase asin(stop / A)
+    turn = math.asin(stop / amplitude) - math.atan2(x * omega, v)
+    return (turn % (2.0 * math.pi)) / omega
+
+
+def kick_flow_kick(x, v, z, h, omega, damping_rate, intensity, stops):
+    """The engine's scheme, one path, one step at a time: (samples of x, of v, list of hits)."""
+    decay = math.exp(-damping_rate * h)
+    spread = intensity * h
+    if damping_rate:
+        spread = intensity * -math.expm1(-2.0 * damping_rate * h) / (2.0 * damping_rate)
+    xs, vs, hits = [], [], []
+    for normal in z:
+        v = decay * v + math.sqrt(spread) * normal
+        x, v = flow(x, v, h, omega, stops, hits)
+        xs.append(x)
+        vs.append(v)
+    return np.array(xs), np.array(vs), hits
+
+
+def mirrored_euler(rng, paths, steps, h, *, overshoot, restitution=1.0):
+    """Semi-implicit Euler for W = 1, b = .1, S0 = .2, stops at +-1: (x^2, v^2, hits) per path.
+
+    With `overshoot` a position beyond a stop is mirrored there, and the scheme is of second
+    order; without it the mass is put on the stop, what people write first.
+    """
+    x = rng.uniform(-1.0, 1.0, paths)
+    v = rng.standard_normal(paths)
+    sums = np.zeros((3, paths))
+    burn_in = int(60.0 / h)
+    for step in range(burn_in + steps):
+        v = v + h * (-0.1 * v - x) + math.sqrt(0.2 * h) * rng.standard_normal(paths)
+        x = x + h * v
+        out = np.abs(x) > 1.0
+        stop = np.sign(x)
+        x = np.where(out, stop - restitution * (x - stop) if overshoot else stop, x)
+        v = np.where(out, -restitution * v, v)
+        if step >= burn_in:
+            sums += [x * x, v * v, out]
+    return sums[0] / steps, sums[1] / steps, sums[2] / (steps * h)
+
+
+def full_band_isolator(rng, table, omega, damping_rate, gap, restitution, paths, rate, length):
+    """An isolator under a table in the time domain: (x^2, v^2, hits per second) of each path.
+
+    The base acceleration is synthesised in full, held linearly between samples at `rate`, and
+    the oscillator is stepped exactly; an overshoot at a stop is mirrored.
+    """
+    samples = int(rate * length)
+    f = np.arange(1, samples // 2) / length
+    amplitude = np.sqrt(table(f) / length)
+    shape = (paths, len(f))
+    spectrum = np.zeros((paths, samples // 2 + 1), complex)
+    spectrum[:, 1:-1] = amplitude * (rng.standard_normal(shape) - 1j * rng.standard_normal(shape))
+    force = np.fft.irfft(spectrum * samples / 2.0, axis=1)
+    h = 1.0 / rate
+    step = hold_matrices(omega, damping_rate, h)
+    x, v = np.zeros((2, paths))
+    sums = np.zeros((3, paths))
+    warm_up = samples // 4
+    for k in range(-warm_up, samples):
+        now, following = force[:, k], force[:, (k + 1) % samples]
+        x, v = step @ np.stack([x, v, now, following])
+        out = np.abs(x) > gap
+        stop = gap * np.sign(x)
+        x = np.where(out, stop - restitution * (x - stop), x)
+        v = np.where(out, -restitution * v, v)
+        if k >= 0:
+            sums += [x * x, v * v, out]
+    return sums[0] / samples, sums[1] / samples, sums[2] / length
+
+
+def hold_matrices(omega, damping_rate, h):
+    """(x, v) after h from (x, v, f now, f then), f linear in between."""
+    from scipy.linalg import expm
+
+    matrix = np.zeros((4, 4))
+    matrix[0, 1] = 1.0
+    matrix[1] = [-(omega**2), -damping_rate, 1.0, 0.0]
+    matrix[2, 3] = 1.0
+    grown = expm(matrix * h)[:2]
+    grown[:, 3] /= h
+    grown[:, 2] -= grown[:, 3]
+    return grown

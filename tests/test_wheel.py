@@ -1,0 +1,36 @@
+"""The wheel carries the data: installed into a fresh environment it finds its profiles."""
+
+import os
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+
+PROBE = """
+import stochvi, stochvi.datasets as d
+print(stochvi.__file__)
+print(len(d.profiles()), d.shipped_scene("isolator-truck").is_file(), d.data_folder())
+"""
+
+
+def test_wheel_in_a_fresh_environment_finds_its_data(tmp_path: Path) -> None:
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*build, "--wheel-dir", str(tmp_path), str(ROOT)], check=True)
+    (wheel,) = tmp_path.glob("stochvi-*.whl")
+    fresh = tmp_path / "fresh"
+    venv.create(fresh, with_pip=True)
+    python = fresh / "bin" / "python"
+    install = [str(python), "-m", "pip", "install", "--quiet", "--no-deps", str(wheel)]
+    subprocess.run(install, check=True)
+    # the dependencies are borrowed; the package is not: a path entry ignores editable installs
+    borrowed = os.environ | {"PYTHONPATH": sysconfig.get_path("purelib")}
+    told = subprocess.run(
+        [str(python), "-c", PROBE], check=True, capture_output=True, text=True, env=borrowed,
+        cwd=tmp_path,
+    ).stdout.splitlines()  # fmt: skip
+    assert Path(told[0]).is_relative_to(fresh)
+    assert told[1].startswith("8 True")
+    assert str(fresh) in told[1]
