@@ -82,11 +82,11 @@ def time_to(stop, x, v, omega):
         return 0.0
     if omega == 0.0:
         return (stop - x) / v if v > 0.0 else math.inf
-    amplitude = math.hypot(x, v / omega)
-    if amplitude <= abs(stop):
+    square = v * v + omega**2 * (x - stop) * (x + stop)
+    if square <= 0.0:
         return math.inf
-    # x = A sin(phase), v = A omega cos(phase); the passage is at phase asin(stop / A)
-    turn = math.asin(stop / amplitude) - math.atan2(x * omega, v)
+    # x = A sin(phase), v = A omega cos(phase); at the passage x = stop and v = sqrt(square)
+    turn = math.atan2(omega * stop, math.sqrt(square)) - math.atan2(omega * x, v)
     return (turn % (2.0 * math.pi)) / omega
 
 

@@ -80,8 +80,9 @@ def test_a_path_without_a_spring_equals_its_plain_twin(restitution: float) -> No
 def compare_with_twin(case: dict, load: float, omega: float) -> None:
     scene = oscillator(**case, load=load, omega=omega)
     step, path = 0.25, 5
-    record = record_path(scene, duration=100.0, seed=9, path=path, step=step)
-    plan = make_plan(scene, None, 100.0)
+    # not longer: bounces in quick succession double the rounding errors again and again
+    record = record_path(scene, duration=30.0, seed=9, path=path, step=step)
+    plan = make_plan(scene, None, 30.0)
     start, speed = plan._start_of(9, path)
     steps = len(record)
     stops = [

@@ -341,7 +341,7 @@ class _Run:
                 yield (
                     f"restitution {restitution:g} at the {side} stop is below "
                     f"{COLLAPSE_RESTITUTION:.4f}: the rate of all impacts is infinite under white "
-                    "noise, only rates above a speed threshold mean something"
+                    "noise; rates above a speed threshold are given, rel_error does not govern them"
                 )
             if getattr(system, side) is not None:
                 unseen = self.fine.evaluate(_IMPACTS[f"collision_rate_{side}"])[0] == 0.0
@@ -397,7 +397,7 @@ def _relative_errors(run: _Run) -> tuple[float, float]:
     """Largest relative standard error, and largest relative bias that is beyond its own noise."""
     errors, biases = [0.0], [0.0]
     deviation = run.fine.evaluate(_COORDINATE["displacement_std"])[0]
-    for name, quantity in _GOVERNED.items():
+    for name, quantity in _governed(run.scene.system()).items():
         value, error = run.fine.evaluate(quantity)
         size = deviation if name == "displacement_mean" else abs(value)
         if size == 0.0:
@@ -432,9 +432,26 @@ _IMPACTS: dict[str, Quantity] = {
     "impact_speed_square_rate": lambda m: m["f2_lower"] + m["f2_upper"],
 }
 
-_GOVERNED = {
-    name: quantity
-    for name, quantity in (_COORDINATE | _IMPACTS).items()
-    if name in ("displacement_mean", "displacement_mean_square", "velocity_mean_square")
-    or name in ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
-}
+_GOVERNED = (
+    "displacement_mean",
+    "displacement_mean_square",
+    "velocity_mean_square",
+    "collision_rate",
+    "impact_speed_rate",
+    "impact_speed_square_rate",
+)
+
+
+def _governed(system: System) -> dict[str, Quantity]:
+    """What `rel_error` governs: a rate that has no limit as slow impacts are counted does not."""
+    quantities = _COORDINATE | _IMPACTS
+    return {
+        name: quantities[name]
+        for name in _GOVERNED
+        if not (name == "collision_rate" and _collapses(system))
+    }
+
+
+def _collapses(system: System) -> bool:
+    restitutions = (system.restitution_lower, system.restitution_upper)
+    return any(r is not None and r <= COLLAPSE_RESTITUTION for r in restitutions)

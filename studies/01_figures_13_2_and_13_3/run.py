@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 
 import stochvi
+from stochvi.datasets import shipped_scene
 
+TEXTBOOK = stochvi.load_scene(shipped_scene("oscillator-elastic"))
 DEVIATIONS = np.geomspace(0.1, 3.0, 25)  # sigma_x0 / D, the linear response over the clearance
 METHODS = (  # name, form, variant, line, colour, width
     ("exact", "", "", "-", "#1b1b1b", 2.6),
@@ -25,24 +27,19 @@ PANELS = {
 
 def scene(deviation: float) -> stochvi.Scene:
     """Omega = 1, stops at +-1, R = 1, b = 0.1, and the intensity that makes sigma_x0."""
-    elastic = stochvi.Restitution(coefficient=1.0)
-    return stochvi.Scene(
-        structure=stochvi.Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
-        impact_pairs=[stochvi.ImpactPair(lower=-1.0, upper=1.0, law=elastic)],
-        excitations=[stochvi.WhiteNoise(intensity=0.2 * deviation**2)],
-    )
+    noise = stochvi.WhiteNoise(intensity=0.2 * deviation**2)
+    return TEXTBOOK.model_copy(update={"excitations": (noise,)})
 
 
 def row(method: str, deviation: float, response: stochvi.Response, upcrossing: float = 0.0) -> dict:
     rate = response.impact_pairs["stops"]["collision_rate"]
     x = response.coordinates["x"]
-    upcrossing = upcrossing or x["upcrossing_rate"].value
     return {
         "method": method,
         "sigma_x0_over_D": deviation,
         "sigma_x_over_D": x["displacement_std"].value,
         "sigma_x_error": x["displacement_std"].standard_error,
-        "omega_0_over_omega": 2.0 * np.pi * upcrossing,
+        "omega_0_over_omega": 2.0 * np.pi * (upcrossing or x["upcrossing_rate"].value),
         "f_D_over_sigma_v0": rate.value / deviation,
         "f_error": rate.standard_error / deviation,
     }
@@ -57,14 +54,14 @@ def simulated_upcrossings(case: stochvi.Scene, periods: float) -> float:
 def compute(quick: bool) -> pd.DataFrame:
     rows = []
     for deviation in DEVIATIONS[:: 4 if quick else 1]:
-        case = scene(deviation)
         for name, form, variant, *_ in METHODS:
-            known = stochvi.linearise(case, form=form, variant=variant) if form else None
-            rows.append(row(name, deviation, known or stochvi.exact(case)))
+            known = (
+                stochvi.linearise(scene(deviation), form=form, variant=variant) if form else None
+            )
+            rows.append(row(name, deviation, known or stochvi.exact(scene(deviation))))
     for deviation in DEVIATIONS[8 :: 8 if quick else 2]:
-        case = scene(deviation)
-        found = stochvi.simulate(case, rel_error=0.02 if quick else 0.005, seed=1)
-        upcrossing = simulated_upcrossings(case, 1e3 if quick else 2e4)
+        found = stochvi.simulate(scene(deviation), rel_error=0.02 if quick else 0.005, seed=1)
+        upcrossing = simulated_upcrossings(scene(deviation), 1e3 if quick else 2e4)
         rows.append(row("Monte Carlo", deviation, found, upcrossing))
     return pd.DataFrame(rows)
 
