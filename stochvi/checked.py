@@ -10,14 +10,20 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from stochvi.errors import SceneError
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+def _plain_number(value: Any) -> Any:
+    """A number of numpy's as Python's, so that its booleans and complex numbers are refused."""
+    return value.item() if getattr(value, "shape", None) == () else value
+
+
+Number = Annotated[float, BeforeValidator(_plain_number), Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 NonNegative = Annotated[Number, Field(ge=0)]
 Fraction = Annotated[Number, Field(ge=0, le=1)]
 
 
 def _plain_numbers(values: Any) -> Any:
-    return tuple(values.tolist()) if hasattr(values, "tolist") else values
+    return values.tolist() if hasattr(values, "tolist") else values
 
 
 Column = Annotated[tuple[Positive, ...], BeforeValidator(_plain_numbers)]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from scipy.stats import chi2
-
 
 class StopStatistics(NamedTuple):
     """What one stop sees: hits per second, and sums of w and w^2 per second (F1, F2)."""
@@ -51,7 +49,9 @@ def rice_rate(distance: float, displacement_std: float, velocity_std: float) -> 
 def upper_limit_unseen(exposure: float, confidence: float = 0.95) -> float:
     """Upper confidence limit of a Poisson rate after no event in `exposure` seconds, 1/s.
 
+    The rate at which seeing none has probability 1 - confidence: -ln(1 - confidence) / exposure.
+
     >>> round(upper_limit_unseen(1.0), 4)
     2.9957
     """
-    return float(chi2.ppf(confidence, 2.0)) / 2.0 / exposure
+    return -math.log1p(-confidence) / exposure

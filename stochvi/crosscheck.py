@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from stochvi.closed_form import exact
 from stochvi.errors import NoExactSolution, NotApplicable, NotConverged
@@ -163,7 +163,7 @@ def compare(
         for name, residual in response.identities.items()
     ]
     judged = max(len(rivals) + len(balances), 1)
-    z = float(norm.isf((1.0 - (1.0 - FAMILY_ALARM_RATE) ** (1.0 / judged)) / 2.0))
+    z = -float(ndtri((1.0 - (1.0 - FAMILY_ALARM_RATE) ** (1.0 / judged)) / 2.0))
     rows = [
         _row(response, of, quantity, estimate, known[of, quantity], reference.method, z)
         for response, of, quantity, estimate in rivals

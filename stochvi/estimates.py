@@ -63,9 +63,14 @@ class Estimate:
     upper_95: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("value", "standard_error"):
-            if not math.isfinite(getattr(self, name)):
-                raise ValueError(f"{name} must be finite, got {getattr(self, name)}")
+        for name in ("value", "standard_error", "bias", "upper_95"):
+            number = getattr(self, name)
+            if number is None and name in ("bias", "upper_95"):
+                continue
+            if not math.isfinite(number):
+                raise ValueError(f"{name} must be finite, got {number}")
+            if number < 0.0 and name != "value":
+                raise ValueError(f"{name} must be at least 0, got {number}")
 
     def __repr__(self) -> str:
         return f"{format_with_error(self.value, self.standard_error)} [{self.how}]"

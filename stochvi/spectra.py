@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
     """Breakpoints of a density; log-log straight between them, zero outside.
 
@@ -50,6 +50,15 @@ class Table:
                 "needs strictly increasing frequency_hz, "
                 f"got {frequency[row]:g} before {frequency[row + 1]:g}"
             )
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Table)
+            and np.array_equal(self.frequency_hz, other.frequency_hz)
+            and np.array_equal(self.density, other.density)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __call__(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
         """Density at the given frequencies."""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
 from stochvi.crosscheck import APPROXIMATE, DISAGREES, Check
 from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 QUANTITY_NAMES = {
     "displacement_mean": "mean displacement",
@@ -107,7 +110,7 @@ def print_frame(
     """A table of numbers, one format per column (default: 4 significant digits)."""
     table = Table(title=title, title_justify="left", title_style="bold")
     for column in frame.columns:
-        numeric = pd.api.types.is_numeric_dtype(frame[column])
+        numeric = frame[column].dtype.kind in "fiu"
         table.add_column(str(column), justify="right" if numeric else "left")
     for _, row in frame.iterrows():
         table.add_row(*(_cell(row[name], formats.get(str(name), ".4g")) for name in frame.columns))
@@ -116,6 +119,8 @@ def print_frame(
 
 def methods_table(responses: Sequence[Response], quantities: Sequence[str]) -> pd.DataFrame:
     """One row per method, one column per quantity, values with their errors."""
+    import pandas as pd
+
     rows = []
     for response in responses:
         found = {name: estimate for (_, name), estimate in response.estimates().items()}

@@ -13,7 +13,7 @@ def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
     if estimate.bias is None:
         raise ValueError(f"{estimate} states no bias, so no truth can confirm or refute it")
     difference = estimate.value - truth
-    tolerance = z * estimate.standard_error + abs(estimate.bias)
+    tolerance = z * estimate.standard_error + estimate.bias
     away = f"{abs(difference) / estimate.standard_error:.1f}" if estimate.standard_error else "inf"
     assert abs(difference) <= tolerance, (
         f"{estimate} differs from {truth:.9g} by {difference:.3g}: {away} standard errors of "

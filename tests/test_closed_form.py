@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -49,8 +50,9 @@ def test_elastic_stops_give_the_printed_moments_and_rates_in_any_units(row, unit
 def test_the_reference_table_at_restitution_one_is_the_closed_form():
     table = next(row for row in RIGID_STOPS if row.restitution == 1.0)
     found = values(exact(oscillator(-1.0, 1.0)))
-    for quantity, value in table.values.items():
-        assert found[quantity] == pytest.approx(value, rel=PRINTED), quantity
+    expected = {name: value for name, value in table.values.items() if name != "v4"}
+    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=PRINTED)
+    assert table.values["v4"] == 3.0 * found["velocity_mean_square"] ** 2
 
 
 @pytest.mark.parametrize("row", RIGID_STOPS, ids=lambda row: f"R = {row.restitution}")
@@ -180,7 +182,7 @@ def test_a_box_without_a_spring_is_uniform():
 
 
 def test_a_mass_that_a_load_presses_against_one_stop_has_an_exponential_law():
-    """Without a spring: mean theta / g from the stop, where it hits g / sqrt(2 pi theta) a second."""
+    """Without a spring: theta / g from the stop on average, hit g / sqrt(2 pi theta) a second."""
     found = values(exact(oscillator(None, 0.5, omega=0.0, load=4.0)))
     assert found["displacement_mean"] == pytest.approx(0.25, rel=PRINTED)
     assert found["displacement_std"] == pytest.approx(0.25, rel=PRINTED)
@@ -240,10 +242,7 @@ def test_a_table_without_stops_gives_a_gaussian_with_the_moments_of_its_response
             return w**power * gain * float(TRUCK.table(f)) * f
 
         places = np.log([5.0, 12.0, 40.0, 500.0])
-        parts = [
-            quad(integrand, *pair, epsabs=0.0, epsrel=1e-11)
-            for pair in zip(places[:-1], places[1:], strict=True)
-        ]
+        parts = [quad(integrand, *pair, epsabs=0.0, epsrel=1e-11) for pair in pairwise(places)]
         return sum(part[0] for part in parts)
 
     deviation, velocity = math.sqrt(moment(0)), math.sqrt(moment(2))

@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from stochvi.collisions import upper_limit_unseen
 from stochvi.errors import NotApplicable, NotConverged
@@ -21,6 +21,9 @@ from stochvi.monte_carlo.statistics import PathStatistics
 from stochvi.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.monte_carlo.white import WhitePlan, plan_white
 from stochvi.scenes import Scene, System
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Plan = WhitePlan | TabulatedPlan
 Means = dict[str, float]
@@ -138,6 +141,8 @@ def record_path(
     >>> list(record_path(scene, duration=10.0))
     ['time', 'displacement', 'velocity', 'impact_speed']
     """
+    import pandas as pd
+
     plan = make_plan(scene, None, duration)
     if step is not None:
         plan = plan.with_step(step)

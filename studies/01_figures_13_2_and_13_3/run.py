@@ -1,6 +1,7 @@
 """Babitsky's figures 13.2 and 13.3 (elastic stops) with the moment closure and Monte Carlo."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -32,14 +33,14 @@ def scene(deviation: float) -> stochvi.Scene:
 
 
 def row(method: str, deviation: float, response: stochvi.Response, upcrossing: float = 0.0) -> dict:
-    rate = response.impact_pairs["stops"]["collision_rate"]
-    x = response.coordinates["x"]
+    found = response.estimates()
+    spread, rate = found["x", "displacement_std"], found["stops", "collision_rate"]
     return {
         "method": method,
         "sigma_x0_over_D": deviation,
-        "sigma_x_over_D": x["displacement_std"].value,
-        "sigma_x_error": x["displacement_std"].standard_error,
-        "omega_0_over_omega": 2.0 * np.pi * (upcrossing or x["upcrossing_rate"].value),
+        "sigma_x_over_D": spread.value,
+        "sigma_x_error": spread.standard_error,
+        "omega_0_over_omega": 2.0 * np.pi * (upcrossing or found["x", "upcrossing_rate"].value),
         "f_D_over_sigma_v0": rate.value / deviation,
         "f_error": rate.standard_error / deviation,
     }
@@ -47,22 +48,22 @@ def row(method: str, deviation: float, response: stochvi.Response, upcrossing: f
 
 def simulated_upcrossings(case: stochvi.Scene, periods: float) -> float:
     path = stochvi.record_path(case, duration=2.0 * np.pi * periods, step=0.02)
-    x = path["displacement"].to_numpy()
-    return np.count_nonzero((x[:-1] < 0.0) & (x[1:] >= 0.0)) / path["time"].iloc[-1]
+    below = path["displacement"].to_numpy() < 0.0
+    return np.count_nonzero(below[:-1] & ~below[1:]) / path["time"].iloc[-1]
 
 
 def compute(quick: bool) -> pd.DataFrame:
     rows = []
     for deviation in DEVIATIONS[:: 4 if quick else 1]:
         for name, form, variant, *_ in METHODS:
-            known = (
-                stochvi.linearise(scene(deviation), form=form, variant=variant) if form else None
+            solve = (
+                partial(stochvi.linearise, form=form, variant=variant) if form else stochvi.exact
             )
-            rows.append(row(name, deviation, known or stochvi.exact(scene(deviation))))
+            rows.append(row(name, deviation, solve(scene(deviation))))
     for deviation in DEVIATIONS[8 :: 8 if quick else 2]:
         found = stochvi.simulate(scene(deviation), rel_error=0.02 if quick else 0.005, seed=1)
-        upcrossing = simulated_upcrossings(scene(deviation), 1e3 if quick else 2e4)
-        rows.append(row("Monte Carlo", deviation, found, upcrossing))
+        upcrossings = simulated_upcrossings(scene(deviation), 1e3 if quick else 2e4)
+        rows.append(row("Monte Carlo", deviation, found, upcrossings))
     return pd.DataFrame(rows)
 
 
