@@ -34,7 +34,7 @@ def write_text(text: str, path: Path) -> None:
     """Write a file whole or not at all."""
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "Is a folder, expected a file name", str(path))
-    path.parent.mkdir(parents=True, exist_ok=True)
+    _make_folder(path.parent)
     with tempfile.NamedTemporaryFile(
         "w", dir=path.parent, prefix=f".{path.name}.", delete=False, encoding="utf-8"
     ) as file:
@@ -46,6 +46,13 @@ def write_text(text: str, path: Path) -> None:
         except BaseException:
             os.unlink(file.name)
             raise
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise NotADirectoryError(errno.ENOTDIR, "Is a file, expected a folder", str(path)) from None
 
 
 def _umask() -> int:
@@ -63,7 +70,7 @@ def write_picture(ax: Axes, path: Path) -> None:
     """A PNG of the figure that holds these Axes; the figure is closed."""
     import matplotlib.pyplot as plt
 
-    path.parent.mkdir(parents=True, exist_ok=True)
+    _make_folder(path.parent)
     figure = ax.get_figure(root=True)
     assert figure is not None
     figure.savefig(path, dpi=150)

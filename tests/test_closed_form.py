@@ -90,6 +90,9 @@ def test_balances_do_not_vanish_for_the_wrong_restitution():
 # Against the density itself ---------------------------------------------------------------
 
 
+MOMENTS = ("displacement_mean", "displacement_mean_square", "velocity_mean_square")
+
+
 def gibbs(scene: Scene, count: int) -> dict[str, float]:
     """Moments and rates of exp(-(v^2 / 2 + U(x)) / theta) on a grid of x and v."""
     system = scene.system()
@@ -117,15 +120,16 @@ def gibbs(scene: Scene, count: int) -> dict[str, float]:
         "displacement_mean_square": 2.0 * (p.sum(axis=1) @ x**2) / mass,
         "velocity_mean_square": 2.0 * (p.sum(axis=0) @ v**2) / mass,
     }
-    for side in ("lower", "upper"):
-        stop = getattr(system, side)
+    places = {"lower": system.lower, "upper": system.upper, "mean": found["displacement_mean"]}
+    for side, place in places.items():
         flux = 0.0
-        if stop is not None:
-            flux = np.exp(-(energy(stop, v) - bottom) / theta) * dv / mass
+        if place is not None:
+            flux = np.exp(-(energy(place, v) - bottom) / theta) * dv / mass
         for power, name in enumerate(("rate", "speed", "square"), start=1):
             found[f"{name}_{side}"] = float(np.sum(flux * v**power))
     return {
-        **{name: value for name, value in found.items() if "_mean" in name},
+        **{name: found[name] for name in MOMENTS},
+        "upcrossing_rate": found["rate_mean"],
         "collision_rate_lower": found["rate_lower"],
         "collision_rate_upper": found["rate_upper"],
         "impact_speed_rate": found["speed_lower"] + found["speed_upper"],

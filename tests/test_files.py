@@ -68,6 +68,13 @@ def test_a_folder_is_not_a_file_to_write(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("folder", ["file", "file/inner"])
+def test_a_file_is_not_a_folder_to_write_in(tmp_path: Path, folder: str):
+    (tmp_path / "file").touch()
+    with pytest.raises(NotADirectoryError, match="expected a folder"):
+        write_text("new", tmp_path / folder / "table.csv")
+
+
 def test_a_file_is_as_readable_as_any_other(tmp_path: Path):
     (tmp_path / "other").touch()
     write_text("new", tmp_path / "table.csv")
