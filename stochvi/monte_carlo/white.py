@@ -18,7 +18,7 @@ from stochvi.monte_carlo.kernels.flight import N_LOWER, SUMS, VV, XX, X, run_whi
 from stochvi.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
 from stochvi.scenes import System
 
-LARGEST_ANGLE = 0.4
+LARGEST_ANGLE = 0.8
 """omega h of a step where any step is free of bias (elastic stops); kept well below pi / 2."""
 
 LOSSY_ANGLE = 0.2
@@ -27,7 +27,7 @@ LOSSY_ANGLE = 0.2
 LOSSY_DECAY = 0.05
 """b h of such a step, b the damping rate including the losses at impacts."""
 
-GAP_PER_STEP = 0.25
+GAP_PER_STEP = 0.35
 """Share of the gap that the mass crosses in a step at its rms speed: few double impacts."""
 
 RELAXATIONS = 12.0
@@ -161,7 +161,16 @@ class WhitePlan:
             flow,
             stop(system.lower, system.restitution_lower, -1.0),
             stop(system.upper, system.restitution_upper, +1.0),
+            () if self._between else None,
         )
+
+    @property
+    def _between(self) -> bool:
+        """Whether the stops lie on either side of the rest position, which is quicker to fly."""
+        lower, upper = self.system.lower, self.system.upper
+        if lower is None or upper is None:
+            return False
+        return self.system.omega == 0.0 or lower <= self.rest <= upper
 
     def _start(
         self, streams: NDArray[np.uint64]

@@ -106,6 +106,47 @@ def fly(x, v, z, hit, kick, flow, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def fly_between(x, v, z, hit, kick, flow, lower, upper):
+    """`fly` for stops on either side of the rest position, omega h <= pi / 2: one test a step.
+
+    A mass that moves up cannot meet the lower stop first: it would have to turn before the upper
+    stop, and from there it is more than a quarter of a period to the lower one. The signs of x
+    and v are changed so that every mass moves up.
+    """
+    e, s = kick
+    _, cosine, sine, stiff = flow
+    low, restitution_low, _ = lower
+    high, restitution_high, _ = upper
+    # a mass at the speed sqrt(energy) takes sr / sqrt(energy) <= time left <= pi / 2 of that
+    reach = (high - low) / (0.5 * math.pi)
+    again = 0
+    for i in range(x.shape[0]):
+        q = x[i]
+        p = e * v[i] + s * z[i]
+        rising = p > 0.0
+        q = q if rising else -q
+        p = p if rising else -p
+        stop = high if rising else -low
+        restitution = restitution_high if rising else restitution_low
+        x1 = cosine * q + sine * p
+        v1 = cosine * p - stiff * sine * q
+        energy = p * p + stiff * q * q
+        passed, w, sr, cr = passage(q, p, x1, v1, stiff, stop)
+        more = passed & (sr * sr >= reach * reach * energy)
+        factor = (1.0 + restitution) * w / energy if passed else 0.0
+        x2 = min(x1 - factor * sr, stop)
+        v2 = v1 - factor * cr
+        x2 = q if more else x2
+        v2 = p if more else v2
+        speed = w if passed else 0.0
+        x[i] = x2 if rising else -x2
+        v[i] = v2 if rising else -v2
+        hit[i] = AGAIN if more else (speed if rising else -speed)
+        again += 1 if more else 0
+    return again
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def bounce(x, v, flow, lower, upper, threshold, sums):
     """One flow with any number of impacts, added up in `sums`; returns the end (x, v)."""
     h, cosine, sine, stiff = flow
@@ -187,7 +228,7 @@ def negate(values, out):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def run_white(
-    x, v, streams, sums, kick, flow, lower, upper, threshold, burn_in, steps, stride, record
+    x, v, streams, sums, kick, flow, lower, upper, between, threshold, burn_in, steps, stride, record
 ):
     """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
 
@@ -218,7 +259,11 @@ def run_white(
         for step in range(burn_in + steps):
             if step % 2 == 0:
                 normal_pairs(state0, state1, z1, z2)
-            again = fly(xs, vs, z1 if step % 2 == 0 else z2, hits, kick, flow, lower, upper)
+            z = z1 if step % 2 == 0 else z2
+            if between is not None:
+                again = fly_between(xs, vs, z, hits, kick, flow, lower, upper)
+            else:
+                again = fly(xs, vs, z, hits, kick, flow, lower, upper)
             counted = step >= burn_in
             if again > 0:
                 for i in range(end - start):
