@@ -145,6 +145,7 @@ def linearise(
 @click.option("--paths", type=int, help="Instead: this many paths ...")
 @click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
 @click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
+@click.option("--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R < 0.5.")
 @_options("budget", "seed", "threads", "json", "out", "quiet")
 def simulate(
     scene: str,
@@ -152,6 +153,7 @@ def simulate(
     paths: int | None,
     duration: float | None,
     speed_threshold: float | None,
+    slow_impacts: bool,
     budget: float,
     seed: int,
     threads: int | None,
@@ -173,6 +175,7 @@ def simulate(
                 paths=paths,
                 duration=duration,
                 speed_threshold=speed_threshold,
+                slow_impacts=slow_impacts,
                 budget=budget,
                 seed=seed,
                 threads=threads,

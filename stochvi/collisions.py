@@ -5,6 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+COLLAPSE_RESTITUTION = math.exp(-math.pi / math.sqrt(3.0))
+"""At and below this restitution the rate of impacts under white noise is infinite (S. J. Cornell,
+M. R. Swift and A. J. Bray, Phys. Rev. Lett. 81 (1998) 1142)."""
+
 
 class StopStatistics(NamedTuple):
     """What one stop sees: hits per second, and sums of w and w^2 per second (F1, F2)."""

@@ -233,6 +233,33 @@ def test_the_stated_bias_covers_that_of_a_coarse_step() -> None:
     assert abs(fine_value - truth) < 4.5 * fine_error + stated + 1.5 * error
 
 
+def test_rates_of_slow_impacts_do_not_depend_on_a_refined_step() -> None:
+    """At R = 0.2 the plain step misses slow impacts; refined steps of any length agree."""
+
+    def rate(step: float, slow_impacts: bool, paths: int) -> tuple[float, float]:
+        plan = make_plan(oscillator(-1.0, 1.0, 0.2), None, 400.0, slow_impacts).with_step(step)
+        statistics = PathStatistics.of(plan.averages(31, 0, paths))
+        return statistics.evaluate(lambda m: m["n_lower"] + m["n_upper"])
+
+    (coarse, coarse_error), (fine, fine_error) = rate(0.2, True, 6144), rate(0.05, True, 1024)
+    assert abs(coarse - fine) < 4.5 * math.hypot(coarse_error, fine_error)
+    plain, plain_error = rate(0.2, False, 6144)
+    assert abs(plain - coarse) > 4.5 * math.hypot(plain_error, coarse_error)
+
+
+def test_refined_steps_keep_the_balances() -> None:
+    response = simulate(oscillator(-1.0, 1.0, 0.3), rel_error=0.005, seed=15, slow_impacts=True)
+    for residual in response.identities.values():
+        assert_agrees(residual, 0.0)
+    rate = response.impact_pairs["stops"]["collision_rate"]
+    assert isinstance(rate, Estimate)
+    assert rate.bias is not None
+    assert (
+        simulate(oscillator(-1.0, 1.0, 0.3), paths=512).estimates()["stops", "collision_rate"].bias
+        is None
+    )
+
+
 # ---- negative controls -----------------------------------------------------------------------
 
 

@@ -58,6 +58,7 @@ class TabulatedPlan:
 
     method = "response-domain synthesis"
     elastic = False
+    resolves_rates = True
 
     @property
     def block(self) -> int:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from stochvi.collisions import gaussian_stop
+from stochvi.collisions import COLLAPSE_RESTITUTION, gaussian_stop
 from stochvi.cut_normal import CutNormal
 from stochvi.errors import NotApplicable
-from stochvi.monte_carlo.kernels.flight import N_LOWER, SUMS, VV, XX, X, run_white
+from stochvi.monte_carlo.kernels.flight import CORNER_SHARE, N_LOWER, SUMS, VV, XX, X, run_white
 from stochvi.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
 from stochvi.scenes import System
 
@@ -26,6 +26,13 @@ LOSSY_ANGLE = 0.2
 
 LOSSY_DECAY = 0.05
 """b h of such a step, b the damping rate including the losses at impacts."""
+
+WELL_RESOLVED_RESTITUTION = 0.5
+"""From here up, the rate of impacts faster than the default threshold is right within 0.1 % at the
+default step; below, bounces are so slow that steps near a stop have to be refined for it."""
+
+MOST_LEVELS = 10
+"""Halvings of a step near a stop."""
 
 GAP_PER_STEP = 0.35
 """Share of the gap that the mass crosses in a step at its rms speed: few double impacts."""
@@ -50,6 +57,7 @@ class WhitePlan:
     burn_in: float
     duration: float
     threshold: float
+    slow_impacts: bool = False
 
     block = 256
     """Paths to a block: the unit of work, and of the random streams' layout."""
@@ -65,6 +73,13 @@ class WhitePlan:
     def elastic(self) -> bool:
         """Whether no stop loses energy, so that any step leaves the stationary law exact."""
         return all(restitution in (None, 1.0) for restitution in _restitutions(self.system))
+
+    @property
+    def resolves_rates(self) -> bool:
+        """Whether the step is short enough for what it leaves of the rates to be told."""
+        lossiest = min(1.0 if r is None else r for r in _restitutions(self.system))
+        enough = 0.0 if self.slow_impacts else WELL_RESOLVED_RESTITUTION
+        return lossiest >= max(enough, COLLAPSE_RESTITUTION)
 
     @property
     def steps(self) -> int:
@@ -142,13 +157,9 @@ class WhitePlan:
         return sums
 
     def _kernel_constants(self) -> tuple[Any, ...]:
-        system, h = self.system, self.step
-        angle = system.omega * h
-        kick = (math.exp(-system.damping_rate * h), math.sqrt(_kick_variance(system, h)))
-        sine = math.sin(angle) / system.omega if angle else h
-        flow = (h, math.cos(angle), sine, system.omega**2)
+        system = self.system
         # the same stop is met again within the step after leaving slower than this
-        again = system.omega * math.tan(angle / 2.0)
+        again = system.omega * math.tan(system.omega * self.step / 2.0)
 
         def stop(position: float | None, restitution: float | None, side: float) -> Any:
             if position is None:
@@ -157,12 +168,25 @@ class WhitePlan:
             return (shifted, restitution, -side * shifted * again)
 
         return (
-            kick,
-            flow,
+            _kick(system, self.step),
+            _flow(system, self.step),
             stop(system.lower, system.restitution_lower, -1.0),
             stop(system.upper, system.restitution_upper, +1.0),
             () if self._between else None,
+            self._corner(),
         )
+
+    def _corner(self) -> tuple[Any, Any, NDArray[np.float64]] | None:
+        """Steps near a stop as short as slow impacts need, if they are asked for."""
+        system, h = self.system, self.step
+        if self.elastic or not self.slow_impacts:
+            return None
+        slowest = max(self.threshold, 1e-3 * self.speed) / 6.0
+        levels = math.ceil(math.log2(max(system.intensity * h / slowest**2, 1.0)))
+        ladder = [_flow(system, h / 2**level)[:3] for level in range(min(levels, MOST_LEVELS) + 1)]
+        time = h / CORNER_SHARE
+        box = math.sqrt(system.intensity * time**3), math.sqrt(system.intensity * time)
+        return box, (system.damping_rate, system.intensity), np.array(ladder)
 
     @property
     def _between(self) -> bool:
@@ -189,7 +213,9 @@ class WhitePlan:
         return x - self.rest, self.speed * second
 
 
-def plan_white(system: System, threshold: float | None, duration: float | None) -> WhitePlan:
+def plan_white(
+    system: System, threshold: float | None, duration: float | None, slow_impacts: bool = False
+) -> WhitePlan:
     """Choose step, burn-in and length for a scene with white noise alone."""
     unmet = []
     if system.omega == 0.0 and system.load != 0.0:
@@ -210,6 +236,7 @@ def plan_white(system: System, threshold: float | None, duration: float | None) 
         burn_in=burn_in,
         duration=DURATION * burn_in if duration is None else duration,
         threshold=default_threshold(lossy, speed) if threshold is None else threshold,
+        slow_impacts=slow_impacts,
     )
 
 
@@ -272,6 +299,18 @@ def _kick_variance(system: System, h: float) -> float:
     """Variance of the velocity that noise brings in over h: S0 (1 - e^(-2 b h)) / (2 b)."""
     b = system.damping_rate
     return system.intensity * (-math.expm1(-2.0 * b * h) / (2.0 * b) if b else h)
+
+
+def _kick(system: System, h: float) -> tuple[float, float]:
+    """(e, s) of the kick over h."""
+    return math.exp(-system.damping_rate * h), math.sqrt(_kick_variance(system, h))
+
+
+def _flow(system: System, h: float) -> tuple[float, float, float, float]:
+    """(h, C, S, omega^2) of the flow over h."""
+    angle = system.omega * h
+    sine = math.sin(angle) / system.omega if angle else h
+    return h, math.cos(angle), sine, system.omega**2
 
 
 def _step(system: System, speed: float, lossy: bool) -> float:

@@ -22,7 +22,7 @@ import math
 import numba
 import numpy as np
 
-from stochvi.monte_carlo.kernels.random_numbers import normal_pairs
+from stochvi.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
 
 LANES = 256
 """Paths that move together: their arrays stay in the first-level cache."""
@@ -32,6 +32,9 @@ MOST_BOUNCES = 10_000
 
 RESTING = 1e-8
 """A bounce this much lower than the pressing acceleration times the step rests on the stop."""
+
+CORNER_SHARE = 0.25
+"""Length of a sub-step near a stop, in the time in which noise changes the state altogether."""
 
 AGAIN = np.inf
 """Marks a path whose step may hold more than one impact, in the array of impact speeds."""
@@ -195,6 +198,71 @@ def bounce(x, v, flow, lower, upper, threshold, sums):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def find_in_corner(x, v, owed, usual, box, lower, upper, found):
+    """Mark paths that are near a stop and slow, or come from there with less of a kick owed."""
+    width, speed = box
+    count = 0
+    for i in range(x.shape[0]):
+        near = False
+        if upper is not None:
+            near = x[i] > upper[0] - width
+        if lower is not None:
+            near = near | (x[i] < lower[0] + width)
+        slow = (near & (abs(v[i]) < speed)) | (owed[i] != usual)
+        found[i] = 1.0 if slow else 0.0
+        count += 1 if slow else 0
+    return count
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def fly_corner(x, v, owed, s0, s1, ladder, noise, stiff, lower, upper, threshold, sums):
+    """One step near a stop as shorter steps, each short enough for the state it starts from.
+
+    Free of any other scale, noise of intensity S0 changes a velocity v in the time v^2 / S0 and a
+    distance d in (d^2 / S0)^(1/3); a sub-step is at most CORNER_SHARE of the larger of the two.
+    Its length is chosen before its noise is drawn, so the choice brings no bias.
+
+    A step is half a kick, a flow, and half a kick; the last half is `owed` until the next step,
+    whose first half it joins. With steps of one length that is a whole kick; here it is not.
+
+    `ladder` holds h / 2^k and (C, S) of it in row k, `noise` is (b, S0). Returns x, v, the time of
+    the kick that is owed, and the stream's state.
+    """
+    damping_rate, intensity = noise
+    deepest = ladder.shape[0] - 1
+    unit = ladder[deepest, 0]
+    left = 1 << deepest
+    spare, have_spare = 0.0, False
+    while left > 0:
+        distance = np.inf
+        if upper is not None:
+            distance = min(distance, upper[0] - x)
+        if lower is not None:
+            distance = min(distance, x - lower[0])
+        longest = CORNER_SHARE * max(
+            v * v / intensity, (distance * distance / intensity) ** (1.0 / 3.0)
+        )
+        level = deepest
+        while level > 0 and (2 << (deepest - level)) <= min(left, longest / unit):
+            level -= 1
+        left -= 1 << (deepest - level)
+        if have_spare:
+            z = spare
+        else:
+            s0, s1, z, spare = normal_pair(s0, s1)
+        have_spare = not have_spare
+        length = ladder[level, 0]
+        kick = owed + 0.5 * length
+        owed = 0.5 * length
+        decay = math.exp(-damping_rate * kick)
+        # S0 (1 - e^(-2 b t)) / (2 b), which is S0 t (1 + e^(-2 b t)) / 2 to third order in b t
+        v = decay * v + math.sqrt(intensity * kick * 0.5 * (1.0 + decay * decay)) * z
+        flow = (length, ladder[level, 1], ladder[level, 2], stiff)
+        x, v = bounce(x, v, flow, lower, upper, threshold, sums)
+    return x, v, owed, s0, s1
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def count_side(hit, threshold, number, speed_sum, square_sum):
     """Add the impacts of one step on the upper stop (hit > 0)."""
     for i in range(hit.shape[0]):
@@ -226,9 +294,32 @@ def negate(values, out):
         out[i] = -values[i]
 
 
+@numba.njit(cache=True, error_model="numpy")
+def take_several(several, counted, local, record, sample, first_path, i):
+    """Add the impacts of a step that had any number; a record takes their summed speed."""
+    if counted:
+        local[:, i] += several
+    if record is not None:
+        record[sample, first_path + i, 2] = several[F1_UPPER] - several[F1_LOWER]
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def run_white(
-    x, v, streams, sums, kick, flow, lower, upper, between, threshold, burn_in, steps, stride, record
+    x,
+    v,
+    streams,
+    sums,
+    kick,
+    flow,
+    lower,
+    upper,
+    between,
+    corner,
+    threshold,
+    burn_in,
+    steps,
+    stride,
+    record,
 ):
     """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
 
@@ -240,6 +331,8 @@ def run_white(
     kick : (e, s); flow : (h, C, S, w0^2).
     lower, upper : None, or (stop, R, slow), slow = the speed after an impact under which the
         same stop may be met again within a step (negative: never).
+    between : None, or () where the stops lie on either side of the rest position.
+    corner : None, or ((width, speed), (b, S0), ladder) to refine steps near a stop.
     record : None, or zeros (steps, paths, 3) to take x, v and the impact speed of every step;
         the burn-in must then be 0.
     """
@@ -249,35 +342,48 @@ def run_white(
     mirrored = np.empty(LANES)
     local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
     several = np.zeros(SUMS)
+    slow, corner_x, corner_v = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
+    usual = 0.5 * flow[0]
+    owed = np.empty(LANES)
     for start in range(0, x.shape[0], LANES):
         end = min(start + LANES, x.shape[0])
         xs, vs = x[start:end], v[start:end]
         state0, state1 = streams[0][start:end], streams[1][start:end]
         local[:] = 0.0
+        owed[:] = usual
         z1, z2 = first[: end - start], second[: end - start]
         hits, opposite = hit[: end - start], mirrored[: end - start]
         for step in range(burn_in + steps):
             if step % 2 == 0:
                 normal_pairs(state0, state1, z1, z2)
+            counted = step >= burn_in
+            refined = 0
+            if corner is not None:
+                box, noise, ladder = corner
+                refined = find_in_corner(xs, vs, owed, usual, box, lower, upper, slow)
+                for i in range(end - start if refined > 0 else 0):
+                    if slow[i] != 0.0:
+                        several[:] = 0.0
+                        corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = fly_corner(
+                            xs[i], vs[i], owed[i], state0[i], state1[i], ladder, noise, flow[3],
+                            lower, upper, threshold, several,
+                        )  # fmt: skip
+                        take_several(several, counted, local, record, step - burn_in, start, i)
             z = z1 if step % 2 == 0 else z2
             if between is not None:
                 again = fly_between(xs, vs, z, hits, kick, flow, lower, upper)
             else:
                 again = fly(xs, vs, z, hits, kick, flow, lower, upper)
-            counted = step >= burn_in
-            if again > 0:
-                for i in range(end - start):
-                    if hits[i] == AGAIN:
-                        several[:] = 0.0
-                        xs[i], vs[i] = bounce(xs[i], vs[i], flow, lower, upper, threshold, several)
-                        if counted:
-                            local[:, i] += several
-                        # for a record: the summed speed, signed by the side that got more
-                        hits[i] = 0.0
-                        if record is not None:
-                            record[step - burn_in, start + i, 2] = (
-                                several[F1_UPPER] - several[F1_LOWER]
-                            )
+            for i in range(end - start if refined > 0 else 0):
+                if slow[i] != 0.0:
+                    again -= 1 if hits[i] == AGAIN else 0
+                    xs[i], vs[i], hits[i] = corner_x[i], corner_v[i], 0.0
+            for i in range(end - start if again > 0 else 0):
+                if hits[i] == AGAIN:
+                    several[:] = 0.0
+                    xs[i], vs[i] = bounce(xs[i], vs[i], flow, lower, upper, threshold, several)
+                    hits[i] = 0.0
+                    take_several(several, counted, local, record, step - burn_in, start, i)
             if counted:
                 if upper is not None:
                     count_side(hits, threshold, local[N_UPPER], local[F1_UPPER], local[F2_UPPER])
@@ -290,6 +396,11 @@ def run_white(
                     add_moment(xs, local[X])
                     add_square(xs, local[XX])
                     add_square(vs, local[VV])
+                    if corner is not None:
+                        # so that half the usual kick, added to all, brings what is owed
+                        _, intensity = corner[1]
+                        for i in range(end - start if refined > 0 else 0):
+                            local[VV, i] += intensity * (owed[i] - usual)
                 if record is not None:
                     for i in range(end - start):
                         record[step - burn_in, start + i, 0] = xs[i]

@@ -72,50 +72,54 @@ def log_unit(u):
     return e * LN2 + 2.0 * t * s
 
 
+@numba.njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
+def normal_pair(s0, s1):
+    """Two independent standard normals from two draws: the new state, and the normals."""
+    t = s0 + s1
+    draw_1 = ((t << S17) | (t >> S47)) + s0
+    s1 ^= s0
+    s0 = ((s0 << S49) | (s0 >> S15)) ^ s1 ^ (s1 << S21)
+    s1 = (s1 << S28) | (s1 >> S36)
+    t = s0 + s1
+    draw_2 = ((t << S17) | (t >> S47)) + s0
+    s1 ^= s0
+    s0 = ((s0 << S49) | (s0 >> S15)) ^ s1 ^ (s1 << S21)
+    s1 = (s1 << S28) | (s1 >> S36)
+
+    u = 2.0 - np.uint64((draw_1 >> S12) | ONE_BITS).view(np.float64)
+    radius = math.sqrt(-2.0 * log_unit(u))
+    # the angle is a quarter turn chosen by two bits and a remainder within +-pi/4
+    a = (np.uint64((draw_2 >> S12) | ONE_BITS).view(np.float64) - 1.5) * QUARTER_TURN
+    q = a * a
+    sine = -7.6471637318198164759e-13
+    sine = sine * q + 1.6059043836821614599e-10
+    sine = sine * q - 2.5052108385441718775e-8
+    sine = sine * q + 2.7557319223985890653e-6
+    sine = sine * q - 1.9841269841269841270e-4
+    sine = sine * q + 8.3333333333333333333e-3
+    sine = sine * q - 1.6666666666666666667e-1
+    sine = (sine * q + 1.0) * a
+    cosine = 4.7794773323873852974e-14
+    cosine = cosine * q - 1.1470745597729724714e-11
+    cosine = cosine * q + 2.0876756987868098979e-9
+    cosine = cosine * q - 2.7557319223985890653e-7
+    cosine = cosine * q + 2.4801587301587301587e-5
+    cosine = cosine * q - 1.3888888888888888889e-3
+    cosine = cosine * q + 4.1666666666666666667e-2
+    cosine = cosine * q - 0.5
+    cosine = cosine * q + 1.0
+    swap = (draw_2 & np.uint64(1)) != 0
+    x = sine if swap else cosine
+    y = cosine if swap else sine
+    sign = radius if (draw_2 & np.uint64(2)) != 0 else -radius
+    return s0, s1, x * sign, y * sign
+
+
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def normal_pairs(state0, state1, first, second):
     """Two independent standard normals per path; advances every stream by two draws."""
     for i in range(first.shape[0]):
-        s0, s1 = state0[i], state1[i]
-        t = s0 + s1
-        draw_1 = ((t << S17) | (t >> S47)) + s0
-        s1 ^= s0
-        s0 = ((s0 << S49) | (s0 >> S15)) ^ s1 ^ (s1 << S21)
-        s1 = (s1 << S28) | (s1 >> S36)
-        t = s0 + s1
-        draw_2 = ((t << S17) | (t >> S47)) + s0
-        s1 ^= s0
-        state0[i] = ((s0 << S49) | (s0 >> S15)) ^ s1 ^ (s1 << S21)
-        state1[i] = (s1 << S28) | (s1 >> S36)
-
-        u = 2.0 - np.uint64((draw_1 >> S12) | ONE_BITS).view(np.float64)
-        radius = math.sqrt(-2.0 * log_unit(u))
-        # the angle is a quarter turn chosen by two bits and a remainder within +-pi/4
-        a = (np.uint64((draw_2 >> S12) | ONE_BITS).view(np.float64) - 1.5) * QUARTER_TURN
-        q = a * a
-        sine = -7.6471637318198164759e-13
-        sine = sine * q + 1.6059043836821614599e-10
-        sine = sine * q - 2.5052108385441718775e-8
-        sine = sine * q + 2.7557319223985890653e-6
-        sine = sine * q - 1.9841269841269841270e-4
-        sine = sine * q + 8.3333333333333333333e-3
-        sine = sine * q - 1.6666666666666666667e-1
-        sine = (sine * q + 1.0) * a
-        cosine = 4.7794773323873852974e-14
-        cosine = cosine * q - 1.1470745597729724714e-11
-        cosine = cosine * q + 2.0876756987868098979e-9
-        cosine = cosine * q - 2.7557319223985890653e-7
-        cosine = cosine * q + 2.4801587301587301587e-5
-        cosine = cosine * q - 1.3888888888888888889e-3
-        cosine = cosine * q + 4.1666666666666666667e-2
-        cosine = cosine * q - 0.5
-        cosine = cosine * q + 1.0
-        swap = (draw_2 & np.uint64(1)) != 0
-        x = sine if swap else cosine
-        y = cosine if swap else sine
-        sign = radius if (draw_2 & np.uint64(2)) != 0 else -radius
-        first[i] = x * sign
-        second[i] = y * sign
+        state0[i], state1[i], first[i], second[i] = normal_pair(state0[i], state1[i])
 
 
 @numba.njit(cache=True, nogil=True)
