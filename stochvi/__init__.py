@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     )
     from stochvi.estimates import Cost, Estimate, Response
     from stochvi.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
-    from stochvi.isolators import clearance_curve, screen
+    from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.scenes import ImpactPair, Scene, load_scene
@@ -37,7 +37,7 @@ _HOME = {
     "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": ("ConstantLoad", "TabulatedNoise", "WhiteNoise"),
-    "isolators": ("clearance_curve", "screen"),
+    "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
@@ -60,6 +60,7 @@ __all__ = [
     "Restitution",
     "Scene",
     "SceneError",
+    "Screening",
     "StochviError",
     "TabulatedNoise",
     "WhiteNoise",
@@ -79,3 +80,7 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'stochvi' has no attribute {name!r}")
     return getattr(importlib.import_module(f"stochvi.{_MODULE_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

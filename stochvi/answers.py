@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from stochvi.collisions import StopStatistics
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.identities import residuals
+from stochvi.notes import scene_notes
 from stochvi.scenes import Scene, System
 from stochvi.spectra import response_moments
 
@@ -41,6 +42,8 @@ class Answer:
     ) -> Response:
         """The answer in the form that every method returns."""
 
+        system = scene.system()
+
         def estimate(value: float | None) -> Estimate | None:
             return None if value is None else Estimate(value=value, bias=bias, how=how)
 
@@ -56,8 +59,8 @@ class Answer:
         }
         values = {
             "collision_rate": _total(self.lower.rate, self.upper.rate),
-            "collision_rate_lower": self.lower.rate,
-            "collision_rate_upper": self.upper.rate,
+            "collision_rate_lower": None if system.lower is None else self.lower.rate,
+            "collision_rate_upper": None if system.upper is None else self.upper.rate,
             "impact_speed_mean": self._speed_mean(),
             "impact_speed_rate": _total(self.lower.speed_rate, self.upper.speed_rate),
             "impact_speed_square_rate": _total(
@@ -75,8 +78,9 @@ class Answer:
             effects=scene.effects(),
             assumptions=[*scene.assumptions(), *assumptions],
             cost=Cost(wall_time=time.perf_counter() - started),
+            warnings=scene_notes(system),
             provenance=provenance(scene.document()),
-            identities=self._identities(scene.system(), how),
+            identities=self._identities(system, how),
         )
 
     def _speed_mean(self) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from stochvi.estimates import Response
 
 FAILED, BAD_INPUT = 1, 2
-PLAIN_WIDTH = 132
-"""Columns of a table that is not written to a terminal."""
+PLAIN_WIDTH = 100
+"""Columns of a table that is not written to a terminal, unless COLUMNS says otherwise."""
 
 TEMPLATE = """\
 title = "isolated box on a truck"
@@ -30,18 +31,18 @@ zeta = 0.1
 # or: mass (kg), damping (N s/m) and stiffness (N/m)
 
 [[impact_pair]]              # leave the section out for no stops
-lower = -0.006               # m from the position of the unloaded spring; leave out for none
-upper = 0.006
+lower = -0.004               # m from the position of the unloaded spring; leave out for none
+upper = 0.004
 law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
 
 [[excitation]]
-kind = "psd"                 # "white", "psd" or "constant"; several sections add up
+kind = "psd"                 # "white", "psd" or "constant"; several [[excitation]] add up
 profile = "mil-std-810h-truck-vertical-5hz"          # see: stochvi profiles
 level_db = 0.0
 # or: file = "my.csv" (two columns), or frequency_hz = [..] and density = [..], with a unit:
 # unit = "g2/Hz"             # "g2/Hz", "(m/s2)2/Hz" or "N2/Hz"; one-sided per hertz
 # white: intensity = S0 (two-sided, SI), or density = .. with unit = ..
-# constant: force (N) or acceleration (m/s^2, of the base)
+# constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
 """
 
 
@@ -228,6 +229,60 @@ def check(
 
 
 @main.command()
+@click.argument("scene")
+@_options("json", "out", "quiet")
+def screen(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
+    """Linear screening of an isolator: rms, Miles, 3 sigma, Rice."""
+    from stochvi.demo import print_screening
+    from stochvi.files import write_json, write_table
+    from stochvi.isolators import screen as solve
+    from stochvi.scenes import load_scene
+
+    linear = solve(load_scene(scene))
+    if not quiet:
+        print_screening(_console(json_file), linear)
+    if json_file is not None:
+        write_json({"method": "screen", **vars(linear)}, json_file)
+    if out is not None:
+        write_table(linear.to_frame(), out / "screening.csv")
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--gaps", default="1,1.5,2,2.5,3,3.5,4", show_default=True, metavar="LIST",
+    help="Clearances per side, in rms displacements without stops.",
+)  # fmt: skip
+@click.option("--rel-error", type=float, default=0.02, show_default=True, help="Of Monte Carlo.")
+@_options("budget", "seed", "threads", "out", "quiet")
+def clearance(
+    scene: str,
+    gaps: str,
+    rel_error: float,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Hit rate of an isolator against clearance: Rice, closure, Monte Carlo."""
+    from stochvi.demo import clearance_report
+    from stochvi.scenes import load_scene
+
+    try:
+        multiples = [float(gap) for gap in gaps.split(",")]
+    except ValueError:
+        raise ValueError(f"--gaps must be numbers with commas, got {gaps!r}") from None
+    console = _console(None)
+    console.quiet = quiet
+    with _progress(quiet, "clearance", console) as report:
+        clearance_report(
+            load_scene(scene), multiples, out, console, report,
+            rel_error=rel_error, seed=seed, threads=threads, budget=budget,
+        )  # fmt: skip
+
+
+@main.command()
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
     metavar="DIR", help="Where tables and pictures go.",
@@ -259,16 +314,15 @@ def profiles() -> None:
     rows = [
         {
             "profile": profile.name,
-            "from (Hz)": profile.frequency_hz[0],
-            "to (Hz)": profile.frequency_hz[-1],
-            "stated (g rms)": profile.stated_g_rms,
-            "recomputed (g rms)": TabulatedNoise(profile=profile.name).table.mean_square() ** 0.5
+            "from Hz": profile.frequency_hz[0],
+            "to Hz": profile.frequency_hz[-1],
+            "stated g": profile.stated_g_rms,
+            "g rms": TabulatedNoise(profile=profile.name).table.mean_square() ** 0.5
             / STANDARD_GRAVITY,
-            "source": profile.source,
         }
         for profile in shipped().values()
     ]
-    print_frame(_console(None), pd.DataFrame(rows), "profiles", {})
+    print_frame(_console(None), pd.DataFrame(rows), "profiles, g rms as stated and recomputed")
 
 
 @main.command()
@@ -301,7 +355,8 @@ def _console(json_file: str | None) -> Console:
     from rich.console import Console
 
     stream = sys.stderr if json_file == "-" else sys.stdout
-    return Console(file=stream, width=None if stream.isatty() else PLAIN_WIDTH)
+    plain = int(os.environ.get("COLUMNS") or PLAIN_WIDTH)
+    return Console(file=stream, width=None if stream.isatty() else max(plain, 80))
 
 
 @contextlib.contextmanager

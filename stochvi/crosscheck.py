@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 FAMILY_ALARM_RATE = 0.003
 """Chance that a check of methods which all agree raises any alarm."""
 
+BALANCE = "balance"
+
 AGREES, DISAGREES, APPROXIMATE = "agrees", "DISAGREES", "approximate"
 
 
@@ -42,7 +44,7 @@ class Comparison:
     verdict: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Check:
     """The verdict on a scene, with every comparison and every response behind it."""
 
@@ -55,6 +57,30 @@ class Check:
     def passed(self) -> bool:
         """Whether no comparison that claims to be right disagrees."""
         return all(row.verdict != DISAGREES for row in self.comparisons)
+
+    def summary(self) -> str:
+        """The verdict in a sentence."""
+        judged = [row for row in self.comparisons if row.verdict != APPROXIMATE]
+        wrong = sum(row.verdict == DISAGREES for row in judged)
+        if wrong:
+            return f"{wrong} of {len(judged)} comparisons DISAGREE"
+        if not judged:
+            return "nothing could be judged: no method that claims to be right covers this scene"
+        balances = sum(row.of == BALANCE for row in judged)
+        within = f"within {self.z:.2f} standard errors and the stated bias"
+        if balances == len(judged):
+            names = ", ".join(row.quantity for row in judged)
+            return (
+                f"only one exact method covers this scene; its balances ({names}) hold {within}, "
+                "no second method confirms it"
+            )
+        return f"{len(judged)} comparisons ({balances} of them balances) agree {within}"
+
+    def __repr__(self) -> str:
+        return f"<check: {self.summary()}>"
+
+    def _repr_html_(self) -> str:
+        return f"<b>{self.summary()}</b>{self.to_frame().to_html(index=False)}"
 
     def to_frame(self) -> pd.DataFrame:
         """One row per comparison."""
@@ -125,7 +151,7 @@ def check(
     except NotApplicable as reason:
         left_out.append(str(reason))
     except NotConverged as reason:
-        left_out.append(f"simulate: {reason}")
+        left_out.append(f"simulate stopped early: {reason}")
         if reason.response is not None:
             responses.append(reason.response)
     approximations = _approximations(scene, left_out)
@@ -164,17 +190,13 @@ def compare(
     ]
     judged = max(len(rivals) + len(balances), 1)
     z = -float(ndtri((1.0 - (1.0 - FAMILY_ALARM_RATE) ** (1.0 / judged)) / 2.0))
-    rows = [
-        _row(response, of, quantity, estimate, known[of, quantity], reference.method, z)
-        for response, of, quantity, estimate in rivals
-    ]
+    rows = [_row(*rival, known, reference.method, z) for rival in rivals]
     rows += [
-        _row(response, "balance", name, residual, Estimate(value=0.0), "identity", z)
+        _row(response, BALANCE, name, residual, {}, "identity", z)
         for response, name, residual in balances
     ]
     rows += [
-        _row(response, of, quantity, estimate, known[of, quantity], reference.method, None)
-        for response, of, quantity, estimate in _shared(approximations, known)
+        _row(*shown, known, reference.method, None) for shown in _shared(approximations, known)
     ]
     return Check(
         comparisons=tuple(rows),
@@ -203,27 +225,33 @@ def _row(
     of: str,
     quantity: str,
     estimate: Estimate,
-    known: Estimate,
-    reference: str,
+    reference: Mapping[tuple[str, str], Estimate],
+    reference_method: str,
     z: float | None,
 ) -> Comparison:
-    """Compare two estimates; judged at z standard errors, or only shown where z is None."""
+    """Compare with the reference, or a balance with 0; judged at z standard errors, or only shown.
+
+    Balances are relative already; a mean, which may be zero, is measured by the deviation.
+    """
+    known = reference.get((of, quantity), Estimate(value=0.0))
+    size = 1.0 if of == BALANCE else abs(known.value)
+    if quantity == "displacement_mean":
+        size = reference["x", "displacement_std"].value
     difference = estimate.value - known.value
     tolerance, verdict = None, APPROXIMATE
     if z is not None:
-        size = 1.0 if of == "balance" else abs(known.value)
         tolerance = z * math.hypot(estimate.standard_error, known.standard_error)
         tolerance += (estimate.bias or 0.0) + (known.bias or 0.0) + ROUNDING * size
         verdict = AGREES if abs(difference) <= tolerance else DISAGREES
     return Comparison(
         of=of,
         quantity=quantity,
-        reference=reference,
+        reference=reference_method,
         method=response.method,
         reference_value=known.value,
         value=estimate.value,
         difference=difference,
-        relative=difference / abs(known.value) if known.value else 0.0,
+        relative=difference / size if size else 0.0,
         tolerance=tolerance,
         verdict=verdict,
     )

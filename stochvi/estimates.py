@@ -123,7 +123,7 @@ class Cost:
     threads: int = 1
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Response:
     """The stationary response of a scene by one method.
 
@@ -191,6 +191,14 @@ class Response:
             "cost": asdict(self.cost),
             "provenance": dict(self.provenance),
         }
+
+    def __repr__(self) -> str:
+        lines = [
+            f"  {owner}.{name} = {format_with_error(estimate.value, estimate.standard_error)} "
+            f"{QUANTITY_UNITS[name]}"
+            for (owner, name), estimate in self.estimates().items()
+        ]
+        return "\n".join([f"<{self.method}", *lines]) + ">"
 
     def _repr_html_(self) -> str:
         frame = self.to_frame()

@@ -12,11 +12,12 @@ import pandas as pd
 from stochvi.collisions import rice_rate
 from stochvi.contacts import Law
 from stochvi.conventions import STANDARD_GRAVITY, density_from_intensity
-from stochvi.errors import NotApplicable
+from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Estimate
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo import simulate
 from stochvi.monte_carlo.simulate import Progress
+from stochvi.notes import scene_notes
 from stochvi.scenes import ImpactPair, Scene
 from stochvi.spectra import LinearMoments, Table, response_moments
 
@@ -29,7 +30,7 @@ class Screening:
     """What linear theory says of an isolator without stops (SI units; rates in 1/s).
 
     `miles` is None where Miles' equation does not apply: the natural frequency lies outside the
-    table, and the density there is 0, which the response is not.
+    table, and the density there is 0, which the response is not. `notes` are warnings in words.
     """
 
     displacement_std: float
@@ -38,6 +39,7 @@ class Screening:
     zero_crossing_rate: float
     miles: float | None
     input_acceleration_std: float | None
+    notes: tuple[str, ...] = ()
 
     def rice_rate(self, clearance: float) -> float:
         """Expected hits per second on two stops at +-clearance, if they did not disturb (Rice)."""
@@ -64,6 +66,10 @@ class Screening:
                 if value is not None
             ]
         )
+
+    def _repr_html_(self) -> str:
+        notes = "".join(f"<br>{note}" for note in self.notes)
+        return f"{self.to_frame().to_html(index=False)}{notes}"
 
 
 def screen(scene: Scene) -> Screening:
@@ -112,6 +118,7 @@ def screen(scene: Scene) -> Screening:
         if density > 0.0
         else None,
         input_acceleration_std=None if theta else math.sqrt(area),
+        notes=tuple(scene_notes(system)),
     )
 
 
@@ -160,6 +167,10 @@ def clearance_curve(
         sides by `rice`, `closure` and `simulated`, the last with its 95 % interval
         (`simulated_low`, `simulated_high`), and rms displacement and mean impact speed.
     """
+    if not scene.impact_pairs:
+        raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
+    if any(not 0.0 < clearance < math.inf for clearance in clearances):
+        raise ValueError(f"clearances must be positive lengths in metres, got {list(clearances)}")
     linear = screen(scene)
     rows = []
     for number, clearance in enumerate(clearances):
@@ -174,14 +185,13 @@ def clearance_curve(
             stopped, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=report
         )
         hits = simulated.impact_pairs[name]
-        closure = linearise(stopped).impact_pairs[name]["collision_rate"]
         low, high = _interval(hits["collision_rate"])
         rows.append(
             {
                 "clearance": clearance,
                 "clearance_in_sigma": clearance / linear.displacement_std,
                 "rice": linear.rice_rate(clearance),
-                "closure": _value(closure),
+                "closure": _closure_rate(stopped),
                 "simulated": _value(hits["collision_rate"]),
                 "simulated_low": low,
                 "simulated_high": high,
@@ -190,6 +200,29 @@ def clearance_curve(
             }
         )
     return pd.DataFrame(rows)
+
+
+def predicted_rates(scene: Scene, clearances: Sequence[float]) -> pd.DataFrame:
+    """`clearance`, `clearance_in_sigma`, `rice` and `closure` alone: nothing is simulated.
+
+    Where the closure finds no solution its rate is left out (NaN).
+    """
+    linear = screen(scene)
+    return pd.DataFrame(
+        {
+            "clearance": clearances,
+            "clearance_in_sigma": np.asarray(clearances) / linear.displacement_std,
+            "rice": [linear.rice_rate(clearance) for clearance in clearances],
+            "closure": [_closure_rate(with_clearance(scene, c)) for c in clearances],
+        }
+    )
+
+
+def _closure_rate(scene: Scene) -> float:
+    try:
+        return _value(linearise(scene).impact_pairs[scene.impact_pairs[0].name]["collision_rate"])
+    except NotConverged:
+        return np.nan
 
 
 def _value(estimate: Estimate | float | None) -> float:

@@ -1,4 +1,4 @@
-"""Tables on a terminal."""
+"""Tables on a terminal: numbers and names are never cut short."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from stochvi.crosscheck import APPROXIMATE, DISAGREES, Check
+from stochvi.crosscheck import APPROXIMATE, BALANCE, DISAGREES, Check
 from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
 
 if TYPE_CHECKING:
@@ -16,47 +16,50 @@ if TYPE_CHECKING:
 
 QUANTITY_NAMES = {
     "displacement_mean": "mean displacement",
-    "displacement_std": "rms displacement about the mean",
-    "displacement_mean_square": "mean square displacement",
+    "displacement_std": "rms displacement",
+    "displacement_mean_square": "mean square displ.",
     "velocity_std": "rms velocity",
     "velocity_mean_square": "mean square velocity",
-    "acceleration_std": "rms absolute acceleration",
-    "upcrossing_rate": "up-crossings of the mean",
-    "collision_rate": "collision rate, all stops",
-    "collision_rate_lower": "collision rate, lower stop",
-    "collision_rate_upper": "collision rate, upper stop",
+    "acceleration_std": "rms abs. acceleration",
+    "upcrossing_rate": "up-crossings of mean",
+    "collision_rate": "hits, all stops",
+    "collision_rate_lower": "hits, lower stop",
+    "collision_rate_upper": "hits, upper stop",
     "impact_speed_mean": "mean impact speed",
-    "impact_speed_rate": "F1: impact speed per second",
-    "impact_speed_square_rate": "F2: impact speed squared per second",
+    "impact_speed_rate": "F1, sum of w per s",
+    "impact_speed_square_rate": "F2, sum of w^2 per s",
     "peak_force": "peak force",
 }
+"""Short names for people; w is the speed of an impact, rms is about the mean."""
+
+NEGLIGIBLE = 1e-12
+"""Means below this share of the standard deviation are rounding, and shown as 0."""
 
 
 def print_response(console: Console, response: Response) -> None:
     """Every quantity with its errors, then what was simulated, assumed and warned of."""
-    table = Table(title=f"{response.method}", title_justify="left", title_style="bold")
-    for heading, justify in (("of", "left"), ("quantity", "left")):
-        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
-    for heading in ("value", "unit", "rel. error", "rel. bias"):
-        table.add_column(heading, justify="left" if heading == "unit" else "right")
+    table = _table(response.method, ["of", "quantity", "value", "unit", "rel. error", "rel. bias"])
+    deviation = _deviation(response)
     for (owner, name), estimate in response.estimates().items():
         table.add_row(
             owner,
             QUANTITY_NAMES[name],
-            _value(estimate),
+            _value(estimate, deviation if name == "displacement_mean" else 0.0),
             QUANTITY_UNITS[name],
-            _relative(estimate.standard_error, estimate.value),
-            "unknown" if estimate.bias is None else _relative(estimate.bias, estimate.value),
+            _relative(estimate.standard_error, estimate),
+            "unknown" if estimate.bias is None else _relative(estimate.bias, estimate),
         )
     console.print(table)
-    for name, residual in response.identities.items():
-        console.print(
-            f"{name} balance: off by {format_with_error(residual.value, residual.standard_error)} "
-            "of its largest term",
-            style="dim",
-        )
-    for title, lines in (("effects", response.effects), ("assumptions", response.assumptions)):
-        console.print(f"{title}: {'; '.join(lines)}", style="dim", highlight=False)
+    balances = [
+        f"{name} {format_with_error(residual.value, residual.standard_error)}"
+        if residual.standard_error
+        else f"{name} {residual.value:.0e}"
+        for name, residual in response.identities.items()
+    ]
+    if balances:
+        _say(console, f"balances, relative to their largest term: {', '.join(balances)}")
+    _say(console, f"simulated effects: {'; '.join(response.effects)}")
+    _say(console, f"assumptions: {'; '.join(response.assumptions)}")
     cost = response.cost
     price = f"cost: {cost.wall_time:.3g} s"
     if cost.steps:
@@ -64,85 +67,128 @@ def print_response(console: Console, response: Response) -> None:
             f" on {cost.threads} threads (compilation {cost.compile_time:.2g} s apart), "
             f"{cost.steps:.3g} steps, {cost.impacts:.3g} impacts, {cost.paths} paths"
         )
-    console.print(price, style="dim", highlight=False)
+    _say(console, price)
     for warning in response.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
 
 
 def print_check(console: Console, verdict: Check) -> None:
-    """The comparisons of a check, and its verdict in a sentence."""
-    table = Table(title="check", title_justify="left", title_style="bold")
-    for heading in ("quantity", "methods"):
-        table.add_column(heading)
-    for heading in ("reference", "value", "difference", "tolerance"):
-        table.add_column(heading, justify="right")
-    table.add_column("verdict")
-    for row in verdict.comparisons:
-        style = {DISAGREES: "bold red", APPROXIMATE: "dim"}.get(row.verdict, "")
-        balance = row.of == "balance"
+    """What was judged, what linearisation gets wrong, and the verdict in a sentence."""
+    judged = [row for row in verdict.comparisons if row.verdict != APPROXIMATE]
+    headings = ["quantity", "reference", "value", "difference", "allowed", "verdict"]
+    table = _table("judged: methods that claim to be right, and balances", headings)
+    for row in judged:
+        name = f"{row.quantity} balance" if row.of == BALANCE else QUANTITY_NAMES[row.quantity]
+        reference = "" if row.of == BALANCE else f"{row.reference_value:.6g}"
         table.add_row(
-            f"{row.quantity} balance" if balance else QUANTITY_NAMES[row.quantity],
-            row.method if balance else f"{row.method} - {row.reference}",
-            f"{row.reference_value:.6g}",
-            f"{row.value:.6g}",
-            f"{row.difference:+.2e}" + ("" if balance else f" ({100.0 * row.relative:+.2f} %)"),
-            "" if row.tolerance is None else f"{row.tolerance:.2e}",
+            name,
+            reference,
+            f"{row.value:.2e}" if row.of == BALANCE else f"{row.value:.6g}",
+            f"{row.difference:+.1e}",
+            f"{row.tolerance:.1e}",
             row.verdict,
-            style=style,
+            style="bold red" if row.verdict == DISAGREES else "",
         )
     console.print(table)
+    _print_approximations(console, verdict)
     for reason in verdict.left_out:
-        console.print(f"left out: {reason}", style="dim", highlight=False)
-    if verdict.passed:
-        judged = sum(row.verdict != APPROXIMATE for row in verdict.comparisons)
-        console.print(
-            f"{judged} comparisons agree within {verdict.z:.2f} standard errors and stated bias",
-            style="green", highlight=False,
-        )  # fmt: skip
-    else:
-        wrong = sum(row.verdict == DISAGREES for row in verdict.comparisons)
-        console.print(f"{wrong} comparisons DISAGREE", style="bold red", highlight=False)
+        _say(console, f"left out: {reason}")
+    for response in verdict.responses[:1]:
+        for warning in response.warnings:
+            console.print(f"note: {warning}", style="yellow", highlight=False)
+    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+
+
+def _print_approximations(console: Console, verdict: Check) -> None:
+    """Relative errors of the approximate methods against the reference, not judged."""
+    shown = [row for row in verdict.comparisons if row.verdict == APPROXIMATE]
+    if not shown:
+        return
+    methods = list(dict.fromkeys(row.method for row in shown))
+    title = f"error of linearisation against {shown[0].reference} (%), not judged"
+    headings = ["quantity", *(method.removeprefix("linearise:") for method in methods)]
+    table = _table(title, headings)
+    for quantity in dict.fromkeys(row.quantity for row in shown):
+        if quantity == "displacement_mean":
+            continue
+        errors = {row.method: row.relative for row in shown if row.quantity == quantity}
+        cells = [f"{100.0 * errors[m]:+.2f}" if m in errors else "" for m in methods]
+        table.add_row(QUANTITY_NAMES[quantity], *cells)
+    console.print(table)
 
 
 def print_frame(
-    console: Console, frame: pd.DataFrame, title: str, formats: Mapping[str, str]
+    console: Console, frame: pd.DataFrame, title: str, formats: Mapping[str, str] | None = None
 ) -> None:
     """A table of numbers, one format per column (default: 4 significant digits)."""
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for column in frame.columns:
-        numeric = frame[column].dtype.kind in "fiu"
-        table.add_column(str(column), justify="right" if numeric else "left")
+    numeric = {str(name): frame[name].dtype.kind in "fiu" for name in frame.columns}
+    table = _table(title, list(numeric), [name for name in numeric if not numeric[name]])
     for _, row in frame.iterrows():
-        table.add_row(*(_cell(row[name], formats.get(str(name), ".4g")) for name in frame.columns))
+        cells = (_cell(row[name], (formats or {}).get(name, ".4g")) for name in numeric)
+        table.add_row(*cells)
     console.print(table)
 
 
-def methods_table(responses: Sequence[Response], quantities: Sequence[str]) -> pd.DataFrame:
-    """One row per method, one column per quantity, values with their errors."""
+METHOD_COLUMNS = {
+    "displacement_std": "rms x",
+    "velocity_std": "rms v",
+    "collision_rate": "hits",
+    "impact_speed_rate": "F1",
+    "impact_speed_square_rate": "F2",
+}
+
+
+def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
+    """One row per method, one column per quantity of `METHOD_COLUMNS`, values with errors."""
     import pandas as pd
 
     rows = []
     for response in responses:
         found = {name: estimate for (_, name), estimate in response.estimates().items()}
-        rows.append(
-            {"method": response.method}
-            | {name: _value(found[name]) if name in found else "" for name in quantities}
-        )
+        row = {"method": response.method.removeprefix("linearise:")}
+        for name, heading in METHOD_COLUMNS.items():
+            row[heading] = _value(found[name]) if name in found else ""
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _value(estimate: Estimate) -> str:
+WORDS = ("of", "quantity", "unit", "verdict", "methods")
+
+
+def _table(title: str, headings: Sequence[str], words: Sequence[str] = WORDS) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for heading in headings:
+        justify = "left" if heading in words else "right"
+        table.add_column(heading, justify=justify, no_wrap=True, overflow="fold")  # type: ignore[arg-type]
+    return table
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(line, style="dim", highlight=False)
+
+
+def _deviation(response: Response) -> float:
+    found = response.estimates().get(("x", "displacement_std"))
+    return 0.0 if found is None else found.value
+
+
+def _value(estimate: Estimate, scale: float = 0.0) -> str:
     if estimate.upper_95 is not None:
         return f"0 (< {estimate.upper_95:.2g})"
+    if abs(estimate.value) < NEGLIGIBLE * scale:
+        return "0"
     if estimate.standard_error == 0.0:
-        return f"{estimate.value:.7g}"
+        # an approximation of unknown error has no use for many digits
+        return f"{estimate.value:.4g}" if estimate.bias is None else f"{estimate.value:.7g}"
     return format_with_error(estimate.value, estimate.standard_error)
 
 
-def _relative(error: float, value: float) -> str:
+def _relative(error: float, estimate: Estimate) -> str:
+    if estimate.upper_95 is not None or (error == 0.0 and estimate.bias is None):
+        return "-"
     if error == 0.0:
         return "0"
-    ratio = error / abs(value) if value else float("inf")
+    ratio = error / abs(estimate.value) if estimate.value else float("inf")
     return f"{ratio:.1e}" if ratio < 1.0 else "-"
 
 

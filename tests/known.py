@@ -86,8 +86,10 @@ def oscillator(
 
 
 def values(response: Response) -> dict[str, float]:
-    """Every quantity that the response holds, by name."""
-    return {name: estimate.value for (_, name), estimate in response.estimates().items()}
+    """Every quantity that the response holds, by name; stops that do not exist are never hit."""
+    found = {name: estimate.value for (_, name), estimate in response.estimates().items()}
+    unhit = {"collision_rate_lower": 0.0, "collision_rate_upper": 0.0}
+    return (unhit if response.impact_pairs else {}) | found
 
 
 class ElasticStops(NamedTuple):

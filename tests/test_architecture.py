@@ -11,7 +11,7 @@ PACKAGE = Path(stochvi.__file__).parent
 FLOORS = {
     0: ("conventions", "errors", "estimates", "datasets", "checked"),
     1: ("contacts", "structures", "excitations", "spectra", "cut_normal", "collisions"),
-    2: ("scenes", "identities", "answers"),
+    2: ("scenes", "identities", "notes", "answers"),
     3: ("closed_form", "linearisation", "monte_carlo"),
     4: ("crosscheck",),
     5: ("isolators", "files", "plots", "tables", "demo"),

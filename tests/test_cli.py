@@ -118,8 +118,36 @@ def test_quiet_is_silent(stochvi: Run, command):
 def test_the_table_goes_to_stdout_without_json(stochvi: Run):
     code, out, err = stochvi("exact", ELASTIC)
     assert (code, err) == (0, "")
-    assert "collision rate, all stops" in out
+    assert "hits, all stops" in out
     assert "0.2828002" in out
+
+
+def test_tables_of_eighty_columns_cut_nothing_short(stochvi: Run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    for command in (["profiles"], ["check", ELASTIC, "--rel-error", "0.02"]):
+        code, out, _ = stochvi(*command)
+        assert code == 0
+        assert "\N{HORIZONTAL ELLIPSIS}" not in out
+        assert max(map(len, out.splitlines())) <= 80
+
+
+def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_path: Path):
+    truck = shipped_scene("isolator-truck")
+    code, out, _ = stochvi("screen", truck, "--json", tmp_path / "screen.json")
+    assert code == 0
+    assert "3 sigma clearance" in out
+    linear = json.loads((tmp_path / "screen.json").read_text("utf-8"))
+    assert linear["displacement_std"] == pytest.approx(1.99e-3, abs=5e-6)
+    run = stochvi(
+        "clearance", truck, "--gaps", "1,2", "--rel-error", "0.05", "--out", tmp_path, "--quiet"
+    )
+    assert run == Finished(0, "", "")
+    curve = pd.read_csv(tmp_path / "clearance.csv")
+    assert list(curve["clearance_in_sigma"]) == pytest.approx([1.0, 2.0])
+    assert (curve["simulated_low"] < curve["simulated"]).all()
+    assert (tmp_path / "clearance.png").stat().st_size > 10_000
+    code, _, err = stochvi("clearance", truck, "--gaps", "1,x")
+    assert (code, "--gaps must be numbers" in err) == (2, True)
 
 
 def test_json_and_tables_go_to_the_files_that_are_named(stochvi: Run, tmp_path: Path):

@@ -232,8 +232,8 @@ def gibbs_moments(scene: Scene) -> dict[str, float]:
         "displacement_mean": nearest + shift,
         "displacement_std": math.sqrt(integral(2, nearest + shift) / mass),
         "velocity_std": math.sqrt(theta),
-        "collision_rate_lower": rates[0],
-        "collision_rate_upper": rates[1],
+        **({} if system.lower is None else {"collision_rate_lower": rates[0]}),
+        **({} if system.upper is None else {"collision_rate_upper": rates[1]}),
         "impact_speed_rate": sum(rates) * math.sqrt(math.pi * theta / 2.0),
         "impact_speed_square_rate": sum(rates) * 2.0 * theta,
     }

@@ -81,7 +81,7 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
         bias=0.0 if form == "closure" and elastic and not system.tables else None,
         assumptions=_ASSUMPTIONS[form, variant],
     )
-    return replace(response, warnings=_warnings(system, trial))
+    return replace(response, warnings=[*response.warnings, *_warnings(system, trial)])
 
 
 _HOW = {

@@ -20,6 +20,7 @@ from stochvi.identities import residuals
 from stochvi.monte_carlo.statistics import PathStatistics
 from stochvi.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.monte_carlo.white import WhitePlan, plan_white
+from stochvi.notes import scene_notes
 from stochvi.scenes import Scene, System
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ def simulate(
     White noise is stepped by kick-flow-kick (impacts inside the step, no bias with elastic
     stops, second order otherwise); for a tabulated density the response without stops is
     synthesised and the impacts are added. The bias of a finite step is measured by running the
-    same paths at twice the step: |difference| / 3, for a method of second order; for the rates of
-    impacts on stops that lose energy |difference| / (sqrt 2 - 1), as slow impacts resolve slowly.
+    same paths at twice the step: |difference| / 3, for a method of second order. Rates of impacts
+    on stops that lose energy resolve more slowly; where their bias is not known it is None.
 
     Parameters
     ----------
@@ -234,6 +235,13 @@ class _Run:
         self.fine = PathStatistics.none()
         self.coarse = PathStatistics.none()
         self.steps = 0
+        self.expected_paths = 1.0
+        self.shown = 0.0
+
+    @property
+    def exposure(self) -> float:
+        """Counted seconds of motion, all paths together."""
+        return self.fine.count * self.plan.duration
 
     @property
     def elapsed(self) -> float:
@@ -243,6 +251,7 @@ class _Run:
         """Simulate more paths, merged in the order of their numbers; False if time ran out."""
         plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
         first, goal = self.fine.count, self.fine.count + paths
+        self.expected_paths = max(self.expected_paths, goal)
         waiting: deque[list[Future[PathStatistics]]] = deque()
         for block in _blocks(first, paths, self.plan.block):
             if self.elapsed > deadline:
@@ -251,34 +260,33 @@ class _Run:
                 [self.executor.submit(_block_averages, plan, self.seed, *block) for plan in plans]
             )
             if len(waiting) >= WINDOW * self.threads:
-                self._merge(waiting.popleft(), first, goal)
+                self._merge(waiting.popleft())
         while waiting:
-            self._merge(waiting.popleft(), first, goal)
+            self._merge(waiting.popleft())
         self.steps += (self.fine.count - first) * sum(plan.steps_per_path for plan in plans)
         return self.fine.count == goal
 
-    def _merge(self, block: list[Future[PathStatistics]], first: int, goal: int) -> None:
+    def _merge(self, block: list[Future[PathStatistics]]) -> None:
         self.fine = self.fine.merge(block[0].result())
         if len(block) == 2:
             self.coarse = self.coarse.merge(block[1].result())
         if self.progress:
-            done = (self.fine.count - first) / (goal - first)
-            self.progress(done, f"{self.fine.count} paths")
+            # what is expected may grow, but a bar never goes back
+            self.shown = max(self.shown, min(1.0, self.fine.count / self.expected_paths))
+            self.progress(self.shown, f"{self.fine.count} paths")
 
     def refine(self) -> None:
         """Start again at half the step."""
         self.plan = self.plan.finer()
         self.fine, self.coarse = PathStatistics.none(), PathStatistics.none()
 
-    def estimate(self, quantity: Quantity, unseen_rate: bool = False) -> Estimate:
+    def estimate(self, quantity: Quantity) -> Estimate:
         """A function of the means with its standard error and the bias left by the step."""
         value, error = self.fine.evaluate(quantity)
         how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
-        if unseen_rate and value == 0.0:
-            exposure = self.fine.count * self.plan.duration
-            return Estimate(
-                value=0.0, how=f"none seen, {how}", upper_95=upper_limit_unseen(exposure)
-            )
+        if quantity in _IMPACTS.values() and value == 0.0:
+            limit = upper_limit_unseen(self.exposure) if quantity in _RATES else None
+            return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
         if self.plan.elastic:
             return Estimate(value=value, standard_error=error, how=how)
         return Estimate(
@@ -289,16 +297,12 @@ class _Run:
         )
 
     def _bias(self, quantity: Quantity, value: float) -> float | None:
-        """What the step leaves: the difference to twice the step over 2^p - 1, for order p.
-
-        The order is 2, but for rates where stops lose energy: how many slow impacts are resolved
-        goes at worst with the velocity that noise brings in a step, the square root of it. Where
-        even that does not hold nobody can tell.
-        """
+        """What the step leaves: a third of the difference to twice the step, for second order;
+        the rates at stops that lose energy are a matter of their own."""
         difference = abs(self.coarse.evaluate(quantity)[0] - value)
-        if quantity not in _RATES:
-            return difference / 3.0
-        return difference / (math.sqrt(2.0) - 1.0) if self.plan.resolves_rates else None
+        if quantity in _RATES:
+            return self.plan.rate_bias(difference, value)
+        return difference / 3.0
 
     def response(self, warnings: tuple[str, ...] = ()) -> Response:
         """Everything that the paths so far say."""
@@ -307,12 +311,14 @@ class _Run:
             name: self.estimate(quantity) for name, quantity in _COORDINATE.items()
         }
         coordinate |= {"acceleration_std": self._acceleration(system), "upcrossing_rate": None}
+        absent = [side for side in ("lower", "upper") if getattr(system, side) is None]
         pairs = {}
         for pair in self.scene.impact_pairs:
             found: dict[str, Estimate | float | None] = {
-                name: self.estimate(quantity, unseen_rate=True)
+                name: self.estimate(quantity)
                 for name, quantity in _IMPACTS.items()
-            }
+                if name.removeprefix("collision_rate_") not in absent
+            } | {f"collision_rate_{side}": None for side in absent}
             hit = self.fine.evaluate(_IMPACTS["collision_rate"])[0] > 0.0
             found["impact_speed_mean"] = self.estimate(_speed_mean) if hit else None
             found |= {"peak_force": None, "speed_threshold": self.plan.threshold}
@@ -357,15 +363,17 @@ class _Run:
         ]
 
     def _warnings(self, system: System) -> Iterator[str]:
+        yield from scene_notes(system)
         if self.plan.threshold > 0.0 and self.scene.impact_pairs:
             yield (
                 f"rates count impacts faster than {self.plan.threshold:.3g} m/s; F1 and F2 "
                 "count all"
             )
-        if not self.plan.resolves_rates and not _collapses(system):
+        unresolved = not self.plan.elastic and self.plan.rate_bias(0.0, 0.0) is None
+        if unresolved and not _collapses(system):
             yield (
-                "at a restitution this low the bias of the rates is not known at this step (F1, F2 "
-                "and the moments are not concerned); slow_impacts resolves them"
+                "slow impacts at these stops are not resolved: the bias of the rates is unknown "
+                "(F1, F2 and the moments are not concerned); slow_impacts resolves them"
             )
         for side in ("lower", "upper"):
             restitution = getattr(system, f"restitution_{side}")
@@ -378,7 +386,11 @@ class _Run:
             if getattr(system, side) is not None:
                 unseen = self.fine.evaluate(_IMPACTS[f"collision_rate_{side}"])[0] == 0.0
                 if unseen:
-                    yield f"no impact on the {side} stop was seen; its rate has an upper limit only"
+                    yield (
+                        f"no impact on the {side} stop in {self.exposure:.3g} s of motion: its "
+                        "rate has an upper limit only, rel_error does not govern it; more paths "
+                        "or a longer duration look further"
+                    )
 
 
 def _blocks(first_path: int, paths: int, size: int) -> Iterator[tuple[int, int]]:
@@ -395,6 +407,7 @@ def _until(run: _Run, rel_error: float, budget: float | None) -> None:
     deadline = math.inf if budget is None else budget
     refinements = 0
     paths = FIRST_BLOCKS * run.plan.block
+    run.expected_paths = 4.0 * paths  # until the first errors are known
     while True:
         in_time = run.add_paths(paths, deadline)
         if run.fine.count < 2:
@@ -415,11 +428,10 @@ def _until(run: _Run, rel_error: float, budget: float | None) -> None:
         if not in_time or run.elapsed > deadline:
             raise NotConverged(
                 f"relative standard error {errors:.2g} after {run.elapsed:.1f} s, asked for "
-                f"{rel_error:g}, which takes about {needed:.3g} s; raise budget or rel_error",
+                f"{rel_error:g}, which takes about {needed:.0f} s; raise budget or rel_error",
                 run.response(("the accuracy asked for was not reached",)),
             )
-        if run.progress:
-            run.progress(min(1.0, (rel_error / errors) ** 2), f"relative error {errors:.2g}")
+        run.expected_paths = 1.1 * run.fine.count * (errors / rel_error) ** 2
         growth = (errors / rel_error) ** 2 - 1.0
         paths = math.ceil(run.fine.count * min(max(1.1 * growth, 0.1), 3.0))
         paths = math.ceil(paths / run.plan.block) * run.plan.block
