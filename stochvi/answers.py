@@ -95,7 +95,7 @@ class Answer:
             return {}
         moments = {
             "x": self.mean,
-            "xx": self.mean**2 + self.variance,
+            "variance": self.variance,
             "vv": self.velocity_mean_square,
             "f1_lower": sums[0],
             "f1_upper": sums[1],

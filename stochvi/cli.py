@@ -59,7 +59,7 @@ class _Commands(click.Group):
             return super().invoke(ctx)
         except NotConverged as error:
             _stop(str(error), FAILED)
-        except (StochviError, ValueError) as error:
+        except (StochviError, ValueError, ArithmeticError) as error:
             _stop(str(error), BAD_INPUT)
         except OSError as error:
             _stop(f"{error.filename or ''} {(error.strerror or str(error)).lower()}", BAD_INPUT)
@@ -225,7 +225,7 @@ def check(
     if out is not None:
         write_table(verdict.to_frame(), out / "check.csv")
     if not verdict.passed:
-        _stop("the methods disagree, see the rows marked DISAGREES", FAILED)
+        _stop(f"check failed: {verdict.summary()}", FAILED)
 
 
 @main.command()

@@ -25,7 +25,10 @@ FAMILY_ALARM_RATE = 0.003
 
 BALANCE = "balance"
 
-AGREES, DISAGREES, APPROXIMATE = "agrees", "DISAGREES", "approximate"
+AGREES, DISAGREES, APPROXIMATE, TOO_RARE = "agrees", "DISAGREES", "approximate", "too rare"
+
+RARE = 0.2
+"""Relative standard error of a quantity of impacts from which they are too few to judge by."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,12 +58,13 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether no comparison that claims to be right disagrees."""
-        return all(row.verdict != DISAGREES for row in self.comparisons)
+        """Whether something was judged, and nothing that claims to be right disagrees."""
+        verdicts = {row.verdict for row in self.comparisons}
+        return AGREES in verdicts and DISAGREES not in verdicts
 
     def summary(self) -> str:
         """The verdict in a sentence."""
-        judged = [row for row in self.comparisons if row.verdict != APPROXIMATE]
+        judged = [row for row in self.comparisons if row.verdict in (AGREES, DISAGREES)]
         wrong = sum(row.verdict == DISAGREES for row in judged)
         if wrong:
             return f"{wrong} of {len(judged)} comparisons DISAGREE"
@@ -206,6 +210,13 @@ def compare(
     )
 
 
+def _rare(estimate: Estimate) -> bool:
+    """Whether so few impacts were seen that their standard error cannot be trusted."""
+    simulated = estimate.standard_error > 0.0 or estimate.upper_95 is not None
+    few = estimate.standard_error >= RARE * abs(estimate.value)
+    return few and (simulated or estimate.how.startswith("no impact"))
+
+
 def _shared(
     responses: Sequence[Response], known: Mapping[tuple[str, str], Estimate]
 ) -> Iterator[tuple[Response, str, str, Estimate]]:
@@ -243,6 +254,8 @@ def _row(
         tolerance = z * math.hypot(estimate.standard_error, known.standard_error)
         tolerance += (estimate.bias or 0.0) + (known.bias or 0.0) + ROUNDING * size
         verdict = AGREES if abs(difference) <= tolerance else DISAGREES
+        if (of, quantity) in reference and of in response.impact_pairs and _rare(estimate):
+            verdict = TOO_RARE
     return Comparison(
         of=of,
         quantity=quantity,

@@ -92,11 +92,10 @@ def read_text(path: Path) -> str:
 def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Two columns, frequency in hertz and density, from comma- or space-separated text.
 
-    Lines that start with # and one header line, without numbers, are passed over. Raises
+    Lines that start with #, and lines without numbers before the first row, are passed over. Raises
     `SceneError` for anything else that is not two numbers.
     """
     rows: list[tuple[float, float]] = []
-    header_seen = False
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         cells = line.split("#")[0].replace(",", " ").replace(";", " ").split()
         if not cells:
@@ -104,9 +103,8 @@ def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         try:
             frequency, density = (float(cell) for cell in cells)
         except ValueError:
-            if not rows and not header_seen and not any(map(_is_number, cells)):
-                header_seen = True
-                continue
+            if not rows and not any(map(_is_number, cells)):
+                continue  # names and units of the columns
             raise SceneError(
                 f"{path}, line {number}: expected two numbers (frequency_hz, density), "
                 f"got {line.strip()[:60]!r}"

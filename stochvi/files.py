@@ -31,9 +31,13 @@ def write_json(document: Mapping[str, Any], target: str) -> None:
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a file whole or not at all."""
+    """Write a file whole or not at all; a link is followed, a pipe or device is written to."""
+    path = path.resolve() if path.is_symlink() else path
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "Is a folder, expected a file name", str(path))
+    if path.exists() and not path.is_file():
+        path.write_text(text, encoding="utf-8")
+        return
     _make_folder(path.parent)
     with tempfile.NamedTemporaryFile(
         "w", dir=path.parent, prefix=f".{path.name}.", delete=False, encoding="utf-8"

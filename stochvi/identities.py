@@ -4,11 +4,11 @@ With w the incident speed, F1 = rate E w and F2 = rate E w^2 at each stop, b and
 structure, S0 the intensity of white noise, g a constant load per unit mass, R the restitution:
 
     energy   S0 / 2 = b E v^2 + (1 - R_l^2) F2_l / 2 + (1 - R_u^2) F2_u / 2
-    virial   E v^2 + g E x = omega^2 E x^2 - (1 + R_l) lower F1_l + (1 + R_u) upper F1_u
-    force    omega^2 E x = g + (1 + R_l) F1_l - (1 + R_u) F1_u
+    virial   E v^2 = omega^2 Var x + (1 + R_l) (m - lower) F1_l + (1 + R_u) (upper - m) F1_u
+    force    omega^2 m = g + (1 + R_l) F1_l - (1 + R_u) F1_u,            m = E x
 
-They follow from the stationarity of E v^2, E x v and E v. For coloured noise only the last one
-holds as it stands; the others gain E f v and E f x.
+They follow from the stationarity of E v^2, E (x - m) v and E v. For coloured noise only the last
+one holds as it stands; the others gain E f v and E f x.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def residuals(system: System, moments: Mapping[str, Any]) -> dict[str, Any]:
     system
         The scene per unit mass.
     moments
-        `x`, `xx`, `vv` (E x, E x^2, E v^2) and `f1_lower`, `f1_upper`, `f2_lower`, `f2_upper`;
-        numbers, or arrays of one value per independent path.
+        `x`, `variance`, `vv` (E x, Var x, E v^2) and `f1_lower`, `f1_upper`, `f2_lower`,
+        `f2_upper`; numbers, or arrays of one value per independent path.
     """
     lower, r_lower = system.lower or 0.0, _or_zero(system.restitution_lower)
     upper, r_upper = system.upper or 0.0, _or_zero(system.restitution_upper)
@@ -45,13 +45,12 @@ def residuals(system: System, moments: Mapping[str, Any]) -> dict[str, Any]:
         terms["energy"] = [supply, -system.damping_rate * moments["vv"], -loss_lower, -loss_upper]
         terms["virial"] = [
             moments["vv"],
-            system.load * moments["x"],
-            -stiff * moments["xx"],
-            lower * push,
-            -upper * pull,
+            -stiff * moments["variance"],
+            (lower - moments["x"]) * push,
+            (moments["x"] - upper) * pull,
         ]
     # the terms of the force balance may all vanish by symmetry: the spring's rms force does not
-    floor = {"force": stiff * float(np.mean(moments["xx"])) ** 0.5}
+    floor = {"force": stiff * float(np.mean(moments["variance"])) ** 0.5}
     return {name: sum(parts) / _scale(parts, floor.get(name, 0.0)) for name, parts in terms.items()}
 
 

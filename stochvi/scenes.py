@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stochvi.checked import Checked, Number
 from stochvi.contacts import Law
@@ -114,6 +114,17 @@ class Scene(Checked):
     excitations: tuple[Annotated[Excitation, Field(discriminator="kind")], ...] = Field(
         alias="excitation"
     )
+
+    @field_validator("impact_pairs", "excitations", mode="before")
+    @classmethod
+    def _several(cls, value: Any, info: ValidationInfo) -> Any:
+        key = str(cls.model_fields[str(info.field_name)].alias)
+        if isinstance(value, Checked):
+            raise ValueError(f"must be a list, got one {type(value).__name__}; write [...]")
+        if isinstance(value, dict):
+            keys = ", ".join(f"{name} = {entry!r}" for name, entry in value.items())
+            raise ValueError(f"must be a list, got one table ({keys}); write [[{key}]]")
+        return value
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -269,9 +280,10 @@ def load_scene(path: str | Path) -> Scene:
         In one sentence per problem: the key, what was got, what was expected.
     """
     path = Path(path)
+    text = read_text(path)
     try:
-        document = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+        document = tomllib.loads(text)
+    except ValueError as error:  # also an integer of thousands of digits
         raise SceneError(f"{path} is not valid TOML: {error}") from None
     except RecursionError:
         raise SceneError(f"{path} is not a scene: its brackets are nested too deeply") from None

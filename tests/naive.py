@@ -65,6 +65,8 @@ def flow(x, v, h, omega, stops, hits):
         x, v, left = position, -side * restitution * w, left - when
         pressed = omega**2 * -side * position
         if pressed > 0.0 and restitution * w <= 1e-8 * pressed * h:
+            # the pressing force of the rest of the step, as the speed of one more impact
+            hits.append((side, pressed * left / (1.0 + restitution)))
             return position, 0.0
     if omega == 0.0:
         x += v * left

@@ -61,7 +61,7 @@ def test_the_reference_table_obeys_the_balances_to_its_printed_digits(row):
     r, (x, v, f1, f2) = row.restitution, [row.values[name] for name in ROW]
     off = [row.errors[name] for name in ROW]
     system = oscillator(-1.0, 1.0, r).system()
-    moments = {"x": 0.0, "xx": x * x, "vv": v * v}
+    moments = {"x": 0.0, "variance": x * x, "vv": v * v}
     moments |= {"f1_lower": f1 / 2, "f1_upper": f1 / 2, "f2_lower": f2 / 2, "f2_upper": f2 / 2}
     left = residuals(system, moments)
     # a residual is relative to its largest term, S0 / 2 = 0.1 and E v^2
@@ -79,7 +79,7 @@ def test_balances_do_not_vanish_for_the_wrong_restitution():
     """The rows of the table are not interchangeable."""
     row = next(row for row in RIGID_STOPS if row.restitution == 0.8)
     x, v, f1, f2 = (row.values[name] for name in ROW)
-    moments = {"x": 0.0, "xx": x * x, "vv": v * v}
+    moments = {"x": 0.0, "variance": x * x, "vv": v * v}
     moments |= {"f1_lower": f1 / 2, "f1_upper": f1 / 2, "f2_lower": f2 / 2, "f2_upper": f2 / 2}
     wrong = residuals(oscillator(-1.0, 1.0, 0.9).system(), moments)
     # (1 - R^2) F2 / 2 is too small by (.36 - .19) F2 / 2, in units of S0 / 2

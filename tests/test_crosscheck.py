@@ -6,7 +6,7 @@ import pytest
 from known import oscillator
 
 from stochvi import Estimate, Response, check, exact, load_scene, simulate
-from stochvi.crosscheck import APPROXIMATE, DISAGREES, compare
+from stochvi.crosscheck import APPROXIMATE, DISAGREES, TOO_RARE, compare
 from stochvi.datasets import shipped_scene
 
 
@@ -69,3 +69,16 @@ def test_an_approximation_is_shown_and_not_failed() -> None:
 def test_reasons_for_methods_left_out_are_listed() -> None:
     verdict = check(oscillator(-1.0, 1.0, 0.8), rel_error=0.02)
     assert any("restitution must be 1" in reason for reason in verdict.left_out)
+
+
+def test_impacts_too_rare_to_judge_by_raise_no_alarm() -> None:
+    verdict = check(oscillator(-6.0, 6.0, 1.0), rel_error=0.02)
+    assert verdict.passed
+    rates = [row for row in verdict.comparisons if row.quantity.startswith("collision")]
+    assert {row.verdict for row in rates if row.method == "simulate"} == {TOO_RARE}
+
+
+def test_nothing_to_judge_is_no_pass() -> None:
+    verdict = check(oscillator(-1.0, 1.0, 1.0, damping=0.0), rel_error=0.02)
+    assert not verdict.passed
+    assert "nothing could be judged" in verdict.summary()

@@ -72,11 +72,18 @@ def test_a_table_of_two_columns_is_read_however_they_are_parted(tmp_path: Path, 
         ("1,O.1\n2,1\n", 1),
         ("5;0,01\n", 1),
         ("1,2,3\n", 1),
-        ("f,G\nf,G\n1,1\n", 2),
+        ("f,G\n1;2;3\n1,1\n", 2),
         ("1,1\n2\n", 2),
         ("1,1\nend,0\n", 2),
     ],
-    ids=["typing error", "decimal commas", "three columns", "two headers", "one cell", "a word"],
+    ids=[
+        "typing error",
+        "decimal commas",
+        "three columns",
+        "numbers in a header",
+        "one cell",
+        "a word",
+    ],
 )
 def test_a_line_that_is_not_two_numbers_is_never_passed_over(tmp_path: Path, text, line):
     (tmp_path / "table.csv").write_text(text, encoding="utf-8")

@@ -371,7 +371,9 @@ def test_a_rate_never_seen_has_an_upper_limit_only() -> None:
     assert isinstance(rate, Estimate)
     assert rate.value == 0.0
     exposure = response.cost.paths * float(rate.how.split("of ")[1].split()[0])
-    assert rate.upper_95 == pytest.approx(-math.log(0.05) / exposure, rel=1e-3)
+    # 3 clusters at most, on either stop, of a hit a period while the energy is remembered
+    clusters = -math.log(0.05) / exposure
+    assert rate.upper_95 == pytest.approx(2.0 * clusters / (2.0 * math.pi * 0.1), rel=1e-3)
     assert response.impact_pairs["stops"]["impact_speed_mean"] is None
     assert any("upper limit" in warning for warning in response.warnings)
 
@@ -428,3 +430,69 @@ BAD_ARGUMENTS = [
 def test_bad_arguments_are_named(arguments: dict, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         simulate(oscillator(-1.0, 1.0, 1.0), **arguments)
+
+
+# ---- corners where earlier versions went wrong -----------------------------------------------
+
+
+def test_a_short_record_of_a_table_is_a_part_of_a_long_block() -> None:
+    """A path of a fifth of a period still has the spectrum of the whole table."""
+    found = quantities(isolator(0.004), paths=4000, duration=0.02, seed=2)
+    long = quantities(isolator(0.004), paths=200, duration=30.0, seed=3)
+    for name in ("velocity_std", "collision_rate"):
+        difference = found[name].value - long[name].value
+        error = math.hypot(found[name].standard_error, long[name].standard_error)
+        assert abs(difference) < 4.5 * error + (found[name].bias or 0.0)
+
+
+@pytest.mark.parametrize(("band", "zeta"), [([1.0, 2.0], 0.5), ([0.1, 0.2], 0.1)])
+def test_a_table_far_below_the_resonance_keeps_its_velocity(band: list, zeta: float) -> None:
+    noise = TabulatedNoise(frequency_hz=band, density=[1.0, 1.0], unit="(m/s2)2/Hz")
+    scene = Scene(structure=Isolator(frequency_hz=100.0, zeta=zeta), excitations=[noise])
+    truth, found = values(exact(scene)), quantities(scene, rel_error=0.02, seed=4)
+    for name in ("displacement_std", "velocity_std"):
+        assert_agrees(found[name], truth[name])
+
+
+def test_a_narrow_gap_under_a_table_is_sampled_finely_enough() -> None:
+    """Elastic stops at 0.05 sigma: halving the samples' distance changes nothing of substance."""
+    plan = make_plan(isolator(1e-4, 1.0), None, 2.0)
+    usual, finer = (PathStatistics.of(p.averages(5, 0, 32)) for p in (plan, plan.finer()))
+    for quantity in (lambda m: m["vv"], lambda m: m["f1_lower"] + m["f1_upper"]):
+        (value, error), (other, other_error) = usual.evaluate(quantity), finer.evaluate(quantity)
+        assert abs(value - other) < 4.5 * math.hypot(error, other_error)
+
+
+@pytest.mark.parametrize("stop", [-100.0, -1000.0])
+def test_a_strong_preload_keeps_its_digits(stop: float) -> None:
+    scene = oscillator(None, stop, 1.0)
+    truth, found = values(exact(scene)), quantities(scene, rel_error=0.01, seed=6)
+    for name in ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate"):
+        assert_agrees(found[name], truth[name])
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.1, 0.5])
+def test_a_mass_at_rest_on_a_stop_still_presses_on_it(restitution: float) -> None:
+    response = simulate(oscillator(None, -4.0, restitution), rel_error=0.005, seed=7)
+    assert_agrees(response.identities["force"], 0.0)
+    assert response.identities["force"].standard_error < 2e-3
+
+
+def test_one_path_with_all_the_hits_is_an_answer_too() -> None:
+    plan = make_plan(oscillator(-4.0, 4.0, 1.0), None, 100.0)
+    averages = plan.averages(1, 0, 64)
+    averages[3:] = 0.0
+    averages[3:6, 17] = 0.01
+    statistics = PathStatistics.of(averages)
+    value, error = statistics.evaluate(
+        lambda m: (m["f1_lower"] + m["f1_upper"]) / (m["n_lower"] + m["n_upper"])
+    )
+    assert value == pytest.approx(1.0)
+    assert math.isfinite(error)
+
+
+def test_times_too_far_apart_are_refused_in_a_sentence() -> None:
+    with pytest.raises(NotApplicable, match="too far apart"):
+        simulate(oscillator(-1e-8, 1e-8, 1.0))
+    with pytest.raises(NotApplicable, match="at most 4194304 are made"):
+        simulate(isolator(1e-9))

@@ -199,7 +199,7 @@ def test_an_empty_file_lacks_its_sections(tmp_path):
         (b"1,1\n2,nan\n", "positive finite values of density, got nan in row 2"),
         (b"1,1\n2,1,3\n", "line 2: expected two numbers (frequency_hz, density), got '2,1,3'"),
         (b"1,O.1\n2,1\n", "line 1: expected two numbers"),
-        (b"Hz,N2/Hz\nand,units\n2,1\n", "line 2: expected two numbers"),
+        (b"Hz,N2/Hz\n2,x\n", "line 2: expected two numbers"),
         (b"\xff\xfe\x00", "expected UTF-8, got binary data"),
         (b"#" * 10_000_001, "10000001 bytes, expected a text of at most 10000000"),
         (None, "expected a text file, got a folder"),

@@ -32,7 +32,10 @@ Quantity = Callable[[Means], float]
 Progress = Callable[[float, str], None]
 
 FIRST_BLOCKS = 4
-"""Blocks of paths in the first round; enough paths for an honest standard error."""
+"""Blocks of paths in the first round."""
+
+FEWEST_PATHS = 64
+"""Paths in the first round, for an honest standard error."""
 
 WINDOW = 4
 """Blocks per thread that may wait to be merged in order: bounds memory, hides stragglers."""
@@ -113,16 +116,22 @@ def simulate(
     plan = make_plan(scene, speed_threshold, duration, slow_impacts)
     workers = threads or len(os.sched_getaffinity(0))
     compile_time = _compile(plan)
-    with ThreadPoolExecutor(workers) as own:
-        run = _Run(scene, plan, seed, executor or own, workers, progress, compile_time)
+    own = ThreadPoolExecutor(workers)
+    run = _Run(scene, plan, seed, executor or own, workers, progress, compile_time)
+    try:
         if paths is None:
             _until(run, 0.01 if rel_error is None else rel_error, budget)
         elif not run.add_paths(paths, math.inf if budget is None else budget):
+            reached = (
+                run.response(("not all paths were simulated",)) if run.fine.count > 1 else None
+            )
             raise NotConverged(
                 f"{run.fine.count} of {paths} paths were done in {budget:g} s; raise budget",
-                run.response(("not all paths were simulated",)),
+                reached,
             )
         return run.response()
+    finally:
+        own.shutdown(cancel_futures=True)
 
 
 def record_path(
@@ -147,6 +156,10 @@ def record_path(
     """
     import pandas as pd
 
+    _check_arguments(None, None, duration, seed, None, None, None)
+    _check_seconds(step=step)
+    if not 0 <= path < 2**40:
+        raise ValueError(f"path must be in [0, 2^40), got {path}")
     plan = make_plan(scene, None, duration)
     if step is not None:
         plan = plan.with_step(step)
@@ -189,6 +202,9 @@ def _check_arguments(
     budget: float | None,
     threads: int | None,
 ) -> None:
+    for name, number in (("paths", paths), ("threads", threads), ("seed", seed)):
+        if number is not None and not isinstance(number, (int, np.integer)):
+            raise ValueError(f"{name} must be a whole number, got {number!r}")
     if rel_error is not None and paths is not None:
         raise ValueError("give rel_error or paths, not both")
     if rel_error is not None and not 1e-6 <= rel_error < 1.0:
@@ -199,11 +215,15 @@ def _check_arguments(
         raise ValueError(f"threads must be at least 1, got {threads}")
     if not 0 <= seed < 2**63:
         raise ValueError(f"seed must be in [0, 2^63), got {seed}")
-    for name, value in (("duration", duration), ("budget", budget)):
-        if value is not None and not 0.0 < value < math.inf:
-            raise ValueError(f"{name} must be a positive number of seconds, got {value}")
+    _check_seconds(duration=duration, budget=budget)
     if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
         raise ValueError(f"speed_threshold must be at least 0, got {speed_threshold}")
+
+
+def _check_seconds(**times: float | None) -> None:
+    for name, value in times.items():
+        if value is not None and not 0.0 < value < math.inf:
+            raise ValueError(f"{name} must be a positive number of seconds, got {value}")
 
 
 def _compile(plan: Plan) -> float:
@@ -215,7 +235,7 @@ def _compile(plan: Plan) -> float:
 
 def _block_averages(plan: Plan, seed: int, first_path: int, paths: int) -> PathStatistics:
     """One task: a function of its arguments alone, so any worker may do it, twice if need be."""
-    return PathStatistics.of(plan.averages(seed, first_path, paths))
+    return PathStatistics.of(plan.averages(seed, first_path, paths), plan.origin)
 
 
 @dataclass
@@ -262,7 +282,14 @@ class _Run:
             if len(waiting) >= WINDOW * self.threads:
                 self._merge(waiting.popleft())
         while waiting:
+            late = self.elapsed > deadline
+            # what has not begun when time is up is not begun
+            if late and waiting[0][-1].cancel():
+                break
             self._merge(waiting.popleft())
+        for block_futures in waiting:
+            for future in block_futures:
+                future.cancel()
         self.steps += (self.fine.count - first) * sum(plan.steps_per_path for plan in plans)
         return self.fine.count == goal
 
@@ -285,8 +312,9 @@ class _Run:
         value, error = self.fine.evaluate(quantity)
         how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
         if quantity in _IMPACTS.values() and value == 0.0:
-            limit = upper_limit_unseen(self.exposure) if quantity in _RATES else None
-            return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
+            return Estimate(
+                value=0.0, how=f"no impact seen, {how}", upper_95=self._limit_unseen(quantity)
+            )
         if self.plan.elastic:
             return Estimate(value=value, standard_error=error, how=how)
         return Estimate(
@@ -295,6 +323,14 @@ class _Run:
             bias=self._bias(quantity, value),
             how=f"{how}; bias from twice the step",
         )
+
+    def _limit_unseen(self, quantity: Quantity) -> float | None:
+        """Upper limit of a rate of which nothing was seen: that of clusters of hits, times the
+        most hits in a cluster, on one stop or on both."""
+        if quantity not in _RATES:
+            return None
+        stops = 2.0 if quantity is _IMPACTS["collision_rate"] else 1.0
+        return stops * self.plan.hits_in_a_cluster * upper_limit_unseen(self.exposure)
 
     def _bias(self, quantity: Quantity, value: float) -> float | None:
         """What the step leaves: a third of the difference to twice the step, for second order;
@@ -351,9 +387,7 @@ class _Run:
         if self.scene.impact_pairs or not system.moving_base or system.noise_on_mass:
             return None
         b, stiff = system.damping_rate, system.omega**2
-        return self.estimate(
-            lambda m: math.sqrt(b**2 * m["vv"] + stiff**2 * (m["xx"] - m["x"] ** 2))
-        )
+        return self.estimate(lambda m: math.sqrt(b**2 * m["vv"] + stiff**2 * m["variance"]))
 
     def _assumptions(self) -> list[str]:
         plan = self.plan
@@ -406,7 +440,7 @@ def _until(run: _Run, rel_error: float, budget: float | None) -> None:
     """Double the number of paths until every governed quantity is as accurate as asked."""
     deadline = math.inf if budget is None else budget
     refinements = 0
-    paths = FIRST_BLOCKS * run.plan.block
+    paths = max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS)
     run.expected_paths = 4.0 * paths  # until the first errors are known
     while True:
         in_time = run.add_paths(paths, deadline)
@@ -459,11 +493,11 @@ def _speed_mean(means: Means) -> float:
     return _IMPACTS["impact_speed_rate"](means) / _IMPACTS["collision_rate"](means)
 
 
-_MEANS = ("x", "xx", "vv", "f1_lower", "f1_upper", "f2_lower", "f2_upper")
+_MEANS = ("x", "variance", "vv", "f1_lower", "f1_upper", "f2_lower", "f2_upper")
 
 _COORDINATE: dict[str, Quantity] = {
     "displacement_mean": lambda m: m["x"],
-    "displacement_std": lambda m: math.sqrt(max(m["xx"] - m["x"] ** 2, 0.0)),
+    "displacement_std": lambda m: math.sqrt(m["variance"]),
     "displacement_mean_square": lambda m: m["xx"],
     "velocity_std": lambda m: math.sqrt(max(m["vv"], 0.0)),
     "velocity_mean_square": lambda m: m["vv"],

@@ -38,6 +38,10 @@ ROWS = {
 """Names of the time averages that a path yields: moments and, per second, sums over impacts."""
 
 
+GRADIENT_STEP = 1e-3
+"""Of a standard error."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class PathStatistics:
     """Count, mean vector and scatter matrix of the time averages of independent paths.
@@ -49,15 +53,16 @@ class PathStatistics:
     count: int
     mean: Vector
     scatter: NDArray[np.float64]
+    origin: float = 0.0
 
     @classmethod
-    def of(cls, averages: NDArray[np.float64]) -> PathStatistics:
-        """Statistics of an array (SUMS, paths)."""
+    def of(cls, averages: NDArray[np.float64], origin: float = 0.0) -> PathStatistics:
+        """Statistics of an array (SUMS, paths), positions from `origin`."""
         mean = averages.mean(axis=1)
         centred = averages - mean[:, None]
         # einsum sums in a fixed order, where a threaded matrix product may not
         scatter = np.einsum("ip,jp->ij", centred, centred)
-        return cls(count=averages.shape[1], mean=mean, scatter=scatter)
+        return cls(count=averages.shape[1], mean=mean, scatter=scatter, origin=origin)
 
     @classmethod
     def none(cls) -> PathStatistics:
@@ -73,6 +78,7 @@ class PathStatistics:
             count=count,
             mean=self.mean + shift * (other.count / count),
             scatter=self.scatter + other.scatter + np.outer(shift, shift) * weight,
+            origin=other.origin,
         )
 
     @property
@@ -83,21 +89,28 @@ class PathStatistics:
     def evaluate(self, quantity: Callable[[dict[str, float]], float]) -> tuple[float, float]:
         """Value and standard error of a smooth function of the means (delta method).
 
-        The gradient is taken by central differences over one standard error each way, which is
-        the scale on which the function has to be straight for the delta method to hold.
+        The gradient is taken by central differences over a small part of one standard error each
+        way: the whole would reach rate 0 where a single path holds all the impacts.
         """
         value = quantity(self._named(self.mean))
-        errors = np.sqrt(np.diag(self.covariance))
+        steps = GRADIENT_STEP * np.sqrt(np.diag(self.covariance))
         gradient = np.zeros(SUMS)
-        for row in np.flatnonzero(errors):
+        for row in np.flatnonzero(steps):
             offset = np.zeros(SUMS)
-            offset[row] = errors[row]
+            offset[row] = steps[row]
             above = quantity(self._named(self.mean + offset))
             below = quantity(self._named(self.mean - offset))
-            gradient[row] = (above - below) / (2.0 * errors[row])
+            gradient[row] = (above - below) / (2.0 * steps[row])
         variance = float(gradient @ self.covariance @ gradient)
         return value, math.sqrt(max(variance, 0.0))
 
-    @staticmethod
-    def _named(mean: Vector) -> dict[str, float]:
-        return {name: float(mean[row]) for name, row in ROWS.items()}
+    def _named(self, mean: Vector) -> dict[str, float]:
+        """The means by name, positions from the unloaded spring; and the variance of x, which is
+        taken from `origin`, as a far one would cost its digits."""
+        named = {name: float(mean[row]) for name, row in ROWS.items()}
+        offset, square = named["x"], named["xx"]
+        return named | {
+            "x": self.origin + offset,
+            "xx": max(self.origin * (self.origin + 2.0 * offset) + square, 0.0),
+            "variance": max(square - offset**2, 0.0),
+        }

@@ -1,10 +1,10 @@
 """Tabulated noise: synthesise the response without stops, then add the impacts.
 
-A path is a row of independent blocks. Within a block the free response y is a periodic Gaussian
-signal, a sum over bins of width 1 / length whose variances are the integrals of the response
-density |H|^2 G over the bins, so that the edges of a table are exact. Bins up to the cut at half
-the sampling rate are synthesised; the last quarter of them is scaled up so that the velocity
-variance beyond the cut is not lost.
+A path is a row of independent blocks, of which a part may be left uncounted. Within a block the
+free response y is a periodic Gaussian signal, a sum over bins of width 1 / length whose variances
+are the integrals of the response density |H|^2 G over the bins, so that the edges of a table are
+exact. Bins up to the cut at half the sampling rate are synthesised; the last quarter of them is
+scaled up so that the velocity variance beyond the cut is not lost.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.fft import ifft, next_fast_len
 
 from stochvi.errors import NotApplicable
-from stochvi.monte_carlo.kernels.flight import N_LOWER, SUMS, XX, X
+from stochvi.monte_carlo.kernels.flight import N_LOWER, SUMS
 from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.monte_carlo.kernels.response_domain import run_response
 from stochvi.monte_carlo.white import default_threshold
@@ -41,7 +41,16 @@ WARM_UP_RELAXATIONS = 15.0
 """Flown before counting starts, for the decay e to forget that it began at rest."""
 
 MOST_SAMPLES = 2**22
-"""To a block of one path; more means a table far above a resonance that is far too sharp."""
+"""To a block of one path."""
+
+GAP_PER_SAMPLE = 0.125
+"""Share of the gap that the mass crosses between samples at its rms speed without stops."""
+
+BIN_ERROR = 0.001
+"""Share of the velocity variance that the width of bins may feign or hide."""
+
+MOST_DOUBLINGS = 8
+"""Of the length of a block, for a table that reaches far below the resonance."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +60,7 @@ class TabulatedPlan:
     system: System
     samples: int
     block_length: float
+    counted: float
     blocks_per_path: int
     warm_up: float
     threshold: float
@@ -71,7 +81,7 @@ class TabulatedPlan:
     @property
     def duration(self) -> float:
         """Counted seconds of a path."""
-        return self.block_length * self.blocks_per_path
+        return self._counted_samples * self.step * self.blocks_per_path
 
     @property
     def step(self) -> float:
@@ -86,7 +96,16 @@ class TabulatedPlan:
     @property
     def steps_per_path(self) -> int:
         """All samples of a path, warm-up included."""
-        return (self.samples + self._warm_up_samples) * self.blocks_per_path
+        return (self._counted_samples + self._warm_up_samples) * self.blocks_per_path
+
+    @property
+    def _counted_samples(self) -> int:
+        return max(1, min(self.samples, math.ceil(self.counted / self.step)))
+
+    @property
+    def hits_in_a_cluster(self) -> float:
+        """Periods in which the energy is remembered, at most one hit each on either stop."""
+        return max(1.0, self.system.omega / (2.0 * math.pi) / self.system.damping_rate)
 
     @property
     def _warm_up_samples(self) -> int:
@@ -97,10 +116,10 @@ class TabulatedPlan:
         """Mean position without stops."""
         return self.system.load / self.system.omega**2
 
-    @cached_property
-    def folded(self) -> float:
-        """Share of the velocity variance that lies beyond the cut."""
-        return _beyond_cut(self.bins, self.samples, self.block_length, self.system)
+    @property
+    def origin(self) -> float:
+        """Moments of x are taken from here."""
+        return self.rest
 
     def coarser(self) -> TabulatedPlan:
         """The same paths at half the sampling rate: common bins have common amplitudes."""
@@ -114,7 +133,7 @@ class TabulatedPlan:
         """Paths at a chosen sampling interval, s."""
         samples = _even_fast_length(self.block_length / step)
         system = self.system
-        bins = _bin_variances(
+        bins, _ = _bin_variances(
             system.tables, system.omega, system.damping_rate, self.block_length, samples // 2
         )
         return replace(self, samples=samples, bins=bins)
@@ -126,17 +145,19 @@ class TabulatedPlan:
     @property
     def recorded_samples(self) -> int:
         """Samples of a recorded path."""
-        return self.samples * self.blocks_per_path
+        return self._counted_samples * self.blocks_per_path
 
     def averages(
         self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Time averages (SUMS, paths) of the paths first_path, first_path + 1, ..."""
+        """Time averages (SUMS, paths) of the paths first_path, first_path + 1, ..., with positions
+        from the mean position without stops."""
         sums = np.zeros((SUMS, paths))
         for number in range(self.blocks_per_path):
             block_record = None
             if record is not None:
-                block_record = record[number * self.samples : (number + 1) * self.samples]
+                counted = self._counted_samples
+                block_record = record[number * counted : (number + 1) * counted]
             run_response(
                 self._free_response(seed, first_path, paths, number),
                 self.step,
@@ -146,13 +167,12 @@ class TabulatedPlan:
                 self.threshold,
                 math.sqrt(self._velocity_variance),
                 self._warm_up_samples,
+                self._counted_samples,
                 sums,
                 block_record,
             )
-        sums[:N_LOWER] /= self.samples * self.blocks_per_path
+        sums[:N_LOWER] /= self._counted_samples * self.blocks_per_path
         sums[N_LOWER:] /= self.duration
-        sums[XX] += self.rest * (2.0 * sums[X] + self.rest)
-        sums[X] += self.rest
         return sums
 
     def _stop(
@@ -220,30 +240,30 @@ def plan_tabulated(
     half = b / 2.0
     slowest = half - math.sqrt(max(half * half - omega * omega, 0.0))
     relaxation = 1.0 / max(slowest, omega**2 / b / 2.0 if half > omega else half)
-    length = BLOCK_RELAXATIONS * max(relaxation, 1.0 / omega)
-    blocks = 1
+    length = _block_length(system, BLOCK_RELAXATIONS * max(relaxation, 1.0 / omega))
+    counted, blocks = length, 1
     if duration is not None:
-        blocks = max(1, math.ceil(duration / (1.5 * length)))
-        length = duration / blocks
+        blocks = math.ceil(min(duration / length, 1e9))
+        counted = duration / blocks
     highest = max(float(table.frequency_hz[-1]) for table in system.tables)
-    rate = SAMPLES_PER_PERIOD * omega / (2.0 * math.pi)
-    most = _even_fast_length(2.2 * highest * length)
-    samples = _even_fast_length(rate * length)
-    bins = _bin_variances(system.tables, omega, b, length, max(samples, most) // 2)
-    while samples < most and _beyond_cut(bins, samples, length, system) > LARGEST_LOSS:
-        samples = min(most, _even_fast_length(1.5 * samples))
-    if samples > MOST_SAMPLES:
-        raise NotApplicable(
-            "simulate",
-            [f"a block needs {samples} samples, at most {MOST_SAMPLES} are made: the table reaches "
-             f"{highest:g} Hz, far above a resonance that decays in {relaxation:.3g} s"],
-        )  # fmt: skip
+    rate = max(SAMPLES_PER_PERIOD * omega / (2.0 * math.pi), _rate_for_gap(system))
+    most = max(min(2.2 * highest * length, MOST_SAMPLES), rate * length)
+    if rate * length > MOST_SAMPLES:
+        raise NotApplicable("simulate", [_too_many(rate * length)])
+    bins, velocities = _bin_variances(system.tables, omega, b, length, math.ceil(most / 2.0) + 1)
+    kept = np.cumsum(velocities)
+    enough = 1 + int(np.searchsorted(kept, (1.0 - LARGEST_LOSS) * kept[-1]))
+    total = response_moments(system.tables, omega, b).velocity
+    if kept[-1] < (1.0 - LARGEST_LOSS) * total:
+        raise NotApplicable("simulate", [_too_many(2.2 * highest * length)])
+    samples = _even_fast_length(max(rate * length, 2.0 * (enough + 1)))
     velocity = response_moments(system.tables, omega, b).velocity
     lossy = any(r not in (None, 1.0) for r in (system.restitution_lower, system.restitution_upper))
     return TabulatedPlan(
         system=system,
         samples=samples,
         block_length=length,
+        counted=counted,
         blocks_per_path=blocks,
         warm_up=WARM_UP_RELAXATIONS * relaxation,
         threshold=default_threshold(lossy, math.sqrt(velocity)) if threshold is None else threshold,
@@ -256,18 +276,46 @@ def _even_fast_length(samples: float) -> int:
     return 2 * int(next_fast_len(math.ceil(max(samples, 32.0) / 2.0)))
 
 
-def _beyond_cut(bins: NDArray[np.float64], samples: int, length: float, system: System) -> float:
-    """Share of the velocity variance in bins that `samples` per block do not reach."""
-    total = response_moments(system.tables, system.omega, system.damping_rate).velocity
-    kept = bins[: samples // 2 - 1]
-    omega2 = (2.0 * np.pi / length * np.arange(1, len(kept) + 1)) ** 2
-    return max(0.0, 1.0 - float(np.sum(omega2 * kept)) / total)
+def _too_many(samples: float) -> str:
+    return (
+        f"a block needs {samples:.2g} samples, at most {MOST_SAMPLES} are made: the fastest motion "
+        "(table, or flight between the stops) and the slowest (decay of the resonance) are too "
+        "far apart"
+    )
+
+
+def _rate_for_gap(system: System) -> float:
+    """Samples per second for a mass between narrow stops, at the rms speed without them."""
+    if system.lower is None or system.upper is None:
+        return 0.0
+    speed = math.sqrt(response_moments(system.tables, system.omega, system.damping_rate).velocity)
+    return speed / (GAP_PER_SAMPLE * (system.upper - system.lower))
+
+
+def _block_length(system: System, shortest: float) -> float:
+    """Seconds of a block in which bins are narrow enough for the slowest part of the table.
+
+    A bin has one frequency, its middle: the velocity variance so given must be the true one.
+    """
+    omega, b = system.omega, system.damping_rate
+    length = shortest
+    for _ in range(MOST_DOUBLINGS):
+        count = math.ceil(min(omega / math.pi * length, MOST_SAMPLES / 2)) + 2
+        variances, velocities = _bin_variances(system.tables, omega, b, length, count)
+        omega2 = (2.0 * np.pi / length * np.arange(1, count)) ** 2
+        total = response_moments(system.tables, omega, b).velocity
+        if abs(float(np.sum(omega2 * variances - velocities))) <= BIN_ERROR * total:
+            return length
+        length *= 2.0
+    raise NotApplicable(
+        "simulate", ["the table reaches down to frequencies too far below the resonance"]
+    )
 
 
 def _bin_variances(
     tables: tuple[Table, ...], omega: float, damping_rate: float, length: float, count: int
-) -> NDArray[np.float64]:
-    """Integrals of |H|^2 G over the bins 1 ... count - 1, [(k - 1/2), (k + 1/2)] / length.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Displacement and velocity variances of the bins 1 ... count - 1, [(k -+ 1/2)] / length.
 
     What lies below the first bin is added to it. Bins are cut at the breakpoints of the tables,
     so that a jump of the density inside a bin does no harm.
@@ -275,14 +323,14 @@ def _bin_variances(
     nodes, weights = np.polynomial.legendre.leggauss(6)
     edges = (np.arange(count) + 0.5) / length
     edges[0] = 1e-6 / length
-    variances = np.zeros(count - 1)
+    variances, velocities = np.zeros((2, count - 1))
     for table in tables:
         cuts = np.unique(np.concatenate([edges, table.frequency_hz]))
         cuts = cuts[(cuts >= edges[0]) & (cuts <= edges[-1])]
         half, middle = np.diff(cuts) / 2.0, (cuts[1:] + cuts[:-1]) / 2.0
         f = middle[:, None] + half[:, None] * nodes
         density = squared_gain(f, omega, damping_rate) * table(f)
-        pieces = half * (density @ weights)
-        owner = np.searchsorted(edges, middle) - 1
-        np.add.at(variances, np.clip(owner, 0, count - 2), pieces)
-    return variances
+        owner = np.clip(np.searchsorted(edges, middle) - 1, 0, count - 2)
+        np.add.at(variances, owner, half * (density @ weights))
+        np.add.at(velocities, owner, half * ((density * (2.0 * np.pi * f) ** 2) @ weights))
+    return variances, velocities

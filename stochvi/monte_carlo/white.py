@@ -14,7 +14,7 @@ from scipy.special import ndtr
 from stochvi.collisions import COLLAPSE_RESTITUTION, gaussian_stop
 from stochvi.cut_normal import CutNormal
 from stochvi.errors import NotApplicable
-from stochvi.monte_carlo.kernels.flight import CORNER_SHARE, N_LOWER, SUMS, VV, XX, X, run_white
+from stochvi.monte_carlo.kernels.flight import CORNER_SHARE, N_LOWER, SUMS, VV, run_white
 from stochvi.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
 from stochvi.scenes import System
 
@@ -40,6 +40,16 @@ MOST_LEVELS = 10
 GAP_PER_STEP = 0.35
 """Share of the gap that the mass crosses in a step at its rms speed: few double impacts."""
 
+BOUNCE_PER_STEP = 4.0
+"""Time in which the pressing force takes back the rms speed, times this, bounds a step of a mass
+pressed against a stop: some bounces a step."""
+
+LONGEST_BLOCK = 2.0**24
+"""Steps of all paths of a block together: a tenth of a second, more where the mass chatters."""
+
+MOST_STEPS = 1e8
+"""Of one path; a scene that asks for more has no sensible stationary average here."""
+
 RELAXATIONS = 12.0
 """Burn-in in slowest time constants: the start is forgotten to e^-12 of its small error."""
 
@@ -62,15 +72,28 @@ class WhitePlan:
     threshold: float
     slow_impacts: bool = False
 
-    block = 256
-    """Paths to a block: the unit of work, and of the random streams' layout."""
-
     method = "kick-flow-kick"
+
+    @property
+    def block(self) -> int:
+        """Paths to a block, the unit of work: some seconds at most."""
+        return max(8, min(256, int(LONGEST_BLOCK // self.steps_per_path)))
+
+    @property
+    def hits_in_a_cluster(self) -> float:
+        """Periods in which the energy is remembered, at most one hit each on either stop."""
+        remembered = 2.0 * self.speed**2 / self.system.intensity
+        return max(1.0, self.system.omega / (2.0 * math.pi) * remembered)
 
     @property
     def rest(self) -> float:
         """Rest position under the load."""
         return self.system.load / self.system.omega**2 if self.system.load else 0.0
+
+    @property
+    def origin(self) -> float:
+        """About where the mass stays: moments of x are taken from here."""
+        return self.rest + self._law.mean
 
     @property
     def elastic(self) -> bool:
@@ -145,7 +168,8 @@ class WhitePlan:
     def averages(
         self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Time averages (SUMS, paths) of the paths first_path, first_path + 1, ..."""
+        """Time averages (SUMS, paths) of the paths first_path, first_path + 1, ..., with positions
+        from `origin`."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         x, v = self._start(streams)
@@ -154,25 +178,21 @@ class WhitePlan:
         stride = self._stride
         run_white(
             x, v, streams, sums, *self._kernel_constants(), self.threshold,
-            burn_in, self.steps, stride, record,
+            burn_in, self.steps, stride, self.origin - self.rest, record,
         )  # fmt: skip
         sums[:N_LOWER] /= math.ceil(self.steps / stride)
         sums[N_LOWER:] /= self.steps * self.step
-        return self._in_scene_terms(sums)
+        return self._at_mid_kick(sums)
 
     @property
     def _stride(self) -> int:
         fastest = max(self.system.omega, 1.0 / self.burn_in)
         return max(1, round(MOMENT_ANGLE / fastest / self.step))
 
-    def _in_scene_terms(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Positions from the unloaded spring; velocities in the middle of the kick."""
-        b, rest = self.system.damping_rate, self.rest
-        # half a kick, of time h / 2, after the velocities that were summed
-        decay = math.exp(-b * self.step)
+    def _at_mid_kick(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Velocities in the middle of the kick: half of it, over h / 2, after those summed."""
+        decay = math.exp(-self.system.damping_rate * self.step)
         sums[VV] = decay * sums[VV] + _kick_variance(self.system, self.step / 2.0)
-        sums[XX] += rest * (2.0 * sums[X] + rest)
-        sums[X] += rest
         return sums
 
     def _kernel_constants(self) -> tuple[Any, ...]:
@@ -208,6 +228,17 @@ class WhitePlan:
         return box, (system.damping_rate, system.intensity), np.array(ladder)
 
     @property
+    def _law(self) -> CutNormal:
+        """The Gibbs law at the expected speed, from the rest position."""
+        rest, system = self.rest, self.system
+        return CutNormal(
+            slope=0.0,
+            curvature=(system.omega / self.speed) ** 2,
+            lower=None if system.lower is None else system.lower - rest,
+            upper=None if system.upper is None else system.upper - rest,
+        )
+
+    @property
     def _between(self) -> bool:
         """Whether the stops lie on either side of the rest position, which is quicker to fly."""
         lower, upper = self.system.lower, self.system.upper
@@ -221,7 +252,7 @@ class WhitePlan:
         """Independent draws of the Gibbs law at the expected speed: close to stationary."""
         first, second = np.empty((2, streams.shape[1]))
         normal_pairs(streams[0], streams[1], first, second)
-        law = _law(self.system, self.speed)
+        law = self._law
         spread = 9.0 * math.sqrt(law.variance)
         low = law.mean - spread if law.lower is None else max(law.lower, law.mean - spread)
         high = law.mean + spread if law.upper is None else min(law.upper, law.mean + spread)
@@ -229,7 +260,7 @@ class WhitePlan:
         density = law.density(grid)
         cumulative = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
         x = np.interp(ndtr(first), cumulative / cumulative[-1], grid)
-        return x - self.rest, self.speed * second
+        return x, self.speed * second
 
 
 def plan_white(
@@ -248,12 +279,21 @@ def plan_white(
     speed = expected_speed(system)
     burn_in = RELAXATIONS * _slowest_time(system, speed)
     lossy = any(r not in (None, 1.0) for r in _restitutions(system))
+    step = _step(system, speed, lossy)
+    length = DURATION * burn_in if duration is None else duration
+    if burn_in + length > MOST_STEPS * step:
+        raise NotApplicable(
+            "simulate",
+            [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
+             f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
+             "times in which the scene hits, swings and settles lie too far apart"],
+        )  # fmt: skip
     return WhitePlan(
         system=system,
         speed=speed,
-        step=_step(system, speed, lossy),
+        step=step,
         burn_in=burn_in,
-        duration=DURATION * burn_in if duration is None else duration,
+        duration=length,
         threshold=default_threshold(lossy, speed) if threshold is None else threshold,
         slow_impacts=slow_impacts,
     )
@@ -340,17 +380,20 @@ def _step(system: System, speed: float, lossy: bool) -> float:
         limits.append(GAP_PER_STEP * (system.upper - system.lower) / speed)
     if lossy:
         limits.append(LOSSY_DECAY * 2.0 * speed**2 / system.intensity)
+    for stop, side in ((system.lower, -1.0), (system.upper, 1.0)):
+        pressing = 0.0 if stop is None else side * (system.load - system.omega**2 * stop)
+        if pressing > 0.0:
+            limits.append(BOUNCE_PER_STEP * speed / pressing)
     return min(limits)
 
 
 def _slowest_time(system: System, speed: float) -> float:
-    """Relaxation of the energy, of an overdamped position, of a mass between far stops."""
+    """Relaxation of the energy, and of the position: overdamped, or from stop to stop."""
     rate = system.intensity / (2.0 * speed**2)
-    times = [1.0 / rate]
+    positions = []
     if system.omega > 0.0:
-        times.append(1.0 / system.omega)
-        times.append(system.damping_rate / system.omega**2)
-    elif system.lower is not None and system.upper is not None:
+        positions.append(max(1.0 / system.omega, system.damping_rate / system.omega**2))
+    if system.lower is not None and system.upper is not None:
         gap = system.upper - system.lower
-        times += [gap / speed, gap**2 * rate / speed**2]
-    return max(times)
+        positions.append(max(gap / speed, gap**2 * rate / speed**2))
+    return max(1.0 / rate, min(positions))

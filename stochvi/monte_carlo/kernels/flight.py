@@ -28,7 +28,7 @@ LANES = 256
 """Paths that move together: their arrays stay in the first-level cache."""
 
 MOST_BOUNCES = 10_000
-"""In one step; bounces die out geometrically (R < 1), more than this rest on the stop."""
+"""In one step; after that the mass stays at the stop, with the speed of its last bounce."""
 
 RESTING = 1e-8
 """A bounce this much lower than the pressing acceleration times the step rests on the stop."""
@@ -151,11 +151,15 @@ def fly_between(x, v, z, hit, kick, flow, lower, upper):
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def bounce(x, v, flow, lower, upper, threshold, sums):
-    """One flow with any number of impacts, added up in `sums`; returns the end (x, v)."""
+    """One flow with any number of impacts, added up in `sums`; returns the end (x, v).
+
+    A mass that is pressed against a stop and bounces too low to leave it rests there; its impacts
+    are the limit of ever lower bounces, whose impulses (1 + R) w add up to the pressing force.
+    """
     h, cosine, sine, stiff = flow
     x1 = cosine * x + sine * v
     v1 = cosine * v - stiff * sine * x
-    for _ in range(MOST_BOUNCES):
+    for bounces in range(MOST_BOUNCES + 1):
         energy = v * v + stiff * x * x
         up = False
         down = False
@@ -176,6 +180,8 @@ def bounce(x, v, flow, lower, upper, threshold, sums):
                 down = False
         if not (up or down):
             break
+        if bounces == MOST_BOUNCES:
+            return position, v
         w = abs(speed)
         row = N_UPPER if up else N_LOWER
         sums[row] += 1.0 if w >= threshold else 0.0
@@ -185,11 +191,11 @@ def bounce(x, v, flow, lower, upper, threshold, sums):
         v1 -= (1.0 + restitution) * speed * c_r
         x = position
         v = -restitution * speed
-        # pressed against the stop by stiff |x|, and too slow to leave it within the step
-        if (position * speed < 0.0) and (abs(v) <= RESTING * stiff * abs(position) * h):
-            x1 = position
-            v1 = 0.0
-            break
+        pressing = stiff * abs(position)
+        if (position * speed < 0.0) and (abs(v) <= RESTING * pressing * h):
+            omega = math.sqrt(stiff)
+            sums[row + 1] += pressing * math.atan2(omega * s_r, c_r) / omega / (1.0 + restitution)
+            return position, 0.0
     if upper is not None:
         x1 = min(x1, upper[0])
     if lower is not None:
@@ -274,17 +280,17 @@ def count_side(hit, threshold, number, speed_sum, square_sum):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def add_moment(values, total):
-    """total += values."""
+def add_moment(values, origin, total):
+    """total += values - origin."""
     for i in range(values.shape[0]):
-        total[i] += values[i]
+        total[i] += values[i] - origin
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def add_square(values, total):
-    """total += values^2."""
+def add_square(values, origin, total):
+    """total += (values - origin)^2."""
     for i in range(values.shape[0]):
-        total[i] += values[i] * values[i]
+        total[i] += (values[i] - origin) * (values[i] - origin)
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -319,6 +325,7 @@ def run_white(
     burn_in,
     steps,
     stride,
+    origin,
     record,
 ):
     """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
@@ -327,7 +334,8 @@ def run_white(
     ----------
     x, v : (paths,) start, replaced by the end.
     streams : (2, paths) random streams, advanced.
-    sums : (SUMS, paths), added to. Moments are taken every `stride` steps, before the kick.
+    sums : (SUMS, paths), added to. Moments are taken every `stride` steps, before the kick; those
+        of x about `origin`, which should be near its mean.
     kick : (e, s); flow : (h, C, S, w0^2).
     lower, upper : None, or (stop, R, slow), slow = the speed after an impact under which the
         same stop may be met again within a step (negative: never).
@@ -393,9 +401,9 @@ def run_white(
                         opposite, threshold, local[N_LOWER], local[F1_LOWER], local[F2_LOWER]
                     )
                 if (step - burn_in) % stride == 0:
-                    add_moment(xs, local[X])
-                    add_square(xs, local[XX])
-                    add_square(vs, local[VV])
+                    add_moment(xs, origin, local[X])
+                    add_square(xs, origin, local[XX])
+                    add_square(vs, 0.0, local[VV])
                     if corner is not None:
                         # so that half the usual kick, added to all, brings what is owed
                         _, intensity = corner[1]

@@ -133,16 +133,18 @@ def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, sums)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def run_response(free, span, structure, lower, upper, threshold, scale, warm_up, sums, record):
-    """Add impacts to `free` responses, each periodic in time; sums of one period go to `sums`.
+def run_response(
+    free, span, structure, lower, upper, threshold, scale, warm_up, counted, sums, record
+):
+    """Add impacts to `free` responses, each periodic in time; sums of `counted` samples to `sums`.
 
     Parameters
     ----------
     free : (paths, samples) complex, y + i y' / w0 at equal intervals `span`.
     structure : (w0, b). lower, upper : None, or (stop, R) from the mean position.
-    warm_up : samples at the end of the period that are flown first, uncounted.
+    warm_up, counted : samples flown first, at the end of the period, and samples that count.
     scale : a velocity to compare the slowest impacts with.
-    sums : (SUMS, paths), added to. record : None, or (samples, paths, 3).
+    sums : (SUMS, paths), added to. record : None, or (counted, paths, 3).
     """
     omega, damping_rate = structure
     shape, slope = decay(span, damping_rate, omega)
@@ -155,7 +157,7 @@ def run_response(free, span, structure, lower, upper, threshold, scale, warm_up,
         previous = samples - warm_up - 1
         x, v = free[path, previous].real, omega * free[path, previous].imag
         total = np.zeros(sums.shape[0])
-        for step in range(-warm_up, samples):
+        for step in range(-warm_up, counted):
             index = step if step >= 0 else samples + step
             y, y_rate = free[path, index].real, omega * free[path, index].imag
             e, rate = shape_x * e + shape * rate, slope_x * e + slope * rate
