@@ -1,24 +1,31 @@
-"""Hits per second of a 12 Hz isolator on a truck against clearance, for three restitutions."""
+"""Hits per second of isolators against clearance: resonance inside and outside the table."""
 
 import argparse
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
 import stochvi
-from stochvi.plots import plot_clearance_curve, plot_clearance_ratio
+from stochvi.files import write_picture
+from stochvi.isolators import predicted_rates
+from stochvi.plots import draw_clearance
 
-RESTITUTIONS = (0.2, 0.5, 0.8)
+TRUCK, SCREEN = "mil-std-810h-truck-vertical-5hz", "navmat-p-9492"
+CASES = [  # profile, natural frequency (Hz), restitution, clearances in sigma
+    (TRUCK, 12.0, 0.2, np.arange(1.0, 4.01, 0.5)),
+    (TRUCK, 12.0, 0.5, np.arange(1.0, 4.01, 0.5)),
+    (TRUCK, 12.0, 0.8, np.arange(1.0, 4.01, 0.5)),
+    (SCREEN, 8.0, 0.5, np.array([1.0, 2.0, 3.0, 4.0])),
+]
 
 
-def scene(restitution: float) -> stochvi.Scene:
+def scene(profile: str, frequency_hz: float, restitution: float) -> stochvi.Scene:
     law = stochvi.Restitution(coefficient=restitution)
     return stochvi.Scene(
-        structure=stochvi.Isolator(frequency_hz=12.0, zeta=0.1),
+        structure=stochvi.Isolator(frequency_hz=frequency_hz, zeta=0.1),
         impact_pairs=[stochvi.ImpactPair(lower=-4e-3, upper=4e-3, law=law)],
-        excitations=[stochvi.TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+        excitations=[stochvi.TabulatedNoise(profile=profile)],
     )
 
 
@@ -26,24 +33,21 @@ parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--quick", action="store_true", help="fewer clearances, larger errors")
 parser.add_argument("--out", type=Path, default=Path(__file__).parent)
 options = parser.parse_args()
-sigma = stochvi.screen(scene(0.5)).displacement_std
-clearances = sigma * (np.array([1.0, 2.0]) if options.quick else np.arange(1.0, 4.01, 0.5))
-curves = {
-    restitution: stochvi.clearance_curve(
-        scene(restitution),
-        list(clearances),
+tables = []
+for profile, frequency_hz, restitution, multiples in CASES:
+    case = scene(profile, frequency_hz, restitution)
+    sigma = stochvi.screen(case).displacement_std
+    curve = stochvi.clearance_curve(
+        case,
+        list(sigma * (multiples[:3:2] if options.quick else multiples)),
         rel_error=0.05 if options.quick else 0.01,
         budget=600.0,
         seed=1,
     )
-    for restitution in RESTITUTIONS
-}
-table = pd.concat([curve.assign(restitution=r) for r, curve in curves.items()])
-table.to_csv(options.out / "result.csv", index=False)
-figure, (above, below) = plt.subplots(
-    2, 1, figsize=(6.8, 6.6), height_ratios=(2.0, 1.0), layout="constrained", sharex=True
-)
-plot_clearance_curve(curves[0.5], above).set_xlabel("")
-plot_clearance_ratio(curves[0.5], below)
-figure.suptitle("12 Hz isolator on a truck, stops with R = 0.5")
-figure.savefig(options.out / "figure.png", dpi=130)
+    tables.append(curve.assign(profile=profile, frequency_hz=frequency_hz, restitution=restitution))
+    if profile == TRUCK and restitution == 0.5:
+        grid = sigma * np.linspace(multiples[0], multiples[-1], 61)
+        title = "12 Hz isolator on a truck, stops with R = 0.5"
+        picture = draw_clearance(curve, predicted_rates(case, list(grid)), title)
+        write_picture(picture, options.out / "figure.png")
+pd.concat(tables).to_csv(options.out / "result.csv", index=False)
