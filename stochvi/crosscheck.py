@@ -75,8 +75,8 @@ class Check:
         if balances == len(judged):
             names = ", ".join(row.quantity for row in judged)
             return (
-                f"only one method that can be judged covers this scene; its balances ({names}) hold {within}, "
-                "no second method confirms it"
+                f"only one method that can be judged covers this scene; its balances ({names}) "
+                f"hold {within}, no second method confirms it"
             )
         return f"{len(judged)} comparisons ({balances} of them balances) agree {within}"
 
