@@ -31,7 +31,7 @@ Means = dict[str, float]
 Quantity = Callable[[Means], float]
 Progress = Callable[[float, str], None]
 
-FIRST_BLOCKS = 4
+FIRST_BLOCKS = 1
 """Blocks of paths in the first round."""
 
 FEWEST_PATHS = 64

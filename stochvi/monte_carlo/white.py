@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,9 @@ pressed against a stop: some bounces a step."""
 LONGEST_BLOCK = 2.0**24
 """Steps of all paths of a block together: a tenth of a second, more where the mass chatters."""
 
+MOST_PATHS = 1024
+"""Of a block."""
+
 MOST_STEPS = 1e8
 """Of one path; a scene that asks for more has no sensible stationary average here."""
 
@@ -77,7 +81,7 @@ class WhitePlan:
     @property
     def block(self) -> int:
         """Paths to a block, the unit of work: some seconds at most."""
-        return max(8, min(256, int(LONGEST_BLOCK // self.steps_per_path)))
+        return max(8, min(MOST_PATHS, int(LONGEST_BLOCK // self.steps_per_path)))
 
     @property
     def hits_in_a_cluster(self) -> float:
@@ -252,6 +256,12 @@ class WhitePlan:
         """Independent draws of the Gibbs law at the expected speed: close to stationary."""
         first, second = np.empty((2, streams.shape[1]))
         normal_pairs(streams[0], streams[1], first, second)
+        probability, position = self._start_law
+        return np.interp(ndtr(first), probability, position), self.speed * second
+
+    @cached_property
+    def _start_law(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Distribution function of the start position, as a table."""
         law = self._law
         spread = 9.0 * math.sqrt(law.variance)
         low = law.mean - spread if law.lower is None else max(law.lower, law.mean - spread)
@@ -259,8 +269,7 @@ class WhitePlan:
         grid = np.linspace(low, high, 2001)
         density = law.density(grid)
         cumulative = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
-        x = np.interp(ndtr(first), cumulative / cumulative[-1], grid)
-        return x, self.speed * second
+        return cumulative / cumulative[-1], grid
 
 
 def plan_white(
