@@ -22,7 +22,7 @@ studies: .venv/test-installed
 	for study in studies/*/run.py; do $(BIN)/python $$study || exit 1; done
 
 bench: .venv/bench-installed
-	for study in studies/*/bench.py; do [ ! -e $$study ] || $(BIN)/python $$study || exit 1; done
+	$(BIN)/python studies/02_cost_of_accuracy/run.py --libraries
 
 .venv/bin/python:
 	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "stochvi needs Python 3.11 or newer"'
