@@ -188,9 +188,10 @@ def simulate(
         raise
     _finish(response, json_file, out, quiet)
     if out is not None and loaded.structure.omega > 0.0:
-        from stochvi.demo import draw_overview
+        from stochvi.files import write_picture
+        from stochvi.plots import draw_overview
 
-        draw_overview(loaded, "", out / "overview.png")
+        write_picture(draw_overview(loaded, loaded.title), out / "overview.png")
 
 
 @main.command()
@@ -233,10 +234,10 @@ def check(
 @_options("json", "out", "quiet")
 def screen(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
     """Linear screening of an isolator: rms, Miles, 3 sigma, Rice."""
-    from stochvi.demo import print_screening
     from stochvi.files import write_json, write_table
     from stochvi.isolators import screen as solve
     from stochvi.scenes import load_scene
+    from stochvi.tables import print_screening
 
     linear = solve(load_scene(scene))
     if not quiet:
@@ -266,20 +267,27 @@ def clearance(
     quiet: bool,
 ) -> None:
     """Hit rate of an isolator against clearance: Rice, closure, Monte Carlo."""
-    from stochvi.demo import clearance_report
+    from stochvi.files import write_clearance
+    from stochvi.isolators import clearance_curve
+    from stochvi.isolators import screen as solve
     from stochvi.scenes import load_scene
+    from stochvi.tables import print_clearance
 
     try:
         multiples = [float(gap) for gap in gaps.split(",")]
     except ValueError:
         raise ValueError(f"--gaps must be numbers with commas, got {gaps!r}") from None
-    console = _console(None)
-    console.quiet = quiet
-    with _progress(quiet, "clearance", console) as report:
-        clearance_report(
-            load_scene(scene), multiples, out, console, report,
-            rel_error=rel_error, seed=seed, threads=threads, budget=budget,
+    loaded = load_scene(scene)
+    sigma = solve(loaded).displacement_std
+    with _progress(quiet, "clearance") as report:
+        curve = clearance_curve(
+            loaded, [multiple * sigma for multiple in multiples], rel_error=rel_error,
+            budget=budget, seed=seed, threads=threads, progress=report,
         )  # fmt: skip
+    if not quiet:
+        print_clearance(_console(None), curve)
+    if out is not None:
+        write_clearance(loaded, curve, out)
 
 
 @main.command()

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
+    from stochvi.scenes import Scene
+
 
 def to_json(document: Mapping[str, Any]) -> str:
     """The text of a JSON document; refuses NaN and infinity."""
@@ -79,3 +81,16 @@ def write_picture(ax: Axes, path: Path) -> None:
     assert figure is not None
     figure.savefig(path, dpi=150)
     plt.close(figure)
+
+
+def write_clearance(scene: Scene, curve: pd.DataFrame, folder: Path) -> None:
+    """Hit rate against clearance as `clearance.csv` and `clearance.png`."""
+    import numpy as np
+
+    from stochvi.isolators import predicted_rates
+    from stochvi.plots import draw_clearance
+
+    write_table(curve, folder / "clearance.csv")
+    grid = np.linspace(curve["clearance"].min(), curve["clearance"].max(), 61)
+    ax = draw_clearance(curve, predicted_rates(scene, list(grid)), scene.title)
+    write_picture(ax, folder / "clearance.png")

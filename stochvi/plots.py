@@ -12,6 +12,7 @@ from scipy.stats import norm
 
 from stochvi.closed_form import displacement_density, exact, unmet_conditions
 from stochvi.estimates import Estimate
+from stochvi.monte_carlo import record_path
 
 if TYPE_CHECKING:
     from stochvi.scenes import Scene
@@ -27,6 +28,10 @@ COLOURS = {
 """One colour per method, the same in every picture."""
 
 SIGMA_LABEL = "clearance per side / rms displacement without stops"
+
+DENSITY_PERIODS = 60_000.0
+RECORD_PERIODS = 25.0
+SEARCHED_PERIODS = 400.0
 
 LENGTH_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"))
 
@@ -217,6 +222,37 @@ def draw_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str) -> 
     plot_clearance_ratio(curve, predicted, below)
     figure.suptitle(title)
     return above
+
+
+def draw_overview(scene: Scene, title: str) -> Axes:
+    """Densities of x and v and a short record in one figure; returns the record's Axes.
+
+    The densities are of one path of `DENSITY_PERIODS` natural periods.
+    """
+    period = 2.0 * np.pi / scene.structure.omega
+    long = record_path(scene, duration=DENSITY_PERIODS * period, seed=1)
+    without_stops = scene.model_copy(update={"impact_pairs": ()})
+    linear = None
+    if not unmet_conditions(without_stops):
+        linear = exact(without_stops).estimates()["x", "displacement_std"].value
+    figure, axes = plt.subplot_mosaic(
+        [["x", "v"], ["record", "record"]], figsize=(9.6, 6.8), layout="constrained"
+    )
+    plot_displacement_density(scene, long, linear, axes["x"])
+    plot_velocity_density(scene, long, axes["v"])
+    figure.suptitle(title)
+    return plot_record(scene, _stretch_with_impacts(scene, period), axes["record"])
+
+
+def _stretch_with_impacts(scene: Scene, period: float) -> pd.DataFrame:
+    """Some periods of a finely stepped record, from shortly before an impact if there is one."""
+    record = record_path(scene, duration=SEARCHED_PERIODS * period, seed=2, step=period / 80.0)
+    settled = record[record["time"] > 0.1 * SEARCHED_PERIODS * period]
+    hits = settled.loc[settled["impact_speed"] != 0.0, "time"]
+    last = settled["time"].iloc[-1] - RECORD_PERIODS * period
+    start = min(hits.iloc[0] - 2.0 * period if len(hits) else settled["time"].iloc[0], last)
+    short = settled[settled["time"].between(start, start + RECORD_PERIODS * period)]
+    return short.assign(time=short["time"] - short["time"].iloc[0])
 
 
 def _axes(ax: Axes | None) -> Axes:

@@ -14,6 +14,8 @@ from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_er
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.isolators import Screening
+
 QUANTITY_NAMES = {
     "displacement_mean": "mean displacement",
     "displacement_std": "rms displacement",
@@ -127,6 +129,38 @@ def print_frame(
         cells = (_cell(row[name], (formats or {}).get(name, ".4g")) for name in numeric)
         table.add_row(*cells)
     console.print(table)
+
+
+def print_screening(console: Console, linear: Screening) -> None:
+    """The linear screening of an isolator, with its notes."""
+    print_frame(console, linear.to_frame(), "linear screening, stops left out")
+    for note in linear.notes:
+        console.print(f"note: {note}", style="yellow", highlight=False)
+
+
+CLEARANCE_COLUMNS = {
+    "clearance_in_sigma": "gap/sigma",
+    "gap": "gap (mm)",
+    "rice": "Rice (1/s)",
+    "closure": "closure",
+    "simulated": "Monte Carlo",
+    "interval": "95 % interval",
+    "impact_speed_mean": "speed (m/s)",
+}
+
+
+def print_clearance(console: Console, curve: pd.DataFrame) -> None:
+    """Hit rate against clearance, as `clearance_curve` returns it."""
+    limits = zip(curve["simulated_low"], curve["simulated_high"], strict=True)
+    shown = curve.assign(
+        gap=1e3 * curve["clearance"], interval=[f"{a:.3g} to {b:.3g}" for a, b in limits]
+    )
+    print_frame(
+        console,
+        shown[list(CLEARANCE_COLUMNS)].rename(columns=CLEARANCE_COLUMNS),
+        "hits per second on both stops, and mean impact speed",
+        {"gap/sigma": ".2f"},
+    )
 
 
 METHOD_COLUMNS = {
