@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     )
     from stochvi.estimates import Cost, Estimate, Response
     from stochvi.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
+    from stochvi.explanation import Explanation, explain
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
@@ -37,6 +38,7 @@ _HOME = {
     "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": ("ConstantLoad", "TabulatedNoise", "WhiteNoise"),
+    "explanation": ("Explanation", "explain"),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
@@ -50,6 +52,7 @@ __all__ = [
     "ConstantLoad",
     "Cost",
     "Estimate",
+    "Explanation",
     "ImpactPair",
     "Isolator",
     "NoExactSolution",
@@ -68,6 +71,7 @@ __all__ = [
     "clearance_curve",
     "displacement_density",
     "exact",
+    "explain",
     "linearise",
     "load_scene",
     "record_path",

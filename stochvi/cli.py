@@ -231,6 +231,23 @@ def check(
 
 @main.command()
 @click.argument("scene")
+@_options("threads", "json", "quiet")
+def explain(scene: str, threads: int | None, json_file: str | None, quiet: bool) -> None:
+    """What would be simulated, what not, which methods apply, at what price."""
+    from stochvi.explanation import explain as tell
+    from stochvi.files import write_json
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_explanation
+
+    told = tell(load_scene(scene), threads=threads)
+    if not quiet:
+        print_explanation(_console(json_file), told)
+    if json_file is not None:
+        write_json(told.to_dict(), json_file)
+
+
+@main.command()
+@click.argument("scene")
 @_options("json", "out", "quiet")
 def screen(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
     """Linear screening of an isolator: rms, Miles, 3 sigma, Rice."""

@@ -14,6 +14,7 @@ from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_er
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.explanation import Explanation
     from stochvi.isolators import Screening
 
 QUANTITY_NAMES = {
@@ -129,6 +130,32 @@ def print_frame(
         cells = (_cell(row[name], (formats or {}).get(name, ".4g")) for name in numeric)
         table.add_row(*cells)
     console.print(table)
+
+
+def print_explanation(console: Console, told: Explanation) -> None:
+    """What would be simulated, by what, at which price."""
+    console.print("simulated:     " + "; ".join(told.effects), highlight=False)
+    console.print("not simulated: " + ("; ".join(told.absent) or "-"), highlight=False)
+    for method, verdict in told.methods.items():
+        console.print(f"{method}: {verdict}", highlight=False)
+    plan = told.simulation
+    if plan is not None:
+        console.print(
+            f"{plan.method}: step {plan.step:.3g} s, {plan.steps_per_path} steps a path "
+            f"({plan.burn_in:.3g} s of burn-in, {plan.duration:.3g} s counted), "
+            f"{plan.nanoseconds_per_step:.2g} ns a step here",
+            highlight=False,
+        )
+        for target, seconds in plan.seconds.items():
+            cost = "unknown"
+            if seconds is not None:
+                cost = f"about {seconds:.1g} s" if seconds < 10.0 else f"about {seconds:.0f} s"
+            console.print(
+                f"relative error {target:g}: {cost} ({plan.governed_by})", highlight=False
+            )
+    _say(console, f"assumptions: {'; '.join(told.assumptions)}")
+    for note in told.notes:
+        console.print(f"note: {note}", style="yellow", highlight=False)
 
 
 def print_screening(console: Console, linear: Screening) -> None:

@@ -150,6 +150,16 @@ def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_pa
     assert (code, "--gaps must be numbers" in err) == (2, True)
 
 
+def test_explain_tells_what_is_simulated_and_what_not(stochvi: Run):
+    code, out, err = stochvi("explain", ELASTIC, "--json", "-")
+    document = one_document(out)
+    assert code == 0
+    assert document["effects"] == ["white noise on x", "rigid stop lower", "rigid stop upper"]
+    assert document["absent"] == ["tabulated noise", "constant load"]
+    assert document["simulation"]["steps_per_path"] > 2
+    assert "not simulated: tabulated noise; constant load" in err
+
+
 def test_json_and_tables_go_to_the_files_that_are_named(stochvi: Run, tmp_path: Path):
     answer, folder = tmp_path / "new" / "answer.json", tmp_path / "out"
     run = stochvi("exact", ELASTIC, "--quiet", "--json", answer, "--out", folder)

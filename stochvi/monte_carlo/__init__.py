@@ -1,5 +1,5 @@
 """Monte Carlo of vibro-impact scenes: many paths at once, impacts inside the step."""
 
-from stochvi.monte_carlo.simulate import record_path, simulate
+from stochvi.monte_carlo.simulate import Prospect, prospect, record_path, simulate
 
-__all__ = ["record_path", "simulate"]
+__all__ = ["Prospect", "prospect", "record_path", "simulate"]

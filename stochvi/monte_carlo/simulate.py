@@ -176,6 +176,55 @@ def record_path(
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Prospect:
+    """What a simulation would be like: its steps, and what they cost here and now.
+
+    `nanoseconds_per_step` is wall time per step of one path, all threads at work; `seconds` maps
+    relative errors to predicted wall time, None where no impact was seen to predict by.
+    """
+
+    method: str
+    step: float
+    burn_in: float
+    duration: float
+    steps_per_path: int
+    nanoseconds_per_step: float
+    seconds: dict[float, float | None]
+    governed_by: str
+
+
+def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Prospect:
+    """Predict the cost of `simulate` from a pilot run of one block or two (well under a second).
+
+    Standard errors fall with the square root of the scene time, so seconds(rel_error) =
+    seconds(pilot) (pilot error / rel_error)^2, from the quantity that converges last.
+    """
+    plan = make_plan(scene, None, None)
+    workers = threads or len(os.sched_getaffinity(0))
+    compile_time = _compile(plan)
+    with ThreadPoolExecutor(workers) as own:
+        run = _Run(scene, plan, seed, own, workers, None, compile_time)
+        run.add_paths(max(2 * plan.block, FEWEST_PATHS))
+        elapsed = run.elapsed
+    relative = _relative_standard_errors(run)
+    slowest = max(relative, key=lambda name: relative[name])
+    unseen = bool(scene.impact_pairs) and "impact_speed_rate" not in relative
+    return Prospect(
+        method=plan.method,
+        step=plan.step,
+        burn_in=plan.burn_in,
+        duration=plan.duration,
+        steps_per_path=plan.steps_per_path,
+        nanoseconds_per_step=1e9 * elapsed / run.steps,
+        seconds={
+            target: None if unseen else elapsed * (relative[slowest] / target) ** 2
+            for target in (0.01, 0.001)
+        },
+        governed_by="no impact was seen" if unseen else slowest,
+    )
+
+
 def make_plan(
     scene: Scene,
     speed_threshold: float | None,
@@ -473,20 +522,36 @@ def _until(run: _Run, rel_error: float, budget: float | None) -> None:
 
 def _relative_errors(run: _Run) -> tuple[float, float]:
     """Largest relative standard error, and largest relative bias that is beyond its own noise."""
-    errors, biases = [0.0], [0.0]
-    deviation = run.fine.evaluate(_COORDINATE["displacement_std"])[0]
+    biases = [0.0]
+    if not run.plan.elastic:
+        for name, quantity in _governed(run.scene.system()).items():
+            # halving the step would do little for the rates at lossy stops: it is only stated
+            if quantity in _RATES:
+                continue
+            value, error = run.fine.evaluate(quantity)
+            coarse, coarse_error = run.coarse.evaluate(quantity)
+            excess = abs(coarse - value) - 2.0 * math.hypot(error, coarse_error)
+            size = _size(run, name, value)
+            biases.append(max(0.0, excess) / 3.0 / size if size else 0.0)
+    return max(_relative_standard_errors(run).values()), max(biases)
+
+
+def _relative_standard_errors(run: _Run) -> dict[str, float]:
+    """Of each governed quantity that is not zero."""
+    found = {}
     for name, quantity in _governed(run.scene.system()).items():
         value, error = run.fine.evaluate(quantity)
-        size = deviation if name == "displacement_mean" else abs(value)
-        if size == 0.0:
-            continue
-        errors.append(error / size)
-        # halving the step would do little for the rates at lossy stops: their bias is only stated
-        if not run.plan.elastic and quantity not in _RATES:
-            coarse, coarse_error = run.coarse.evaluate(quantity)
-            doubt = 2.0 * math.hypot(error, coarse_error)
-            biases.append(max(0.0, abs(coarse - value) - doubt) / 3.0 / size)
-    return max(errors), max(biases)
+        size = _size(run, name, value)
+        if size > 0.0:
+            found[name] = error / size
+    return found
+
+
+def _size(run: _Run, name: str, value: float) -> float:
+    """What a quantity is measured by: itself, but a mean by the standard deviation."""
+    if name == "displacement_mean":
+        return run.fine.evaluate(_COORDINATE["displacement_std"])[0]
+    return abs(value)
 
 
 def _speed_mean(means: Means) -> float:

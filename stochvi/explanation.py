@@ -1,0 +1,76 @@
+"""What would be simulated, what would not, which methods apply, and what it would cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from stochvi.closed_form import unmet_conditions
+from stochvi.errors import NotApplicable, NotConverged
+from stochvi.linearisation import linearise
+from stochvi.monte_carlo import Prospect, prospect
+from stochvi.notes import scene_notes
+from stochvi.scenes import Scene
+
+KNOWN_EFFECTS = ("white noise", "tabulated noise", "constant load", "stop lower", "stop upper")
+"""Everything that a scene can call for; the rest of the world is not modelled."""
+
+APPLIES = "applies"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """What a scene calls for. `methods` maps each method to "applies" or to what it lacks."""
+
+    effects: Sequence[str]
+    absent: Sequence[str]
+    methods: Mapping[str, str]
+    assumptions: Sequence[str]
+    notes: Sequence[str]
+    simulation: Prospect | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {"method": "explain", **asdict(self)}
+
+
+def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
+    """List the effects, the methods that apply, and the expected price of a simulation.
+
+    An effect that is absent from the scene is absent from the compiled code. The price comes
+    from a short pilot run on this machine.
+
+    Examples
+    --------
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.structures import Oscillator
+    >>> free = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> explain(free).absent
+    ('tabulated noise', 'constant load', 'stop lower', 'stop upper')
+    """
+    effects = scene.effects()
+    methods = {"exact": "; ".join(unmet_conditions(scene)) or APPLIES, "linearise": APPLIES}
+    try:
+        linearise(scene)
+    except (NotApplicable, NotConverged) as reason:
+        methods["linearise"] = str(reason)
+    simulation = None
+    try:
+        simulation = prospect(scene, threads=threads)
+        methods["simulate"] = APPLIES
+    except NotApplicable as reason:
+        methods["simulate"] = str(reason)
+    return Explanation(
+        effects=effects,
+        absent=tuple(
+            known for known in KNOWN_EFFECTS if not any(known in effect for effect in effects)
+        ),
+        methods=methods,
+        assumptions=scene.assumptions(),
+        notes=tuple(scene_notes(scene.system())),
+        simulation=simulation,
+    )

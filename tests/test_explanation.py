@@ -1,0 +1,56 @@
+"""`explain`: effects present and absent, methods, and a price that comes true."""
+
+import json
+
+import pytest
+from known import oscillator
+
+from stochvi import Isolator, Scene, TabulatedNoise, WhiteNoise, explain, simulate
+
+
+def test_what_is_absent_is_told() -> None:
+    told = explain(oscillator(None, 1.0, 0.8, load=0.5))
+    assert told.effects == ("white noise on x", "constant load on x", "rigid stop upper")
+    assert told.absent == ("tabulated noise", "stop lower")
+    assert told.methods["linearise"] == told.methods["simulate"] == "applies"
+    assert "restitution must be 1" in told.methods["exact"]
+
+
+def test_the_predicted_price_is_that_of_the_run() -> None:
+    """Times on a shared machine wander: the paths behind them are compared, which do not."""
+    scene = oscillator(-1.0, 1.0, 1.0)
+    plan = explain(scene, threads=1).simulation
+    assert plan is not None
+    cost = simulate(scene, rel_error=0.001, seed=1, threads=1).cost
+    predicted = plan.seconds[0.001]
+    assert predicted is not None
+    steps = 1e9 * predicted / plan.nanoseconds_per_step
+    # errors of the pilot, of a thousand paths and more, are good to some per cent; a run may
+    # overshoot its goal by the last of its rounds
+    assert 0.4 * steps < cost.steps < 2.5 * steps
+
+
+def test_a_cost_that_cannot_be_told_is_unknown() -> None:
+    plan = explain(oscillator(-9.0, 9.0, 1.0)).simulation
+    assert plan is not None
+    assert set(plan.seconds.values()) == {None}
+    assert plan.governed_by == "no impact was seen"
+
+
+def test_a_scene_that_is_not_simulated_says_why() -> None:
+    mixed = Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        excitations=[TabulatedNoise(profile="navmat-p-9492"), WhiteNoise(intensity=1.0)],
+    )
+    told = explain(mixed)
+    assert told.simulation is None
+    assert "not simulated together" in told.methods["simulate"]
+    assert "outside the table" not in " ".join(told.notes)  # white noise reaches the resonance
+    assert json.loads(json.dumps(told.to_dict(), allow_nan=False))["method"] == "explain"
+
+
+@pytest.mark.parametrize("lower", [-1.0, None])
+def test_steps_of_a_path_are_those_of_the_plan(lower: float | None) -> None:
+    plan = explain(oscillator(lower, 1.0, 1.0)).simulation
+    assert plan is not None
+    assert plan.steps_per_path == pytest.approx((plan.burn_in + plan.duration) / plan.step, abs=2)
