@@ -1,9 +1,11 @@
 """Monte Carlo against its plain twin, exact laws, near-exact numbers, balances; same digits."""
 
 import math
+import multiprocessing
 import os
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -355,6 +357,14 @@ def test_digits_do_not_depend_on_threads(scene: Scene) -> None:
     assert not one.to_frame().equals(
         simulate(scene, paths=700, duration=40.0, threads=2, seed=5).to_frame()
     )
+
+
+def test_digits_do_not_depend_on_the_executor() -> None:
+    scene = oscillator(-1.0, 1.0, 0.8)
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as processes:
+        elsewhere = simulate(scene, paths=2100, duration=40.0, seed=4, executor=processes)
+    here = simulate(scene, paths=2100, duration=40.0, seed=4)
+    assert here.to_frame().equals(elsewhere.to_frame())
 
 
 def test_digits_of_a_path_do_not_depend_on_its_block() -> None:
