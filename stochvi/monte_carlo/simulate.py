@@ -17,6 +17,16 @@ from stochvi.collisions import COLLAPSE_RESTITUTION, upper_limit_unseen
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.identities import residuals
+from stochvi.monte_carlo.quantities import (
+    COORDINATE,
+    IMPACTS,
+    MEANS,
+    RATES,
+    Quantity,
+    collapses,
+    governed,
+    speed_mean,
+)
 from stochvi.monte_carlo.statistics import PathStatistics
 from stochvi.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.monte_carlo.white import WhitePlan, plan_white
@@ -27,8 +37,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Plan = WhitePlan | TabulatedPlan
-Means = dict[str, float]
-Quantity = Callable[[Means], float]
 Progress = Callable[[float, str], None]
 
 FIRST_BLOCKS = 1
@@ -360,7 +368,7 @@ class _Run:
         """A function of the means with its standard error and the bias left by the step."""
         value, error = self.fine.evaluate(quantity)
         how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
-        if quantity in _IMPACTS.values() and value == 0.0:
+        if quantity in IMPACTS.values() and value == 0.0:
             return Estimate(
                 value=0.0, how=f"no impact seen, {how}", upper_95=self._limit_unseen(quantity)
             )
@@ -376,16 +384,16 @@ class _Run:
     def _limit_unseen(self, quantity: Quantity) -> float | None:
         """Upper limit of a rate of which nothing was seen: that of clusters of hits, times the
         most hits in a cluster, on one stop or on both."""
-        if quantity not in _RATES:
+        if quantity not in RATES:
             return None
-        stops = 2.0 if quantity is _IMPACTS["collision_rate"] else 1.0
+        stops = 2.0 if quantity is IMPACTS["collision_rate"] else 1.0
         return stops * self.plan.hits_in_a_cluster * upper_limit_unseen(self.exposure)
 
     def _bias(self, quantity: Quantity, value: float) -> float | None:
         """What the step leaves: a third of the difference to twice the step, for second order;
         the rates at stops that lose energy are a matter of their own."""
         difference = abs(self.coarse.evaluate(quantity)[0] - value)
-        if quantity in _RATES:
+        if quantity in RATES:
             return self.plan.rate_bias(difference, value)
         return difference / 3.0
 
@@ -393,7 +401,7 @@ class _Run:
         """Everything that the paths so far say."""
         system = self.scene.system()
         coordinate: dict[str, Estimate | None] = {
-            name: self.estimate(quantity) for name, quantity in _COORDINATE.items()
+            name: self.estimate(quantity) for name, quantity in COORDINATE.items()
         }
         coordinate |= {"acceleration_std": self._acceleration(system), "upcrossing_rate": None}
         absent = [side for side in ("lower", "upper") if getattr(system, side) is None]
@@ -401,14 +409,14 @@ class _Run:
         for pair in self.scene.impact_pairs:
             found: dict[str, Estimate | float | None] = {
                 name: self.estimate(quantity)
-                for name, quantity in _IMPACTS.items()
+                for name, quantity in IMPACTS.items()
                 if name.removeprefix("collision_rate_") not in absent
             } | {f"collision_rate_{side}": None for side in absent}
-            hit = self.fine.evaluate(_IMPACTS["collision_rate"])[0] > 0.0
-            found["impact_speed_mean"] = self.estimate(_speed_mean) if hit else None
+            hit = self.fine.evaluate(IMPACTS["collision_rate"])[0] > 0.0
+            found["impact_speed_mean"] = self.estimate(speed_mean) if hit else None
             found |= {"peak_force": None, "speed_threshold": self.plan.threshold}
             pairs[pair.name] = found
-        impacts = self.fine.evaluate(_IMPACTS["collision_rate"])[0]
+        impacts = self.fine.evaluate(IMPACTS["collision_rate"])[0]
         return Response(
             method="simulate",
             coordinates={"x": coordinate},
@@ -427,7 +435,7 @@ class _Run:
             provenance=provenance(self.scene.document(), self.seed),
             identities={
                 name: self.estimate(lambda means, name=name: residuals(system, means)[name])  # type: ignore[misc]
-                for name in residuals(system, dict.fromkeys(_MEANS, 1.0))
+                for name in residuals(system, dict.fromkeys(MEANS, 1.0))
             },
         )
 
@@ -453,7 +461,7 @@ class _Run:
                 "count all"
             )
         unresolved = not self.plan.elastic and self.plan.rate_bias(0.0, 0.0) is None
-        if unresolved and not _collapses(system):
+        if unresolved and not collapses(system):
             yield (
                 "slow impacts at these stops are not resolved: the bias of the rates is unknown "
                 "(F1, F2 and the moments are not concerned); slow_impacts resolves them"
@@ -467,7 +475,7 @@ class _Run:
                     "noise; rates above a speed threshold are given, rel_error does not govern them"
                 )
             if getattr(system, side) is not None:
-                unseen = self.fine.evaluate(_IMPACTS[f"collision_rate_{side}"])[0] == 0.0
+                unseen = self.fine.evaluate(IMPACTS[f"collision_rate_{side}"])[0] == 0.0
                 if unseen:
                     yield (
                         f"no impact on the {side} stop in {self.exposure:.3g} s of motion: its "
@@ -524,9 +532,9 @@ def _relative_errors(run: _Run) -> tuple[float, float]:
     """Largest relative standard error, and largest relative bias that is beyond its own noise."""
     biases = [0.0]
     if not run.plan.elastic:
-        for name, quantity in _governed(run.scene.system()).items():
+        for name, quantity in governed(run.scene.system()).items():
             # halving the step would do little for the rates at lossy stops: it is only stated
-            if quantity in _RATES:
+            if quantity in RATES:
                 continue
             value, error = run.fine.evaluate(quantity)
             coarse, coarse_error = run.coarse.evaluate(quantity)
@@ -539,7 +547,7 @@ def _relative_errors(run: _Run) -> tuple[float, float]:
 def _relative_standard_errors(run: _Run) -> dict[str, float]:
     """Of each governed quantity that is not zero."""
     found = {}
-    for name, quantity in _governed(run.scene.system()).items():
+    for name, quantity in governed(run.scene.system()).items():
         value, error = run.fine.evaluate(quantity)
         size = _size(run, name, value)
         if size > 0.0:
@@ -550,54 +558,5 @@ def _relative_standard_errors(run: _Run) -> dict[str, float]:
 def _size(run: _Run, name: str, value: float) -> float:
     """What a quantity is measured by: itself, but a mean by the standard deviation."""
     if name == "displacement_mean":
-        return run.fine.evaluate(_COORDINATE["displacement_std"])[0]
+        return run.fine.evaluate(COORDINATE["displacement_std"])[0]
     return abs(value)
-
-
-def _speed_mean(means: Means) -> float:
-    return _IMPACTS["impact_speed_rate"](means) / _IMPACTS["collision_rate"](means)
-
-
-_MEANS = ("x", "variance", "vv", "f1_lower", "f1_upper", "f2_lower", "f2_upper")
-
-_COORDINATE: dict[str, Quantity] = {
-    "displacement_mean": lambda m: m["x"],
-    "displacement_std": lambda m: math.sqrt(m["variance"]),
-    "displacement_mean_square": lambda m: m["xx"],
-    "velocity_std": lambda m: math.sqrt(max(m["vv"], 0.0)),
-    "velocity_mean_square": lambda m: m["vv"],
-}
-
-_IMPACTS: dict[str, Quantity] = {
-    "collision_rate": lambda m: m["n_lower"] + m["n_upper"],
-    "collision_rate_lower": lambda m: m["n_lower"],
-    "collision_rate_upper": lambda m: m["n_upper"],
-    "impact_speed_rate": lambda m: m["f1_lower"] + m["f1_upper"],
-    "impact_speed_square_rate": lambda m: m["f2_lower"] + m["f2_upper"],
-}
-
-_RATES = tuple(quantity for name, quantity in _IMPACTS.items() if name.startswith("collision"))
-
-_GOVERNED = (
-    "displacement_mean",
-    "displacement_mean_square",
-    "velocity_mean_square",
-    "collision_rate",
-    "impact_speed_rate",
-    "impact_speed_square_rate",
-)
-
-
-def _governed(system: System) -> dict[str, Quantity]:
-    """What `rel_error` governs: a rate that has no limit as slow impacts are counted does not."""
-    quantities = _COORDINATE | _IMPACTS
-    return {
-        name: quantities[name]
-        for name in _GOVERNED
-        if not (name == "collision_rate" and _collapses(system))
-    }
-
-
-def _collapses(system: System) -> bool:
-    restitutions = (system.restitution_lower, system.restitution_upper)
-    return any(r is not None and r <= COLLAPSE_RESTITUTION for r in restitutions)
