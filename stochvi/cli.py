@@ -388,14 +388,11 @@ def _console(json_file: str | None) -> Console:
 def _progress(
     quiet: bool, title: str, console: Console | None = None
 ) -> Iterator[Callable[[float, str], None]]:
-    """A bar on a terminal; one line per new message elsewhere; nothing when quiet."""
+    """A bar on a terminal, nothing elsewhere."""
     from rich.console import Console
     from rich.progress import Progress
 
-    if quiet:
-        yield lambda done, text: None
-        return
-    if not sys.stderr.isatty():
+    if quiet or not sys.stderr.isatty():
         yield lambda done, text: None
         return
     terminal = console if console and console.is_terminal else Console(stderr=True)

@@ -91,6 +91,11 @@ class System(NamedTuple):
     restitution_lower: float | None
     restitution_upper: float | None
 
+    @property
+    def elastic(self) -> bool:
+        """Whether no stop loses energy."""
+        return all(r in (None, 1.0) for r in (self.restitution_lower, self.restitution_upper))
+
 
 class Scene(Checked):
     """Everything a method needs to know, checked once.

@@ -43,6 +43,9 @@ WARM_UP_RELAXATIONS = 15.0
 MOST_SAMPLES = 2**22
 """To a block of one path."""
 
+MOST_BLOCKS = 2**20
+"""Of a path: each block has a random stream, numbered from path * MOST_BLOCKS."""
+
 GAP_PER_SAMPLE = 0.125
 """Share of the gap that the mass crosses between samples at its rms speed without stops."""
 
@@ -207,7 +210,7 @@ class TabulatedPlan:
         streams = np.empty((2, paths), np.uint64)
         # every (path, block) has a stream of its own, whatever the blocks of other paths need
         for index in range(paths):
-            first = (first_path + index) * 2**20 + number
+            first = (first_path + index) * MOST_BLOCKS + number
             seed_streams(np.uint64(seed), first, streams[:, index : index + 1])
         amplitudes = self._amplitudes
         count = len(amplitudes)
@@ -243,7 +246,15 @@ def plan_tabulated(
     length = _block_length(system, BLOCK_RELAXATIONS * max(relaxation, 1.0 / omega))
     counted, blocks = length, 1
     if duration is not None:
-        blocks = math.ceil(min(duration / length, 1e9))
+        if duration > MOST_BLOCKS * length:
+            raise NotApplicable(
+                "simulate",
+                [
+                    f"a path of {duration:.3g} s needs more than {MOST_BLOCKS} blocks of "
+                    f"{length:.3g} s; give a shorter duration and more paths"
+                ],
+            )
+        blocks = math.ceil(duration / length)
         counted = duration / blocks
     highest = max(float(table.frequency_hz[-1]) for table in system.tables)
     rate = max(SAMPLES_PER_PERIOD * omega / (2.0 * math.pi), _rate_for_gap(system))
@@ -257,8 +268,8 @@ def plan_tabulated(
     if kept[-1] < (1.0 - LARGEST_LOSS) * total:
         raise NotApplicable("simulate", [_too_many(2.2 * highest * length)])
     samples = _even_fast_length(max(rate * length, 2.0 * (enough + 1)))
-    velocity = response_moments(system.tables, omega, b).velocity
-    lossy = any(r not in (None, 1.0) for r in (system.restitution_lower, system.restitution_upper))
+    if threshold is None:
+        threshold = default_threshold(system.elastic, math.sqrt(total))
     return TabulatedPlan(
         system=system,
         samples=samples,
@@ -266,7 +277,7 @@ def plan_tabulated(
         counted=counted,
         blocks_per_path=blocks,
         warm_up=WARM_UP_RELAXATIONS * relaxation,
-        threshold=default_threshold(lossy, math.sqrt(velocity)) if threshold is None else threshold,
+        threshold=threshold,
         bins=bins,
     )
 

@@ -102,7 +102,7 @@ class WhitePlan:
     @property
     def elastic(self) -> bool:
         """Whether no stop loses energy, so that any step leaves the stationary law exact."""
-        return all(restitution in (None, 1.0) for restitution in _restitutions(self.system))
+        return self.system.elastic
 
     def rate_bias(self, difference: float, rate: float) -> float | None:
         """Bias of a collision rate, from its difference to twice the step; None if unknown.
@@ -114,7 +114,7 @@ class WhitePlan:
         lossiest = min(1.0 if r is None else r for r in _restitutions(self.system))
         if self.slow_impacts and lossiest > COLLAPSE_RESTITUTION:
             return difference / (math.sqrt(2.0) - 1.0)
-        usual = self.threshold >= default_threshold(True, self.speed) and not self._pressed
+        usual = self.threshold >= default_threshold(self.elastic, self.speed) and not self._pressed
         if lossiest >= WELL_RESOLVED_RESTITUTION and usual:
             return difference / 3.0 + UNRESOLVED_RATE * rate
         return None
@@ -156,13 +156,6 @@ class WhitePlan:
     def shortest(self) -> WhitePlan:
         """Two steps: enough to have the kernels compiled."""
         return replace(self, burn_in=self.step, duration=2.0 * self.step)
-
-    def _start_of(self, seed: int, path: int) -> tuple[float, float]:
-        """Where one path starts, from the rest position (for tests)."""
-        streams = np.empty((2, 1), np.uint64)
-        seed_streams(np.uint64(seed), path, streams)
-        x, v = self._start(streams)
-        return float(x[0]), float(v[0])
 
     @property
     def recorded_samples(self) -> int:
@@ -231,7 +224,7 @@ class WhitePlan:
         box = math.sqrt(system.intensity * time**3), math.sqrt(system.intensity * time)
         return box, (system.damping_rate, system.intensity), np.array(ladder)
 
-    @property
+    @cached_property
     def _law(self) -> CutNormal:
         """The Gibbs law at the expected speed, from the rest position."""
         rest, system = self.rest, self.system
@@ -281,14 +274,13 @@ def plan_white(
         unmet.append("a constant load needs stiffness > 0, got 0")
     if system.omega == 0.0 and (system.lower is None or system.upper is None):
         unmet.append("without stiffness the mass needs a lower and an upper stop")
-    if system.damping_rate == 0.0 and all(r in (None, 1.0) for r in _restitutions(system)):
+    if system.damping_rate == 0.0 and system.elastic:
         unmet.append("damping must be positive or a restitution below 1 (no stationary state)")
     if unmet:
         raise NotApplicable("simulate", unmet)
     speed = expected_speed(system)
     burn_in = RELAXATIONS * _slowest_time(system, speed)
-    lossy = any(r not in (None, 1.0) for r in _restitutions(system))
-    step = _step(system, speed, lossy)
+    step = _step(system, speed)
     length = DURATION * burn_in if duration is None else duration
     if burn_in + length > MOST_STEPS * step:
         raise NotApplicable(
@@ -303,18 +295,18 @@ def plan_white(
         step=step,
         burn_in=burn_in,
         duration=length,
-        threshold=default_threshold(lossy, speed) if threshold is None else threshold,
+        threshold=default_threshold(system.elastic, speed) if threshold is None else threshold,
         slow_impacts=slow_impacts,
     )
 
 
-def default_threshold(lossy: bool, speed: float) -> float:
+def default_threshold(elastic: bool, speed: float) -> float:
     """Impacts slower than this are left out of the rates (never out of F1 and F2).
 
     At a stop that loses energy slow impacts come in bursts without end: their rate converges
     slowly with any resolution, and is infinite below R = exp(-pi / sqrt 3).
     """
-    return 0.05 * speed if lossy else 0.0
+    return 0.0 if elastic else 0.05 * speed
 
 
 def expected_speed(system: System) -> float:
@@ -381,13 +373,13 @@ def _flow(system: System, h: float) -> tuple[float, float, float, float]:
     return h, math.cos(angle), sine, system.omega**2
 
 
-def _step(system: System, speed: float, lossy: bool) -> float:
+def _step(system: System, speed: float) -> float:
     limits = []
     if system.omega > 0.0:
-        limits.append((LOSSY_ANGLE if lossy else LARGEST_ANGLE) / system.omega)
+        limits.append((LARGEST_ANGLE if system.elastic else LOSSY_ANGLE) / system.omega)
     if system.lower is not None and system.upper is not None:
         limits.append(GAP_PER_STEP * (system.upper - system.lower) / speed)
-    if lossy:
+    if not system.elastic:
         limits.append(LOSSY_DECAY * 2.0 * speed**2 / system.intensity)
     for stop, side in ((system.lower, -1.0), (system.upper, 1.0)):
         pressing = 0.0 if stop is None else side * (system.load - system.omega**2 * stop)
