@@ -29,6 +29,10 @@ Column = Annotated[tuple[Positive, ...], BeforeValidator(_plain_numbers)]
 """A column of a table: positive numbers, from a sequence or an array."""
 
 
+Matrix = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(_plain_numbers)]
+"""A matrix, row by row."""
+
+
 class Checked(BaseModel):
     """Base of every part of a scene: immutable, unknown keys refused, no silent conversion."""
 

@@ -187,7 +187,7 @@ def simulate(
             _finish(reason.response, json_file, out, quiet)
         raise
     _finish(response, json_file, out, quiet)
-    if out is not None and loaded.structure.omega > 0.0:
+    if out is not None and not loaded.beyond_one_oscillator() and loaded.system().omega > 0.0:
         from stochvi.files import write_picture
         from stochvi.plots import draw_overview
 

@@ -52,10 +52,10 @@ def exact(scene: Scene) -> Response:
     0.539560094 [closed form]
     """
     start = time.perf_counter()
-    system = scene.system()
     unmet = unmet_conditions(scene)
     if unmet:
         raise NoExactSolution(unmet)
+    system = scene.system()
     law = _displacement_law(system)
     velocity = _velocity_mean_square(system)
     return Answer(
@@ -79,8 +79,10 @@ def displacement_density(scene: Scene, x: ArrayLike) -> NDArray[np.float64]:
 
 def unmet_conditions(scene: Scene) -> list[str]:
     """What keeps this scene from having a closed form here; empty where it has one."""
+    unmet = scene.beyond_one_oscillator()
+    if unmet:
+        return unmet
     system = scene.system()
-    unmet = []
     for side in ("lower", "upper"):
         restitution = getattr(system, f"restitution_{side}")
         if restitution is not None and restitution < 1.0:

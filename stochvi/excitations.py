@@ -1,4 +1,4 @@
-"""What shakes the system: white noise, tabulated densities, a constant load."""
+"""What shakes the system: noise (white, filtered, tabulated), a sine, a constant load."""
 
 from __future__ import annotations
 
@@ -21,35 +21,25 @@ from stochvi.datasets import profiles, read_table
 from stochvi.errors import SceneError
 from stochvi.spectra import Table
 
-Where = Literal["x", "base"]
+BASE = "base"
+"""The place of an excitation that moves the base; every other place is a coordinate."""
+
 Unit = Literal["g2/Hz", "(m/s2)2/Hz", "N2/Hz"]
 
 
 def check_unit(unit: str, on: str) -> None:
-    """A force density belongs on the mass, an acceleration density on the base."""
-    fitting = FORCE_DENSITY_UNITS if on == "x" else ACCELERATION_DENSITY_UNITS
+    """A force density belongs on a mass, an acceleration density on the base."""
+    fitting = ACCELERATION_DENSITY_UNITS if on == BASE else FORCE_DENSITY_UNITS
     if unit not in fitting:
         raise ValueError(
             f"has unit {unit!r}, but on = {on!r} takes a density in {' or '.join(fitting)}"
         )
 
 
-class WhiteNoise(Checked):
-    """White noise, E f(t) f(t + tau) = S0 delta(tau), as a force or a base acceleration.
+class _Strength(Checked):
+    """White noise of a strength: `intensity` S0, or a one-sided `density` with its `unit`."""
 
-    Give `intensity` = S0 (N^2 s on the mass, (m/s^2)^2 s on the base), or `density`, one-sided
-    per hertz, with its `unit`; S0 = density / 2.
-
-    Examples
-    --------
-    >>> WhiteNoise(intensity=0.2).si_intensity
-    0.2
-    >>> round(WhiteNoise(on="base", density=0.01, unit="g2/Hz").si_intensity, 6)
-    0.480852
-    """
-
-    kind: Literal["white"] = "white"
-    on: Where | None = None
+    on: str | None = None
     intensity: Positive | None = None
     density: Positive | None = None
     unit: Unit | None = None
@@ -77,6 +67,70 @@ class WhiteNoise(Checked):
         return intensity_from_density(self.density * DENSITY_UNITS[self.unit])
 
 
+class WhiteNoise(_Strength):
+    """White noise, E f(t) f(t + tau) = S0 delta(tau), as a force or a base acceleration.
+
+    Give `intensity` = S0 (N^2 s on the mass, (m/s^2)^2 s on the base), or `density`, one-sided
+    per hertz, with its `unit`; S0 = density / 2.
+
+    Examples
+    --------
+    >>> WhiteNoise(intensity=0.2).si_intensity
+    0.2
+    >>> round(WhiteNoise(on="base", density=0.01, unit="g2/Hz").si_intensity, 6)
+    0.480852
+    """
+
+    kind: Literal["white"] = "white"
+
+
+class FilteredNoise(_Strength):
+    """White noise w of intensity S0 passed through a resonance,
+
+        f'' + 2 zeta w_f f' + w_f^2 f = w_f^2 w(t),    w_f = 2 pi frequency_hz,
+
+    so that far below the resonance its density is that of w, and E f^2 = w_f S0 / (4 zeta).
+    Narrow-band for a small `zeta`. The strength is given as for `WhiteNoise`.
+
+    Examples
+    --------
+    >>> sea = FilteredNoise(intensity=2.0, frequency_hz=0.1, zeta=0.05)
+    >>> round(sea.variance, 4)
+    6.2832
+    """
+
+    kind: Literal["filtered"] = "filtered"
+    frequency_hz: Positive
+    zeta: Positive
+
+    @property
+    def omega(self) -> float:
+        """Resonance w_f of the filter, rad/s."""
+        return 2.0 * math.pi * self.frequency_hz
+
+    @property
+    def variance(self) -> float:
+        """E f^2, in N^2 or (m/s^2)^2."""
+        return self.omega * self.si_intensity / (4.0 * self.zeta)
+
+
+class Sine(Checked):
+    """A sine, amplitude * cos(2 pi frequency_hz t + phase), the phase of each path random.
+
+    `amplitude` is a force (N) on a mass or an acceleration (m/s^2) of the base.
+
+    Examples
+    --------
+    >>> Sine(on="base", amplitude=9.80665, frequency_hz=50.0).amplitude
+    9.80665
+    """
+
+    kind: Literal["sine"] = "sine"
+    on: str | None = None
+    amplitude: Positive
+    frequency_hz: Positive
+
+
 class TabulatedNoise(Checked):
     """Gaussian noise with a tabulated one-sided density per hertz, zero outside the table.
 
@@ -92,7 +146,7 @@ class TabulatedNoise(Checked):
     """
 
     kind: Literal["psd"] = "psd"
-    on: Where | None = None
+    on: str | None = None
     profile: str | None = None
     file: str | None = None
     frequency_hz: Column | None = None
@@ -158,22 +212,14 @@ class ConstantLoad(Checked):
 
     Examples
     --------
-    >>> ConstantLoad(force=-9.80665).on
-    'x'
+    >>> ConstantLoad(force=-9.80665).magnitude
+    -9.80665
     """
 
     kind: Literal["constant"] = "constant"
-    on: Where | None = None
+    on: str | None = None
     force: Number | None = None
     acceleration: Number | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _place(cls, values: object) -> object:
-        if isinstance(values, dict) and values.get("on") is None:
-            place = "base" if values.get("acceleration") is not None else "x"
-            return values | {"on": place}
-        return values
 
     @model_validator(mode="after")
     def _one_load(self) -> Self:
@@ -182,19 +228,20 @@ class ConstantLoad(Checked):
                 "needs exactly one of force (N) and acceleration (m/s^2 of the base), "
                 f"got {given(self, 'force', 'acceleration')}"
             )
-        if (self.on == "x") != (self.force is not None):
+        if self.on is not None and (self.on == BASE) != (self.acceleration is not None):
             raise ValueError(
-                f"takes force with on = 'x' and acceleration with on = 'base', got on = {self.on!r}"
+                "takes force on a coordinate and acceleration with on = 'base', "
+                f"got on = {self.on!r}"
             )
         return self
 
     @property
     def magnitude(self) -> float:
-        """Newtons on the mass, or m/s^2 of the base."""
+        """Newtons on a mass, or m/s^2 of the base."""
         value = self.force if self.force is not None else self.acceleration
         assert value is not None and math.isfinite(value)
         return value
 
 
-Excitation = WhiteNoise | TabulatedNoise | ConstantLoad
+Excitation = WhiteNoise | FilteredNoise | TabulatedNoise | Sine | ConstantLoad
 """Every excitation that a scene may hold."""

@@ -87,8 +87,10 @@ def screen(scene: Scene) -> Screening:
     >>> round(1e3 * screen(mount).displacement_std, 2)
     1.99
     """
+    unmet = scene.beyond_one_oscillator()
+    if unmet:
+        raise NotApplicable("screening", unmet)
     system = scene.system()
-    unmet = []
     if not system.moving_base or system.noise_on_mass:
         unmet.append("structure.kind must be 'isolator' with noise on its base only")
     if system.damping_rate == 0.0 or system.omega == 0.0:

@@ -92,7 +92,8 @@ def plot_displacement_density(
         density = displacement_density(scene, x * unit) * unit
         ax.plot(x, density, color=COLOURS["exact"], linewidth=1.8, label="exact")
     if linear_std is not None:
-        rest = scene.system().load / scene.structure.omega**2
+        system = scene.system()
+        rest = system.load / system.omega**2
         density = norm.pdf(x, rest / unit, linear_std / unit)
         ax.plot(
             x, density, color=COLOURS["stop"], linestyle="--", linewidth=1.4, label="without stops"
@@ -229,7 +230,7 @@ def draw_overview(scene: Scene, title: str) -> Axes:
 
     The densities are of one path of `DENSITY_PERIODS` natural periods.
     """
-    period = 2.0 * np.pi / scene.structure.omega
+    period = 2.0 * np.pi / scene.system().omega
     long = record_path(scene, duration=DENSITY_PERIODS * period, seed=1)
     without_stops = scene.model_copy(update={"impact_pairs": ()})
     linear = None

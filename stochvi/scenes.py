@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
@@ -13,9 +13,17 @@ from stochvi.checked import Checked, Number
 from stochvi.contacts import Law
 from stochvi.datasets import read_text
 from stochvi.errors import SceneError
-from stochvi.excitations import ConstantLoad, Excitation, TabulatedNoise, WhiteNoise, check_unit
+from stochvi.excitations import (
+    BASE,
+    ConstantLoad,
+    Excitation,
+    Sine,
+    TabulatedNoise,
+    WhiteNoise,
+    check_unit,
+)
 from stochvi.spectra import Table
-from stochvi.structures import Isolator, Structure
+from stochvi.structures import Isolator, Matrices, Structure
 
 
 class ImpactPair(Checked):
@@ -26,6 +34,9 @@ class ImpactPair(Checked):
     lower, upper
         Position of the stops, m from the position of the unloaded spring; leave out for none.
         A stop beyond it (an upper stop below 0) is a preload.
+    on, between
+        The coordinate that hits (left out where there is one), or the first and the second of
+        two, whose difference does.
     law, lower_law, upper_law
         The impact law of both stops, or of one where they differ.
 
@@ -38,17 +49,23 @@ class ImpactPair(Checked):
     """
 
     name: str = "stops"
-    on: str = "x"
+    on: str | None = None
+    between: tuple[str, str] | None = None
     lower: Number | None = None
     upper: Number | None = None
     law: Law | None = None
     lower_law: Law | None = None
     upper_law: Law | None = None
 
+    @field_validator("between", mode="before")
+    @classmethod
+    def _two_names(cls, names: Any) -> Any:
+        return tuple(names) if isinstance(names, list) else names
+
     @model_validator(mode="after")
     def _stops(self) -> Self:
-        if self.on != "x":
-            raise ValueError(f"must be on 'x', the only coordinate of this scene, got {self.on!r}")
+        if self.on is not None and self.between is not None:
+            raise ValueError("takes on or between, got both")
         if self.lower is None and self.upper is None:
             raise ValueError("needs at least one of lower and upper (m from rest)")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
@@ -136,13 +153,13 @@ class Scene(Checked):
         problems: list[tuple[str, str]] = []
         if not self.excitations:
             problems.append(("excitation", "needs at least one entry, got none"))
-        if len(self.impact_pairs) > 1:
-            problems.append(
-                (
-                    "impact_pair",
-                    f"takes one entry on a single coordinate, got {len(self.impact_pairs)}",
-                )
-            )
+        names = [pair.name for pair in self.impact_pairs]
+        for index, pair in enumerate(self.impact_pairs):
+            sentence = self._misplaced(pair)
+            if names.index(pair.name) < index:
+                sentence = f"needs a name of its own, got {pair.name!r} again"
+            if sentence:
+                problems.append((f"impact_pair.{index}", sentence))
         for index, excitation in enumerate(self.excitations):
             sentence = self._misfit(excitation)
             if sentence:
@@ -151,37 +168,79 @@ class Scene(Checked):
             raise SceneError(problems)
         return self
 
+    def _misplaced(self, pair: ImpactPair) -> str:
+        """What is wrong with the coordinates of an impact pair; empty if nothing is."""
+        known = self.structure.coordinates
+        names = pair.between or (() if pair.on is None else (pair.on,))
+        for name in names:
+            if name not in known:
+                only = ", the only coordinate of this scene" if len(known) == 1 else ""
+                return f"must be on {_one_of(known)}{only}, got {name!r}"
+        if not names and len(known) > 1:
+            return f"needs on or between, with names of {_one_of(known)}, got none"
+        if pair.between is not None and pair.between[0] == pair.between[1]:
+            return f"needs two different coordinates in between, got {pair.between[0]!r} twice"
+        return ""
+
     def _out_of_range(self) -> list[tuple[str, str]]:
         """Numbers whose products and squares would not fit a floating-point number."""
-        mass = self.structure.mass
-        if mass is not None and not _fits(mass):
-            return [("structure", _range_sentence("the mass (kg)", mass))]
-        system = self.system()
-        numbers = [
-            ("structure", "the natural frequency (rad/s)", system.omega),
-            ("structure", "the damping per unit mass (1/s)", system.damping_rate),
-            ("excitation", "the intensity per unit mass squared", system.intensity),
-            ("excitation", "the load per unit mass (m/s^2)", system.load),
-            ("impact_pair", "the lower stop (m)", system.lower),
-            ("impact_pair", "the upper stop (m)", system.upper),
-        ]
-        for table in system.tables:
-            for column in (table.frequency_hz, table.density):
-                extremes = float(column.min()), float(column.max())
-                numbers += [("excitation", "the table per unit mass", size) for size in extremes]
+        numbers: list[tuple[str, str, float | None]] = []
+        if isinstance(self.structure, Matrices):
+            names = ("the mass (kg)", "the damping (N s/m)", "the stiffness (N/m)")
+            for name, matrix in zip(names, self.structure.matrices, strict=True):
+                numbers += [("structure", name, float(entry)) for entry in matrix.ravel()]
+            for excitation in self.excitations:
+                for word in ("si_intensity", "amplitude", "magnitude"):
+                    strength = getattr(excitation, word, None)
+                    numbers.append(("excitation", "its strength", strength))
+        elif self.structure.mass is not None and not _fits(self.structure.mass):
+            return [("structure", _range_sentence("the mass (kg)", self.structure.mass))]
+        else:
+            numbers += self._numbers_per_unit_mass()
+        for pair in self.impact_pairs:
+            numbers += [
+                ("impact_pair", "the lower stop (m)", pair.lower),
+                ("impact_pair", "the upper stop (m)", pair.upper),
+            ]
         return [
             (key, _range_sentence(name, value))
             for key, name, value in numbers
             if value is not None and not _fits(value)
         ]
 
+    def _numbers_per_unit_mass(self) -> list[tuple[str, str, float | None]]:
+        """What the methods for a single oscillator compute with, and its names."""
+        system = self.system()
+        numbers: list[tuple[str, str, float | None]] = [
+            ("structure", "the natural frequency (rad/s)", system.omega),
+            ("structure", "the damping per unit mass (1/s)", system.damping_rate),
+            ("excitation", "the intensity per unit mass squared", system.intensity),
+            ("excitation", "the load per unit mass (m/s^2)", system.load),
+        ]
+        for table in system.tables:
+            for column in (table.frequency_hz, table.density):
+                extremes = float(column.min()), float(column.max())
+                numbers += [("excitation", "the table per unit mass", size) for size in extremes]
+        return numbers
+
     def _misfit(self, excitation: Excitation) -> str:
+        """What is wrong with the place of an excitation; empty if nothing is."""
+        known = self.structure.coordinates
         where = self.place(excitation)
-        if where == "base" and not isinstance(self.structure, Isolator):
-            return "acts on the base, which needs structure.kind = 'isolator', got 'oscillator'"
-        if where == "x" and self.structure.mass is None:
+        if where == BASE and not isinstance(self.structure, Isolator | Matrices):
+            return (
+                "acts on the base, which needs structure.kind = 'isolator' or 'matrices', "
+                f"got {self.structure.kind!r}"
+            )
+        if not where:
+            return f"needs on, one of {_one_of((*known, BASE))}, got none"
+        if where != BASE and where not in known:
+            return f"must act on {_one_of((*known, BASE))}, got on = {where!r}"
+        if where != BASE and self.structure.mass is None:
             return "is a force, which needs structure.mass, got none"
-        if not isinstance(excitation, ConstantLoad):
+        if isinstance(excitation, ConstantLoad) and (where == BASE) != (excitation.force is None):
+            return "takes force on a coordinate and acceleration on the base"
+        if not isinstance(excitation, ConstantLoad | Sine):
             unit = "g2/Hz" if getattr(excitation, "profile", None) else excitation.unit
             try:
                 if unit is not None:
@@ -191,22 +250,46 @@ class Scene(Checked):
         return ""
 
     def place(self, excitation: Excitation) -> str:
-        """Where an excitation acts, "x" or "base", by its own word or by the structure's kind."""
-        return excitation.on or ("base" if isinstance(self.structure, Isolator) else "x")
+        """Where an excitation acts: a coordinate or "base", by its own word, else by its kind and
+        the structure's; empty where that does not say."""
+        if excitation.on is not None:
+            return excitation.on
+        if isinstance(excitation, ConstantLoad) and not isinstance(self.structure, Matrices):
+            return BASE if excitation.acceleration is not None else "x"
+        if isinstance(self.structure, Isolator):
+            return BASE
+        coordinates = self.structure.coordinates
+        return coordinates[0] if len(coordinates) == 1 else ""
+
+    def beyond_one_oscillator(self) -> list[str]:
+        """What the methods for a single oscillator do not cover here; `system()` needs none."""
+        found = []
+        if isinstance(self.structure, Matrices):
+            found.append("structure.kind must be 'oscillator' or 'isolator', got 'matrices'")
+        if len(self.impact_pairs) > 1:
+            found.append(f"the scene must have one impact pair, got {len(self.impact_pairs)}")
+        kinds = {excitation.kind for excitation in self.excitations} & {"filtered", "sine"}
+        found += [
+            f"excitation must be white, psd or constant, got {kind}" for kind in sorted(kinds)
+        ]
+        return found
 
     def effects(self) -> tuple[str, ...]:
         """The effects this scene calls for; nothing else is simulated."""
         found = [
             {
                 "white": "white noise on {}",
+                "filtered": "filtered noise on {}",
+                "sine": "sine on {}",
                 "psd": "tabulated noise on {}",
                 "constant": "constant load on {}",
             }[excitation.kind].format(self.place(excitation))
             for excitation in self.excitations
         ]
         for pair in self.impact_pairs:
+            of = f" of {pair.name}" if len(self.impact_pairs) > 1 else ""
             found += [
-                f"rigid stop {side}"
+                f"rigid stop {side}{of}"
                 for side in ("lower", "upper")
                 if getattr(pair, side) is not None
             ]
@@ -219,14 +302,17 @@ class Scene(Checked):
             found.append("mass is not given: 1 kg, which only forces would depend on")
         if self.impact_pairs:
             found.append("stops are rigid; an impact is instantaneous (Newton's restitution)")
+        if any(isinstance(excitation, Sine) for excitation in self.excitations):
+            found.append("the phase of a sine is random, uniform, in each path")
         return tuple(found)
 
     def system(self) -> System:
-        """The scene per unit mass, as numbers that a method computes with."""
+        """A scene of a single oscillator per unit mass, as numbers that a method computes with."""
+        assert not isinstance(self.structure, Matrices)
         mass = self.structure.mass or 1.0
         intensity, load, tables, noise_on_mass = 0.0, 0.0, [], False
         for excitation in self.excitations:
-            on_mass = self.place(excitation) == "x"
+            on_mass = self.place(excitation) != BASE
             noise_on_mass |= on_mass and not isinstance(excitation, ConstantLoad)
             match excitation:
                 case WhiteNoise():
@@ -263,6 +349,10 @@ class Scene(Checked):
 
 LARGEST_NUMBER = 1e50
 """Of anything in a scene, per unit mass, and the inverse of the smallest: squares stay finite."""
+
+
+def _one_of(names: Sequence[str]) -> str:
+    return " or ".join(repr(name) for name in names)
 
 
 def _fits(value: float) -> bool:

@@ -1,13 +1,15 @@
-"""The linear structure that moves between the stops: m x'' + c x' + k x = force."""
+"""The linear structure that moves between the stops: M x'' + C x' + K x = force."""
 
 from __future__ import annotations
 
 import math
 from typing import Literal, Self
 
-from pydantic import model_validator
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import field_validator, model_validator
 
-from stochvi.checked import Checked, NonNegative, Positive, given
+from stochvi.checked import Checked, Matrix, NonNegative, Positive, given
 
 
 class Oscillator(Checked):
@@ -53,6 +55,18 @@ class Oscillator(Checked):
         return self
 
     @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The displacements that move: of an oscillator, x."""
+        return ("x",)
+
+    @property
+    def matrices(self) -> tuple[NDArray[np.float64], ...]:
+        """Mass, damping and stiffness as matrices of one row (1 kg where no mass is given)."""
+        mass = self.mass or 1.0
+        entries = (mass, mass * self.damping_rate, mass * self.omega**2)
+        return tuple(np.array([[entry]]) for entry in entries)
+
+    @property
     def omega(self) -> float:
         """Undamped natural frequency, rad/s; 0 without a spring."""
         if self.frequency_hz is not None:
@@ -86,5 +100,82 @@ class Isolator(Oscillator):
     kind: Literal["isolator"] = "isolator"  # type: ignore[assignment]
 
 
-Structure = Oscillator | Isolator
+class Matrices(Checked):
+    """A linear structure of several coordinates, M x'' + C x' + K x = force.
+
+    Parameters
+    ----------
+    coordinates
+        A name for each displacement, in the order of rows and columns.
+    mass, damping, stiffness
+        Symmetric matrices, kg, N s/m and N/m; the mass positive definite, the others without
+        negative eigenvalues. On a moving base, displacements are relative to it.
+
+    Examples
+    --------
+    >>> loose = Matrices(
+    ...     coordinates=["structure", "absorber"],
+    ...     mass=[[1.0, 0.0], [0.0, 0.1]],
+    ...     damping=[[0.1, 0.0], [0.0, 0.0]],
+    ...     stiffness=[[1.0, 0.0], [0.0, 0.0]],
+    ... )
+    >>> loose.coordinates
+    ('structure', 'absorber')
+    """
+
+    kind: Literal["matrices"] = "matrices"
+    coordinates: tuple[str, ...]
+    mass: Matrix
+    damping: Matrix
+    stiffness: Matrix
+
+    @field_validator("coordinates", mode="before")
+    @classmethod
+    def _names(cls, names: object) -> object:
+        return tuple(names) if isinstance(names, list) else names
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> Self:
+        count = len(self.coordinates)
+        if count == 0 or len(set(self.coordinates)) < count or "base" in self.coordinates:
+            raise ValueError(
+                "needs coordinates with different names, none of them 'base', "
+                f"got {list(self.coordinates)}"
+            )
+        for name in ("mass", "damping", "stiffness"):
+            rows = getattr(self, name)
+            if len(rows) != count or any(len(row) != count for row in rows):
+                raise ValueError(
+                    f"needs {name} with {count} rows and columns, one for each coordinate"
+                )
+            matrix = np.array(rows)
+            if not np.allclose(matrix, matrix.T, rtol=SYMMETRY, atol=0.0):
+                raise ValueError(f"needs a symmetric matrix {name}")
+            smallest = _smallest_eigenvalue(matrix)
+            if smallest < -SYMMETRY:
+                raise ValueError(f"has the matrix {name} with a negative eigenvalue")
+            if name == "mass" and smallest <= SYMMETRY:
+                raise ValueError("needs a positive definite matrix mass")
+        return self
+
+    @property
+    def matrices(self) -> tuple[NDArray[np.float64], ...]:
+        """Mass, damping and stiffness."""
+        return tuple(np.array(rows) for rows in (self.mass, self.damping, self.stiffness))
+
+
+SYMMETRY = 1e-9
+"""Relative rounding error that matrices are granted."""
+
+
+def _smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
+    """Of D^-1/2 A D^-1/2 with D the diagonal of A: coordinates of any size count alike."""
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    if np.any(matrix[size == 0.0]):
+        return -1.0  # a zero on the diagonal of a matrix without negative eigenvalues is alone
+    inverse = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    return float(np.linalg.eigvalsh(inverse[:, None] * matrix * inverse)[0])
+
+
+Structure = Oscillator | Isolator | Matrices
 """Every structure that a scene may hold."""

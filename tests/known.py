@@ -271,8 +271,11 @@ MISTAKES = {
         "lower_law",
         "no lower stop",
     ),
-    "two pairs": Mistake(
-        changed(["impact_pair"], DOCUMENT["impact_pair"] * 2), "impact_pair", "2", "one entry"
+    "two pairs of one name": Mistake(
+        changed(["impact_pair"], DOCUMENT["impact_pair"] * 2),
+        "impact_pair.1",
+        "'stops' again",
+        "a name of its own",
     ),
     "pair on another coordinate": Mistake(
         changed(["impact_pair", 0, "on"], "y"), "impact_pair.0", "'y'", "'x'"

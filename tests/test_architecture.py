@@ -10,8 +10,16 @@ import stochvi
 PACKAGE = Path(stochvi.__file__).parent
 FLOORS = {
     0: ("conventions", "errors", "estimates", "datasets", "checked"),
-    1: ("contacts", "structures", "excitations", "spectra", "cut_normal", "collisions"),
-    2: ("scenes", "identities", "notes", "answers"),
+    1: (
+        "contacts",
+        "structures",
+        "excitations",
+        "spectra",
+        "state_space",
+        "cut_normal",
+        "collisions",
+    ),
+    2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "linearisation", "monte_carlo"),
     4: ("crosscheck", "explanation"),
     5: ("isolators", "files", "plots", "tables", "demo"),

@@ -245,7 +245,7 @@ def test_a_bad_table_file_gives_a_sentence_with_the_key_and_its_name(tmp_path, c
         (lambda: ImpactPair(lower=1.0, upper=0.0), "needs lower < upper, got 1 and 0"),
         (
             lambda: ConstantLoad(force=1.0, on="base"),
-            "takes force with on = 'x' and acceleration with on = 'base', got on = 'base'",
+            "takes force on a coordinate and acceleration with on = 'base', got on = 'base'",
         ),
         (lambda: Scene(), "structure is missing\nexcitation is missing"),
         (

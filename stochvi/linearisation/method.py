@@ -62,10 +62,10 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     """
     started = time.perf_counter()
     _check_words(form, variant)
-    system = scene.system()
-    unmet = _unmet_conditions(system, form)
+    unmet = scene.beyond_one_oscillator() or _unmet_conditions(scene.system(), form)
     if unmet:
         raise NotApplicable("linearise", unmet)
+    system = scene.system()
     method = f"linearise:{form}" + (":book" if variant == "book" else "")
     if system.lower is None and system.upper is None:
         return _answer(system, _without_stops(system)).response(
