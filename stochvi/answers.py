@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from stochvi.assemblies import assemble
 from stochvi.collisions import StopStatistics
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.identities import residuals
@@ -80,7 +81,7 @@ class Answer:
             cost=Cost(wall_time=time.perf_counter() - started),
             warnings=scene_notes(system),
             provenance=provenance(scene.document()),
-            identities=self._identities(system, how),
+            identities=self._identities(scene, how),
         )
 
     def _speed_mean(self) -> float | None:
@@ -88,21 +89,24 @@ class Answer:
         rate = _total(self.lower.rate, self.upper.rate)
         return speed_rate / rate if speed_rate is not None and rate else None
 
-    def _identities(self, system: System, how: str) -> dict[str, Estimate]:
+    def _identities(self, scene: Scene, how: str) -> dict[str, Estimate]:
         sums = (self.lower.speed_rate, self.upper.speed_rate)
         squares = (self.lower.speed_square_rate, self.upper.speed_square_rate)
         if None in sums or None in squares:
             return {}
-        moments = {
-            "x": self.mean,
-            "variance": self.variance,
-            "vv": self.velocity_mean_square,
-            "f1_lower": sums[0],
-            "f1_upper": sums[1],
-            "f2_lower": squares[0],
-            "f2_upper": squares[1],
+        moments: dict[tuple[str, str], float] = {
+            ("x", "x"): self.mean,
+            ("x", "variance"): self.variance,
+            ("x", "vv"): self.velocity_mean_square,
         }
-        found = residuals(system, moments)
+        for pair in scene.impact_pairs:
+            moments |= {
+                (pair.name, "f1_lower"): sums[0],
+                (pair.name, "f1_upper"): sums[1],
+                (pair.name, "f2_lower"): squares[0],
+                (pair.name, "f2_upper"): squares[1],
+            }
+        found = residuals(assemble(scene), moments, (self.mean,))
         return {name: Estimate(value=value, how=how) for name, value in found.items()}
 
 

@@ -1,62 +1,110 @@
 """Balances that hold for every restitution, any stops: tests of a method, residuals of a report.
 
-With w the incident speed, F1 = rate E w and F2 = rate E w^2 at each stop, b and omega of the
-structure, S0 the intensity of white noise, g a constant load per unit mass, R the restitution:
+For M q'' + C q' + K q = g + white forces of intensity S, with w the incident speed on a stop,
+F1 = rate E w and F2 = rate E w^2 there, y = d . q of an impact pair, mu its reduced mass and R the
+restitution; sums over all stops, the impulse pushing y away from the stop:
 
-    energy   S0 / 2 = b E v^2 + (1 - R_l^2) F2_l / 2 + (1 - R_u^2) F2_u / 2
-    virial   E v^2 = omega^2 Var x + (1 + R_l) (m - lower) F1_l + (1 + R_u) (upper - m) F1_u
-    force    omega^2 m = g + (1 + R_l) F1_l - (1 + R_u) F1_u,            m = E x
+    energy   tr(M^-1 S) / 2 = E v'C v + sum mu (1 - R^2) F2 / 2
+    virial   E v'M v = E (q - o)'K q - (m - o)'g + sum mu (1 + R) |d . o - stop| F1
+    force    K m = g +- sum d mu (1 + R) F1,            m = E q
 
-They follow from the stationarity of E v^2, E (x - m) v and E v. For coloured noise only the last
-one holds as it stands; the others gain E f v and E f x.
+with any fixed o, from the stationarity of E v'M v, E (q - o)'M v and E M v. For one oscillator
+they read S0 / 2 = b E v^2 + ..., E v^2 = omega^2 Var x + ... For coloured noise only the last one
+holds as it stands; the others gain E f v and E f x.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from stochvi.scenes import System
+from stochvi.assemblies import Assembly
+
+ENERGIES = ("kinetic", "potential", "dissipation")
+"""E v'M v, E (q - o)'K (q - o) and E v'C v (not halved), with the key ("", name)."""
 
 
-def residuals(system: System, moments: Mapping[str, Any]) -> dict[str, Any]:
+def residuals(
+    assembly: Assembly, moments: Mapping[tuple[str, str], Any], origin: Sequence[float]
+) -> dict[str, Any]:
     """Left side less right side of each balance that applies, relative to its largest term.
 
     Parameters
     ----------
-    system
-        The scene per unit mass.
+    assembly
+        The scene as matrices.
     moments
-        `x`, `variance`, `vv` (E x, Var x, E v^2) and `f1_lower`, `f1_upper`, `f2_lower`,
-        `f2_upper`; numbers, or arrays of one value per independent path.
+        By (coordinate, name): `x`, `variance`, `vv`; by (impact pair, name): `f1_lower`,
+        `f1_upper`, `f2_lower`, `f2_upper`; by ("", name): `ENERGIES`, which may be left out for a
+        single coordinate. Numbers, or arrays of one value per independent path.
+    origin
+        o, about which the potential energy was taken (of a single coordinate: any position).
     """
-    lower, r_lower = system.lower or 0.0, _or_zero(system.restitution_lower)
-    upper, r_upper = system.upper or 0.0, _or_zero(system.restitution_upper)
-    push = (1.0 + r_lower) * moments["f1_lower"]
-    pull = (1.0 + r_upper) * moments["f1_upper"]
-    stiff = system.omega**2
-    terms = {"force": [stiff * moments["x"], -push, pull, -system.load + 0.0 * moments["x"]]}
-    if not system.tables:
-        loss_lower = (1.0 - r_lower**2) / 2.0 * moments["f2_lower"]
-        loss_upper = (1.0 - r_upper**2) / 2.0 * moments["f2_upper"]
-        supply = system.intensity / 2.0 + 0.0 * moments["x"]
-        terms["energy"] = [supply, -system.damping_rate * moments["vv"], -loss_lower, -loss_upper]
-        terms["virial"] = [
-            moments["vv"],
-            -stiff * moments["variance"],
-            (lower - moments["x"]) * push,
-            (moments["x"] - upper) * pull,
-        ]
-    # the terms of the force balance may all vanish by symmetry: the spring's rms force does not
-    floor = {"force": stiff * float(np.mean(moments["variance"])) ** 0.5}
-    return {name: sum(parts) / _scale(parts, floor.get(name, 0.0)) for name, parts in terms.items()}
+    o = np.asarray(origin, float)
+    mean = [moments[name, "x"] for name in assembly.coordinates]
+    found = {}
+    pushes = _pushes(assembly, moments)
+    for row, coordinate in enumerate(assembly.coordinates):
+        terms = [assembly.stiffness[row, k] * mean[k] for k in range(len(mean))]
+        terms += [-direction[row] * push for direction, _, push in pushes]
+        terms.append(-assembly.load[row] + 0.0 * mean[row])
+        # all may vanish by symmetry: the rms force of the coordinate's own spring does not
+        deviation = float(np.mean(moments[coordinate, "variance"])) ** 0.5
+        name = "force" if len(mean) == 1 else f"force on {coordinate}"
+        found[name] = sum(terms) / _scale(terms, assembly.stiffness[row, row] * deviation)
+    if assembly.signals or assembly.tables:
+        return found
+    energies = _energies(assembly, moments, o)
+    supply = float(np.trace(np.linalg.solve(assembly.mass, assembly.white))) / 2.0
+    balances = {
+        "energy": [supply, -energies["dissipation"], *_losses(assembly, moments)],
+        "virial": [
+            energies["kinetic"],
+            -energies["potential"],
+            *((o[k] - mean[k]) * force for k, force in enumerate(assembly.stiffness @ o)),
+            *((mean[k] - o[k]) * load for k, load in enumerate(assembly.load)),
+            *((stop - direction @ o) * push for direction, stop, push in pushes),
+        ],
+    }
+    return {name: sum(terms) / _scale(terms) for name, terms in balances.items()} | found
 
 
-def _or_zero(restitution: float | None) -> float:
-    return 0.0 if restitution is None else restitution
+def _pushes(
+    assembly: Assembly, moments: Mapping[tuple[str, str], Any]
+) -> list[tuple[Any, float, Any]]:
+    """(direction, stop, mean force on y) of every stop, the force positive upwards."""
+    found = []
+    for contact in assembly.contacts:
+        for side, stop, law in contact.stops:
+            force = contact.mass * (1.0 + law.coefficient) * moments[contact.name, f"f1_{side}"]
+            found.append((contact.direction, stop, force if side == "lower" else -force))
+    return found
 
 
-def _scale(parts: list[Any], floor: float) -> float:
-    return max(floor, 1e-300, *(abs(float(np.mean(part))) for part in parts))
+def _losses(assembly: Assembly, moments: Mapping[tuple[str, str], Any]) -> list[Any]:
+    """Power lost at every stop, negative."""
+    return [
+        -contact.mass * (1.0 - law.coefficient**2) / 2.0 * moments[contact.name, f"f2_{side}"]
+        for contact in assembly.contacts
+        for side, _, law in contact.stops
+    ]
+
+
+def _energies(
+    assembly: Assembly, moments: Mapping[tuple[str, str], Any], origin: Any
+) -> dict[str, Any]:
+    if ("", "kinetic") in moments:
+        return {name: moments["", name] for name in ENERGIES}
+    (coordinate,) = assembly.coordinates
+    square = moments[coordinate, "variance"] + (moments[coordinate, "x"] - origin[0]) ** 2
+    return {
+        "kinetic": assembly.mass[0, 0] * moments[coordinate, "vv"],
+        "potential": assembly.stiffness[0, 0] * square,
+        "dissipation": assembly.damping[0, 0] * moments[coordinate, "vv"],
+    }
+
+
+def _scale(terms: list[Any], floor: float = 0.0) -> float:
+    return max(floor, 1e-300, *(abs(float(np.mean(term))) for term in terms))

@@ -53,8 +53,7 @@ def step_covariance(generator: Matrix, noise: Matrix, step: float) -> Matrix:
     for _ in range(doublings):
         covariance = covariance + forward @ covariance @ forward.T
         forward = forward @ forward
-    symmetric: Matrix = (covariance + covariance.T) / 2.0
-    return symmetric
+    return np.asarray((covariance + covariance.T) / 2.0, float)
 
 
 def stationary_covariance(generator: Matrix, noise: Matrix) -> Matrix:
@@ -65,8 +64,8 @@ def stationary_covariance(generator: Matrix, noise: Matrix) -> Matrix:
     array([[1., 0.],
            [0., 1.]])
     """
-    solution: Matrix = solve_continuous_lyapunov(generator, -noise)
-    return (solution + solution.T) / 2.0
+    solution = solve_continuous_lyapunov(generator, -noise)
+    return np.asarray((solution + solution.T) / 2.0, float)
 
 
 def square_root(covariance: Matrix, tolerance: float) -> Matrix:

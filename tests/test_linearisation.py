@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from stochvi.assemblies import assemble
 from stochvi.contacts import Restitution
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Estimate, Response
@@ -275,18 +276,17 @@ def test_closure_obeys_the_balances() -> None:
 
 def test_balances_see_a_wrong_restitution() -> None:
     """Negative control: the answer for R does not balance as one for R^2."""
-    response, system = linearise(make_scene(restitution=0.8)), make_scene(restitution=0.64).system()
+    response, wrong = linearise(make_scene(restitution=0.8)), make_scene(restitution=0.64)
     half = {name: value(response, f"impact_speed_{name}rate") / 2.0 for name in ("", "square_")}
     moments = {
-        "x": value(response, "displacement_mean"),
-        "variance": value(response, "displacement_std") ** 2,
-        "vv": value(response, "velocity_mean_square"),
-        "f1_lower": half[""],
-        "f1_upper": half[""],
-        "f2_lower": half["square_"],
-        "f2_upper": half["square_"],
+        ("x", "x"): value(response, "displacement_mean"),
+        ("x", "variance"): value(response, "displacement_std") ** 2,
+        ("x", "vv"): value(response, "velocity_mean_square"),
     }
-    found = residuals(system, moments)
+    for side in ("lower", "upper"):
+        moments["stops", f"f1_{side}"] = half[""]
+        moments["stops", f"f2_{side}"] = half["square_"]
+    found = residuals(assemble(wrong), moments, (0.0,))
     assert abs(found["energy"]) > 0.01
     assert abs(found["virial"]) > 0.01
 

@@ -29,13 +29,24 @@ from stochvi import (
     record_path,
     simulate,
 )
+from stochvi.assemblies import assemble
 from stochvi.identities import residuals
 from stochvi.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.monte_carlo.simulate import make_plan
+from stochvi.monte_carlo.quantities import of_pair, speed_mean
+from stochvi.monte_carlo.simulate import layout_of, make_plan
 from stochvi.monte_carlo.statistics import PathStatistics
 
 QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
 TRUCK = "mil-std-810h-truck-vertical-5hz"
+
+
+def run(scene: Scene, plan, seed: int, paths: int) -> PathStatistics:
+    """Statistics of the first paths of a plan."""
+    return PathStatistics.of(plan.averages(seed, 0, paths), layout_of(scene, plan))
+
+
+def rate(means: dict) -> float:
+    return means["stops", "n_lower"] + means["stops", "n_upper"]
 
 
 def quantities(scene: Scene, **arguments: object) -> dict[str, Estimate]:
@@ -121,14 +132,14 @@ def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
     )
     here = os.path.dirname(__file__)
 
-    def run(**extra: str) -> np.ndarray:
+    def printed(**extra: str) -> np.ndarray:
         told = subprocess.run(
             [sys.executable, "-W", "ignore", "-c", probe], capture_output=True, text=True,
             check=True, cwd=here, env=os.environ | extra,
         ).stdout  # fmt: skip
         return np.array([float(word) for word in told.split()])
 
-    np.testing.assert_allclose(run(NUMBA_DISABLE_JIT="1"), run(), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(printed(NUMBA_DISABLE_JIT="1"), printed(), rtol=1e-9, atol=1e-12)
 
 
 # ---- exact and near-exact numbers ------------------------------------------------------------
@@ -177,8 +188,7 @@ def test_half_the_step_is_free_of_bias_too() -> None:
     plan = make_plan(scene, None, None)
     for factor in (0.5, 2.0):
         changed = plan.with_step(factor * plan.step)
-        statistics = PathStatistics.of(changed.averages(5, 0, 4096))
-        value, error = statistics.evaluate(lambda m: m["n_lower"] + m["n_upper"])
+        value, error = run(scene, changed, 5, 4096).evaluate(rate)
         assert abs(value - truth["collision_rate"]) < 4.5 * error
 
 
@@ -225,13 +235,13 @@ def test_stops_of_different_restitution_keep_the_balances() -> None:
 def test_the_stated_bias_covers_that_of_a_coarse_step() -> None:
     """At four times the default step F2 is off beyond its noise; the stated bias knows."""
     truth = near_exact(0.5)["velocity_std"]
-    plan = make_plan(oscillator(-1.0, 1.0, 0.5), None, None)
-    coarse = plan.with_step(0.6)
-    half = PathStatistics.of(coarse.with_step(0.3).averages(6, 0, 32768))
-    full = PathStatistics.of(coarse.averages(6, 0, 32768))
+    scene = oscillator(-1.0, 1.0, 0.5)
+    coarse = make_plan(scene, None, None).with_step(0.6)
+    half = run(scene, coarse.with_step(0.3), 6, 32768)
+    full = run(scene, coarse, 6, 32768)
 
-    def velocity(m: dict[str, float]) -> float:
-        return math.sqrt(m["vv"])
+    def velocity(means: dict) -> float:
+        return math.sqrt(means["x", "vv"])
 
     (fine_value, fine_error), (value, error) = half.evaluate(velocity), full.evaluate(velocity)
     assert abs(value - truth) > 4.5 * error
@@ -243,14 +253,15 @@ def test_the_stated_bias_covers_that_of_a_coarse_step() -> None:
 def test_rates_of_slow_impacts_do_not_depend_on_a_refined_step() -> None:
     """At R = 0.2 the plain step misses slow impacts; refined steps of any length agree."""
 
-    def rate(step: float, slow_impacts: bool, paths: int) -> tuple[float, float]:
-        plan = make_plan(oscillator(-1.0, 1.0, 0.2), None, 400.0, slow_impacts).with_step(step)
-        statistics = PathStatistics.of(plan.averages(31, 0, paths))
-        return statistics.evaluate(lambda m: m["n_lower"] + m["n_upper"])
+    scene = oscillator(-1.0, 1.0, 0.2)
 
-    (coarse, coarse_error), (fine, fine_error) = rate(0.2, True, 6144), rate(0.05, True, 1024)
+    def rate_at(step: float, slow_impacts: bool, paths: int) -> tuple[float, float]:
+        plan = make_plan(scene, None, 400.0, slow_impacts).with_step(step)
+        return run(scene, plan, 31, paths).evaluate(rate)
+
+    (coarse, coarse_error), (fine, fine_error) = rate_at(0.2, True, 6144), rate_at(0.05, True, 1024)
     assert abs(coarse - fine) < 4.5 * math.hypot(coarse_error, fine_error)
-    plain, plain_error = rate(0.2, False, 6144)
+    plain, plain_error = rate_at(0.2, False, 6144)
     assert abs(plain - coarse) > 4.5 * math.hypot(plain_error, coarse_error)
 
 
@@ -297,11 +308,10 @@ def test_the_end_of_step_mirror_is_caught() -> None:
 
 def test_a_wrong_restitution_breaks_the_energy_balance() -> None:
     """Simulated with R = 0.8, judged as R = 0.81."""
-    statistics = PathStatistics.of(
-        make_plan(oscillator(-1.0, 1.0, 0.8), None, None).averages(8, 0, 8192)
-    )
-    claimed = oscillator(-1.0, 1.0, 0.81).system()
-    value, error = statistics.evaluate(lambda means: residuals(claimed, means)["energy"])
+    scene = oscillator(-1.0, 1.0, 0.8)
+    statistics = run(scene, make_plan(scene, None, None), 8, 8192)
+    claimed = assemble(oscillator(-1.0, 1.0, 0.81))
+    value, error = statistics.evaluate(lambda means: residuals(claimed, means, (0.0,))["energy"])
     assert abs(value) > 4.5 * error
 
 
@@ -470,9 +480,10 @@ def test_a_table_far_below_the_resonance_keeps_its_velocity(band: list, zeta: fl
 
 def test_a_narrow_gap_under_a_table_is_sampled_finely_enough() -> None:
     """Elastic stops at 0.05 sigma: halving the samples' distance changes nothing of substance."""
-    plan = make_plan(isolator(1e-4, 1.0), None, 2.0)
-    usual, finer = (PathStatistics.of(p.averages(5, 0, 32)) for p in (plan, plan.finer()))
-    for quantity in (lambda m: m["vv"], lambda m: m["f1_lower"] + m["f1_upper"]):
+    scene = isolator(1e-4, 1.0)
+    plan = make_plan(scene, None, 2.0)
+    usual, finer = (run(scene, p, 5, 32) for p in (plan, plan.finer()))
+    for quantity in (lambda m: m["x", "vv"], of_pair("stops")["impact_speed_rate"]):
         (value, error), (other, other_error) = usual.evaluate(quantity), finer.evaluate(quantity)
         assert abs(value - other) < 4.5 * math.hypot(error, other_error)
 
@@ -493,14 +504,13 @@ def test_a_mass_at_rest_on_a_stop_still_presses_on_it(restitution: float) -> Non
 
 
 def test_one_path_with_all_the_hits_is_an_answer_too() -> None:
-    plan = make_plan(oscillator(-4.0, 4.0, 1.0), None, 100.0)
+    scene = oscillator(-4.0, 4.0, 1.0)
+    plan = make_plan(scene, None, 100.0)
     averages = plan.averages(1, 0, 64)
     averages[3:] = 0.0
     averages[3:6, 17] = 0.01
-    statistics = PathStatistics.of(averages)
-    value, error = statistics.evaluate(
-        lambda m: (m["f1_lower"] + m["f1_upper"]) / (m["n_lower"] + m["n_upper"])
-    )
+    statistics = PathStatistics.of(averages, layout_of(scene, plan))
+    value, error = statistics.evaluate(speed_mean("stops"))
     assert value == pytest.approx(1.0)
     assert math.isfinite(error)
 

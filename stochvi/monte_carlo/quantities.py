@@ -3,40 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from stochvi.assemblies import Assembly, Contact
 from stochvi.collisions import COLLAPSE_RESTITUTION
-from stochvi.scenes import System
 
-Means = dict[str, float]
+Key = tuple[str, str]
+"""Whose (a coordinate's, an impact pair's), and what."""
+
+Means = dict[Key, float]
 Quantity = Callable[[Means], float]
 
-
-def speed_mean(means: Means) -> float:
-    """Mean impact speed, F1 over the rate."""
-    return IMPACTS["impact_speed_rate"](means) / IMPACTS["collision_rate"](means)
-
-
-MEANS = ("x", "variance", "vv", "f1_lower", "f1_upper", "f2_lower", "f2_upper")
-"""Names that the balances need."""
-
-COORDINATE: dict[str, Quantity] = {
-    "displacement_mean": lambda m: m["x"],
-    "displacement_std": lambda m: math.sqrt(m["variance"]),
-    "displacement_mean_square": lambda m: m["xx"],
-    "velocity_std": lambda m: math.sqrt(max(m["vv"], 0.0)),
-    "velocity_mean_square": lambda m: m["vv"],
-}
-
-IMPACTS: dict[str, Quantity] = {
-    "collision_rate": lambda m: m["n_lower"] + m["n_upper"],
-    "collision_rate_lower": lambda m: m["n_lower"],
-    "collision_rate_upper": lambda m: m["n_upper"],
-    "impact_speed_rate": lambda m: m["f1_lower"] + m["f1_upper"],
-    "impact_speed_square_rate": lambda m: m["f2_lower"] + m["f2_upper"],
-}
-
-RATES = tuple(quantity for name, quantity in IMPACTS.items() if name.startswith("collision"))
+RATES = ("collision_rate", "collision_rate_lower", "collision_rate_upper")
+"""Quantities that count impacts, above a speed threshold where stops lose energy."""
 
 GOVERNED = (
     "displacement_mean",
@@ -46,18 +25,60 @@ GOVERNED = (
     "impact_speed_rate",
     "impact_speed_square_rate",
 )
+"""What `rel_error` governs, of each coordinate and each impact pair."""
 
 
-def governed(system: System) -> dict[str, Quantity]:
-    """What `rel_error` governs: a rate that has no limit as slow impacts are counted does not."""
-    quantities = COORDINATE | IMPACTS
+def of_coordinate(name: str) -> dict[str, Quantity]:
+    """Quantities of a coordinate, from the means of x, x^2 and v^2."""
     return {
-        name: quantities[name]
-        for name in GOVERNED
-        if not (name == "collision_rate" and collapses(system))
+        "displacement_mean": lambda m: m[name, "x"],
+        "displacement_std": lambda m: math.sqrt(m[name, "variance"]),
+        "displacement_mean_square": lambda m: m[name, "xx"],
+        "velocity_std": lambda m: math.sqrt(max(m[name, "vv"], 0.0)),
+        "velocity_mean_square": lambda m: m[name, "vv"],
     }
 
 
-def collapses(system: System) -> bool:
-    restitutions = (system.restitution_lower, system.restitution_upper)
-    return any(r is not None and r <= COLLAPSE_RESTITUTION for r in restitutions)
+def of_pair(name: str) -> dict[str, Quantity]:
+    """Quantities of an impact pair, from the sums of 1, w and w^2 over impacts, per second."""
+
+    def total(what: str) -> Quantity:
+        return lambda m: m[name, f"{what}_lower"] + m[name, f"{what}_upper"]
+
+    return {
+        "collision_rate": total("n"),
+        "collision_rate_lower": lambda m: m[name, "n_lower"],
+        "collision_rate_upper": lambda m: m[name, "n_upper"],
+        "impact_speed_rate": total("f1"),
+        "impact_speed_square_rate": total("f2"),
+    }
+
+
+def speed_mean(name: str) -> Quantity:
+    """Mean impact speed, F1 over the rate of all impacts counted."""
+    pair = of_pair(name)
+    return lambda m: pair["impact_speed_rate"](m) / pair["collision_rate"](m)
+
+
+def governed(assembly: Assembly) -> dict[Key, Quantity]:
+    """What `rel_error` governs: a rate that has no limit as slow impacts are counted is not."""
+    found: dict[Key, Quantity] = {}
+    for coordinate in assembly.coordinates:
+        known = of_coordinate(coordinate)
+        found |= {(coordinate, name): known[name] for name in GOVERNED if name in known}
+    for contact in assembly.contacts:
+        known = of_pair(contact.name)
+        for name in GOVERNED:
+            if name in known and not (name in RATES and collapses(contact)):
+                found[contact.name, name] = known[name]
+    return found
+
+
+def collapses(contact: Contact) -> bool:
+    """Whether the rate of all impacts is infinite at one of the stops."""
+    return any(r <= COLLAPSE_RESTITUTION for r in restitutions(contact))
+
+
+def restitutions(contact: Contact) -> Sequence[float]:
+    """Of the rigid stops of a pair."""
+    return [law.coefficient for _, _, law in contact.stops]

@@ -13,30 +13,33 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stochvi.assemblies import Contact, assemble
 from stochvi.collisions import COLLAPSE_RESTITUTION, upper_limit_unseen
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.identities import residuals
+from stochvi.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.monte_carlo.quantities import (
-    COORDINATE,
-    IMPACTS,
-    MEANS,
     RATES,
+    Key,
+    Means,
     Quantity,
-    collapses,
     governed,
+    of_coordinate,
+    of_pair,
+    restitutions,
     speed_mean,
 )
-from stochvi.monte_carlo.statistics import PathStatistics
+from stochvi.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.monte_carlo.white import WhitePlan, plan_white
 from stochvi.notes import scene_notes
-from stochvi.scenes import Scene, System
+from stochvi.scenes import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Plan = WhitePlan | TabulatedPlan
+Plan = WhitePlan | TabulatedPlan | ModalPlan
 Progress = Callable[[float, str], None]
 
 FIRST_BLOCKS = 1
@@ -149,7 +152,9 @@ def record_path(
 
     `impact_speed` is the incident speed of an impact within the step that ends at `time`,
     positive at the upper stop, negative at the lower, 0 for none (several: their sum). The path
-    is not stationary at its start: it begins at a guess of the stationary law.
+    is not stationary at its start: it begins at a guess of the stationary law. Where the scene
+    has more than one oscillator under white or tabulated noise, the columns say of what they are,
+    as in "displacement of absorber".
 
     Examples
     --------
@@ -172,16 +177,19 @@ def record_path(
     if step is not None:
         plan = plan.with_step(step)
     samples = plan.recorded_samples
+    time = {"time": plan.step * np.arange(1, samples + 1)}
+    if isinstance(plan, ModalPlan):
+        record = np.zeros((samples, 1, plan.record_width))
+        plan.averages(seed, path, 1, record)
+        return pd.DataFrame(time | plan.recorded(record))
     record = np.zeros((samples, 1, 3))
     plan.averages(seed, path, 1, record)
-    return pd.DataFrame(
-        {
-            "time": plan.step * np.arange(1, samples + 1),
-            "displacement": record[:, 0, 0] + plan.rest,
-            "velocity": record[:, 0, 1],
-            "impact_speed": record[:, 0, 2],
-        }
-    )
+    columns = {
+        "displacement": record[:, 0, 0] + plan.rest,
+        "velocity": record[:, 0, 1],
+        "impact_speed": record[:, 0, 2],
+    }
+    return pd.DataFrame(time | columns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,8 +224,8 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
         run.add_paths(max(2 * plan.block, FEWEST_PATHS))
         elapsed = run.elapsed
     relative = _relative_standard_errors(run)
-    slowest = max(relative, key=lambda name: relative[name])
-    unseen = bool(scene.impact_pairs) and "impact_speed_rate" not in relative
+    slowest = max(relative, key=lambda key: relative[key])
+    unseen = any((pair.name, "impact_speed_rate") not in relative for pair in scene.impact_pairs)
     return Prospect(
         method=plan.method,
         step=plan.step,
@@ -229,8 +237,15 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
             target: None if unseen else elapsed * (relative[slowest] / target) ** 2
             for target in (0.01, 0.001)
         },
-        governed_by="no impact was seen" if unseen else slowest,
+        governed_by="no impact was seen" if unseen else _spoken(scene, slowest),
     )
+
+
+def _spoken(scene: Scene, key: Key) -> str:
+    """A quantity in words; of whom, where the scene has several coordinates or pairs."""
+    owner, name = key
+    alone = len(scene.structure.coordinates) == 1 and len(scene.impact_pairs) < 2
+    return name if alone else f"{name} of {owner}"
 
 
 def make_plan(
@@ -240,6 +255,8 @@ def make_plan(
     slow_impacts: bool = False,
 ) -> Plan:
     """Choose the method that the scene's excitation calls for, its step and its lengths."""
+    if scene.beyond_one_oscillator():
+        return plan_modal(assemble(scene), speed_threshold, duration)
     system = scene.system()
     if system.tables:
         return plan_tabulated(system, speed_threshold, duration)
@@ -248,6 +265,16 @@ def make_plan(
             "simulate", ["excitation must contain noise, got a constant load alone"]
         )
     return plan_white(system, speed_threshold, duration, slow_impacts)
+
+
+def layout_of(scene: Scene, plan: Plan) -> Layout:
+    """What the averages of a plan are."""
+    if isinstance(plan, ModalPlan):
+        return plan.layout
+    pair = scene.impact_pairs[0].name if scene.impact_pairs else ""
+    rows = [("x", "x"), ("x", "xx"), ("x", "vv")]
+    rows += [(pair, f"{sum_}_{side}") for side in ("lower", "upper") for sum_ in ("n", "f1", "f2")]
+    return Layout(rows=tuple(rows), origins={"x": plan.origin}, thresholds={pair: plan.threshold})
 
 
 def _check_arguments(
@@ -290,9 +317,11 @@ def _compile(plan: Plan) -> float:
     return time.perf_counter() - start
 
 
-def _block_averages(plan: Plan, seed: int, first_path: int, paths: int) -> PathStatistics:
+def _block_averages(
+    plan: Plan, layout: Layout, seed: int, first_path: int, paths: int
+) -> PathStatistics:
     """One task: a function of its arguments alone, so any worker may do it, twice if need be."""
-    return PathStatistics.of(plan.averages(seed, first_path, paths), plan.origin)
+    return PathStatistics.of(plan.averages(seed, first_path, paths), layout)
 
 
 @dataclass
@@ -309,8 +338,10 @@ class _Run:
 
     def __post_init__(self) -> None:
         self.started = time.perf_counter()
-        self.fine = PathStatistics.none()
-        self.coarse = PathStatistics.none()
+        self.assembly = assemble(self.scene)
+        self.layout = layout_of(self.scene, self.plan)
+        self.fine = PathStatistics.none(self.layout)
+        self.coarse = PathStatistics.none(self.layout)
         self.steps = 0
         self.expected_paths = 1.0
         self.shown = 0.0
@@ -334,7 +365,10 @@ class _Run:
             if self.elapsed > deadline:
                 break
             waiting.append(
-                [self.executor.submit(_block_averages, plan, self.seed, *block) for plan in plans]
+                [
+                    self.executor.submit(_block_averages, plan, self.layout, self.seed, *block)
+                    for plan in plans
+                ]
             )
             if len(waiting) >= WINDOW * self.threads:
                 self._merge(waiting.popleft())
@@ -362,64 +396,47 @@ class _Run:
     def refine(self) -> None:
         """Start again at half the step."""
         self.plan = self.plan.finer()
-        self.fine, self.coarse = PathStatistics.none(), PathStatistics.none()
+        self.fine = self.coarse = PathStatistics.none(self.layout)
 
-    def estimate(self, quantity: Quantity) -> Estimate:
+    def estimate(self, quantity: Quantity, name: str = "") -> Estimate:
         """A function of the means with its standard error and the bias left by the step."""
         value, error = self.fine.evaluate(quantity)
         how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
-        if quantity in IMPACTS.values() and value == 0.0:
-            return Estimate(
-                value=0.0, how=f"no impact seen, {how}", upper_95=self._limit_unseen(quantity)
-            )
+        if value == 0.0 and (name in RATES or name.startswith("impact_speed")):
+            limit = self._limit_unseen(name) if name in RATES else None
+            return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
         if self.plan.elastic:
             return Estimate(value=value, standard_error=error, how=how)
+        difference = abs(self.coarse.evaluate(quantity)[0] - value)
         return Estimate(
             value=value,
             standard_error=error,
-            bias=self._bias(quantity, value),
+            # a third of the difference to twice the step, for second order; the rates at stops
+            # that lose energy are a matter of their own
+            bias=self.plan.rate_bias(difference, value) if name in RATES else difference / 3.0,
             how=f"{how}; bias from twice the step",
         )
 
-    def _limit_unseen(self, quantity: Quantity) -> float | None:
+    def _limit_unseen(self, name: str) -> float:
         """Upper limit of a rate of which nothing was seen: that of clusters of hits, times the
         most hits in a cluster, on one stop or on both."""
-        if quantity not in RATES:
-            return None
-        stops = 2.0 if quantity is IMPACTS["collision_rate"] else 1.0
+        stops = 2.0 if name == "collision_rate" else 1.0
         return stops * self.plan.hits_in_a_cluster * upper_limit_unseen(self.exposure)
-
-    def _bias(self, quantity: Quantity, value: float) -> float | None:
-        """What the step leaves: a third of the difference to twice the step, for second order;
-        the rates at stops that lose energy are a matter of their own."""
-        difference = abs(self.coarse.evaluate(quantity)[0] - value)
-        if quantity in RATES:
-            return self.plan.rate_bias(difference, value)
-        return difference / 3.0
 
     def response(self, warnings: tuple[str, ...] = ()) -> Response:
         """Everything that the paths so far say."""
-        system = self.scene.system()
-        coordinate: dict[str, Estimate | None] = {
-            name: self.estimate(quantity) for name, quantity in COORDINATE.items()
-        }
-        coordinate |= {"acceleration_std": self._acceleration(system), "upcrossing_rate": None}
-        absent = [side for side in ("lower", "upper") if getattr(system, side) is None]
-        pairs = {}
-        for pair in self.scene.impact_pairs:
-            found: dict[str, Estimate | float | None] = {
-                name: self.estimate(quantity)
-                for name, quantity in IMPACTS.items()
-                if name.removeprefix("collision_rate_") not in absent
-            } | {f"collision_rate_{side}": None for side in absent}
-            hit = self.fine.evaluate(IMPACTS["collision_rate"])[0] > 0.0
-            found["impact_speed_mean"] = self.estimate(speed_mean) if hit else None
-            found |= {"peak_force": None, "speed_threshold": self.plan.threshold}
-            pairs[pair.name] = found
-        impacts = self.fine.evaluate(IMPACTS["collision_rate"])[0]
+        coordinates: dict[str, dict[str, Estimate | None]] = {}
+        for coordinate in self.assembly.coordinates:
+            coordinates[coordinate] = {
+                "acceleration_std": self._acceleration(),
+                "upcrossing_rate": None,
+            }
+            for name, quantity in of_coordinate(coordinate).items():
+                coordinates[coordinate][name] = self.estimate(quantity)
+        pairs = {contact.name: self._pair(contact) for contact in self.assembly.contacts}
         return Response(
             method="simulate",
-            coordinates={"x": coordinate},
+            coordinates=coordinates,
             impact_pairs=pairs,
             effects=self.scene.effects(),
             assumptions=[*self.scene.assumptions(), *self._assumptions()],
@@ -427,24 +444,56 @@ class _Run:
                 wall_time=self.elapsed,
                 compile_time=self.compile_time,
                 steps=self.steps,
-                impacts=round(impacts * self.fine.count * self.plan.duration),
+                impacts=round(self._rate_of_all() * self.exposure),
                 paths=self.fine.count,
                 threads=self.threads,
             ),
-            warnings=[*warnings, *self._warnings(system)],
+            warnings=[*warnings, *self._warnings()],
             provenance=provenance(self.scene.document(), self.seed),
-            identities={
-                name: self.estimate(lambda means, name=name: residuals(system, means)[name])  # type: ignore[misc]
-                for name in residuals(system, dict.fromkeys(MEANS, 1.0))
-            },
+            identities=self._identities(),
         )
 
-    def _acceleration(self, system: System) -> Estimate | None:
+    def _pair(self, contact: Contact) -> dict[str, Estimate | float | None]:
+        known, sides = of_pair(contact.name), [side for side, _, _ in contact.stops]
+        found: dict[str, Estimate | float | None] = {
+            name: None
+            if name in ("collision_rate_lower", "collision_rate_upper")
+            and name.removeprefix("collision_rate_") not in sides
+            else self.estimate(quantity, name)
+            for name, quantity in known.items()
+        }
+        hit = self.fine.evaluate(known["collision_rate"])[0] > 0.0
+        found["impact_speed_mean"] = (
+            self.estimate(speed_mean(contact.name), "impact_speed_mean") if hit else None
+        )
+        threshold = self.layout.thresholds[contact.name]
+        return found | {"peak_force": None, "speed_threshold": threshold}
+
+    def _rate_of_all(self) -> float:
+        """Impacts per second, all pairs together."""
+        rates = (of_pair(contact.name)["collision_rate"] for contact in self.assembly.contacts)
+        return sum(self.fine.evaluate(rate)[0] for rate in rates)
+
+    def _identities(self) -> dict[str, Estimate]:
+        origin = [self.layout.origins[name] for name in self.assembly.coordinates]
+
+        def of(means: Means) -> dict[str, float]:
+            return residuals(self.assembly, means, origin)
+
+        names = of(self.fine.means())
+        return {name: self.estimate(lambda means, name=name: of(means)[name]) for name in names}  # type: ignore[misc]
+
+    def _acceleration(self) -> Estimate | None:
         """Absolute acceleration between impacts, -(b x' + w0^2 x): finite without rigid stops."""
-        if self.scene.impact_pairs or not system.moving_base or system.noise_on_mass:
+        if self.scene.impact_pairs or self.scene.beyond_one_oscillator():
+            return None
+        system = self.scene.system()
+        if not system.moving_base or system.noise_on_mass:
             return None
         b, stiff = system.damping_rate, system.omega**2
-        return self.estimate(lambda m: math.sqrt(b**2 * m["vv"] + stiff**2 * m["variance"]))
+        return self.estimate(
+            lambda m: math.sqrt(b**2 * m["x", "vv"] + stiff**2 * m["x", "variance"])
+        )
 
     def _assumptions(self) -> list[str]:
         plan = self.plan
@@ -453,32 +502,38 @@ class _Run:
             "standard errors from independent paths (delta method)",
         ]
 
-    def _warnings(self, system: System) -> Iterator[str]:
-        yield from scene_notes(system)
-        if self.plan.threshold > 0.0 and self.scene.impact_pairs:
-            yield (
-                f"rates count impacts faster than {self.plan.threshold:.3g} m/s; F1 and F2 "
-                "count all"
-            )
+    def _warnings(self) -> Iterator[str]:
+        if not self.scene.beyond_one_oscillator():
+            yield from scene_notes(self.scene.system())
+        contacts = self.assembly.contacts
+        several = len(contacts) > 1
         unresolved = not self.plan.elastic and self.plan.rate_bias(0.0, 0.0) is None
-        if unresolved and not collapses(system):
+        if unresolved and any(
+            COLLAPSE_RESTITUTION < r < 1.0 for pair in contacts for r in restitutions(pair)
+        ):
             yield (
                 "slow impacts at these stops are not resolved: the bias of the rates is unknown "
                 "(F1, F2 and the moments are not concerned); slow_impacts resolves them"
             )
-        for side in ("lower", "upper"):
-            restitution = getattr(system, f"restitution_{side}")
-            if restitution is not None and restitution <= COLLAPSE_RESTITUTION:
+        for contact in contacts:
+            of = f" of {contact.name}" if several else ""
+            threshold = self.layout.thresholds[contact.name]
+            if threshold > 0.0:
                 yield (
-                    f"restitution {restitution:g} at the {side} stop is below "
-                    f"{COLLAPSE_RESTITUTION:.4f}: the rate of all impacts is infinite under white "
-                    "noise; rates above a speed threshold are given, rel_error does not govern them"
+                    f"rates{of} count impacts faster than {threshold:.3g} m/s; F1 and F2 count all"
                 )
-            if getattr(system, side) is not None:
-                unseen = self.fine.evaluate(IMPACTS[f"collision_rate_{side}"])[0] == 0.0
-                if unseen:
+            for side, _, law in contact.stops:
+                if law.coefficient <= COLLAPSE_RESTITUTION:
                     yield (
-                        f"no impact on the {side} stop in {self.exposure:.3g} s of motion: its "
+                        f"restitution {law.coefficient:g} at the {side} stop{of} is below "
+                        f"{COLLAPSE_RESTITUTION:.4f}: the rate of all impacts is infinite under "
+                        "white noise; rates above a speed threshold are given, rel_error does not "
+                        "govern them"
+                    )
+                unseen = of_pair(contact.name)[f"collision_rate_{side}"]
+                if self.fine.evaluate(unseen)[0] == 0.0:
+                    yield (
+                        f"no impact on the {side} stop{of} in {self.exposure:.3g} s of motion: its "
                         "rate has an upper limit only, rel_error does not govern it; more paths "
                         "or a longer duration look further"
                     )
@@ -532,31 +587,32 @@ def _relative_errors(run: _Run) -> tuple[float, float]:
     """Largest relative standard error, and largest relative bias that is beyond its own noise."""
     biases = [0.0]
     if not run.plan.elastic:
-        for name, quantity in governed(run.scene.system()).items():
+        for key, quantity in governed(run.assembly).items():
             # halving the step would do little for the rates at lossy stops: it is only stated
-            if quantity in RATES:
+            if key[1] in RATES:
                 continue
             value, error = run.fine.evaluate(quantity)
             coarse, coarse_error = run.coarse.evaluate(quantity)
             excess = abs(coarse - value) - 2.0 * math.hypot(error, coarse_error)
-            size = _size(run, name, value)
+            size = _size(run, key, value)
             biases.append(max(0.0, excess) / 3.0 / size if size else 0.0)
     return max(_relative_standard_errors(run).values()), max(biases)
 
 
-def _relative_standard_errors(run: _Run) -> dict[str, float]:
+def _relative_standard_errors(run: _Run) -> dict[Key, float]:
     """Of each governed quantity that is not zero."""
     found = {}
-    for name, quantity in governed(run.scene.system()).items():
+    for key, quantity in governed(run.assembly).items():
         value, error = run.fine.evaluate(quantity)
-        size = _size(run, name, value)
+        size = _size(run, key, value)
         if size > 0.0:
-            found[name] = error / size
+            found[key] = error / size
     return found
 
 
-def _size(run: _Run, name: str, value: float) -> float:
+def _size(run: _Run, key: Key, value: float) -> float:
     """What a quantity is measured by: itself, but a mean by the standard deviation."""
+    owner, name = key
     if name == "displacement_mean":
-        return run.fine.evaluate(COORDINATE["displacement_std"])[0]
+        return run.fine.evaluate(of_coordinate(owner)["displacement_std"])[0]
     return abs(value)

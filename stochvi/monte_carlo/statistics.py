@@ -3,39 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.monte_carlo.kernels.flight import (
-    F1_LOWER,
-    F1_UPPER,
-    F2_LOWER,
-    F2_UPPER,
-    N_LOWER,
-    N_UPPER,
-    SUMS,
-    VV,
-    XX,
-    X,
-)
+from stochvi.monte_carlo.quantities import Key, Means, Quantity
 
 Vector = NDArray[np.float64]
 
-ROWS = {
-    "x": X,
-    "xx": XX,
-    "vv": VV,
-    "n_lower": N_LOWER,
-    "f1_lower": F1_LOWER,
-    "f2_lower": F2_LOWER,
-    "n_upper": N_UPPER,
-    "f1_upper": F1_UPPER,
-    "f2_upper": F2_UPPER,
-}
-"""Names of the time averages that a path yields: moments and, per second, sums over impacts."""
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """What the rows of a table of time averages are, and the positions they are taken from.
+
+    `rows` are keys of `Means`; of each coordinate in `origins`, "x" and "xx" are those of x less
+    its origin. `thresholds` are the slowest impacts (m/s) that the rates of each pair count.
+    """
+
+    rows: tuple[Key, ...]
+    origins: Mapping[str, float]
+    thresholds: Mapping[str, float]
 
 
 GRADIENT_STEP = 1e-3
@@ -53,21 +42,22 @@ class PathStatistics:
     count: int
     mean: Vector
     scatter: NDArray[np.float64]
-    origin: float = 0.0
+    layout: Layout
 
     @classmethod
-    def of(cls, averages: NDArray[np.float64], origin: float = 0.0) -> PathStatistics:
-        """Statistics of an array (SUMS, paths), positions from `origin`."""
+    def of(cls, averages: NDArray[np.float64], layout: Layout) -> PathStatistics:
+        """Statistics of an array (rows, paths)."""
         mean = averages.mean(axis=1)
         centred = averages - mean[:, None]
         # einsum sums in a fixed order, where a threaded matrix product may not
         scatter = np.einsum("ip,jp->ij", centred, centred)
-        return cls(count=averages.shape[1], mean=mean, scatter=scatter, origin=origin)
+        return cls(count=averages.shape[1], mean=mean, scatter=scatter, layout=layout)
 
     @classmethod
-    def none(cls) -> PathStatistics:
+    def none(cls, layout: Layout) -> PathStatistics:
         """Of no paths at all."""
-        return cls(count=0, mean=np.zeros(SUMS), scatter=np.zeros((SUMS, SUMS)))
+        size = len(layout.rows)
+        return cls(count=0, mean=np.zeros(size), scatter=np.zeros((size, size)), layout=layout)
 
     def merge(self, other: PathStatistics) -> PathStatistics:
         """Statistics of both groups of paths together."""
@@ -78,7 +68,7 @@ class PathStatistics:
             count=count,
             mean=self.mean + shift * (other.count / count),
             scatter=self.scatter + other.scatter + np.outer(shift, shift) * weight,
-            origin=other.origin,
+            layout=self.layout,
         )
 
     @property
@@ -86,7 +76,7 @@ class PathStatistics:
         """Covariance of the mean vector."""
         return self.scatter / (self.count * max(self.count - 1, 1))
 
-    def evaluate(self, quantity: Callable[[dict[str, float]], float]) -> tuple[float, float]:
+    def evaluate(self, quantity: Quantity) -> tuple[float, float]:
         """Value and standard error of a smooth function of the means (delta method).
 
         The gradient is taken by central differences over a small part of one standard error each
@@ -94,9 +84,9 @@ class PathStatistics:
         """
         value = quantity(self._named(self.mean))
         steps = GRADIENT_STEP * np.sqrt(np.diag(self.covariance))
-        gradient = np.zeros(SUMS)
+        gradient = np.zeros_like(steps)
         for row in np.flatnonzero(steps):
-            offset = np.zeros(SUMS)
+            offset = np.zeros_like(steps)
             offset[row] = steps[row]
             above = quantity(self._named(self.mean + offset))
             below = quantity(self._named(self.mean - offset))
@@ -104,13 +94,17 @@ class PathStatistics:
         variance = float(gradient @ self.covariance @ gradient)
         return value, math.sqrt(max(variance, 0.0))
 
-    def _named(self, mean: Vector) -> dict[str, float]:
-        """The means by name, positions from the unloaded spring; and the variance of x, which is
-        taken from `origin`, as a far one would cost its digits."""
-        named = {name: float(mean[row]) for name, row in ROWS.items()}
-        offset, square = named["x"], named["xx"]
-        return named | {
-            "x": self.origin + offset,
-            "xx": max(self.origin * (self.origin + 2.0 * offset) + square, 0.0),
-            "variance": max(square - offset**2, 0.0),
-        }
+    def means(self) -> Means:
+        """The means by key."""
+        return self._named(self.mean)
+
+    def _named(self, mean: Vector) -> Means:
+        """The means by key, positions from the unloaded springs; and the variance of each x, which
+        is taken from its origin, as a far one would cost its digits."""
+        named = dict(zip(self.layout.rows, mean.tolist(), strict=True))
+        for coordinate, origin in self.layout.origins.items():
+            offset, square = named[coordinate, "x"], named[coordinate, "xx"]
+            named[coordinate, "x"] = origin + offset
+            named[coordinate, "xx"] = max(origin * (origin + 2.0 * offset) + square, 0.0)
+            named[coordinate, "variance"] = max(square - offset**2, 0.0)
+        return named
