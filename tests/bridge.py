@@ -223,7 +223,8 @@ def fly(
                 v = side * w
             stop = upper if side > 0.0 else lower
             restitution = restitutions[1] if side > 0.0 else restitutions[0]
-            jump_x, jump_v = (stop - x if halve else 0.0), -side * restitution * w - v
+            jump_x = stop - x if halve else 0.0
+            jump_v = -side * restitution * w - v if w > 0.0 else 0.0
             x, v = stop, v + jump_v
             for i in range(ahead):
                 g, dg = impulse_response(times[i] - t, b, k)
