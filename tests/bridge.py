@@ -1,6 +1,6 @@
 """A second Monte Carlo of an oscillator at rigid stops, to hold the package's engine against.
 
-It shares no code, no random numbers and no idea with the engine. Nothing is split: the state is
+It shares no code, no random numbers and no method with the engine. Nothing is split: the state is
 drawn a step ahead by the exact Gaussian transition of x'' + b x' + W^2 x = f + g without stops,
 and what happened in between is drawn afterwards, where a stop may have been met.
 
@@ -35,9 +35,6 @@ OUT_OF_REACH = 4.0
 
 FAST = 3.0
 """Standard deviations of velocity in the velocity of a passage that is taken for a single one."""
-
-STACK = 256
-"""States drawn ahead; halving uses one for each halving, so a few dozen."""
 
 BISECTIONS = 48
 """Halvings that find a passage to rounding."""
@@ -169,7 +166,9 @@ def fly(
     b, k, intensity = oscillator
     phi_xx, phi_xv, phi_vx, phi_vv, root_xx, root_vx, root_vv = one_step
     lower, upper = stops
-    times, xs, vs = np.empty(STACK), np.empty(STACK), np.empty(STACK)
+    # states drawn ahead: one for each halving, the end of the step, and one for rounding
+    most = round(math.log2(h / shortest)) + 3
+    times, xs, vs = np.empty(most), np.empty(most), np.empty(most)
     x, v = min(max(0.0, lower), upper), 0.0
     for step in range(burn_in + steps):
         counted = step >= burn_in

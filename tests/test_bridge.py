@@ -30,7 +30,7 @@ SECOND_STOP = 3
 """Rows from a quantity of the lower stop to that of the upper."""
 
 STEP = 0.2
-"""Of the bridge, in units of the shorter of 1 / omega and 1 / b."""
+"""Of the bridge, in the shortest of 1 / omega, 1 / b and the time to cross a gap to and fro."""
 
 BURN_IN = 6.0
 """Times in which the oscillator without stops settles; a path counts at least twice as long."""
@@ -79,11 +79,15 @@ def by_bridge(
 ) -> dict[str, Estimate]:
     """The bridge's answer for a case of `oscillator`, in so many steps of all paths together."""
     omega, b = case.get("omega", 1.0), case.get("damping", 0.1)
-    step /= max(omega, b)
+    intensity = case.get("intensity", 0.2)
+    to_and_fro = 0.0
+    if case["lower"] is not None and case["upper"] is not None:
+        to_and_fro = math.sqrt(intensity / (2.0 * b)) / (2.0 * (case["upper"] - case["lower"]))
+    step /= max(omega, b, to_and_fro)
     bridge = Bridge(
         damping_rate=b,
         stiffness=omega**2,
-        intensity=case.get("intensity", 0.2),
+        intensity=intensity,
         load=case.get("load", 0.0),
         lower=-math.inf if case["lower"] is None else case["lower"],
         upper=math.inf if case["upper"] is None else case["upper"],
@@ -292,3 +296,20 @@ def test_engine_agrees_with_bridge_closely(case: dict, restitution: float) -> No
     steps = 1e7 if restitution >= 0.5 else 2e6
     for difference in compare(case, restitution, steps, 0.003).values():
         assert_agrees(difference, 0.0)
+
+
+@pytest.mark.verify
+@pytest.mark.xfail(strict=True, reason="the engine states its bias as if it were of second order")
+@pytest.mark.parametrize(
+    ("scene", "restitution", "name"),
+    [
+        ("one stop", 0.0, "impact_speed_rate"),
+        ("small gap", 0.0, "displacement_std"),
+        ("small gap", 0.5, "collision_rate"),
+    ],
+)
+def test_stated_bias_of_the_engine_covers_slow_impacts(
+    scene: str, restitution: float, name: str
+) -> None:
+    differences = compare(UNPUBLISHED[scene], restitution, 2e6, 0.005, trusted=True)
+    assert_agrees(differences[name], 0.0)
