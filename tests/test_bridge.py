@@ -24,7 +24,7 @@ from known import RIGID_STOPS, RigidStops, oscillator, values
 from scipy.optimize import brentq
 from statistical import assert_agrees
 
-from stochvi import Estimate, exact, simulate
+from stochvi import Estimate, ImpactPair, Restitution, exact, simulate
 
 SECOND_STOP = 3
 """Rows from a quantity of the lower stop to that of the upper."""
@@ -287,6 +287,23 @@ def test_engine_agrees_with_bridge(case: dict, restitution: float) -> None:
     steps = 2e5 if restitution >= 0.5 else 2e4
     for difference in compare(case, restitution, steps, 0.02).values():
         assert_agrees(difference, 0.0)
+
+
+def test_engine_agrees_with_bridge_on_stops_of_different_restitution() -> None:
+    laws = {
+        "lower_law": Restitution(coefficient=0.9),
+        "upper_law": Restitution(coefficient=0.5),
+    }
+    pair = ImpactPair(lower=-0.5, upper=1.0, **laws)
+    scene = oscillator(-0.5, 1.0).model_copy(update={"impact_pairs": (pair,)})
+    response = simulate(scene, rel_error=0.01, seed=7)
+    engine = {name: estimate for (_, name), estimate in response.estimates().items()}
+    threshold = response.impact_pairs["stops"]["speed_threshold"]
+    bridge = Bridge(
+        lower=-0.5, upper=1.0, restitution_lower=0.9, restitution_upper=0.5, threshold=threshold
+    )
+    for name, found in estimates(bridge.averages(8, PATHS, 2000.0, 60.0)).items():
+        assert_agrees(apart(engine[name], found, engine[name].bias), 0.0)
 
 
 @pytest.mark.verify
