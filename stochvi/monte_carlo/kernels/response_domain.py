@@ -69,7 +69,7 @@ def first_upward_root(c0, c1, c2, c3):
         right_value = c0 + right * (c1 + right * (c2 + right * c3))
         if left_value <= 0.0 and right_value > 0.0:
             low, high = left, right
-            s = 0.5 * (low + high)
+            s = left - left_value * (right - left) / (right_value - left_value)
             for _ in range(60):
                 value = c0 + s * (c1 + s * (c2 + s * c3))
                 if value > 0.0:
@@ -77,8 +77,9 @@ def first_upward_root(c0, c1, c2, c3):
                 else:
                     low = s
                 slope = c1 + s * (2.0 * c2 + s * 3.0 * c3)
-                step = s - value / slope if slope != 0.0 else low
-                following = step if low < step < high else 0.5 * (low + high)
+                step = s - value / slope if slope != 0.0 else -1.0
+                # the ends are allowed: at the root Newton's step may round to nothing
+                following = step if low <= step <= high else 0.5 * (low + high)
                 if abs(following - s) <= 1e-15 or high - low <= 1e-15:
                     break
                 s = following
