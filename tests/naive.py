@@ -107,6 +107,55 @@ def kick_flow_kick(x, v, z, h, omega, damping_rate, intensity, stops):
     return np.array(xs), np.array(vs), hits
 
 
+def response_domain(free, h, omega, damping_rate, stops):
+    """Stops under a given free response: x - y = e decays, hits are roots of a cubic (np.roots).
+
+    `free` holds (y, y') of each sample, `stops` (position, restitution, side). Returns x, v and
+    (sample, side, speed) of each hit.
+    """
+    from scipy.linalg import expm
+
+    motion = np.array([[0.0, 1.0], [-(omega**2), -damping_rate]])
+    over_a_step = expm(motion * h)
+    e = np.zeros(2)
+    xs, vs, hits = [], [], []
+    for k in range(1, len(free)):
+        begin = e + free[k - 1]
+        end = over_a_step @ e + free[k]
+        left = h
+        while True:
+            events = [
+                (when, position, restitution, side)
+                for position, restitution, side in stops
+                if (when := crossing(begin, end, left, position, side)) is not None
+            ]
+            if not events:
+                break
+            when, position, restitution, side = min(events)
+            slope = (1.0 - when) * (1.0 - 3.0 * when) * begin[1]
+            slope += when * (3.0 * when - 2.0) * end[1]
+            slope += 6.0 * when * (1.0 - when) * (end[0] - begin[0]) / left
+            hits.append((k - 1, side, side * slope))
+            left *= 1.0 - when
+            begin = np.array([position, -restitution * slope])
+            end = end + expm(motion * left) @ [0.0, -(1.0 + restitution) * slope]
+        e = end - free[k]
+        xs.append(end[0])
+        vs.append(end[1])
+    return np.array(xs), np.array(vs), hits
+
+
+def crossing(begin, end, h, position, side):
+    """First place in (0, 1] where the cubic through both ends passes `position` outwards."""
+    (x0, v0), (x1, v1) = begin, end
+    cubic = [(v0 + v1) * h - 2.0 * (x1 - x0), 3.0 * (x1 - x0) - (2.0 * v0 + v1) * h, v0 * h]
+    roots = np.roots([*cubic, x0 - position])
+    real = np.sort(roots.real[np.abs(roots.imag) < 1e-9])
+    slope = np.polyder([*cubic, 0.0])
+    inside = [s for s in real if 1e-7 < s <= 1.0 and side * np.polyval(slope, s) > 0.0]
+    return inside[0] if inside else None
+
+
 def mirrored_euler(rng, paths, steps, h, *, overshoot, restitution=1.0):
     """Semi-implicit Euler for W = 1, b = .1, S0 = .2, stops at +-1: (x^2, v^2, hits) per path.
 
@@ -133,7 +182,7 @@ def full_band_isolator(rng, table, omega, damping_rate, gap, restitution, paths,
     """An isolator under a table in the time domain: (x^2, v^2, hits per second) of each path.
 
     The base acceleration is synthesised in full, held linearly between samples at `rate`, and
-    the oscillator is stepped exactly; an overshoot at a stop is mirrored.
+    the oscillator is stepped exactly; what goes beyond a stop is taken back and thrown off it.
     """
     samples = int(rate * length)
     f = np.arange(1, samples // 2) / length
@@ -142,21 +191,42 @@ def full_band_isolator(rng, table, omega, damping_rate, gap, restitution, paths,
     spectrum = np.zeros((paths, samples // 2 + 1), complex)
     spectrum[:, 1:-1] = amplitude * (rng.standard_normal(shape) - 1j * rng.standard_normal(shape))
     force = np.fft.irfft(spectrum * samples / 2.0, axis=1)
-    h = 1.0 / rate
-    step = hold_matrices(omega, damping_rate, h)
+    xx, vv, speeds = held_force(force, rate, omega, damping_rate, gap, restitution)
+    return xx, vv, speeds[0]
+
+
+def held_force(force, rate, omega, damping_rate, gap, restitution, threshold=0.0):
+    """One period of a periodic force, linear between samples, after a quarter of a period.
+
+    A mass found beyond a stop is taken back to it, and forth again from there with its new
+    velocity, both at constant acceleration: of second order, as is what grazes unseen. Returns
+    x^2 and v^2 of each path and, per second, its hits from `threshold` on, the speeds of all, and
+    the squares of those.
+    """
+    paths, samples = force.shape
+    step = hold_matrices(omega, damping_rate, 1.0 / rate)
     x, v = np.zeros((2, paths))
-    sums = np.zeros((3, paths))
-    warm_up = samples // 4
-    for k in range(-warm_up, samples):
+    moments, speeds = np.zeros((2, paths)), np.zeros((3, paths))
+    for k in range(-(samples // 4), samples):
         now, following = force[:, k], force[:, (k + 1) % samples]
         x, v = step @ np.stack([x, v, now, following])
         out = np.abs(x) > gap
-        stop = gap * np.sign(x)
-        x = np.where(out, stop - restitution * (x - stop), x)
-        v = np.where(out, -restitution * v, v)
+        if out.any():
+            side, f = np.sign(x[out]), following[out]
+            over, speed = side * x[out] - gap, side * v[out]
+            # backwards by t: over - speed t + push t^2 / 2 = 0
+            push = side * f - damping_rate * speed - omega**2 * gap
+            w = np.sqrt(np.maximum(speed**2 - 2.0 * push * over, 0.0))
+            t = 2.0 * over / (speed + w)
+            back = -restitution * w
+            push = side * f - damping_rate * back - omega**2 * gap
+            x[out] = side * np.minimum(gap + back * t + push * t**2 / 2.0, gap)
+            v[out] = side * (back + push * t)
+            if k >= 0:
+                speeds[:, out] += [w >= threshold, w, w**2]
         if k >= 0:
-            sums += [x * x, v * v, out]
-    return sums[0] / samples, sums[1] / samples, sums[2] / length
+            moments += [x * x, v * v]
+    return moments[0] / samples, moments[1] / samples, speeds * (rate / samples)
 
 
 def hold_matrices(omega, damping_rate, h):

@@ -5,6 +5,12 @@ free response y is a periodic Gaussian signal, a sum over bins of width 1 / leng
 are the integrals of the response density |H|^2 G over the bins, so that the edges of a table are
 exact. Bins up to the cut at half the sampling rate are synthesised; the last quarter of them is
 scaled up so that the velocity variance beyond the cut is not lost.
+
+What that leaves, for every shipped profile on mounts of 8, 12 and 50 Hz (zeta 0.1), by sums over
+the bins against the frequency integrals: at most 2e-5 of the standard deviations of y and y', and
+1.6e-4 of the rate at which y crosses 3 sigma. The cubics between the samples lose more, where the
+velocity reaches up to the cut: they cross 3 sigma too seldom, by at most 0.04 % for a 12 Hz mount
+on a truck (vertical) and 0.15 % for any profile.
 """
 
 from __future__ import annotations
@@ -19,8 +25,8 @@ from scipy.fft import ifft, next_fast_len
 
 from stochvi.errors import NotApplicable
 from stochvi.monte_carlo.kernels.flight import N_LOWER, SUMS
-from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
-from stochvi.monte_carlo.kernels.response_domain import run_response
+from stochvi.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.monte_carlo.kernels.response_domain import fill_spectrum, run_response
 from stochvi.monte_carlo.white import default_threshold
 from stochvi.scenes import System
 from stochvi.spectra import Table, response_moments, squared_gain
@@ -42,6 +48,12 @@ WARM_UP_RELAXATIONS = 15.0
 
 MOST_SAMPLES = 2**22
 """To a block of one path."""
+
+LARGEST_BLOCK = 32
+"""Paths synthesised together: loops over them are long enough, and threads have work in turn."""
+
+BLOCK_SAMPLES = 2**19
+"""Samples of paths synthesised together, at most: 8 MB, which the caches hold in part."""
 
 MOST_BLOCKS = 2**20
 """Of a path: each block has a random stream, numbered from path * MOST_BLOCKS."""
@@ -78,8 +90,10 @@ class TabulatedPlan:
 
     @property
     def block(self) -> int:
-        """Paths that are synthesised together: a few megabytes of samples."""
-        return max(1, min(32, 2**19 // self.samples))
+        """Paths that are synthesised together: a few megabytes of samples, and a power of two,
+        for the loops over paths to fill the processor's vectors."""
+        fitting = max(1, min(LARGEST_BLOCK, BLOCK_SAMPLES // self.samples))
+        return 1 << (fitting.bit_length() - 1)
 
     @property
     def duration(self) -> float:
@@ -205,25 +219,21 @@ class TabulatedPlan:
 
     def _free_response(
         self, seed: int, first_path: int, paths: int, number: int
-    ) -> NDArray[np.complex128]:
-        """y + i y' / omega of block `number` of each path, (paths, samples)."""
+    ) -> NDArray[np.float64]:
+        """y and y' / omega, in turn, of block `number` of each path, (samples, 2 paths)."""
         streams = np.empty((2, paths), np.uint64)
         # every (path, block) has a stream of its own, whatever the blocks of other paths need
         for index in range(paths):
             first = (first_path + index) * MOST_BLOCKS + number
             seed_streams(np.uint64(seed), first, streams[:, index : index + 1])
         amplitudes = self._amplitudes
-        count = len(amplitudes)
-        cosine, sine = np.empty((2, count, paths))
-        normal_rows(streams[0], streams[1], cosine, sine)
-        # y = sum a cos + b sin = Re sum (a - i b) e^(i w t): half of it at +w, half at -w
-        coefficient = (cosine - 1j * sine).T * (amplitudes * self.samples / 2.0)
-        relative = 2.0 * np.pi / self.block_length / self.system.omega * np.arange(1, count + 1)
-        spectrum = np.zeros((paths, self.samples), complex)
-        spectrum[:, 1 : count + 1] = coefficient * (1.0 - relative)
-        spectrum[:, : self.samples - count - 1 : -1] = coefficient.conj() * (1.0 + relative)
-        free: NDArray[np.complex128] = ifft(spectrum, axis=1, overwrite_x=True)
-        return free
+        bins = np.arange(1, len(amplitudes) + 1)
+        relative = 2.0 * np.pi / self.block_length / self.system.omega * bins
+        spectrum = np.empty((self.samples, paths), complex)
+        fill_spectrum(streams, amplitudes, relative, spectrum.view(np.float64))
+        free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        response: NDArray[np.float64] = free.view(np.float64)
+        return response
 
 
 def plan_tabulated(

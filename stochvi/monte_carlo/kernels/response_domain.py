@@ -9,6 +9,10 @@ Only y and y' at the samples enter. Within a sampling interval x is the cubic th
 values and slopes (error of fourth order); an impact takes the first upward root of x - u, and
 changes the end of the interval by -(1 + R) w times the second column of A(remaining time).
 
+All paths move together from sample to sample: a loop without branches flies those that stay
+clear of the stops, which most do, and marks the others, which are then taken one by one. To that
+end a row holds one sample (or one bin) of all paths, (y, y' / w0) or (real, imaginary) in turn.
+
 Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
 """
 
@@ -17,7 +21,18 @@ import math
 import numba
 import numpy as np
 
-from stochvi.monte_carlo.kernels.flight import N_LOWER, N_UPPER, VV, XX, X
+from stochvi.monte_carlo.kernels.flight import (
+    N_LOWER,
+    N_UPPER,
+    SUMS,
+    VV,
+    XX,
+    X,
+    add_moment,
+    add_square,
+    take_several,
+)
+from stochvi.monte_carlo.kernels.random_numbers import normal_pairs
 
 MOST_BOUNCES = 200
 """In one sampling interval; after that the mass rests on the stop until the next sample."""
@@ -69,7 +84,7 @@ def first_upward_root(c0, c1, c2, c3):
         right_value = c0 + right * (c1 + right * (c2 + right * c3))
         if left_value <= 0.0 and right_value > 0.0:
             low, high = left, right
-            s = 0.5 * (low + high)
+            s = left - left_value * (right - left) / (right_value - left_value)
             for _ in range(60):
                 value = c0 + s * (c1 + s * (c2 + s * c3))
                 if value > 0.0:
@@ -77,8 +92,9 @@ def first_upward_root(c0, c1, c2, c3):
                 else:
                     low = s
                 slope = c1 + s * (2.0 * c2 + s * 3.0 * c3)
-                step = s - value / slope if slope != 0.0 else low
-                following = step if low < step < high else 0.5 * (low + high)
+                step = s - value / slope if slope != 0.0 else -1.0
+                # the ends are allowed: at the root Newton's step may round to nothing
+                following = step if low <= step <= high else 0.5 * (low + high)
                 if abs(following - s) <= 1e-15 or high - low <= 1e-15:
                     break
                 s = following
@@ -132,6 +148,74 @@ def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, sums)
     return x1, v1
 
 
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def spread(cosine, sine, above, below, up, down):
+    """One bin of every path: its rows of the spectrum at +w and at -w."""
+    for i in range(cosine.shape[0]):
+        up[2 * i] = above * cosine[i]
+        up[2 * i + 1] = -above * sine[i]
+        down[2 * i] = below * cosine[i]
+        down[2 * i + 1] = below * sine[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fill_spectrum(streams, amplitudes, relative, spectrum):
+    """Gaussian spectrum of y + i y' / w0 for y = sum a cos wt + b sin wt = Re sum (a - i b) e^iwt.
+
+    y has (a - i b) / 2 at +w and the conjugate of it at -w; i y' / w0 adds -w / w0 and w / w0
+    times as much.
+
+    Parameters
+    ----------
+    streams : (2, paths) random streams, advanced by a pair of normals per bin.
+    amplitudes, relative : of bins 1, 2, ...: deviation of a and b, and w / w0.
+    spectrum : (samples, 2 paths), replaced. An inverse transform is not to divide by `samples`.
+    """
+    samples, paths = spectrum.shape[0], streams.shape[1]
+    count = amplitudes.shape[0]
+    cosine, sine = np.empty(paths), np.empty(paths)
+    spectrum[0] = 0.0
+    spectrum[count + 1 : samples - count] = 0.0
+    for k in range(count):
+        normal_pairs(streams[0], streams[1], cosine, sine)
+        half = 0.5 * amplitudes[k]
+        above, below = half * (1.0 - relative[k]), half * (1.0 + relative[k])
+        spread(cosine, sine, above, below, spectrum[k + 1], spectrum[samples - 1 - k])
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def advance(y, x, v, e, rate, near, structure, column, span, lower, upper):
+    """One interval of every path that stays clear of the stops; the others are marked `near`.
+
+    A path marked has had its decay only. The cubic between the samples lies in the hull of its
+    four control points. `column` is the second column of A(span). Returns how many are marked.
+    """
+    omega, damping_rate = structure
+    shape, slope = column
+    # first column of A, from e'' = -b e' - w0^2 e
+    shape_x, slope_x = slope + damping_rate * shape, -omega * omega * shape
+    third = span / 3.0
+    count = 0
+    for i in range(x.shape[0]):
+        e1 = shape_x * e[i] + shape * rate[i]
+        rate1 = slope_x * e[i] + slope * rate[i]
+        x0, v0 = x[i], v[i]
+        x1 = y[2 * i] + e1
+        v1 = omega * y[2 * i + 1] + rate1
+        a, b = x0 + v0 * third, x1 - v1 * third
+        close = False
+        if upper is not None:
+            close = max(max(a, b), max(x0, x1)) > upper[0]
+        if lower is not None:
+            close = close | (min(min(a, b), min(x0, x1)) < lower[0])
+        e[i], rate[i] = e1, rate1
+        x[i] = x0 if close else x1
+        v[i] = v0 if close else v1
+        near[i] = 1.0 if close else 0.0
+        count += 1 if close else 0
+    return count
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_response(
     free, span, structure, lower, upper, threshold, scale, warm_up, counted, sums, record
@@ -140,42 +224,39 @@ def run_response(
 
     Parameters
     ----------
-    free : (paths, samples) complex, y + i y' / w0 at equal intervals `span`.
+    free : (samples, 2 paths), y and y' / w0 of each path in turn, at equal intervals `span`.
     structure : (w0, b). lower, upper : None, or (stop, R) from the mean position.
     warm_up, counted : samples flown first, at the end of the period, and samples that count.
     scale : a velocity to compare the slowest impacts with.
     sums : (SUMS, paths), added to. record : None, or (counted, paths, 3).
     """
     omega, damping_rate = structure
-    shape, slope = decay(span, damping_rate, omega)
-    # first column of A(h), from e'' = -b e' - w0^2 e
-    shape_x, slope_x = slope + damping_rate * shape, -omega * omega * shape
-    samples = free.shape[1]
-    discard = np.zeros(sums.shape[0])
-    for path in range(free.shape[0]):
-        e, rate = 0.0, 0.0
-        previous = samples - warm_up - 1
-        x, v = free[path, previous].real, omega * free[path, previous].imag
-        total = np.zeros(sums.shape[0])
-        for step in range(-warm_up, counted):
-            index = step if step >= 0 else samples + step
-            y, y_rate = free[path, index].real, omega * free[path, index].imag
-            e, rate = shape_x * e + shape * rate, slope_x * e + slope * rate
-            x1, v1 = y + e, y_rate + rate
-            target = total if step >= 0 else discard
-            speeds = target[N_UPPER + 1] - target[N_LOWER + 1]
-            if upper is not None or lower is not None:
-                x1, v1 = cross(
-                    x, v, x1, v1, span, structure, lower, upper, threshold, scale, target
-                )
-                e, rate = x1 - y, v1 - y_rate
-            x, v = x1, v1
-            if step >= 0:
-                total[X] += x
-                total[XX] += x * x
-                total[VV] += v * v
-                if record is not None:
-                    record[step, path, 0] = x
-                    record[step, path, 1] = v
-                    record[step, path, 2] = target[N_UPPER + 1] - target[N_LOWER + 1] - speeds
-        sums[:, path] += total
+    column = decay(span, damping_rate, omega)
+    samples, paths = free.shape[0], free.shape[1] // 2
+    e, rate, near = np.zeros(paths), np.zeros(paths), np.zeros(paths)
+    previous = samples - warm_up - 1
+    x, v = free[previous, 0::2].copy(), omega * free[previous, 1::2]
+    local, several = np.zeros((SUMS, paths)), np.zeros(SUMS)
+    for step in range(-warm_up, counted):
+        y = free[step if step >= 0 else samples + step]
+        marked = advance(y, x, v, e, rate, near, structure, column, span, lower, upper)
+        for i in range(paths if marked > 0 else 0):
+            if near[i] != 0.0:
+                several[:] = 0.0
+                y0, y1 = y[2 * i], omega * y[2 * i + 1]
+                x[i], v[i] = cross(
+                    x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
+                    threshold, scale, several,
+                )  # fmt: skip
+                e[i], rate[i] = x[i] - y0, v[i] - y1
+                if step >= 0:
+                    take_several(several, True, local, record, step, 0, i)
+        if step >= 0:
+            add_moment(x, 0.0, local[X])
+            add_square(x, 0.0, local[XX])
+            add_square(v, 0.0, local[VV])
+            if record is not None:
+                for i in range(paths):
+                    record[step, i, 0] = x[i]
+                    record[step, i, 1] = v[i]
+    sums += local
