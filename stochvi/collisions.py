@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import NamedTuple
+
+from scipy.optimize import brentq
 
 COLLAPSE_RESTITUTION = math.exp(-math.pi / math.sqrt(3.0))
 """At and below this restitution the rate of impacts under white noise is infinite (S. J. Cornell,
@@ -36,6 +39,30 @@ def gaussian_stop(density: float, velocity_mean_square: float) -> StopStatistics
         density * s**2 / 2.0,
         density * s**3 * math.sqrt(2.0 / math.pi),
     )
+
+
+@cache
+def corner_exponent(restitution: float) -> float:
+    """Exponent beta of the density at a stop under white noise, p(stop, v) ~ |v|^-beta near v = 0.
+
+    The root in [0, 2) of R^(beta - 2) = 2 sin((1 + 2 beta) pi / 6), and 2 where there is none,
+    R <= exp(-pi / sqrt 3). Impact speeds have the density w^(1 - beta) near 0.
+
+    >>> [round(corner_exponent(r), 4) for r in (0.0, 0.3, 0.5, 0.8, 1.0)]
+    [2.0, 1.6009, 1.0, 0.2857, 0.0]
+    """
+    if restitution <= COLLAPSE_RESTITUTION:
+        return 2.0
+    if restitution == 1.0:
+        return 0.0
+
+    def balance(beta: float) -> float:
+        sine = 2.0 * math.sin((1.0 + 2.0 * beta) * math.pi / 6.0)
+        return (beta - 2.0) * math.log(restitution) - math.log(sine)
+
+    # beta = 2 solves the equation for every R: the bracket ends where that root still dominates
+    near_two = 2.0 - 1e-9
+    return float(brentq(balance, 0.0, near_two)) if balance(near_two) < 0.0 else near_two
 
 
 def rice_rate(distance: float, displacement_std: float, velocity_std: float) -> float:

@@ -15,7 +15,7 @@ from stochvi.errors import NotApplicable
 from stochvi.monte_carlo.kernels.modes import ROWS_OF_PAIR, run_modes
 from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.monte_carlo.modes import LinearLaw, Modes, PairScale, modes_of, scales_of
-from stochvi.monte_carlo.quantities import Key, restitutions
+from stochvi.monte_carlo.quantities import RATES, Key, restitutions
 from stochvi.monte_carlo.statistics import Layout
 from stochvi.monte_carlo.white import (
     BOUNCE_PER_STEP,
@@ -28,9 +28,9 @@ from stochvi.monte_carlo.white import (
     MOST_PATHS,
     MOST_STEPS,
     RELAXATIONS,
-    UNRESOLVED_RATE,
     WELL_RESOLVED_RESTITUTION,
     default_threshold,
+    extrapolated,
 )
 from stochvi.state_space import square_root, step_covariance, transition
 
@@ -114,19 +114,18 @@ class ModalPlan:
         """Periods in which the energy is remembered, at most one hit each on either stop."""
         return max(1.0, self.modes.fastest / (2.0 * math.pi) * self.law.slowest)
 
-    def rate_bias(self, difference: float, rate: float) -> float | None:
-        """Bias of a collision rate, from its difference to twice the step; None if unknown.
-
-        Under white noise slow impacts are not resolved where stops lose much, or are pressed; see
-        `WhitePlan.rate_bias`. Under signals alone the motion is smooth and the order is 2.
-        """
+    def step_bias(self, name: str, difference: float) -> float | None:
+        """What the step leaves in a quantity, from its difference to twice the step; None for
+        rates of slow impacts under white noise, as `WhitePlan.step_bias` says. Under signals
+        alone the motion is smooth and the order is 2."""
         if not self.modes.kicked:
             return difference / 3.0
-        all_r = [r for contact in self.assembly.contacts for r in restitutions(contact)]
+        lossiest = min(
+            (r for contact in self.assembly.contacts for r in restitutions(contact)), default=1.0
+        )
         pressed = any(scale.pressing > 0.0 for scale in self.pairs)
-        if min(all_r, default=1.0) >= WELL_RESOLVED_RESTITUTION and not pressed:
-            return difference / 3.0 + UNRESOLVED_RATE * rate
-        return None
+        unknown = name in RATES and (lossiest < WELL_RESOLVED_RESTITUTION or pressed)
+        return None if unknown else extrapolated(name, difference, lossiest)
 
     @property
     def steps(self) -> int:
@@ -246,22 +245,25 @@ class ModalPlan:
         drawn = np.hstack([grown[:, motion] @ brought, self._signal_noise(flow)])
         displacement = np.hstack([modes.gaps, np.zeros((len(modes.gaps), len(flow) - n))])
         speed = np.roll(displacement, n, axis=1)
-        after_kick = (modes.gaps @ brought, np.zeros((len(modes.gaps), drawn.shape[1])))
-        after_kick[1][:, : brought.shape[1]] = after_kick[0]
-        passes = (
-            _table(grown @ kicked), (*_table(drawn), drawn.shape[1]), _table(speed @ kicked),
-            _table(after_kick[1]), _table(displacement), _table(speed),
-        )  # fmt: skip
         curvature = speed @ flow
+        speed_drawn = np.zeros((len(modes.gaps), drawn.shape[1]))
+        speed_drawn[:, : brought.shape[1]] = modes.gaps @ brought
+        passes = (
+            _table(grown @ kicked), _table(drawn), drawn.shape[1], _table(speed @ kicked),
+            _table(speed_drawn), _table(curvature @ kicked), _table(displacement), _table(speed),
+            _table(curvature),
+        )  # fmt: skip
         # a grazing path may leave the hull of its cubic by its fourth derivative
         margins = (
             (modes.fastest * h) ** 4
             / 384.0
             * np.array([scale.speed / modes.fastest for scale in self.pairs])
         )
+        resets = self._resets(flow, speed, curvature)
+        series, _, later = resets
+        impact = np.vstack([later[0, 0], series[0]]) if len(series) == 1 else np.zeros((0, 1))
         return (
-            h, passes, (decay, brought), np.stack([displacement, curvature]), self._stops,
-            margins, self._resets(flow, speed, curvature), self.law.mean,
+            h, n, passes, self._stops, margins, resets, _table(impact), self.law.mean,
         )  # fmt: skip
 
     def _signal_noise(self, flow: Matrix) -> Matrix:

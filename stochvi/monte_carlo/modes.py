@@ -20,7 +20,7 @@ Matrix = NDArray[np.float64]
 RIGID_BODY = 1e-13
 """Eigenvalue, relative to the largest, that is taken for 0."""
 
-UNSTABLE = 1e-12
+UNSTABLE = 1e-8
 """Decay rate, relative to the fastest frequency, below which there is no stationary law."""
 
 ITERATIONS = 40
@@ -193,19 +193,20 @@ def scales_of(assembly: Assembly, modes: Modes) -> tuple[LinearLaw, tuple[PairSc
     Rayleigh impact speeds; found by repetition.
     """
     substitutes = [_first_guess(modes, contact) for contact in assembly.contacts]
-    scales: list[PairScale] = []
-    law = _linear_law(modes, substitutes)
+    scales: tuple[PairScale, ...] = ()
+    law = following = _linear_law(modes, substitutes)
     for _ in range(ITERATIONS if assembly.contacts else 0):
-        if law is None:
-            return None
+        if following is None:  # a gap too wide for a spring to stand for: the last one will do
+            break
+        law = following
         found = [
             _substitute(modes, law, contact, gap, old)
             for contact, gap, old in zip(assembly.contacts, modes.gaps, substitutes, strict=True)
         ]
         substitutes = [substitute for substitute, _ in found]
-        scales = [scale for _, scale in found]
-        law = _linear_law(modes, substitutes)
-    return None if law is None else (law, tuple(scales))
+        scales = tuple(scale for _, scale in found)
+        following = _linear_law(modes, substitutes)
+    return None if law is None else (law, scales)
 
 
 def _first_guess(modes: Modes, contact: Contact) -> _Substitute:

@@ -14,8 +14,8 @@ Key = tuple[str, str]
 Means = dict[Key, float]
 Quantity = Callable[[Means], float]
 
-RATES = ("collision_rate", "collision_rate_lower", "collision_rate_upper")
-"""Quantities that count impacts, above a speed threshold where stops lose energy."""
+RATES = ("collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_mean")
+"""What depends on a count of impacts, above a speed threshold where stops lose energy."""
 
 GOVERNED = (
     "displacement_mean",

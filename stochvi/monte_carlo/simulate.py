@@ -72,10 +72,10 @@ def simulate(
     """Stationary response by Monte Carlo, with standard errors from independent paths.
 
     White noise is stepped by kick-flow-kick (impacts inside the step, no bias with elastic
-    stops, second order otherwise); for a tabulated density the response without stops is
-    synthesised and the impacts are added. The bias of a finite step is measured by running the
-    same paths at twice the step: |difference| / 3, for a method of second order. Rates of impacts
-    on stops that lose energy resolve more slowly; where their bias is not known it is None.
+    stops); for a tabulated density the response without stops is synthesised and the impacts are
+    added. The bias of a finite step is measured by running the same paths at twice the step:
+    |difference| / (2^order - 1). The order is 2, less where slow impacts on lossy stops under
+    white noise are missed (see `white.extrapolated`); where it is not known the bias is None.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def simulate(
     slow_impacts
         Refine the steps near a stop until impacts at the threshold are resolved, for the rates
         under white noise at restitutions below 0.5. Ten or more times the cost; without it the
-        bias of those rates is unknown (None). F1, F2 and the moments do not need it.
+        bias of those rates is unknown (None). F1 and the moments need it only for small errors, and get it then by themselves.
     budget
         Seconds after which `NotConverged` is raised; None for no limit.
     progress
@@ -394,7 +394,7 @@ class _Run:
             self.progress(self.shown, f"{self.fine.count} paths")
 
     def refine(self) -> None:
-        """Start again at half the step."""
+        """Start again with less bias: at half the step, or with slow impacts resolved."""
         self.plan = self.plan.finer()
         self.fine = self.coarse = PathStatistics.none(self.layout)
 
@@ -403,7 +403,7 @@ class _Run:
         value, error = self.fine.evaluate(quantity)
         how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
         if value == 0.0 and (name in RATES or name.startswith("impact_speed")):
-            limit = self._limit_unseen(name) if name in RATES else None
+            limit = self._limit_unseen(name) if name.startswith("collision_rate") else None
             return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
         if self.plan.elastic:
             return Estimate(value=value, standard_error=error, how=how)
@@ -411,9 +411,7 @@ class _Run:
         return Estimate(
             value=value,
             standard_error=error,
-            # a third of the difference to twice the step, for second order; the rates at stops
-            # that lose energy are a matter of their own
-            bias=self.plan.rate_bias(difference, value) if name in RATES else difference / 3.0,
+            bias=self.plan.step_bias(name, difference),
             how=f"{how}; bias from twice the step",
         )
 
@@ -507,7 +505,7 @@ class _Run:
             yield from scene_notes(self.scene.system())
         contacts = self.assembly.contacts
         several = len(contacts) > 1
-        unresolved = not self.plan.elastic and self.plan.rate_bias(0.0, 0.0) is None
+        unresolved = not self.plan.elastic and self.plan.step_bias("collision_rate", 0.0) is None
         if unresolved and any(
             COLLAPSE_RESTITUTION < r < 1.0 for pair in contacts for r in restitutions(pair)
         ):
@@ -595,7 +593,8 @@ def _relative_errors(run: _Run) -> tuple[float, float]:
             coarse, coarse_error = run.coarse.evaluate(quantity)
             excess = abs(coarse - value) - 2.0 * math.hypot(error, coarse_error)
             size = _size(run, key, value)
-            biases.append(max(0.0, excess) / 3.0 / size if size else 0.0)
+            bias = run.plan.step_bias(key[1], max(0.0, excess))
+            biases.append(bias / size if bias and size else 0.0)
     return max(_relative_standard_errors(run).values()), max(biases)
 
 

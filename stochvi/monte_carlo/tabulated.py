@@ -84,8 +84,9 @@ class TabulatedPlan:
     method = "response-domain synthesis"
     elastic = False
 
-    def rate_bias(self, difference: float, rate: float) -> float | None:
-        """Bias of a collision rate: second order, as the response is smooth between samples."""
+    def step_bias(self, name: str, difference: float) -> float | None:
+        """What the sampling leaves in a quantity, from its difference to half the rate: of second
+        order, as the response is smooth between samples."""
         return difference / 3.0
 
     @property

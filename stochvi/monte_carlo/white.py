@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from stochvi.collisions import COLLAPSE_RESTITUTION, gaussian_stop
+from stochvi.collisions import COLLAPSE_RESTITUTION, corner_exponent, gaussian_stop
 from stochvi.cut_normal import CutNormal
 from stochvi.errors import NotApplicable
 from stochvi.monte_carlo.kernels.flight import CORNER_SHARE, N_LOWER, SUMS, VV, run_white
 from stochvi.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
+from stochvi.monte_carlo.quantities import RATES
 from stochvi.scenes import System
 
 LARGEST_ANGLE = 0.8
@@ -31,9 +32,6 @@ LOSSY_DECAY = 0.05
 WELL_RESOLVED_RESTITUTION = 0.5
 """From here up a plain step resolves impacts faster than the default threshold; below, bounces
 are so slow that steps near a stop have to be refined for the rates."""
-
-UNRESOLVED_RATE = 1e-3
-"""Relative bias of such a rate at the default step: -0.07(2) % at R = 0.5, less above."""
 
 MOST_LEVELS = 10
 """Halvings of a step near a stop."""
@@ -76,7 +74,10 @@ class WhitePlan:
     threshold: float
     slow_impacts: bool = False
 
-    method = "kick-flow-kick"
+    @property
+    def method(self) -> str:
+        """What is done, in words."""
+        return "kick-flow-kick" + (", steps refined near stops" if self.slow_impacts else "")
 
     @property
     def block(self) -> int:
@@ -104,20 +105,22 @@ class WhitePlan:
         """Whether no stop loses energy, so that any step leaves the stationary law exact."""
         return self.system.elastic
 
-    def rate_bias(self, difference: float, rate: float) -> float | None:
-        """Bias of a collision rate, from its difference to twice the step; None if unknown.
+    def step_bias(self, name: str, difference: float) -> float | None:
+        """What the step leaves in a quantity, from its difference to twice the step; None where
+        that does not tell: rates of impacts too slow for a plain step.
 
-        Refined steps resolve slow impacts with the velocity that noise brings in a step, which
-        goes with its square root. Plain steps leave UNRESOLVED_RATE, measured at restitutions of
-        0.5 and above with the mass not pressed against a stop, where the order is 2.
+        A refined step resolves slow impacts with the velocity that noise brings in it, which goes
+        with its square root.
         """
         lossiest = min(1.0 if r is None else r for r in _restitutions(self.system))
-        if self.slow_impacts and lossiest > COLLAPSE_RESTITUTION:
-            return difference / (math.sqrt(2.0) - 1.0)
-        usual = self.threshold >= default_threshold(self.elastic, self.speed) and not self._pressed
-        if lossiest >= WELL_RESOLVED_RESTITUTION and usual:
-            return difference / 3.0 + UNRESOLVED_RATE * rate
-        return None
+        if not self.slow_impacts:
+            usual = self.threshold >= default_threshold(self.elastic, self.speed)
+            resolved = lossiest >= WELL_RESOLVED_RESTITUTION and usual and not self._pressed
+            known = resolved or name not in RATES
+            return extrapolated(name, difference, lossiest) if known else None
+        if name not in RATES:
+            return difference / 3.0
+        return difference / (math.sqrt(2.0) - 1.0) if lossiest > COLLAPSE_RESTITUTION else None
 
     @property
     def _pressed(self) -> bool:
@@ -146,7 +149,12 @@ class WhitePlan:
         return replace(self, step=2.0 * self.step)
 
     def finer(self) -> WhitePlan:
-        """The same paths at half the step."""
+        """The same paths with less bias: slow impacts resolved, where half the step would do
+        little for what they leave (of a mass that leans on a stop they are too many); else half
+        the step."""
+        lossiest = min(1.0 if r is None else r for r in _restitutions(self.system))
+        if lossiest < WELL_RESOLVED_RESTITUTION and not (self.slow_impacts or self._pressed):
+            return replace(self, slow_impacts=True)
         return replace(self, step=self.step / 2.0)
 
     def with_step(self, step: float) -> WhitePlan:
@@ -298,6 +306,29 @@ def plan_white(
         threshold=default_threshold(system.elastic, speed) if threshold is None else threshold,
         slow_impacts=slow_impacts,
     )
+
+
+SPEED_POWER = {
+    "collision_rate": 0, "collision_rate_lower": 0, "collision_rate_upper": 0,
+    "impact_speed_mean": 0, "impact_speed_square_rate": 2,
+}  # fmt: skip
+"""Power of the impact speed that a quantity adds up; all others hang on the impulses, power 1."""
+
+
+def extrapolated(name: str, difference: float, restitution: float) -> float:
+    """Bias at a step from the difference to twice the step, difference / (2^order - 1).
+
+    A step resolves impact speeds above about sqrt(S0 h). Their density is w^(1 - beta) near 0, so
+    those below hold a share h^((2 + m - beta) / 2) of the sum of w^m over impacts; the scheme
+    itself is of order 2.
+
+    >>> extrapolated("impact_speed_rate", 0.3, 1.0), extrapolated("impact_speed_rate", 0.3, 0.5)
+    (0.09999999999999999, 0.3)
+    """
+    power = SPEED_POWER.get(name, 1)
+    order = min(2.0, (2.0 + power - corner_exponent(restitution)) / 2.0)
+    # at R <= exp(-pi / sqrt 3) the rate has no limit at all
+    return difference / (2.0**order - 1.0) if order > 0.0 else math.inf
 
 
 def default_threshold(elastic: bool, speed: float) -> float:
