@@ -95,7 +95,8 @@ def simulate(
     slow_impacts
         Refine the steps near a stop until impacts at the threshold are resolved, for the rates
         under white noise at restitutions below 0.5. Ten or more times the cost; without it the
-        bias of those rates is unknown (None). F1 and the moments need it only for small errors, and get it then by themselves.
+        bias of those rates is unknown (None). F1 and the moments need it only for small errors,
+        and get it then by themselves.
     budget
         Seconds after which `NotConverged` is raised; None for no limit.
     progress
