@@ -84,9 +84,7 @@ class Assembly(NamedTuple):
     @property
     def elastic(self) -> bool:
         """Whether no stop loses energy."""
-        return all(
-            law.coefficient == 1.0 for contact in self.contacts for _, _, law in contact.stops
-        )
+        return all(law.conservative for contact in self.contacts for _, _, law in contact.stops)
 
     @property
     def temperature(self) -> float | None:

@@ -269,7 +269,7 @@ def plan_white(
     system: System, threshold: float | None, duration: float | None, slow_impacts: bool = False
 ) -> WhitePlan:
     """Choose step, burn-in and length for a scene with white noise alone."""
-    unmet = []
+    unmet = system.not_rigid()
     if system.omega == 0.0 and system.load != 0.0:
         unmet.append("a constant load needs stiffness > 0, got 0")
     if system.omega == 0.0 and (system.lower is None or system.upper is None):
