@@ -77,6 +77,8 @@ class WhitePlan:
     slow_impacts: bool = False
 
     method = "kick-flow-kick"
+    rows = SUMS
+    _kernel = staticmethod(run_white)
 
     @property
     def block(self) -> int:
@@ -165,15 +167,15 @@ class WhitePlan:
     def averages(
         self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Time averages (SUMS, paths) of the paths first_path, first_path + 1, ..., with positions
+        """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
         from `origin`."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         x, v = self._start(streams)
-        sums = np.zeros((SUMS, paths))
+        sums = np.zeros((self.rows, paths))
         burn_in = 0 if record is not None else self._burn_in_steps
         stride = self._stride
-        run_white(
+        self._kernel(
             x, v, streams, sums, *self._kernel_constants(), self.threshold,
             burn_in, self.steps, stride, self.origin - self.rest, record,
         )  # fmt: skip
