@@ -13,7 +13,8 @@ stiff a stop is, a step may hold any number of contacts, and a contact may last 
 y is the deflection of a stop. All but the last are exact up to rounding; the last is
 PEFRL of I. P. Omelyan, I. M. Mryglod and R. Folk, Comput. Phys. Commun. 146 (2002) 188, with
 sub-steps of a fixed part of the shortest time scale of the contact at its energy, so that its
-error is the same for any stiffness and any step. The speed at its end is taken from the energy.
+error (HERTZ_ERROR) is the same for any stiffness and any step. The speed at the end of a contact
+is taken from the energy.
 
 Symbols: x is measured from the rest position under the load; a stop is seen as an upper one (a
 lower one with the signs of x and v changed); a = -w0^2 (stop) is the acceleration by the spring
@@ -49,6 +50,13 @@ MOST_EVENTS = 10_000
 
 HERTZ_ANGLE = 0.2
 """Sub-step of a Hertz contact, times the largest frequency on its way."""
+
+HERTZ_START = 0.125
+"""First sub-step after the touch, in full ones; the next ones double. The force y^(3/2) has no
+second derivative there, which lowers the order to 5/2: this takes the error down eight-fold."""
+
+HERTZ_ERROR = 5e-6
+"""Relative error that such sub-steps leave in the energy, duration and peak force of a contact."""
 
 MOST_NEWTON = 60
 """Steps to a root that bisection alone would find in so many."""
@@ -334,6 +342,8 @@ def press_hertz(y, v, left, data, pressing, stiff, tally):
     h = HERTZ_ANGLE / math.sqrt(stiff + 1.5 * k * math.sqrt(deepest))
     while left > 0.0:
         step = min(h, left)
+        if v > 0.0:
+            step = min(step, max(HERTZ_START * h, y / v))
         y1, v1, push = symplectic(y, v, step, k, pressing, stiff)
         released = y1 <= 0.0
         if released:
@@ -347,9 +357,12 @@ def press_hertz(y, v, left, data, pressing, stiff, tally):
             step = t
             y1, v1 = 0.0, -math.sqrt(max(energy, 0.0))
         if v > 0.0 and v1 <= 0.0:
+            # from the end nearer to the turning point, where the force is straight enough
             near, speed = (y, v) if v < -v1 else (y1, v1)
-            a = pressing - stiff * near - k * near * math.sqrt(near)
-            highest = near - 0.5 * speed * speed / a if a < 0.0 else near
+            root = math.sqrt(near)
+            a, slope = k * near * root + stiff * near - pressing, stiff + 1.5 * k * root
+            largest = math.sqrt(a * a + slope * speed * speed)
+            highest = near + (speed * speed / (a + largest) if a > 0.0 else 0.0)
             tally[PEAK] = max(tally[PEAK], k * highest * math.sqrt(highest))
         tally[PEAK] = max(tally[PEAK], k * y1 * math.sqrt(y1))
         tally[IMPULSE] += push
