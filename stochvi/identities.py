@@ -41,8 +41,9 @@ def residuals(
     moments
         By (coordinate, name): `x`, `variance`, `vv`; by (impact pair, name): `f1_lower`,
         `f1_upper`, `f2_lower`, `f2_upper`, of stops that give way instead `force_lower`,
-        `force_upper`, `loss_lower`, `loss_upper`, per unit of the reduced mass; by ("", name): `ENERGIES`, which may be left out for a
-        single coordinate. Numbers, or arrays of one value per independent path.
+        `force_upper`, `loss_lower`, `loss_upper`, per unit of the reduced mass; by ("", name):
+        `ENERGIES`, which may be left out for a single coordinate. Numbers, or arrays of one
+        value per independent path.
     origin
         o, about which the potential energy was taken (of a single coordinate: any position).
     """
