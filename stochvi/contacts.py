@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
@@ -62,6 +63,11 @@ class Restitution(Checked):
         """Whether an impact loses no energy."""
         return self.coefficient == 1.0
 
+    @property
+    def restitution(self) -> float:
+        """R; of a stop that gives way, what a free mass sees."""
+        return self.coefficient
+
     def per_unit_mass(self, mass: float) -> Self:
         """The same law: it knows no force."""
         return self
@@ -84,6 +90,11 @@ class CompliantLaw(Checked):
     def conservative(self) -> bool:
         """Whether the force has a potential."""
         return True
+
+    @property
+    def restitution(self) -> float:
+        """Restitution that a free mass sees, whatever its speed."""
+        return 1.0
 
     def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
         """Force on the stop, N, at deflections (m) and their rates (m/s)."""
@@ -435,6 +446,15 @@ def _kind(value: Any) -> str:
     """The kind of a law by its key; restitution where it is left out."""
     kind = value.get("kind", "restitution") if isinstance(value, dict) else None
     return str(getattr(value, "kind", "restitution") if kind is None else kind)
+
+
+def not_rigid(stops: Iterable[tuple[str, Law]]) -> list[str]:
+    """What stands in the way of a method that needs rigid stops; `stops` are (side, law)."""
+    return [
+        f"stops must be rigid (law.kind = 'restitution'), got {law.kind!r} at the {side} stop"
+        for side, law in stops
+        if not law.rigid
+    ]
 
 
 Law = Annotated[

@@ -73,7 +73,7 @@ def residuals(
             *((stop - direction @ o) * push for direction, stop, push in pushes),
         ],
     }
-    if not all(law.rigid for contact in assembly.contacts for _, _, law in contact.stops):
+    if assembly.not_rigid():
         del balances["virial"]
     return {name: sum(terms) / _scale(terms) for name, terms in balances.items()} | found
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stochvi.checked import Checked, Number
-from stochvi.contacts import Law, Restitution
+from stochvi.contacts import Law, Restitution, not_rigid
 from stochvi.datasets import read_text
 from stochvi.errors import SceneError
 from stochvi.excitations import (
@@ -130,11 +130,8 @@ class System(NamedTuple):
 
     def not_rigid(self) -> list[str]:
         """What stands in the way of a method that needs rigid stops."""
-        return [
-            f"stops must be rigid (law.kind = 'restitution'), got {law.kind!r} at the {side} stop"
-            for side, law in zip(("lower", "upper"), self.laws, strict=True)
-            if law is not None and not law.rigid
-        ]
+        named = zip(("lower", "upper"), self.laws, strict=True)
+        return not_rigid((side, law) for side, law in named if law is not None)
 
 
 class Scene(Checked):

@@ -71,7 +71,7 @@ class CompliantPlan(WhitePlan):
 
         As stiff viscoelastic stops are rigid ones, what holds for those is taken.
         """
-        lossiest = min(_restitution(law) for law in self.system.laws if law is not None)
+        lossiest = min(law.restitution for law in self.system.laws if law is not None)
         usual = self.threshold >= default_threshold(self.elastic, self.speed) and not self._pressed
         if lossiest >= WELL_RESOLVED_RESTITUTION and usual:
             return difference / 3.0 + UNRESOLVED_RATE * rate
@@ -106,17 +106,6 @@ def _stop(position: float, law: Law) -> tuple[float, int, NDArray[np.float64]]:
             return position, PIECES, np.ascontiguousarray(law.pieces.T)
         case Hertz():
             return position, HERTZ, np.array([[law.coefficient]])
-
-
-def _restitution(law: Law) -> float:
-    """Restitution that a free mass sees."""
-    match law:
-        case Restitution():
-            return law.coefficient
-        case Viscoelastic():
-            return law.restitution
-        case _:
-            return 1.0
 
 
 def _gibbs_law(system: System, speed: float, rest: float = 0.0) -> GibbsLaw:
@@ -192,7 +181,7 @@ def plan_compliant(
 
 def _rigid(system: System) -> System:
     """The scene with rigid stops of the same restitution: close enough for its speed."""
-    lower, upper = (None if law is None else _restitution(law) for law in system.laws)
+    lower, upper = (None if law is None else law.restitution for law in system.laws)
     return system._replace(
         restitution_lower=lower, restitution_upper=upper, law_lower=None, law_upper=None
     )
