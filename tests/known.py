@@ -38,6 +38,7 @@ class Units:
             "m/s^2": (1, -2),
             "m^2/s^3": (2, -3),
             "1/s": (0, -1),
+            "1": (0, 0),
         }[QUANTITY_UNITS[quantity]]
         return self.length**metres * self.omega**-seconds
 

@@ -29,6 +29,7 @@ from stochvi.monte_carlo.kernels.contact import (
     CONTACT_LOWER,
     CONTACT_SUMS,
     CONTACT_UPPER,
+    ENDED,
     HERTZ_ERROR,
     IMPULSE,
     LOSS,
@@ -189,7 +190,8 @@ def test_the_mean_peak_force_is_that_of_rayleigh_impacts(name: str) -> None:
         sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
         flow_through(stop, side * speed, 4.0, system.omega**2, *ends, 0.0, np.zeros(4), peaks, sums)
         row, count = (CONTACT_UPPER, N_UPPER) if side > 0.0 else (CONTACT_LOWER, N_LOWER)
-        return float(sums[row + PEAK] / (sums[count] - (peaks.max() > 0.0)))
+        assert sums[row + ENDED] == sums[count] - (peaks.max() > 0.0)
+        return float(sums[row + PEAK] / sums[row + ENDED])
 
     def mean(count: int) -> float:
         speeds = 9.0 * (np.arange(count) + 0.5) / count
@@ -412,7 +414,7 @@ def test_conservative_stops_agree_with_the_exact_law(case: Scene) -> None:
         if not law.rigid:
             assert_agrees(estimate(found[f"force_{end}"]), truth[f"contact_force_{end}"])
     if "peak_force" in truth:
-        onsets = found["n_lower"] + found["n_upper"]
+        onsets = found["ended_lower"] + found["ended_upper"]
         peaks = found["peak_lower"] + found["peak_upper"]
         mean = float(peaks.mean() / onsets.mean())
         error = estimate((peaks - mean * onsets) / onsets.mean()).standard_error

@@ -18,6 +18,7 @@ from stochvi.monte_carlo.kernels.contact import (
     CONTACT_SUMS,
     CONTACT_UPPER,
     DAMPED,
+    ENDED,
     HERTZ,
     IMPULSE,
     LOSS,
@@ -46,14 +47,22 @@ from stochvi.monte_carlo.white import (
 )
 from stochvi.scenes import System
 
+SUMS_OF_A_STOP = (
+    ("force", IMPULSE),
+    ("loss", LOSS),
+    ("peak", PEAK),
+    ("contact", TIME),
+    ("ended", ENDED),
+)
+
 CONTACT_ROWS = {
     f"{name}_{side}": first + row
     for side, first in (("lower", CONTACT_LOWER), ("upper", CONTACT_UPPER))
-    for name, row in (("force", IMPULSE), ("loss", LOSS), ("peak", PEAK), ("contact", TIME))
+    for name, row in SUMS_OF_A_STOP
 }
 """Names of the time averages that come after those of `statistics.ROWS`, for each stop: mean force
 and power taken, per unit mass; largest forces of contacts that ended, per second and unit mass;
-share of time in contact."""
+share of time in contact; contacts that ended, per second, however slow."""
 
 SPREAD_PER_STEP = GAP_PER_STEP * math.sqrt(12.0)
 """Standard deviations of x that the mass crosses in a step at its rms speed: those of a gap."""
@@ -139,7 +148,7 @@ def plan_compliant(
     ... )
     >>> plan = plan_compliant(scene.system(), None, None)
     >>> plan.step, plan.averages(seed=1, first_path=0, paths=3).shape
-    (0.8, (17, 3))
+    (0.8, (19, 3))
     """
     unmet = []
     if slow_impacts:

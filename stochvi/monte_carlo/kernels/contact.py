@@ -61,13 +61,14 @@ HERTZ_ERROR = 5e-6
 MOST_NEWTON = 60
 """Steps to a root that bisection alone would find in so many."""
 
-IMPULSE, LOSS, PEAK, TIME = range(4)
-"""Sums over the contacts with one stop: impulse, energy taken, largest force of each, duration."""
+IMPULSE, LOSS, PEAK, TIME, ENDED = range(5)
+"""Sums over the contacts with one stop: impulse, energy taken, duration; of those that ended, their
+largest force and their number."""
 
 CONTACT_LOWER = SUMS
-CONTACT_UPPER = SUMS + 4
-CONTACT_SUMS = SUMS + 8
-"""Rows of the table of sums: those of `flight`, then four for each stop."""
+CONTACT_UPPER = SUMS + 5
+CONTACT_SUMS = SUMS + 10
+"""Rows of the table of sums: those of `flight`, then five for each stop."""
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 """Coefficients of PEFRL."""
@@ -409,6 +410,7 @@ def meet(y, v, left, stop, side, stiff, tally, peaks, sums):
     peaks[mine] = tally[PEAK]
     if left > 0.0:
         sums[row + PEAK] += tally[PEAK]
+        sums[row + ENDED] += 1.0
         peaks[mine] = 0.0
     return y, v, left
 
