@@ -55,8 +55,9 @@ HERTZ_START = 0.125
 """First sub-step after the touch, in full ones; the next ones double. The force y^(3/2) has no
 second derivative there, which lowers the order to 5/2: this takes the error down eight-fold."""
 
-HERTZ_ERROR = 5e-6
-"""Relative error that such sub-steps leave in the energy, duration and peak force of a contact."""
+HERTZ_ERROR = 1.5e-5
+"""Relative error that such sub-steps leave in energy, duration and peak force of a contact: the
+largest energy error of 10 000 random ones was 1.2e-5, that of the duration is below 1e-6."""
 
 MOST_NEWTON = 60
 """Steps to a root that bisection alone would find in so many."""
@@ -417,13 +418,16 @@ def meet(y, v, left, stop, side, stiff, tally, peaks, sums):
 
 @numba.njit(cache=True, error_model="numpy")
 def time_to_touch(x, v, stop, stiff, omega):
-    """Time until a free mass passes `stop` upwards, infinite if it never does; and its speed."""
+    """Time until a free mass passes `stop` upwards, infinite if it never does; and its speed.
+
+    A mass that rests on a stop and is pressed onto it passes at once.
+    """
     square = v * v + stiff * (x - stop) * (x + stop)
+    w = math.sqrt(max(square, 0.0))
+    if x >= stop and (v > 0.0 or (v == 0.0 and stiff * stop < 0.0)):
+        return 0.0, w
     if square <= 0.0 or (v <= 0.0 and stiff == 0.0):
         return math.inf, 0.0
-    w = math.sqrt(square)
-    if x >= stop and v > 0.0:
-        return 0.0, w
     return travel_time(stop - x, v, w, -stiff * (x + stop), omega), w
 
 
@@ -455,7 +459,7 @@ def flow_through(x, v, left, stiff, lower, upper, threshold, tally, peaks, sums)
             side = 1 if up <= down else -1
             w = w if side > 0 else w_down
             row = N_UPPER if side > 0 else N_LOWER
-            sums[row] += 1.0 if w >= threshold else 0.0
+            sums[row] += 1.0 if (w > 0.0 and w >= threshold) else 0.0
             sums[row + 1] += w
             sums[row + 2] += w * w
             v = side * w
