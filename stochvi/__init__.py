@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from stochvi.closed_form import displacement_density, exact
-    from stochvi.contacts import Restitution
+    from stochvi.contacts import (
+        Elastic,
+        ForceTable,
+        Hertz,
+        Restitution,
+        Viscoelastic,
+        identify_viscoelastic,
+    )
     from stochvi.crosscheck import Check, check
     from stochvi.errors import (
         NoExactSolution,
@@ -33,7 +40,14 @@ if TYPE_CHECKING:
 
 _HOME = {
     "closed_form": ("displacement_density", "exact"),
-    "contacts": ("Restitution",),
+    "contacts": (
+        "Elastic",
+        "ForceTable",
+        "Hertz",
+        "Restitution",
+        "Viscoelastic",
+        "identify_viscoelastic",
+    ),
     "crosscheck": ("Check", "check"),
     "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
     "estimates": ("Cost", "Estimate", "Response"),
@@ -51,8 +65,11 @@ __all__ = [
     "Check",
     "ConstantLoad",
     "Cost",
+    "Elastic",
     "Estimate",
     "Explanation",
+    "ForceTable",
+    "Hertz",
     "ImpactPair",
     "Isolator",
     "NoExactSolution",
@@ -66,12 +83,14 @@ __all__ = [
     "Screening",
     "StochviError",
     "TabulatedNoise",
+    "Viscoelastic",
     "WhiteNoise",
     "check",
     "clearance_curve",
     "displacement_density",
     "exact",
     "explain",
+    "identify_viscoelastic",
     "linearise",
     "load_scene",
     "record_path",

@@ -8,19 +8,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stochvi.assemblies import assemble
-from stochvi.collisions import StopStatistics
+from stochvi.collisions import ContactStatistics, StopStatistics
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.identities import residuals
 from stochvi.notes import scene_notes
 from stochvi.scenes import Scene, System
 from stochvi.spectra import response_moments
 
+MOST_ENERGY_CHANGE = 0.1
+"""Of a contact by noise and damping, relative, for a peak force from energy alone."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
     """Stationary moments, in SI units per unit mass, as a deterministic method finds them.
 
-    The three rates that a method has no law for are None in the `StopStatistics`.
+    The three rates that a method has no law for are None in the `StopStatistics`; the contact
+    statistics of a rigid stop are None.
     """
 
     mean: float
@@ -30,6 +34,8 @@ class Answer:
     lower: StopStatistics
     upper: StopStatistics
     acceleration_mean_square: float | None = None
+    contact_lower: ContactStatistics | None = None
+    contact_upper: ContactStatistics | None = None
 
     def response(
         self,
@@ -67,9 +73,10 @@ class Answer:
             "impact_speed_square_rate": _total(
                 self.lower.speed_square_rate, self.upper.speed_square_rate
             ),
-            "peak_force": None,
+            **self._contacts(system),
         }
         pair = {name: estimate(value) for name, value in values.items()}
+        pair["peak_force"] = self._peak_force(system, how)
         return Response(
             method=method,
             coordinates={"x": coordinate},
@@ -82,6 +89,41 @@ class Answer:
             warnings=scene_notes(system),
             provenance=provenance(scene.document()),
             identities=self._identities(scene, how),
+        )
+
+    def _contacts(self, system: System) -> dict[str, float | None]:
+        """Share of time in contact with either stop, and the mean forces on them, N."""
+        contacts = (self.contact_lower, self.contact_upper)
+        forces = [None if contact is None else system.mass * contact.force for contact in contacts]
+        shares = [contact.probability for contact in contacts if contact is not None]
+        return {
+            "contact_probability": sum(shares) if shares else None,
+            "contact_force_lower": forces[0],
+            "contact_force_upper": forces[1],
+        }
+
+    def _peak_force(self, system: System, how: str) -> Estimate | None:
+        """Mean over all contacts of their largest force, N, noise and damping in them neglected.
+
+        A contact of the duration t gains and loses the part b t of its energy; where that is not
+        small no number is given.
+        """
+        ends = (
+            (system.lower, self.lower.rate, self.contact_lower),
+            (system.upper, self.upper.rate, self.contact_upper),
+        )
+        present = [(rate, contact) for stop, rate, contact in ends if stop is not None]
+        rate = sum(rate for rate, _ in present)
+        if not rate or any(contact is None for _, contact in present):
+            return None
+        found = [(rate, contact) for rate, contact in present if contact is not None]
+        peak = sum(each * contact.peak_force for each, contact in found) / rate
+        duration = sum(contact.probability for _, contact in found) / rate
+        change = system.damping_rate * duration
+        if change > MOST_ENERGY_CHANGE:
+            return None
+        return Estimate(
+            value=system.mass * peak, bias=system.mass * peak * change, how=f"{how}, brief contacts"
         )
 
     def _speed_mean(self) -> float | None:
@@ -106,6 +148,10 @@ class Answer:
                 (pair.name, "f2_lower"): squares[0],
                 (pair.name, "f2_upper"): squares[1],
             }
+            for side, contact in (("lower", self.contact_lower), ("upper", self.contact_upper)):
+                if contact is not None:
+                    moments[pair.name, f"force_{side}"] = contact.force
+                    moments[pair.name, f"loss_{side}"] = 0.0
         found = residuals(assemble(scene), moments, (self.mean,))
         return {name: Estimate(value=value, how=how) for name, value in found.items()}
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.contacts import Law
+from stochvi.contacts import Law, not_rigid
 from stochvi.excitations import (
     BASE,
     ConstantLoad,
@@ -84,9 +84,11 @@ class Assembly(NamedTuple):
     @property
     def elastic(self) -> bool:
         """Whether no stop loses energy."""
-        return all(
-            law.coefficient == 1.0 for contact in self.contacts for _, _, law in contact.stops
-        )
+        return all(law.conservative for contact in self.contacts for _, _, law in contact.stops)
+
+    def not_rigid(self) -> list[str]:
+        """What stands in the way of a method that needs rigid stops."""
+        return not_rigid((side, law) for contact in self.contacts for side, _, law in contact.stops)
 
     @property
     def temperature(self) -> float | None:

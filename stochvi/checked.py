@@ -28,6 +28,9 @@ def _plain_numbers(values: Any) -> Any:
 Column = Annotated[tuple[Positive, ...], BeforeValidator(_plain_numbers)]
 """A column of a table: positive numbers, from a sequence or an array."""
 
+NonNegatives = Annotated[tuple[NonNegative, ...], BeforeValidator(_plain_numbers)]
+"""A column of a table that may hold zeros."""
+
 
 Matrix = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(_plain_numbers)]
 """A matrix, row by row."""
@@ -62,9 +65,13 @@ def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str,
     return problems
 
 
+KINDS_AFTER = {"structure": 1, "excitation": 2, "law": 1, "lower_law": 1, "upper_law": 1}
+"""Keys that hold parts of several kinds, and where in a path the kind then stands."""
+
+
 def _without_kind(path: Sequence[Any]) -> list[Any]:
     """Pydantic puts the kind of a part into its path: ("structure", "oscillator", "mass")."""
-    place = {"structure": 1, "excitation": 2}.get(path[0] if path else "", len(path))
+    place = KINDS_AFTER.get(path[0] if path else "", len(path))
     return [*path[:place], *path[place + 1 :]]
 
 

@@ -4,9 +4,9 @@ For white noise and elastic stops the joint density is a Gibbs density,
 
     p(x, v) = C exp(-(v^2 / 2 + U(x)) / theta),   theta = S0 / (2 b),          (B 13.38)
 
-with U the potential of spring and load, infinite beyond the stops. Without stops the response
-of a linear oscillator to any Gaussian noise is Gaussian, and its moments are integrals over
-frequency.
+with U the potential of spring, load and of stops that give way, infinite beyond rigid ones.
+Without stops the response of a linear oscillator to any Gaussian noise is Gaussian, and its
+moments are integrals over frequency.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from stochvi.collisions import gaussian_stop
 from stochvi.cut_normal import CutNormal
 from stochvi.errors import NoExactSolution
 from stochvi.estimates import Response
+from stochvi.gibbs_law import GibbsLaw
 from stochvi.scenes import Scene, System
 from stochvi.spectra import LinearMoments, response_moments
 
@@ -30,7 +31,9 @@ def exact(scene: Scene) -> Response:
     """Exact stationary response (B 13.38-13.44, for any two stops and a constant load).
 
     Returns every moment, the rate of hitting each stop nu = p_x(stop) sqrt(theta / 2 pi), and
-    F1, F2 of the Rayleigh law of impact speeds.
+    F1, F2 of the Rayleigh law of impact speeds. Of stops that give way (elastic, Hertz, tabulated)
+    also the share of time in contact, the mean force, and the mean of the largest force of a
+    contact, in which noise and damping are neglected (`bias` bounds what that leaves).
 
     Raises
     ------
@@ -65,6 +68,8 @@ def exact(scene: Scene) -> Response:
         upcrossing_rate=law.density_at(law.mean) * math.sqrt(velocity / (2.0 * math.pi)),
         lower=gaussian_stop(law.density_at(system.lower), velocity),
         upper=gaussian_stop(law.density_at(system.upper), velocity),
+        contact_lower=law.contact("lower") if isinstance(law, GibbsLaw) else None,
+        contact_upper=law.contact("upper") if isinstance(law, GibbsLaw) else None,
         acceleration_mean_square=linear_acceleration(system),
     ).response("exact", scene, how="closed form", started=start)
 
@@ -89,6 +94,9 @@ def unmet_conditions(scene: Scene) -> list[str]:
             unmet.append(
                 f"restitution must be 1 (an elastic stop), got {restitution:g} at the {side} stop"
             )
+        law = getattr(system, f"law_{side}")
+        if law is not None and not law.rigid and not law.conservative:
+            unmet.append(f"law must lose no energy, got {law.kind!r} at the {side} stop")
     has_stops = bool(scene.impact_pairs)
     if system.tables and has_stops:
         unmet.append(
@@ -104,9 +112,23 @@ def unmet_conditions(scene: Scene) -> list[str]:
 
 
 def _held_by_stops(system: System) -> bool:
-    held_left = system.lower is not None or system.load > 0.0
-    held_right = system.upper is not None or system.load < 0.0
-    return held_left and held_right
+    try:
+        _gibbs_law(system, theta=1.0)
+    except ValueError:
+        return False
+    return True
+
+
+def _gibbs_law(system: System, theta: float) -> GibbsLaw:
+    return GibbsLaw(
+        theta=theta,
+        omega=system.omega,
+        load=system.load,
+        stop_lower=system.lower,
+        stop_upper=system.upper,
+        law_lower=system.law_lower,
+        law_upper=system.law_upper,
+    )
 
 
 def _velocity_mean_square(system: System) -> float:
@@ -119,9 +141,11 @@ def _table_moments(system: System) -> LinearMoments:
     return response_moments(system.tables, system.omega, system.damping_rate)
 
 
-def _displacement_law(system: System) -> CutNormal:
-    """exp(-U / theta) between the stops; without stops the Gaussian law for any noise."""
+def _displacement_law(system: System) -> CutNormal | GibbsLaw:
+    """exp(-U / theta) with the stops; without stops the Gaussian law for any noise."""
     theta = system.intensity / (2.0 * system.damping_rate)
+    if system.not_rigid():
+        return _gibbs_law(system, theta)
     if not system.tables:
         return CutNormal(
             slope=system.load / theta,

@@ -24,6 +24,15 @@ class StopStatistics(NamedTuple):
 NO_STOP = StopStatistics(0.0, 0.0, 0.0)
 
 
+class ContactStatistics(NamedTuple):
+    """What a stop that gives way sees beyond its onsets: the share of time in contact, the mean
+    force over all time, and the mean over contacts of their largest force."""
+
+    probability: float
+    force: float
+    peak_force: float
+
+
 def gaussian_stop(density: float, velocity_mean_square: float) -> StopStatistics:
     """Statistics of a stop where x has density p and v, independent of it, is N(0, s^2).
 

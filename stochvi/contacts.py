@@ -2,11 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
-from pydantic import field_validator
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Discriminator, Tag, field_validator, model_validator
 
-from stochvi.checked import Checked, Number
+from stochvi.checked import Checked, NonNegative, NonNegatives, Number, Positive
+
+Vector = NDArray[np.float64]
+
+
+class Impact(NamedTuple):
+    """One contact of a free mass with a stop, from its first touch on (SI units).
+
+    The mass leaves with `restitution` times the speed it came with; `time_to_peak` is that of the
+    peak force, counted from the first touch.
+    """
+
+    contact_time: float
+    time_to_peak: float
+    restitution: float
+    peak_deflection: float
+    peak_force: float
 
 
 class Restitution(Checked):
@@ -24,6 +45,9 @@ class Restitution(Checked):
     0.8
     """
 
+    word: ClassVar[str] = "rigid"
+    rigid: ClassVar[bool] = True
+
     kind: Literal["restitution"] = "restitution"
     coefficient: Number
 
@@ -34,6 +58,411 @@ class Restitution(Checked):
             raise ValueError(f"must be in [0, 1], got {value:g}")
         return value
 
+    @property
+    def conservative(self) -> bool:
+        """Whether an impact loses no energy."""
+        return self.coefficient == 1.0
 
-Law = Restitution
+    @property
+    def restitution(self) -> float:
+        """R; of a stop that gives way, what a free mass sees."""
+        return self.coefficient
+
+    def per_unit_mass(self, mass: float) -> Self:
+        """The same law: it knows no force."""
+        return self
+
+    def strengths(self) -> tuple[float, ...]:
+        """Numbers with a unit that the law holds: none."""
+        return ()
+
+
+class CompliantLaw(Checked):
+    """A stop that gives way: its force depends on the deflection y = x - stop and its rate.
+
+    Forces and deflections are positive inwards the stop; there is none while y < 0.
+    """
+
+    word: ClassVar[str]
+    rigid: ClassVar[bool] = False
+
+    @property
+    def conservative(self) -> bool:
+        """Whether the force has a potential."""
+        return True
+
+    @property
+    def restitution(self) -> float:
+        """Restitution that a free mass sees, whatever its speed."""
+        return 1.0
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
+        """Force on the stop, N, at deflections (m) and their rates (m/s)."""
+        raise NotImplementedError
+
+    def potential_at(self, deflection: ArrayLike) -> Vector:
+        """Energy stored at a deflection, J."""
+        raise NotImplementedError
+
+    def slope_at(self, deflection: ArrayLike) -> Vector:
+        """d force / d deflection, N/m."""
+        raise NotImplementedError
+
+    def impact(self, speed: float, mass: float) -> Impact:
+        """The contact of a free mass (of a pair: its reduced mass, kg) that arrives at `speed`."""
+        raise NotImplementedError
+
+    def per_unit_mass(self, mass: float) -> Self:
+        """The law for a force per unit mass, N/kg."""
+        raise NotImplementedError
+
+    def strengths(self) -> tuple[float, ...]:
+        """Numbers with a unit that the law holds."""
+        raise NotImplementedError
+
+
+class Elastic(CompliantLaw):
+    """A linear spring, force = stiffness * y.
+
+    Examples
+    --------
+    >>> law = Elastic(stiffness=100.0)
+    >>> float(law.force_at(0.1)), law.potential_at([0.0, 0.1]).tolist()
+    (10.0, [0.0, 0.5000000000000001])
+    >>> law.impact(speed=1.0, mass=1.0).peak_force
+    10.0
+    """
+
+    word: ClassVar[str] = "elastic"
+
+    kind: Literal["elastic"] = "elastic"
+    stiffness: Positive
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
+        return self.stiffness * _inside(deflection)
+
+    def potential_at(self, deflection: ArrayLike) -> Vector:
+        return 0.5 * self.stiffness * _inside(deflection) ** 2
+
+    def slope_at(self, deflection: ArrayLike) -> Vector:
+        return np.where(_inside(deflection) > 0.0, self.stiffness, 0.0)
+
+    def impact(self, speed: float, mass: float) -> Impact:
+        return _kelvin_voigt(self.stiffness, 0.0, speed, mass)
+
+    def per_unit_mass(self, mass: float) -> Self:
+        return self.model_copy(update={"stiffness": self.stiffness / mass})
+
+    def strengths(self) -> tuple[float, ...]:
+        return (self.stiffness,)
+
+
+class Viscoelastic(CompliantLaw):
+    """A spring and a damper side by side that can only push (Kelvin-Voigt, B App. I).
+
+    force = max(K y + c y', 0), c = 2 z sqrt(K M), z the damping ratio and M the mass (of a pair:
+    the reduced mass). A contact ends when the force returns to zero, which it does before the
+    deflection does; the limiter, which has no mass, then recovers at once: it follows the mass
+    without a force, and pushes again where K y + c y' becomes positive.
+
+    Parameters
+    ----------
+    stiffness
+        K, N/m.
+    damping_ratio
+        z, of any size. The restitution that a free mass sees is exp(-2 z arccos z / sqrt(1 - z^2)).
+
+    Examples
+    --------
+    >>> law = Viscoelastic(stiffness=1.0, damping_ratio=0.2)
+    >>> round(law.restitution, 12), round(law.impact(speed=1.0, mass=1.0).contact_time, 10)
+    (0.571740027585, 2.7953544407)
+    """
+
+    word: ClassVar[str] = "viscoelastic"
+
+    kind: Literal["viscoelastic"] = "viscoelastic"
+    stiffness: Positive
+    damping_ratio: NonNegative
+
+    @property
+    def conservative(self) -> bool:
+        return self.damping_ratio == 0.0
+
+    @property
+    def restitution(self) -> float:
+        """Restitution of a free mass, R = exp(-2 z arccos z / sqrt(1 - z^2)) (B App. I)."""
+        return math.exp(-2.0 * self.damping_ratio * _half_contact(self.damping_ratio))
+
+    def damping(self, mass: float) -> float:
+        """c = 2 z sqrt(K M), N s/m."""
+        return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * mass)
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
+        """Force on the stop, N; the mass that the damping ratio refers to, kg, by default 1."""
+        y = np.asarray(deflection, dtype=float)
+        push = self.stiffness * y + self.damping(mass) * np.asarray(rate, dtype=float)
+        return np.where(y > 0.0, np.maximum(push, 0.0), 0.0)
+
+    def potential_at(self, deflection: ArrayLike) -> Vector:
+        """Energy in the spring alone, J."""
+        return 0.5 * self.stiffness * _inside(deflection) ** 2
+
+    def slope_at(self, deflection: ArrayLike) -> Vector:
+        """Stiffness of the spring alone, N/m."""
+        return np.where(_inside(deflection) > 0.0, self.stiffness, 0.0)
+
+    def impact(self, speed: float, mass: float) -> Impact:
+        return _kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)
+
+    def per_unit_mass(self, mass: float) -> Self:
+        return self.model_copy(update={"stiffness": self.stiffness / mass})
+
+    def strengths(self) -> tuple[float, ...]:
+        return (self.stiffness,)
+
+
+class Hertz(CompliantLaw):
+    """Contact of two round bodies, force = coefficient * y^(3/2).
+
+    A mass M that arrives at the speed w is stopped at y_m = (5 M w^2 / (4 k))^(2/5) and leaves
+    after (4/5) (y_m / w) Gamma(2/5) Gamma(1/2) / Gamma(9/10) = 2.943 y_m / w.
+
+    Examples
+    --------
+    >>> contact = Hertz(coefficient=1.25).impact(speed=1.0, mass=1.0)
+    >>> contact.peak_deflection, round(contact.contact_time, 6)
+    (1.0, 2.943275)
+    """
+
+    word: ClassVar[str] = "Hertz"
+
+    kind: Literal["hertz"] = "hertz"
+    coefficient: Positive
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
+        return self.coefficient * _inside(deflection) ** 1.5
+
+    def potential_at(self, deflection: ArrayLike) -> Vector:
+        return 0.4 * self.coefficient * _inside(deflection) ** 2.5
+
+    def slope_at(self, deflection: ArrayLike) -> Vector:
+        return 1.5 * self.coefficient * np.sqrt(_inside(deflection))
+
+    def impact(self, speed: float, mass: float) -> Impact:
+        deepest = (1.25 * mass * speed**2 / self.coefficient) ** 0.4
+        time = 0.8 * deepest / speed * math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9)
+        return Impact(time, time / 2.0, 1.0, deepest, self.coefficient * deepest**1.5)
+
+    def per_unit_mass(self, mass: float) -> Self:
+        return self.model_copy(update={"coefficient": self.coefficient / mass})
+
+    def strengths(self) -> tuple[float, ...]:
+        return (self.coefficient,)
+
+
+class ForceTable(CompliantLaw):
+    """A measured force over deflection, linear between its points.
+
+    Beyond the last point the force goes on with the slope of the last piece; before the first it
+    starts from (0, 0), which is put in front where it is not given.
+
+    Parameters
+    ----------
+    deflection
+        Increasing, m, from 0 on.
+    force
+        Never decreasing, N, 0 at the deflection 0.
+
+    Examples
+    --------
+    >>> law = ForceTable(deflection=[0.01, 0.02], force=[1.0, 4.0])
+    >>> law.force_at([0.005, 0.015, 0.03]).round(12).tolist()
+    [0.5, 2.5, 7.0]
+    >>> round(float(law.potential_at(0.01)), 12)
+    0.005
+    """
+
+    word: ClassVar[str] = "tabulated"
+
+    kind: Literal["table"] = "table"
+    deflection: NonNegatives
+    force: NonNegatives
+
+    @model_validator(mode="after")
+    def _grows(self) -> Self:
+        if len(self.deflection) != len(self.force):
+            raise ValueError(
+                f"needs as many entries in force as in deflection, got {len(self.force)} and "
+                f"{len(self.deflection)}"
+            )
+        if not self.deflection or self.deflection[-1] == 0.0:
+            raise ValueError("needs at least one point with a deflection above 0")
+        if self.deflection[0] == 0.0 and self.force[0] > 0.0:
+            raise ValueError(f"needs force 0 at the deflection 0, got {self.force[0]:g}")
+        for one, two in pairwise(self.deflection):
+            if one >= two:
+                raise ValueError(f"needs increasing deflection, got {two:g} after {one:g}")
+        for one, two in pairwise(self.force):
+            if one > two:
+                raise ValueError(f"needs force that never decreases, got {two:g} after {one:g}")
+        return self
+
+    @property
+    def pieces(self) -> Vector:
+        """(3, pieces): deflection and force where a piece begins, and its slope; the last has no
+        end."""
+        y, f = np.array(self.deflection), np.array(self.force)
+        if y[0] > 0.0:
+            y, f = np.insert(y, 0, 0.0), np.insert(f, 0, 0.0)
+        return np.stack([y[:-1], f[:-1], np.diff(f) / np.diff(y)])
+
+    def _piece(self, deflection: ArrayLike) -> tuple[NDArray[np.intp], Vector, Vector, Vector]:
+        """Of the piece at each deflection: its number, force and slope, and how far into it."""
+        starts, forces, slopes = self.pieces
+        y = _inside(deflection)
+        number = np.searchsorted(starts, y, side="right") - 1
+        return number, forces[number], slopes[number], y - starts[number]
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
+        _, force, slope, into = self._piece(deflection)
+        return np.asarray(force + slope * into)
+
+    def potential_at(self, deflection: ArrayLike) -> Vector:
+        starts, forces, slopes = self.pieces
+        lengths = np.diff(starts)
+        areas = lengths * (forces[:-1] + 0.5 * slopes[:-1] * lengths)
+        before = np.concatenate([[0.0], np.cumsum(areas)])
+        number, force, slope, into = self._piece(deflection)
+        return np.asarray(before[number] + into * (force + 0.5 * slope * into))
+
+    def slope_at(self, deflection: ArrayLike) -> Vector:
+        _, _, slope, _ = self._piece(deflection)
+        return np.where(np.asarray(deflection) > 0.0, slope, 0.0)
+
+    def impact(self, speed: float, mass: float) -> Impact:
+        """Piece by piece, each a part of a harmonic motion.
+
+        From the speed v_0 to v_1 over the distance d it takes (2 / W) arctan(W d / (v_0 + v_1)),
+        W^2 = slope / mass.
+        """
+        starts, forces, slopes = self.pieces / np.array([[1.0], [mass], [mass]])
+        ends = np.append(starts[1:], math.inf)
+        time, left = 0.0, speed**2
+        for start, end, force, slope in zip(starts, ends, forces, slopes, strict=True):
+            # where left - 2 force d - slope d^2 = 0, written so that either may be 0
+            push = force + math.sqrt(force**2 + slope * left)
+            turn = left / push if push else math.inf
+            distance = min(end - start, turn)
+            y = start + distance
+            rest = left - distance * (2.0 * force + slope * distance) if turn > distance else 0.0
+            speeds, root = math.sqrt(left) + math.sqrt(rest), math.sqrt(slope)
+            time += 2.0 * (
+                math.atan(root * distance / speeds) / root if root else distance / speeds
+            )
+            left = rest
+            if left == 0.0:
+                break
+        return Impact(2.0 * time, time, 1.0, y, float(self.force_at(y)))
+
+    def per_unit_mass(self, mass: float) -> Self:
+        return self.model_copy(update={"force": tuple(force / mass for force in self.force)})
+
+    def strengths(self) -> tuple[float, ...]:
+        return (*self.deflection, *self.force)
+
+
+def _inside(deflection: ArrayLike) -> Vector:
+    """The deflection, 0 for a mass that does not touch the stop."""
+    return np.asarray(np.maximum(np.asarray(deflection, dtype=float), 0.0))
+
+
+def _half_contact(z: float) -> float:
+    """arccos z / sqrt(1 - z^2), and what it goes over into for z >= 1."""
+    if z == 1.0:
+        return 1.0
+    if z < 1.0:
+        return math.acos(z) / math.sqrt((1.0 - z) * (1.0 + z))
+    return math.acosh(z) / math.sqrt((z - 1.0) * (z + 1.0))
+
+
+def _kelvin_voigt(stiffness: float, z: float, speed: float, mass: float) -> Impact:
+    """Contact with a spring and damper until the force is zero (B App. I).
+
+    With W = sqrt(K / M) and a = arccos z / sqrt(1 - z^2): contact time 2 a / W, restitution
+    exp(-2 z a), deflection (w / W) exp(-z a). The force is largest at the time t W =
+    3 a - pi / sqrt(1 - z^2), w W M exp(-z t W), or for z >= 1/2 at the first touch, 2 z w W M.
+    """
+    frequency = math.sqrt(stiffness / mass)
+    half = _half_contact(z)
+    time, peak = 0.0, 2.0 * z
+    if z < 0.5:
+        time = 3.0 * half - math.pi / math.sqrt(1.0 - z * z)
+        peak = math.exp(-z * time)
+    return Impact(
+        contact_time=2.0 * half / frequency,
+        time_to_peak=time / frequency,
+        restitution=math.exp(-2.0 * z * half),
+        peak_deflection=speed / frequency * math.exp(-z * half),
+        peak_force=mass * speed * frequency * peak,
+    )
+
+
+def identify_viscoelastic(contact_time: float, time_to_peak: float) -> tuple[float, float]:
+    """Damping ratio and contact frequency (rad/s) of a stop from the record of one impact.
+
+    By the two times of B App. I, contact_time / time_to_peak = 2 a / (3 a - pi), a = arccos z;
+    the frequency is sqrt(stiffness / mass).
+
+    Parameters
+    ----------
+    contact_time, time_to_peak
+        From the first touch until the force is back at zero, and until it is largest, s.
+
+    Raises
+    ------
+    ValueError
+        Unless 0 < 2 time_to_peak <= contact_time: damping brings the peak forward, and from
+        z = 1/2 on the force is largest at the first touch, which tells z no more.
+
+    Examples
+    --------
+    >>> z, omega = identify_viscoelastic(contact_time=3.83e-3, time_to_peak=1.54e-3)
+    >>> round(z, 11), round(omega, 6)
+    (0.13962520968, 754.499594)
+    """
+    if not 0.0 < 2.0 * time_to_peak <= contact_time < math.inf:
+        raise ValueError(
+            "needs 0 < 2 time_to_peak <= contact_time, got "
+            f"time_to_peak = {time_to_peak:g} and contact_time = {contact_time:g}"
+        )
+    ratio = contact_time / time_to_peak
+    angle = math.pi * ratio / (3.0 * ratio - 2.0)
+    z = math.cos(angle) if ratio > 2.0 else 0.0
+    return z, 2.0 * _half_contact(z) / contact_time
+
+
+def _kind(value: Any) -> str:
+    """The kind of a law by its key; restitution where it is left out."""
+    kind = value.get("kind", "restitution") if isinstance(value, dict) else None
+    return str(getattr(value, "kind", "restitution") if kind is None else kind)
+
+
+def not_rigid(stops: Iterable[tuple[str, Law]]) -> list[str]:
+    """What stands in the way of a method that needs rigid stops; `stops` are (side, law)."""
+    return [
+        f"stops must be rigid (law.kind = 'restitution'), got {law.kind!r} at the {side} stop"
+        for side, law in stops
+        if not law.rigid
+    ]
+
+
+Law = Annotated[
+    Annotated[Restitution, Tag("restitution")]
+    | Annotated[Elastic, Tag("elastic")]
+    | Annotated[Viscoelastic, Tag("viscoelastic")]
+    | Annotated[Hertz, Tag("hertz")]
+    | Annotated[ForceTable, Tag("table")],
+    Discriminator(_kind),
+]
 """Every law that a stop may follow."""

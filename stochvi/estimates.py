@@ -27,9 +27,13 @@ QUANTITY_UNITS = {
     "impact_speed_rate": "m/s^2",
     "impact_speed_square_rate": "m^2/s^3",
     "peak_force": "N",
+    "contact_probability": "1",
+    "contact_force_lower": "N",
+    "contact_force_upper": "N",
 }
 """Units of every quantity: of a coordinate (accelerations are absolute, up-crossings are of the
-mean), then of an impact pair (the rates of w and w^2 are F1 and F2)."""
+mean), then of an impact pair (the rates of w and w^2 are F1 and F2; of stops that give way, the
+mean over contacts of the largest force, the share of time in contact, the mean force)."""
 
 
 @dataclass(frozen=True, kw_only=True)

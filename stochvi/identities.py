@@ -9,7 +9,9 @@ restitution; sums over all stops, the impulse pushing y away from the stop:
     force    K m = g +- sum d mu (1 + R) F1,            m = E q
 
 with any fixed o, from the stationarity of E v'M v, E (q - o)'M v and E M v. For one oscillator
-they read S0 / 2 = b E v^2 + ..., E v^2 = omega^2 Var x + ... For coloured noise only the last one
+they read S0 / 2 = b E v^2 + ..., E v^2 = omega^2 Var x + ... At a stop that gives way the mean
+force stands for mu (1 + R) F1 and the mean power that it takes for mu (1 - R^2) F2 / 2; the virial
+then also holds E y F, y the deflection, and is left out. For coloured noise only the last one
 holds as it stands; the others gain E f v and E f x.
 """
 
@@ -21,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from stochvi.assemblies import Assembly
+from stochvi.contacts import Restitution
 
 ENERGIES = ("kinetic", "potential", "dissipation")
 """E v'M v, E (q - o)'K (q - o) and E v'C v (not halved), with the key ("", name)."""
@@ -37,8 +40,10 @@ def residuals(
         The scene as matrices.
     moments
         By (coordinate, name): `x`, `variance`, `vv`; by (impact pair, name): `f1_lower`,
-        `f1_upper`, `f2_lower`, `f2_upper`; by ("", name): `ENERGIES`, which may be left out for a
-        single coordinate. Numbers, or arrays of one value per independent path.
+        `f1_upper`, `f2_lower`, `f2_upper`, of stops that give way instead `force_lower`,
+        `force_upper`, `loss_lower`, `loss_upper`, per unit of the reduced mass; by ("", name):
+        `ENERGIES`, which may be left out for a single coordinate. Numbers, or arrays of one
+        value per independent path.
     origin
         o, about which the potential energy was taken (of a single coordinate: any position).
     """
@@ -68,6 +73,8 @@ def residuals(
             *((stop - direction @ o) * push for direction, stop, push in pushes),
         ],
     }
+    if assembly.not_rigid():
+        del balances["virial"]
     return {name: sum(terms) / _scale(terms) for name, terms in balances.items()} | found
 
 
@@ -78,18 +85,27 @@ def _pushes(
     found = []
     for contact in assembly.contacts:
         for side, stop, law in contact.stops:
-            force = contact.mass * (1.0 + law.coefficient) * moments[contact.name, f"f1_{side}"]
+            if isinstance(law, Restitution):
+                force = (1.0 + law.coefficient) * moments[contact.name, f"f1_{side}"]
+            else:
+                force = moments[contact.name, f"force_{side}"]
+            force = contact.mass * force
             found.append((contact.direction, stop, force if side == "lower" else -force))
     return found
 
 
 def _losses(assembly: Assembly, moments: Mapping[tuple[str, str], Any]) -> list[Any]:
     """Power lost at every stop, negative."""
-    return [
-        -contact.mass * (1.0 - law.coefficient**2) / 2.0 * moments[contact.name, f"f2_{side}"]
-        for contact in assembly.contacts
-        for side, _, law in contact.stops
-    ]
+    found = []
+    for contact in assembly.contacts:
+        for side, _, law in contact.stops:
+            if isinstance(law, Restitution):
+                square = moments[contact.name, f"f2_{side}"]
+                loss = (1.0 - law.coefficient**2) / 2.0 * square
+            else:
+                loss = moments[contact.name, f"loss_{side}"]
+            found.append(-contact.mass * loss)
+    return found
 
 
 def _energies(

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stochvi.checked import Checked, Number
-from stochvi.contacts import Law
+from stochvi.contacts import Law, Restitution, not_rigid
 from stochvi.datasets import read_text
 from stochvi.errors import SceneError
 from stochvi.excitations import (
@@ -87,12 +87,17 @@ class ImpactPair(Checked):
         assert law is not None
         return law
 
+    def stops(self) -> list[tuple[str, Law]]:
+        """(side, law) of each stop that there is."""
+        sides = ("lower", "upper")
+        return [(side, self.law_of(side)) for side in sides if getattr(self, side) is not None]
+
 
 class System(NamedTuple):
     """A scene as numbers, per unit mass: x'' + b x' + omega^2 x = f(t) + load, stops in metres.
 
     `intensity` is S0 of the white part of f; `tables` are one-sided acceleration densities.
-    What the scene does not have is None or empty.
+    What the scene does not have is None or empty; a stop that is not rigid has no restitution.
     """
 
     mass: float
@@ -107,11 +112,26 @@ class System(NamedTuple):
     upper: float | None
     restitution_lower: float | None
     restitution_upper: float | None
+    law_lower: Law | None = None
+    law_upper: Law | None = None
+
+    @property
+    def laws(self) -> tuple[Law | None, Law | None]:
+        """The law of the lower and of the upper stop, for forces per unit mass (N/kg)."""
+        return self.law_lower, self.law_upper
 
     @property
     def elastic(self) -> bool:
         """Whether no stop loses energy."""
-        return all(r in (None, 1.0) for r in (self.restitution_lower, self.restitution_upper))
+        lossless = (self.restitution_lower, self.restitution_upper)
+        return all(r in (None, 1.0) for r in lossless) and all(
+            law is None or law.rigid or law.conservative for law in self.laws
+        )
+
+    def not_rigid(self) -> list[str]:
+        """What stands in the way of a method that needs rigid stops."""
+        named = zip(("lower", "upper"), self.laws, strict=True)
+        return not_rigid((side, law) for side, law in named if law is not None)
 
 
 class Scene(Checked):
@@ -178,6 +198,8 @@ class Scene(Checked):
                 return f"must be on {_one_of(known)}{only}, got {name!r}"
         if not names and len(known) > 1:
             return f"needs on or between, with names of {_one_of(known)}, got none"
+        if self.structure.mass is None and not all(law.rigid for _, law in pair.stops()):
+            return "has a stop with a force, which needs structure.mass, got none"
         if pair.between is not None and pair.between[0] == pair.between[1]:
             return f"needs two different coordinates in between, got {pair.between[0]!r} twice"
         return ""
@@ -185,6 +207,7 @@ class Scene(Checked):
     def _out_of_range(self) -> list[tuple[str, str]]:
         """Numbers whose products and squares would not fit a floating-point number."""
         numbers: list[tuple[str, str, float | None]] = []
+        mass = 1.0
         if isinstance(self.structure, Matrices):
             names = ("the mass (kg)", "the damping (N s/m)", "the stiffness (N/m)")
             for name, matrix in zip(names, self.structure.matrices, strict=True):
@@ -197,11 +220,18 @@ class Scene(Checked):
             return [("structure", _range_sentence("the mass (kg)", self.structure.mass))]
         else:
             numbers += self._numbers_per_unit_mass()
+            mass = self.structure.mass or 1.0
         for pair in self.impact_pairs:
             numbers += [
                 ("impact_pair", "the lower stop (m)", pair.lower),
                 ("impact_pair", "the upper stop (m)", pair.upper),
             ]
+            for side, law in pair.stops():
+                per_unit_mass = law.per_unit_mass(mass)
+                numbers += [
+                    ("impact_pair", f"the law of the {side} stop, per unit mass,", strength)
+                    for strength in (*law.strengths(), *per_unit_mass.strengths())
+                ]
         return [
             (key, _range_sentence(name, value))
             for key, name, value in numbers
@@ -288,11 +318,7 @@ class Scene(Checked):
         ]
         for pair in self.impact_pairs:
             of = f" of {pair.name}" if len(self.impact_pairs) > 1 else ""
-            found += [
-                f"rigid stop {side}{of}"
-                for side in ("lower", "upper")
-                if getattr(pair, side) is not None
-            ]
+            found += [f"{law.word} stop {side}{of}" for side, law in pair.stops()]
         return tuple(found)
 
     def assumptions(self) -> tuple[str, ...]:
@@ -300,8 +326,15 @@ class Scene(Checked):
         found = ["displacements are measured from the position of the unloaded spring"]
         if self.structure.mass is None:
             found.append("mass is not given: 1 kg, which only forces would depend on")
-        if self.impact_pairs:
-            found.append("stops are rigid; an impact is instantaneous (Newton's restitution)")
+        words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}
+        if "rigid" in words:
+            which = "stops are rigid" if words == {"rigid"} else "the rigid stop does not give way"
+            found.append(f"{which}; an impact is instantaneous (Newton's restitution)")
+        if "viscoelastic" in words:
+            found.append(
+                "contact with a viscoelastic stop ends at zero force; the limiter has no mass and "
+                "recovers at once"
+            )
         if any(isinstance(excitation, Sine) for excitation in self.excitations):
             found.append("the phase of a sine is random, uniform, in each path")
         return tuple(found)
@@ -323,6 +356,10 @@ class Scene(Checked):
                     load += excitation.magnitude / mass if on_mass else -excitation.magnitude
         pair = self.impact_pairs[0] if self.impact_pairs else None
         lower, upper = (pair.lower, pair.upper) if pair else (None, None)
+        laws = dict(pair.stops()) if pair else {}
+        law_lower, law_upper = (
+            laws[side].per_unit_mass(mass) if side in laws else None for side in ("lower", "upper")
+        )
         return System(
             mass=mass,
             omega=self.structure.omega,
@@ -334,12 +371,10 @@ class Scene(Checked):
             load=load,
             lower=lower,
             upper=upper,
-            restitution_lower=pair.law_of("lower").coefficient
-            if pair and lower is not None
-            else None,
-            restitution_upper=pair.law_of("upper").coefficient
-            if pair and upper is not None
-            else None,
+            restitution_lower=_restitution(law_lower),
+            restitution_upper=_restitution(law_upper),
+            law_lower=law_lower,
+            law_upper=law_upper,
         )
 
     def document(self) -> dict[str, Any]:
@@ -349,6 +384,10 @@ class Scene(Checked):
 
 LARGEST_NUMBER = 1e50
 """Of anything in a scene, per unit mass, and the inverse of the smallest: squares stay finite."""
+
+
+def _restitution(law: Law | None) -> float | None:
+    return law.coefficient if isinstance(law, Restitution) else None
 
 
 def _one_of(names: Sequence[str]) -> str:

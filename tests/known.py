@@ -38,6 +38,7 @@ class Units:
             "m/s^2": (1, -2),
             "m^2/s^3": (2, -3),
             "1/s": (0, -1),
+            "1": (0, 0),
         }[QUANTITY_UNITS[quantity]]
         return self.length**metres * self.omega**-seconds
 
@@ -249,7 +250,24 @@ MISTAKES = {
     "restitution below 0": _law(-0.2, "-0.2", "in [0, 1]"),
     "restitution NaN": _law(math.nan, "nan", FINITE),
     "restitution missing": _law(NOTHING, "missing", ""),
-    "law of another kind": _law("hertz", "'hertz'", "'restitution'", key="kind"),
+    "law of another kind": _law("steel", "'steel'", "'restitution'", key="kind")._replace(
+        key="impact_pair.0.law"
+    ),
+    "stiffness of nothing": Mistake(
+        changed(["impact_pair", 0, "law"], {"kind": "elastic", "stiffness": 0.0}),
+        "impact_pair.0.law.stiffness",
+        "0.0",
+        "greater than 0",
+    ),
+    "force that falls": Mistake(
+        changed(
+            ["impact_pair", 0, "law"],
+            {"kind": "table", "deflection": [1.0, 2.0], "force": [2.0, 1.0]},
+        ),
+        "impact_pair.0.law",
+        "1 after 2",
+        "never decreases",
+    ),
     "stops that cross": _in("impact_pair", "lower", 2.0, "2 and 1", "lower < upper")._replace(
         key="impact_pair.0"
     ),

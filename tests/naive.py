@@ -241,3 +241,132 @@ def hold_matrices(omega, damping_rate, h):
     grown[:, 3] /= h
     grown[:, 2] -= grown[:, 3]
     return grown
+
+
+# ---- stops that give way -----------------------------------------------------------------------
+
+
+OFF = -1
+"""Mode of a stop that is not touched; else the piece of its force, or of a viscoelastic stop 0
+where it pushes and 1 where it withdraws."""
+
+
+def stop_force(law, mode, y, v):
+    """Force per unit mass in one mode, smooth, also beyond where the mode ends."""
+    if mode == OFF or (law.kind == "viscoelastic" and mode == 1):
+        return 0.0
+    if law.kind == "viscoelastic":
+        return law.stiffness * y + law.damping(1.0) * v
+    if law.kind == "table":
+        start, force, slope = law.pieces[:, mode]
+        return force + slope * (y - start)
+    if law.kind == "hertz":
+        return math.copysign(law.coefficient * abs(y) ** 1.5, y)
+    return law.stiffness * y
+
+
+def stop_ends(law, mode):
+    """Where a mode ends: (function of y and v, direction of its zero, next mode)."""
+    if mode == OFF:
+        return [(lambda y, v: y, 1.0, 0)]
+    if law.kind == "viscoelastic":
+        push = lambda y, v: law.stiffness * y + law.damping(1.0) * v  # noqa: E731
+        if mode == 0:
+            return [(push, -1.0, 1)]
+        return [(lambda y, v: y, -1.0, OFF), (push, 1.0, 0)]
+    starts = law.pieces[0] if law.kind == "table" else [0.0]
+    ends = [(lambda y, v: y - starts[mode], -1.0, mode - 1)]
+    if mode + 1 < len(starts):
+        ends.append((lambda y, v: y - starts[mode + 1], 1.0, mode + 1))
+    return ends
+
+
+def flow_with_forces(x, v, h, omega, stops, sums, touches):
+    """Undamped motion over h with the forces of the stops, by a Runge-Kutta method of order 8.
+
+    `stops` holds (position, side, law); `sums` (one row a stop) gets impulse, energy taken and
+    time in contact; `touches` gets (side, speed).
+    """
+    from scipy.integrate import solve_ivp
+
+    def inner(state, position, side):
+        return side * (state[0] - position), side * state[1]
+
+    def mode_at(position, side, law):
+        y, rate = inner((x, v), position, side)
+        if y <= 0.0:
+            return OFF
+        if law.kind == "viscoelastic":
+            return 0 if law.force_at(y, rate) > 0.0 else 1
+        return int(np.searchsorted(law.pieces[0], y)) - 1 if law.kind == "table" else 0
+
+    modes = [mode_at(*stop) for stop in stops]
+    time, state = 0.0, np.concatenate([[x, v], np.zeros(3 * len(stops))])
+    while time < h:
+
+        def derivative(t, state, modes=tuple(modes)):
+            acceleration, rates = -(omega**2) * state[0], []
+            for (position, side, law), mode in zip(stops, modes, strict=True):
+                y, rate = inner(state, position, side)
+                force = stop_force(law, mode, y, rate)
+                acceleration -= side * force
+                pushes = mode != OFF and not (law.kind == "viscoelastic" and mode == 1)
+                rates += [force, force * rate, float(pushes)]
+            return [state[1], acceleration, *rates]
+
+        events, changes = [], []
+        for number, (position, side, law) in enumerate(stops):
+            for function, direction, following in stop_ends(law, modes[number]):
+
+                def event(t, state, function=function, position=position, side=side):
+                    return function(*inner(state, position, side))
+
+                event.terminal, event.direction = True, direction
+                events.append(event)
+                changes.append((number, following))
+        touched = [law for (_, _, law), mode in zip(stops, modes, strict=True) if mode != OFF]
+        longest = min([h, *(law.impact(1.0, 1.0).contact_time for law in touched)]) / 8.0
+        solution = solve_ivp(
+            derivative, (time, h), state, method="DOP853", events=events,
+            rtol=1e-11, atol=1e-13, max_step=longest,
+        )  # fmt: skip
+        time, state = solution.t[-1], solution.y[:, -1]
+        for found, (number, following) in zip(solution.t_events, changes, strict=True):
+            if len(found) and found[-1] == time:
+                position, side, _ = stops[number]
+                if modes[number] == OFF:
+                    touches.append((side, side * state[1]))
+                if following == OFF or modes[number] == OFF:
+                    state[0] = position
+                modes[number] = following
+    sums += state[2:].reshape(len(stops), 3)
+    return state[0], state[1]
+
+
+def kick_flow_kick_with_forces(x, v, z, h, omega, damping_rate, intensity, stops):
+    """The scheme with stops that give way: samples of x and v, sums of the stops, touches."""
+    decay = math.exp(-damping_rate * h)
+    spread = intensity * -math.expm1(-2.0 * damping_rate * h) / (2.0 * damping_rate)
+    xs, vs, touches, sums = [], [], [], np.zeros((len(stops), 3))
+    for normal in z:
+        v = decay * v + math.sqrt(spread) * normal
+        x, v = flow_with_forces(x, v, h, omega, stops, sums, touches)
+        xs.append(x)
+        vs.append(v)
+    return np.array(xs), np.array(vs), sums, touches
+
+
+def penalty_euler(rng, paths, steps, h, stiffness):
+    """Semi-implicit Euler, W = 1, b = .1, S0 = .2, linear stops at +-1: onsets per second."""
+    x = rng.uniform(-1.0, 1.0, paths)
+    v = rng.standard_normal(paths)
+    onsets = np.zeros(paths)
+    burn_in = int(60.0 / h)
+    for step in range(burn_in + steps):
+        force = -x - stiffness * np.sign(x) * np.maximum(np.abs(x) - 1.0, 0.0)
+        v = v + h * (force - 0.1 * v) + math.sqrt(0.2 * h) * rng.standard_normal(paths)
+        outside = np.abs(x) > 1.0
+        x = x + h * v
+        if step >= burn_in:
+            onsets += (np.abs(x) > 1.0) & ~outside
+    return onsets / (steps * h)

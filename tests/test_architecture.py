@@ -17,6 +17,7 @@ FLOORS = {
         "spectra",
         "state_space",
         "cut_normal",
+        "gibbs_law",
         "collisions",
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers"),

@@ -130,7 +130,7 @@ def _check_words(form: str, variant: str) -> None:
 
 def _unmet_conditions(system: System, form: str) -> list[str]:
     """What keeps a scene from being linearised in this form; empty where nothing does."""
-    unmet = []
+    unmet = system.not_rigid()
     if system.intensity == 0.0 and not system.tables:
         unmet.append("excitation must contain noise, got a constant load alone")
     if system.damping_rate == 0.0 and restitutions(system) == (1.0, 1.0):

@@ -109,6 +109,8 @@ def _mirror(system: System) -> System:
         upper=None if system.lower is None else -system.lower,
         restitution_lower=system.restitution_upper,
         restitution_upper=system.restitution_lower,
+        law_lower=system.law_upper,
+        law_upper=system.law_lower,
     )
 
 

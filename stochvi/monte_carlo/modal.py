@@ -288,7 +288,7 @@ class ModalPlan:
             rest = float(self.modes.gaps[j] @ self.modes.rest)
             for side, stop, law in contact.stops:
                 threshold = self.layout.thresholds[contact.name]
-                stops[j, int(side == "upper")] = stop - rest, law.coefficient, threshold
+                stops[j, int(side == "upper")] = stop - rest, law.restitution, threshold
         return stops
 
     def _resets(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> tuple[Any, ...]:
@@ -344,7 +344,7 @@ class ModalPlan:
 
 def plan_modal(assembly: Assembly, threshold: float | None, duration: float | None) -> ModalPlan:
     """Choose step, burn-in and length for a scene of any structure."""
-    unmet = []
+    unmet = assembly.not_rigid()
     if assembly.tables:
         unmet.append(
             "tabulated noise must be alone, on one oscillator with at most one impact pair"

@@ -217,7 +217,7 @@ def _first_guess(modes: Modes, contact: Contact) -> _Substitute:
         stops = [stop for _, stop, _ in contact.stops]
         width = max(stops) - min(stops) or abs(stops[0]) or 1.0
         frequency = (noise / width**2) ** (1.0 / 3.0)
-    loss = max((1.0 - law.coefficient**2 for _, _, law in contact.stops), default=0.0)
+    loss = max((1.0 - law.restitution**2 for _, _, law in contact.stops), default=0.0)
     stops = [stop for _, stop, _ in contact.stops]
     return _Substitute(
         spring=contact.mass * frequency**2,
@@ -275,7 +275,7 @@ def _substitute(
     needed = energy / cut.variance
     spring = max(needed - own, SOFTEST * needed)
     power = sum(
-        (1.0 - restitution.coefficient**2)
+        (1.0 - restitution.restitution**2)
         / 2.0
         * contact.mass
         * gaussian_stop(cut.density_at(stop), square).speed_square_rate

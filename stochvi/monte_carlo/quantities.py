@@ -17,6 +17,14 @@ Quantity = Callable[[Means], float]
 RATES = ("collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_mean")
 """What depends on a count of impacts, above a speed threshold where stops lose energy."""
 
+CONTACT_QUANTITIES = (
+    "peak_force",
+    "contact_probability",
+    "contact_force_lower",
+    "contact_force_upper",
+)
+"""Of stops that give way."""
+
 GOVERNED = (
     "displacement_mean",
     "displacement_mean_square",
@@ -54,6 +62,27 @@ def of_pair(name: str) -> dict[str, Quantity]:
     }
 
 
+def of_compliant_pair(contact: Contact) -> dict[str, Quantity]:
+    """Quantities of a pair of which a stop gives way, from the sums over its contacts.
+
+    The peak force needs all stops to give way.
+    """
+    name, mass = contact.name, contact.mass
+    sides = [side for side, _, law in contact.stops if not law.rigid]
+    found: dict[str, Quantity] = {
+        f"contact_force_{side}": lambda m, side=side: mass * m[name, f"force_{side}"]  # type: ignore[misc]
+        for side in sides
+    }
+    found["contact_probability"] = lambda m: sum(m[name, f"contact_{side}"] for side in sides)
+    if len(sides) == len(contact.stops):
+        found["peak_force"] = lambda m: (
+            mass
+            * sum(m[name, f"peak_{side}"] for side in sides)
+            / sum(m[name, f"ended_{side}"] for side in sides)
+        )
+    return found
+
+
 def speed_mean(name: str) -> Quantity:
     """Mean impact speed, F1 over the rate of all impacts counted."""
     pair = of_pair(name)
@@ -76,9 +105,9 @@ def governed(assembly: Assembly) -> dict[Key, Quantity]:
 
 def collapses(contact: Contact) -> bool:
     """Whether the rate of all impacts is infinite at one of the stops."""
-    return any(r <= COLLAPSE_RESTITUTION for r in restitutions(contact))
+    return any(law.rigid and law.restitution <= COLLAPSE_RESTITUTION for _, _, law in contact.stops)
 
 
 def restitutions(contact: Contact) -> Sequence[float]:
-    """Of the rigid stops of a pair."""
-    return [law.coefficient for _, _, law in contact.stops]
+    """Of the stops of a pair."""
+    return [law.restitution for _, _, law in contact.stops]

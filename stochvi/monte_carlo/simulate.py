@@ -18,13 +18,16 @@ from stochvi.collisions import COLLAPSE_RESTITUTION, upper_limit_unseen
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.identities import residuals
+from stochvi.monte_carlo.compliant import CONTACT_ROWS, CompliantPlan, plan_compliant
 from stochvi.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.monte_carlo.quantities import (
+    CONTACT_QUANTITIES,
     RATES,
     Key,
     Means,
     Quantity,
     governed,
+    of_compliant_pair,
     of_coordinate,
     of_pair,
     restitutions,
@@ -265,6 +268,8 @@ def make_plan(
         raise NotApplicable(
             "simulate", ["excitation must contain noise, got a constant load alone"]
         )
+    if system.not_rigid():
+        return plan_compliant(system, speed_threshold, duration, slow_impacts)
     return plan_white(system, speed_threshold, duration, slow_impacts)
 
 
@@ -275,6 +280,8 @@ def layout_of(scene: Scene, plan: Plan) -> Layout:
     pair = scene.impact_pairs[0].name if scene.impact_pairs else ""
     rows = [("x", "x"), ("x", "xx"), ("x", "vv")]
     rows += [(pair, f"{sum_}_{side}") for side in ("lower", "upper") for sum_ in ("n", "f1", "f2")]
+    if isinstance(plan, CompliantPlan):
+        rows += [(pair, name) for name in CONTACT_ROWS]
     return Layout(rows=tuple(rows), origins={"x": plan.origin}, thresholds={pair: plan.threshold})
 
 
@@ -466,7 +473,11 @@ class _Run:
             self.estimate(speed_mean(contact.name), "impact_speed_mean") if hit else None
         )
         threshold = self.layout.thresholds[contact.name]
-        return found | {"peak_force": None, "speed_threshold": threshold}
+        found |= dict.fromkeys(CONTACT_QUANTITIES)
+        if hit and isinstance(self.plan, CompliantPlan):
+            for name, quantity in of_compliant_pair(contact).items():
+                found[name] = self.estimate(quantity, name)
+        return found | {"speed_threshold": threshold}
 
     def _rate_of_all(self) -> float:
         """Impacts per second, all pairs together."""
@@ -522,9 +533,9 @@ class _Run:
                     f"rates{of} count impacts faster than {threshold:.3g} m/s; F1 and F2 count all"
                 )
             for side, _, law in contact.stops:
-                if law.coefficient <= COLLAPSE_RESTITUTION:
+                if law.rigid and law.restitution <= COLLAPSE_RESTITUTION:
                     yield (
-                        f"restitution {law.coefficient:g} at the {side} stop{of} is below "
+                        f"restitution {law.restitution:g} at the {side} stop{of} is below "
                         f"{COLLAPSE_RESTITUTION:.4f}: the rate of all impacts is infinite under "
                         "white noise; rates above a speed threshold are given, rel_error does not "
                         "govern them"

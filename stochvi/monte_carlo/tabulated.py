@@ -241,7 +241,7 @@ def plan_tabulated(
     system: System, threshold: float | None, duration: float | None
 ) -> TabulatedPlan:
     """Choose sampling and lengths for a scene whose noise is tabulated."""
-    unmet = []
+    unmet = system.not_rigid()
     if system.intensity > 0.0:
         unmet.append("white and tabulated noise in one scene are not simulated together")
     if system.omega == 0.0:

@@ -74,6 +74,9 @@ class WhitePlan:
     threshold: float
     slow_impacts: bool = False
 
+    rows = SUMS
+    _kernel = staticmethod(run_white)
+
     @property
     def method(self) -> str:
         """What is done, in words."""
@@ -112,15 +115,20 @@ class WhitePlan:
         A refined step resolves slow impacts with the velocity that noise brings in it, which goes
         with its square root.
         """
-        lossiest = min(1.0 if r is None else r for r in _restitutions(self.system))
         if not self.slow_impacts:
             usual = self.threshold >= default_threshold(self.elastic, self.speed)
-            resolved = lossiest >= WELL_RESOLVED_RESTITUTION and usual and not self._pressed
+            resolved = self._lossiest >= WELL_RESOLVED_RESTITUTION and usual and not self._pressed
             known = resolved or name not in RATES
-            return extrapolated(name, difference, lossiest) if known else None
+            return extrapolated(name, difference, self._lossiest) if known else None
         if name not in RATES:
             return difference / 3.0
-        return difference / (math.sqrt(2.0) - 1.0) if lossiest > COLLAPSE_RESTITUTION else None
+        known = self._lossiest > COLLAPSE_RESTITUTION
+        return difference / (math.sqrt(2.0) - 1.0) if known else None
+
+    @property
+    def _lossiest(self) -> float:
+        """The smallest restitution of a stop, 1 where there is none."""
+        return min((law.restitution for law in self.system.laws if law is not None), default=1.0)
 
     @property
     def _pressed(self) -> bool:
@@ -152,8 +160,8 @@ class WhitePlan:
         """The same paths with less bias: slow impacts resolved, where half the step would do
         little for what they leave (of a mass that leans on a stop they are too many); else half
         the step."""
-        lossiest = min(1.0 if r is None else r for r in _restitutions(self.system))
-        if lossiest < WELL_RESOLVED_RESTITUTION and not (self.slow_impacts or self._pressed):
+        refinable = not (self.system.not_rigid() or self.slow_impacts or self._pressed)
+        if self._lossiest < WELL_RESOLVED_RESTITUTION and refinable:
             return replace(self, slow_impacts=True)
         return replace(self, step=self.step / 2.0)
 
@@ -173,15 +181,15 @@ class WhitePlan:
     def averages(
         self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Time averages (SUMS, paths) of the paths first_path, first_path + 1, ..., with positions
+        """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
         from `origin`."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         x, v = self._start(streams)
-        sums = np.zeros((SUMS, paths))
+        sums = np.zeros((self.rows, paths))
         burn_in = 0 if record is not None else self._burn_in_steps
         stride = self._stride
-        run_white(
+        self._kernel(
             x, v, streams, sums, *self._kernel_constants(), self.threshold,
             burn_in, self.steps, stride, self.origin - self.rest, record,
         )  # fmt: skip
@@ -277,7 +285,7 @@ def plan_white(
     system: System, threshold: float | None, duration: float | None, slow_impacts: bool = False
 ) -> WhitePlan:
     """Choose step, burn-in and length for a scene with white noise alone."""
-    unmet = []
+    unmet = system.not_rigid()
     if system.omega == 0.0 and system.load != 0.0:
         unmet.append("a constant load needs stiffness > 0, got 0")
     if system.omega == 0.0 and (system.lower is None or system.upper is None):
@@ -380,10 +388,6 @@ def _law(system: System, speed: float) -> CutNormal:
         lower=system.lower,
         upper=system.upper,
     )
-
-
-def _restitutions(system: System) -> tuple[float | None, float | None]:
-    return system.restitution_lower, system.restitution_upper
 
 
 def _kick_variance(system: System, h: float) -> float:
