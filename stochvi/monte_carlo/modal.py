@@ -118,11 +118,10 @@ class ModalPlan:
         """What the step leaves in a quantity, from its difference to twice the step; None for
         rates of slow impacts under white noise, as `WhitePlan.step_bias` says. Under signals
         alone the motion is smooth and the order is 2."""
-        if not self.modes.kicked:
+        found = [r for contact in self.assembly.contacts for r in restitutions(contact)]
+        if not self.modes.kicked or not found:
             return difference / 3.0
-        lossiest = min(
-            (r for contact in self.assembly.contacts for r in restitutions(contact)), default=1.0
-        )
+        lossiest = min(found)
         pressed = any(scale.pressing > 0.0 for scale in self.pairs)
         unknown = name in RATES and (lossiest < WELL_RESOLVED_RESTITUTION or pressed)
         return None if unknown else extrapolated(name, difference, lossiest)
