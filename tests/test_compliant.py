@@ -530,7 +530,7 @@ def test_methods_for_rigid_stops_refuse_the_others() -> None:
     table = TabulatedNoise(frequency_hz=[1.0, 2.0], density=[1.0, 1.0], unit="N2/Hz")
     shaken = Scene(structure=case.structure, impact_pairs=case.impact_pairs, excitations=[table])
     with pytest.raises(NotApplicable, match="stops must be rigid"):
-        plan_tabulated(shaken.system(), None, None)
+        plan_tabulated(shaken, None, None)
 
 
 @pytest.mark.parametrize(

@@ -259,11 +259,13 @@ def make_plan(
     slow_impacts: bool = False,
 ) -> Plan:
     """Choose the method that the scene's excitation calls for, its step and its lengths."""
+    assembly = assemble(scene)
+    single = len(assembly.coordinates) == 1 and len(assembly.contacts) <= 1
+    if assembly.tables and single:
+        return plan_tabulated(scene, speed_threshold, duration)
     if scene.beyond_one_oscillator():
-        return plan_modal(assemble(scene), speed_threshold, duration)
+        return plan_modal(assembly, speed_threshold, duration)
     system = scene.system()
-    if system.tables:
-        return plan_tabulated(system, speed_threshold, duration)
     if system.intensity == 0.0:
         raise NotApplicable(
             "simulate", ["excitation must contain noise, got a constant load alone"]

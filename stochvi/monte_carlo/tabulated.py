@@ -1,10 +1,11 @@
-"""Tabulated noise: synthesise the response without stops, then add the impacts.
+"""Tabulated noise and what is added to it: synthesise the response without stops, then impacts.
 
 A path is a row of independent blocks, of which a part may be left uncounted. Within a block the
 free response y is a periodic Gaussian signal, a sum over bins of width 1 / length whose variances
 are the integrals of the response density |H|^2 G over the bins, so that the edges of a table are
 exact. Bins up to the cut at half the sampling rate are synthesised; the last quarter of them is
-scaled up so that the velocity variance beyond the cut is not lost.
+scaled up so that the velocity variance beyond the cut is not lost. White and filtered noise beside
+a table are tables themselves, a sine adds its steady response.
 
 What that leaves, for every shipped profile on mounts of 8, 12 and 50 Hz (zeta 0.1), by sums over
 the bins against the frequency integrals: at most 2e-5 of the standard deviations of y and y', and
@@ -23,12 +24,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import ifft, next_fast_len
 
+from stochvi.assemblies import Signal, assemble
+from stochvi.conventions import density_from_intensity
 from stochvi.errors import NotApplicable
 from stochvi.monte_carlo.kernels.flight import N_LOWER, SUMS
-from stochvi.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.monte_carlo.kernels.response_domain import fill_spectrum, run_response
-from stochvi.monte_carlo.white import default_threshold
-from stochvi.scenes import System
+from stochvi.monte_carlo.quantities import RATES
+from stochvi.monte_carlo.white import (
+    WELL_RESOLVED_RESTITUTION,
+    default_threshold,
+    extrapolated,
+)
+from stochvi.scenes import Scene, System
 from stochvi.spectra import Table, response_moments, squared_gain
 
 SAMPLES_PER_PERIOD = 20.0
@@ -68,11 +76,25 @@ MOST_DOUBLINGS = 8
 """Of the length of a block, for a table that reaches far below the resonance."""
 
 
+LOWEST_FREQUENCY = 1e-5
+"""Of white noise as a table, in natural frequencies."""
+
+WHITE_LOSS = LARGEST_LOSS / 2.0
+"""Share of the velocity variance by white noise that lies beyond its table, and is folded back."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TabulatedPlan:
-    """Sampling and lengths for one scene under tabulated noise (SI units, per unit mass)."""
+    """Sampling and lengths for one oscillator under tabulated noise, which may have company.
+
+    All in SI units, per unit mass. The tables of `system` hold all noise; `beyond` is the velocity
+    variance that white noise brings above its table; `waves` are the sines, (omega, complex
+    amplitude of the response without stops).
+    """
 
     system: System
+    beyond: float
+    waves: tuple[tuple[float, complex], ...]
     samples: int
     block_length: float
     counted: float
@@ -86,8 +108,15 @@ class TabulatedPlan:
 
     def step_bias(self, name: str, difference: float) -> float | None:
         """What the sampling leaves in a quantity, from its difference to half the rate: of second
-        order, as the response is smooth between samples."""
-        return difference / 3.0
+        order where the response is smooth between samples, else as under white noise alone."""
+        if not self.beyond:
+            return difference / 3.0
+        lossiest = min(
+            (law.restitution for law in self.system.laws if law is not None), default=1.0
+        )
+        if name in RATES and lossiest < WELL_RESOLVED_RESTITUTION:
+            return None
+        return extrapolated(name, difference, lossiest)
 
     @property
     def block(self) -> int:
@@ -118,7 +147,9 @@ class TabulatedPlan:
 
     @property
     def _counted_samples(self) -> int:
-        return max(1, min(self.samples, math.ceil(self.counted / self.step)))
+        # a sine does not wrap with the block: what is flown first must not be counted as well
+        most = self.samples - (self._warm_up_samples if self.waves else 0)
+        return max(1, min(most, math.ceil(self.counted / self.step)))
 
     @property
     def hits_in_a_cluster(self) -> float:
@@ -202,8 +233,9 @@ class TabulatedPlan:
 
     @cached_property
     def _velocity_variance(self) -> float:
+        """Of the noise, without stops."""
         omega, b = self.system.omega, self.system.damping_rate
-        return response_moments(self.system.tables, omega, b).velocity
+        return response_moments(self.system.tables, omega, b).velocity + self.beyond
 
     @cached_property
     def _amplitudes(self) -> NDArray[np.float64]:
@@ -233,31 +265,63 @@ class TabulatedPlan:
         spectrum = np.empty((self.samples, paths), complex)
         fill_spectrum(streams, amplitudes, relative, spectrum.view(np.float64))
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        for index, (omega, amplitude) in enumerate(self.waves):
+            free += self._wave(seed, first_path, paths, number, index, omega, amplitude)
         response: NDArray[np.float64] = free.view(np.float64)
         return response
 
+    def _wave(
+        self,
+        seed: int,
+        first_path: int,
+        paths: int,
+        number: int,
+        index: int,
+        omega: float,
+        amplitude: complex,
+    ) -> NDArray[np.complex128]:
+        """y + i y' / w0 under a sine, (samples, paths), its phase drawn for each path.
 
-def plan_tabulated(
-    system: System, threshold: float | None, duration: float | None
-) -> TabulatedPlan:
-    """Choose sampling and lengths for a scene whose noise is tabulated."""
+        The samples that are flown first stand at the end of a block, at times before 0.
+        """
+        streams = np.empty((2, paths), np.uint64)
+        for path in range(paths):
+            # from the last streams of a path: no block has come that far
+            stream = (first_path + path + 1) * MOST_BLOCKS - 1 - index
+            seed_streams(np.uint64(seed), stream, streams[:, path : path + 1])
+        first, second = np.empty((2, 1, paths))
+        normal_rows(streams[0], streams[1], first, second)
+        sample = np.arange(self.samples)
+        sample[self.samples - self._warm_up_samples - 1 :] -= self.samples
+        time = self.step * (sample + number * self._counted_samples)
+        turn = np.exp(1j * (omega * time[:, None] + np.arctan2(first, second)))
+        free: NDArray[np.complex128] = (amplitude * turn).real + 1j * (
+            1j * omega / self.system.omega * amplitude * turn
+        ).real
+        return free
+
+
+def plan_tabulated(scene: Scene, threshold: float | None, duration: float | None) -> TabulatedPlan:
+    """Choose sampling and lengths for an oscillator with tabulated noise among its excitations."""
+    system = scene.system()
     unmet = system.not_rigid()
-    if system.intensity > 0.0:
-        unmet.append("white and tabulated noise in one scene are not simulated together")
     if system.omega == 0.0:
         unmet.append("tabulated noise needs stiffness > 0, got 0")
     if system.damping_rate == 0.0:
         unmet.append("tabulated noise needs damping > 0, got 0")
     if unmet:
         raise NotApplicable("simulate", unmet)
+    system, beyond, waves = _as_tables(scene, system)
     omega, b = system.omega, system.damping_rate
     half = b / 2.0
     slowest = half - math.sqrt(max(half * half - omega * omega, 0.0))
     relaxation = 1.0 / max(slowest, omega**2 / b / 2.0 if half > omega else half)
     length = _block_length(system, BLOCK_RELAXATIONS * max(relaxation, 1.0 / omega))
-    counted, blocks = length, 1
+    # the end of a block is flown first; a sine does not go on from there
+    longest = length - (WARM_UP_RELAXATIONS * relaxation if waves else 0.0)
+    counted, blocks = longest, 1
     if duration is not None:
-        if duration > MOST_BLOCKS * length:
+        if duration > (MOST_BLOCKS - len(waves)) * longest:
             raise NotApplicable(
                 "simulate",
                 [
@@ -265,10 +329,13 @@ def plan_tabulated(
                     f"{length:.3g} s; give a shorter duration and more paths"
                 ],
             )
-        blocks = math.ceil(duration / length)
+        blocks = math.ceil(duration / longest)
         counted = duration / blocks
     highest = max(float(table.frequency_hz[-1]) for table in system.tables)
-    rate = max(SAMPLES_PER_PERIOD * omega / (2.0 * math.pi), _rate_for_gap(system))
+    fastest = max([omega, *(frequency for frequency, _ in waves)])
+    waving = sum(frequency**2 * abs(amplitude) ** 2 / 2.0 for frequency, amplitude in waves)
+    speed = math.sqrt(response_moments(system.tables, omega, b).velocity + beyond + waving)
+    rate = max(SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi), _rate_for_gap(system, speed))
     most = max(min(2.2 * highest * length, MOST_SAMPLES), rate * length)
     if rate * length > MOST_SAMPLES:
         raise NotApplicable("simulate", [_too_many(rate * length)])
@@ -280,9 +347,11 @@ def plan_tabulated(
         raise NotApplicable("simulate", [_too_many(2.2 * highest * length)])
     samples = _even_fast_length(max(rate * length, 2.0 * (enough + 1)))
     if threshold is None:
-        threshold = default_threshold(system.elastic, math.sqrt(total))
+        threshold = default_threshold(system.elastic, speed)
     return TabulatedPlan(
         system=system,
+        beyond=beyond,
+        waves=waves,
         samples=samples,
         block_length=length,
         counted=counted,
@@ -306,12 +375,50 @@ def _too_many(samples: float) -> str:
     )
 
 
-def _rate_for_gap(system: System) -> float:
+def _rate_for_gap(system: System, speed: float) -> float:
     """Samples per second for a mass between narrow stops, at the rms speed without them."""
     if system.lower is None or system.upper is None:
         return 0.0
-    speed = math.sqrt(response_moments(system.tables, system.omega, system.damping_rate).velocity)
     return speed / (GAP_PER_SAMPLE * (system.upper - system.lower))
+
+
+def _as_tables(
+    scene: Scene, system: System
+) -> tuple[System, float, tuple[tuple[float, complex], ...]]:
+    """The system with all its noise as tables; what lies beyond them; the sines' responses."""
+    omega, b = system.omega, system.damping_rate
+    assembly = assemble(scene)
+    tables, waves, beyond = list(system.tables), [], 0.0
+    for signal in assembly.signals:
+        share = float(signal.direction[0]) / system.mass
+        if signal.amplitude:
+            gain = 1.0 / (omega**2 - signal.omega**2 + 1j * b * signal.omega)
+            waves.append((signal.omega, share * signal.amplitude * gain))
+        else:
+            tables.append(_filtered(signal, omega).scaled(share**2))
+    if system.intensity > 0.0:
+        natural = omega / (2.0 * math.pi)
+        # of the velocity variance S0 / 2b, b / (pi^2 f) lies beyond a frequency f >> omega, b
+        highest = max(b / (math.pi**2 * WHITE_LOSS), SAMPLES_PER_PERIOD * natural)
+        flat = Table(
+            frequency_hz=np.array([LOWEST_FREQUENCY * natural, highest]),
+            density=np.full(2, density_from_intensity(system.intensity)),
+        )
+        tables.append(flat)
+        theta = system.intensity / (2.0 * b)
+        beyond = max(theta - response_moments([flat], omega, b).velocity, 0.0)
+    return system._replace(tables=tuple(tables), intensity=0.0), beyond, tuple(waves)
+
+
+def _filtered(signal: Signal, omega: float) -> Table:
+    """Density of white noise passed through a resonance, 2 S0 |H|^2 with H(0) = 1."""
+    middle = signal.omega / (2.0 * math.pi)
+    low, high = 1e-4 * middle, max(100.0 * middle, 10.0 * omega / (2.0 * math.pi))
+    width = signal.damping_rate / signal.omega
+    near = middle * (1.0 + width * np.linspace(-20.0, 20.0, 1601))
+    grid = np.unique(np.concatenate([np.geomspace(low, high, 2400), near[near > low]]))
+    gain = squared_gain(grid, signal.omega, signal.damping_rate) * signal.omega**4
+    return Table(frequency_hz=grid, density=density_from_intensity(signal.intensity) * gain)
 
 
 def _block_length(system: System, shortest: float) -> float:

@@ -351,7 +351,7 @@ def newton(c0, c1, c2, c3, c4, c5, t, count):
         for _ in range(NEWTON_STEPS):
             value, slope = quintic(c0[i], c1[i], c2[i], c3[i], c4[i], c5[i], s)
             s = min(max(s - value / slope, 0.0), 1.0)
-        t[i] = s
+        t[i] = s if s >= 0.0 else 0.0  # never NaN: it would stay in the lanes of `response`
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
