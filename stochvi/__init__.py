@@ -1,7 +1,8 @@
 """stochvi: stochastic vibration of systems that hit their stops.
 
-A `Scene` is a structure, the stops it can hit, and what shakes it. `exact`, `linearise` and
-`simulate` turn it into the same kind of `Response`, and `check` asks whether they agree.
+A `Scene` is a structure, the stops it can hit, and what shakes it. `exact`, `fokker_planck`,
+`linearise` and `simulate` turn it into the same kind of `Response`, and `check` asks whether they
+agree.
 
 Names are imported when they are first used, so that importing the package costs next to nothing.
 """
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from stochvi.estimates import Cost, Estimate, Response
     from stochvi.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
     from stochvi.explanation import Explanation, explain
+    from stochvi.fokker_planck import fokker_planck, fokker_planck_many
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
@@ -39,6 +41,7 @@ _HOME = {
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": ("ConstantLoad", "TabulatedNoise", "WhiteNoise"),
     "explanation": ("Explanation", "explain"),
+    "fokker_planck": ("fokker_planck", "fokker_planck_many"),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
@@ -72,6 +75,8 @@ __all__ = [
     "displacement_density",
     "exact",
     "explain",
+    "fokker_planck",
+    "fokker_planck_many",
     "linearise",
     "load_scene",
     "record_path",

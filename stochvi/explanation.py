@@ -8,6 +8,7 @@ from typing import Any
 
 from stochvi.closed_form import unmet_conditions
 from stochvi.errors import NotApplicable, NotConverged
+from stochvi.fokker_planck import unmet_conditions as unmet_by_fokker_planck
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo import Prospect, prospect
 from stochvi.notes import scene_notes
@@ -53,7 +54,11 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
     ('tabulated noise', 'constant load', 'stop lower', 'stop upper')
     """
     effects = scene.effects()
-    methods = {"exact": "; ".join(unmet_conditions(scene)) or APPLIES, "linearise": APPLIES}
+    methods = {
+        "exact": "; ".join(unmet_conditions(scene)) or APPLIES,
+        "fokker-planck": "; ".join(unmet_by_fokker_planck(scene)) or APPLIES,
+        "linearise": APPLIES,
+    }
     try:
         linearise(scene)
     except (NotApplicable, NotConverged) as reason:

@@ -70,7 +70,8 @@ class Scenes(NamedTuple):
         with np.errstate(divide="ignore", invalid="ignore"):
             inside = self.load / self.omega**2 == self.lowest()
             slope = np.where(inside, 0.0, slope)
-            return 2.0 * energy / (slope + np.sqrt(slope**2 + 2.0 * self.omega**2 * energy))
+            away: Array = 2.0 * energy / (slope + np.sqrt(slope**2 + 2.0 * self.omega**2 * energy))
+        return away
 
 
 class Boxes(NamedTuple):

@@ -30,7 +30,8 @@ class BoxMoments(NamedTuple):
     """Stationary averages in the units of the box; at either end per unit time.
 
     `rate` counts arrivals faster than the threshold; `speed_rate`, `speed_square_rate` are F1
-    and F2. `crossing_rate` is that of the mean, upwards.
+    and F2; `unresolved` is the part of `rate` of impacts that would turn round within the last
+    element: of speeds below (diffusion length)^(1/3). `crossing_rate` is that of the mean, upwards.
     """
 
     mean: Array
@@ -43,6 +44,8 @@ class BoxMoments(NamedTuple):
     speed_rate_right: Array
     speed_square_rate_left: Array
     speed_square_rate_right: Array
+    unresolved_left: Array
+    unresolved_right: Array
 
 
 def box_moments(boxes: Boxes, mesh: Mesh, threshold: Array) -> BoxMoments:
@@ -148,9 +151,11 @@ def _pass(
         out, into, incoming = -velocity.flux_minus, -velocity.flux_plus, velocity.plus
         end = element.at_left
         whole = _with_walls(block, element, weight * out, behind)
-    load = -(end[:, None, None] * into[:, incoming]).reshape(-1, len(incoming)) * weight
+    # what comes in through the open end, in each of the functions that reach it
+    entrance = (end[:, None, None] * into[:, incoming]).reshape(-1, len(incoming))
     shape = (len(whole), element.size, velocity.size, len(incoming))
-    response: Array = np.linalg.solve(whole, load).reshape(shape)
+    solution = np.asarray(np.linalg.solve(whole, -weight * entrance), dtype=np.float64)
+    response = solution.reshape(shape)
     back = np.einsum("j,bjkl->bkl", end, response)
     wall = np.zeros_like(behind)
     wall -= weight * into
@@ -162,9 +167,9 @@ def _pinned(whole: Array, element: DisplacementElement) -> Array:
     """The null vector: one equation, which the others imply, is given up to set its size."""
     whole[:, 0, :] = 0.0
     whole[:, 0, 0] = 1.0
-    one = np.zeros((whole.shape[1], 1))
-    one[0] = 1.0
-    solution: Array = np.linalg.solve(whole, one)
+    one = np.zeros((1, whole.shape[1], 1))
+    one[0, 0] = 1.0
+    solution = np.asarray(np.linalg.solve(whole, one), dtype=np.float64)
     return solution.reshape(len(whole), element.size, -1)
 
 
@@ -183,6 +188,11 @@ def _averages(boxes: Boxes, mesh: Mesh, density: list[Array], threshold: Array) 
     right = right[:, velocity.plus] * (_weight_at(boxes, 1.0)[:, 0] / mass[:, None])
     left = left[:, velocity.minus] * (_weight_at(boxes, -1.0)[:, 0] / mass[:, None])
     above = velocity.flux_above(threshold)
+    lengths = [element.right - element.left for element in mesh.displacement]
+    slow_left, slow_right = (
+        above - velocity.flux_above(np.maximum(threshold, np.cbrt(boxes.diffusion * length)))
+        for length in (lengths[0], lengths[-1])
+    )
     return BoxMoments(
         mean=mean,
         mean_square=second / mass,
@@ -195,6 +205,8 @@ def _averages(boxes: Boxes, mesh: Mesh, density: list[Array], threshold: Array) 
         speed_rate_right=right @ velocity.half_moments[2],
         speed_square_rate_left=left @ velocity.half_moments[3],
         speed_square_rate_right=right @ velocity.half_moments[3],
+        unresolved_left=np.abs(np.sum(slow_left * left, axis=1)),
+        unresolved_right=np.abs(np.sum(slow_right * right, axis=1)),
     )
 
 

@@ -211,11 +211,11 @@ class DisplacementElement:
         self.xi, self.weights = gauss([left, right], degree + EXTRA_NODES)
         values, slopes = legendre(degree, self.local(self.xi))
         slopes *= 2.0 / (right - left)
-        self.values = values
+        self.values: Array = values
         self.products = (values[:, :, None] * values[:, None, :]).reshape(len(self.xi), -1)
         self.slope_products = (slopes[:, :, None] * values[:, None, :]).reshape(len(self.xi), -1)
-        self.at_right = np.ones(self.size)
-        self.at_left = (-1.0) ** np.arange(self.size)
+        self.at_right: Array = np.ones(self.size)
+        self.at_left: Array = np.where(np.arange(self.size) % 2 == 0, 1.0, -1.0)
 
     def local(self, xi: Array) -> Array:
         """xi on the scale of the element, from -1 to 1."""

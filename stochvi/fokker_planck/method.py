@@ -15,7 +15,7 @@ from stochvi.collisions import StopStatistics
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Response
 from stochvi.fokker_planck.boxes import Scenes, speed_scale
-from stochvi.fokker_planck.levels import LEVELS, Moments, errors, moments, unreached
+from stochvi.fokker_planck.levels import LEVELS, Level, Moments, errors, solve, unreached
 from stochvi.fokker_planck.mesh import Array
 from stochvi.scenes import Scene, System
 
@@ -76,7 +76,7 @@ def fokker_planck(
     started = time.perf_counter()
     _check_arguments(rtol, speed_threshold)
     system = scene.system()
-    unmet = _unmet_conditions(system)
+    unmet = unmet_conditions(scene)
     if unmet:
         raise NotApplicable("fokker-planck", unmet)
     scenes = _as_scenes(system)
@@ -84,15 +84,14 @@ def fokker_planck(
     if speed_threshold is None:
         speed_threshold = 0.0 if system.elastic else SLOW_IMPACTS * float(speed[0])
     threshold = np.array([speed_threshold])
-    fine, worst = moments(scenes, speed, LEVELS[0], threshold), math.inf
+    coarse, worst = solve(scenes, speed, LEVELS[0], threshold).moments, math.inf
     for level in LEVELS[1:]:
-        coarse, fine = fine, moments(scenes, speed, level, threshold)
-        far = unreached(scenes, speed, fine.upcrossing_rate)
-        bounds = errors(coarse, fine, far)
+        fine, bounds = _refine(scenes, speed, level, threshold, coarse)
         worst = _worst(fine, bounds)
         if worst <= rtol:
             break
-    answer = _answer(system, fine, bounds, speed_threshold)
+        coarse = fine
+    answer = _answer(system, _physical(fine), bounds, speed_threshold)
     response = answer.response(
         "fokker-planck",
         scene,
@@ -107,6 +106,15 @@ def fokker_planck(
             response,
         )
     return response
+
+
+def _refine(
+    scenes: Scenes, speed: Array, level: Level, threshold: Array, coarse: Moments
+) -> tuple[Moments, Moments]:
+    """The averages on a level, and bounds on their errors."""
+    fine = solve(scenes, speed, level, threshold)
+    far = unreached(scenes, speed, fine.moments.upcrossing_rate)
+    return fine.moments, errors(scenes, coarse, fine, far)
 
 
 class Batch(NamedTuple):
@@ -172,9 +180,19 @@ def fokker_planck_many(
         threshold = np.where(scenes.elastic(), 0.0, SLOW_IMPACTS * speed)
     else:
         threshold = np.broadcast_to(np.asarray(speed_threshold, dtype=float), shape).reshape(-1)
-    coarse, fine = (moments(scenes, speed, level, threshold) for level in LEVELS[:2])
-    bounds = errors(coarse, fine, unreached(scenes, speed, fine.upcrossing_rate))
-    return Batch(_shaped(fine, shape), _shaped(bounds, shape), threshold.reshape(shape))
+    coarse = solve(scenes, speed, LEVELS[0], threshold).moments
+    fine, bounds = _refine(scenes, speed, LEVELS[1], threshold, coarse)
+    return Batch(_shaped(_physical(fine), shape), _shaped(bounds, shape), threshold.reshape(shape))
+
+
+def _physical(found: Moments) -> Moments:
+    """Rates of stops that are hardly ever hit may come out below 0, within their errors."""
+    sides = {
+        name: np.maximum(column, 0.0)
+        for name, column in found._asdict().items()
+        if name.endswith(("_lower", "_upper"))
+    }
+    return found._replace(**sides)
 
 
 def _shaped(found: Moments, shape: tuple[int, ...]) -> Moments:
@@ -212,8 +230,9 @@ def _check_arrays(scenes: Scenes) -> None:
         raise NotApplicable("fokker-planck", unmet)
 
 
-def _unmet_conditions(system: System) -> list[str]:
+def unmet_conditions(scene: Scene) -> list[str]:
     """What keeps a scene from being solved; empty where nothing does."""
+    system = scene.system()
     unmet = []
     if system.tables:
         unmet.append("excitation must be white noise, got a tabulated density")
