@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from stochvi.estimates import Cost, Estimate, Response
     from stochvi.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
     from stochvi.explanation import Explanation, explain
-    from stochvi.fokker_planck import fokker_planck, fokker_planck_many
+    from stochvi.galerkin import fokker_planck, fokker_planck_many
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
@@ -41,7 +41,7 @@ _HOME = {
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": ("ConstantLoad", "TabulatedNoise", "WhiteNoise"),
     "explanation": ("Explanation", "explain"),
-    "fokker_planck": ("fokker_planck", "fokker_planck_many"),
+    "galerkin": ("fokker_planck", "fokker_planck_many"),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),

@@ -134,7 +134,7 @@ def fokker_planck(
 ) -> None:
     """Fokker-Planck equation: white noise, stops of any restitution."""
     from stochvi.errors import NotConverged
-    from stochvi.fokker_planck import fokker_planck as solve
+    from stochvi.galerkin import fokker_planck as solve
     from stochvi.scenes import load_scene
 
     try:

@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from stochvi.closed_form import exact
 from stochvi.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.estimates import Estimate, Response
-from stochvi.fokker_planck import fokker_planck
+from stochvi.galerkin import fokker_planck
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo import simulate
 from stochvi.monte_carlo.simulate import Progress
@@ -27,6 +27,7 @@ FAMILY_ALARM_RATE = 0.003
 BALANCE = "balance"
 
 AGREES, DISAGREES, APPROXIMATE, TOO_RARE = "agrees", "DISAGREES", "approximate", "too rare"
+BIAS_UNKNOWN = "bias unknown"
 
 RARE = 0.2
 """Relative standard error of a quantity of impacts from which they are too few to judge by."""
@@ -125,7 +126,8 @@ def check(
     Closed form, Fokker-Planck equation and Monte Carlo must agree within z standard errors plus
     the stated bias of mesh and step, and the energy, virial and force residuals must vanish
     within theirs; z is set so that all these comparisons together raise a false alarm with
-    probability `FAMILY_ALARM_RATE` (Sidak). Linearisation is an approximation: its error is shown, not judged.
+    probability `FAMILY_ALARM_RATE` (Sidak). A quantity whose bias a method cannot tell is not
+    judged. Linearisation is an approximation: its error is shown, not judged.
 
     Examples
     --------
@@ -220,7 +222,8 @@ def compare(
         for response in responses
         for name, residual in response.identities.items()
     ]
-    judged = max(len(rivals) + len(balances), 1)
+    telling = [rival for rival in rivals if not _untold(rival[-1], known[rival[1], rival[2]])]
+    judged = max(len(telling) + len(balances), 1)
     z = -float(ndtri((1.0 - (1.0 - FAMILY_ALARM_RATE) ** (1.0 / judged)) / 2.0))
     rows = [_row(*rival, known, reference.method, z) for rival in rivals]
     rows += [
@@ -243,6 +246,11 @@ def _rare(estimate: Estimate) -> bool:
     simulated = estimate.standard_error > 0.0 or estimate.upper_95 is not None
     few = estimate.standard_error >= RARE * abs(estimate.value)
     return few and (simulated or estimate.how.startswith("no impact"))
+
+
+def _untold(estimate: Estimate, known: Estimate) -> bool:
+    """Whether one of two estimates does not say how far off it may be."""
+    return estimate.bias is None or known.bias is None
 
 
 def _shared(
@@ -284,6 +292,8 @@ def _row(
         verdict = AGREES if abs(difference) <= tolerance else DISAGREES
         if (of, quantity) in reference and of in response.impact_pairs and _rare(estimate):
             verdict = TOO_RARE
+        elif of != BALANCE and _untold(estimate, known):
+            tolerance, verdict = None, BIAS_UNKNOWN
     return Comparison(
         of=of,
         quantity=quantity,

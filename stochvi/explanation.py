@@ -8,7 +8,7 @@ from typing import Any
 
 from stochvi.closed_form import unmet_conditions
 from stochvi.errors import NotApplicable, NotConverged
-from stochvi.fokker_planck import unmet_conditions as unmet_by_fokker_planck
+from stochvi.galerkin import unmet_conditions as unmet_by_fokker_planck
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo import Prospect, prospect
 from stochvi.notes import scene_notes

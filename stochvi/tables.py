@@ -104,7 +104,7 @@ def _print_judged(console: Console, judged: Sequence[Comparison]) -> None:
             reference,
             f"{row.value:.2e}" if row.of == BALANCE else f"{row.value:.6g}",
             f"{row.difference:+.1e}",
-            f"{row.tolerance:.1e}",
+            "" if row.tolerance is None else f"{row.tolerance:.1e}",
             row.verdict,
             style="bold red" if row.verdict == DISAGREES else "",
         )

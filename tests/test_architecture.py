@@ -12,7 +12,7 @@ FLOORS = {
     0: ("conventions", "errors", "estimates", "datasets", "checked"),
     1: ("contacts", "structures", "excitations", "spectra", "cut_normal", "collisions"),
     2: ("scenes", "identities", "notes", "answers"),
-    3: ("closed_form", "fokker_planck", "linearisation", "monte_carlo"),
+    3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: ("crosscheck", "explanation"),
     5: ("isolators", "files", "plots", "tables", "demo"),
     6: ("cli", "__main__", "__init__"),

@@ -68,6 +68,7 @@ PAIR = {
 COST = {"wall_time", "compile_time", "steps", "impacts", "paths", "threads"}
 ANSWERS = [
     (("exact", ELASTIC), "exact"),
+    (("fokker-planck", LOSSY), "fokker-planck"),
     (("linearise", LOSSY), "linearise:closure"),
     (("linearise", ISOLATOR, "--form", "motion", "--variant", "book"), "linearise:motion:book"),
     (("linearise", LOSSY, "--form", "force"), "linearise:force"),

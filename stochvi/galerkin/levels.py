@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.fokker_planck.boxes import FARTHEST_STOP, Boxes, Scenes, boxes
-from stochvi.fokker_planck.half_range import BoxMoments, box_moments
-from stochvi.fokker_planck.mesh import Array, Mesh
+from stochvi.galerkin.boxes import FARTHEST_STOP, Boxes, Scenes, boxes
+from stochvi.galerkin.half_range import BoxMoments, box_moments
+from stochvi.galerkin.mesh import Array, Mesh
 
 CHUNK = 32
 """Boxes solved together: their equations stay within the caches of a processor."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.fokker_planck.mesh import Array, gauss
+from stochvi.galerkin.mesh import Array, gauss
 
 Booleans = NDArray[np.bool_]
 

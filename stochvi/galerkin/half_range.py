@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.fokker_planck.boxes import Boxes
-from stochvi.fokker_planck.mesh import Array, DisplacementElement, Mesh, VelocityBasis, legendre
+from stochvi.galerkin.boxes import Boxes
+from stochvi.galerkin.mesh import Array, DisplacementElement, Mesh, VelocityBasis, legendre
 
 
 class BoxMoments(NamedTuple):
@@ -211,11 +211,12 @@ def _averages(boxes: Boxes, mesh: Mesh, density: list[Array], threshold: Array) 
 
 
 def _crossing_rate(boxes: Boxes, mesh: Mesh, density: list[Array], level: Array) -> Array:
-    """Flux upwards through a level in each box, before normalisation."""
+    """Mean of the fluxes up and down through a level in each box, before normalisation."""
     found = np.zeros(len(level))
     for element, q in zip(mesh.displacement, density, strict=True):
         here = (level >= element.left) & (level < element.right)
         profile, _ = legendre(element.degree, element.local(level))
-        trace = np.einsum("bj,bjk->bk", profile, q)[:, mesh.velocity.plus]
-        found += np.where(here, trace @ mesh.velocity.half_moments[1], 0.0)
+        trace = np.einsum("bj,bjk->bk", profile, q)
+        both_ways = (trace[:, mesh.velocity.plus] + trace[:, mesh.velocity.minus]) / 2.0
+        found += np.where(here, both_ways @ mesh.velocity.half_moments[1], 0.0)
     return found * np.exp(boxes.log_weight(level[:, None]))[:, 0]
