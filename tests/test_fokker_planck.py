@@ -163,6 +163,18 @@ def test_a_mirrored_scene_has_the_mirrored_answer(upper: float | None) -> None:
         assert value == pytest.approx(sign * getattr(other, twin), rel=1e-9, abs=1e-12), name
 
 
+def test_the_width_of_the_trial_law_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Weight, box and mesh widen with it for a mass that leans on a stop; the answer must not."""
+    scene = oscillator(None, -0.5, 0.5)
+    wide = fokker_planck(scene, rtol=0.003, speed_threshold=0.2).estimates()
+    monkeypatch.setattr("stochvi.galerkin.boxes.LEANING", 0.0)
+    narrow = fokker_planck(scene, rtol=0.003, speed_threshold=0.2).estimates()
+    for key, estimate in narrow.items():
+        other = wide[key]
+        assert estimate.bias is not None and other.bias is not None
+        assert_agrees(replace(estimate, bias=estimate.bias + other.bias), other.value)
+
+
 def test_units_change_no_digit() -> None:
     answers = []
     for units in (NATURAL, BENCH):

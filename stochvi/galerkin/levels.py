@@ -88,12 +88,13 @@ class Solution(NamedTuple):
 def solve(scenes: Scenes, speed: Array, level: Level, threshold: Array) -> Solution:
     """Averages on the meshes of a level; `speed` is the scale s, `threshold` in m/s."""
     scaled = boxes(scenes, speed, level.one_stop.reach)
+    slowest = threshold / scaled.speed
     found = np.empty((len(BoxMoments._fields), len(speed)))
     both = scaled.stop_left & scaled.stop_right
     for mesh, places in zip(level, (np.flatnonzero(~both), np.flatnonzero(both)), strict=True):
         for start in range(0, len(places), CHUNK):
             some = places[start : start + CHUNK]
-            found[:, some] = box_moments(scaled.take(some), mesh, (threshold / speed)[some])
+            found[:, some] = box_moments(scaled.take(some), mesh, slowest[some])
     return _in_si(scaled, BoxMoments(*found))
 
 
