@@ -215,8 +215,9 @@ def test_probability_is_conserved_by_the_discrete_equations() -> None:
     scaled = boxes(scenes, speed_scale(scenes), mesh.reach)
     element = mesh.displacement[0]
     whole = half_range._with_walls(
-        half_range._block(scaled, element, mesh.velocity),
+        scaled,
         element,
+        mesh.velocity,
         half_range._stop(scaled, mesh, -1),
         half_range._stop(scaled, mesh, 1),
     )[0]

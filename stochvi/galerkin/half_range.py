@@ -62,15 +62,18 @@ def _density(boxes: Boxes, mesh: Mesh) -> list[Array]:
     """
     elements = mesh.displacement
     last = len(elements) // 2
-    blocks = [_block(boxes, element, mesh.velocity) for element in elements]
     left = _stop(boxes, mesh, -1)
     right = _stop(boxes, mesh, 1)
     passed: dict[int, Array] = {}
     for e in range(last):
-        left, passed[e] = _pass(boxes, mesh, e, 1, blocks[e], left)
+        left, passed[e] = _pass(boxes, mesh, e, 1, left)
     for e in range(len(elements) - 1, last, -1):
-        right, passed[e] = _pass(boxes, mesh, e, -1, blocks[e], right)
-    found = {last: _pinned(_with_walls(blocks[last], elements[last], left, right), elements[last])}
+        right, passed[e] = _pass(boxes, mesh, e, -1, right)
+    found = {
+        last: _pinned(
+            _with_walls(boxes, elements[last], mesh.velocity, left, right), elements[last]
+        )
+    }
     for e in range(last + 1, len(elements)):
         trace = np.einsum("bjk,j->bk", found[e - 1], elements[e - 1].at_right)
         found[e] = np.einsum("bjkl,bl->bjk", passed[e], trace[:, mesh.velocity.plus])
@@ -124,18 +127,19 @@ def _stop(boxes: Boxes, mesh: Mesh, side: int) -> Array:
     return wall * _weight_at(boxes, float(side))
 
 
-def _with_walls(block: Array, element: DisplacementElement, left: Array, right: Array) -> Array:
+def _with_walls(
+    boxes: Boxes, element: DisplacementElement, velocity: VelocityBasis, left: Array, right: Array
+) -> Array:
     """The equations of an element between two walls, as square matrices."""
     signs = np.outer(element.at_left, element.at_left)[None, :, None, :, None]
-    whole = block + signs * left[:, None, :, None, :]
-    whole += right[:, None, :, None, :]
-    size = whole.shape[1] * whole.shape[2]
-    return whole.reshape(len(whole), size, size)
+    block = _block(boxes, element, velocity)
+    block += signs * left[:, None, :, None, :]
+    block += right[:, None, :, None, :]
+    size = block.shape[1] * block.shape[2]
+    return block.reshape(len(block), size, size)
 
 
-def _pass(
-    boxes: Boxes, mesh: Mesh, e: int, step: int, block: Array, behind: Array
-) -> tuple[Array, Array]:
+def _pass(boxes: Boxes, mesh: Mesh, e: int, step: int, behind: Array) -> tuple[Array, Array]:
     """Eliminate an element: the wall that it and all behind it are, and its response.
 
     `step` is 1 if the elimination runs to the right. The response maps the trace of q that comes
@@ -146,11 +150,11 @@ def _pass(
     if step > 0:
         out, into, incoming = velocity.flux_plus, velocity.flux_minus, velocity.minus
         end = element.at_right
-        whole = _with_walls(block, element, behind, weight * out)
+        whole = _with_walls(boxes, element, velocity, behind, weight * out)
     else:
         out, into, incoming = -velocity.flux_minus, -velocity.flux_plus, velocity.plus
         end = element.at_left
-        whole = _with_walls(block, element, weight * out, behind)
+        whole = _with_walls(boxes, element, velocity, weight * out, behind)
     # what comes in through the open end, in each of the functions that reach it
     entrance = (end[:, None, None] * into[:, incoming]).reshape(-1, len(incoming))
     shape = (len(whole), element.size, velocity.size, len(incoming))

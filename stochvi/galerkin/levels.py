@@ -10,8 +10,8 @@ from stochvi.galerkin.boxes import FARTHEST_STOP, Boxes, Scenes, boxes
 from stochvi.galerkin.half_range import BoxMoments, box_moments
 from stochvi.galerkin.mesh import Array, Mesh
 
-CHUNK = 32
-"""Boxes solved together: their equations stay within the caches of a processor."""
+CHUNK = 64
+"""Boxes solved together: enough to hide the price of a call, few enough to fit into memory."""
 
 
 class Level(NamedTuple):
