@@ -1,7 +1,8 @@
 """stochvi: stochastic vibration of systems that hit their stops.
 
-A `Scene` is a structure, the stops it can hit, and what shakes it. `exact`, `linearise` and
-`simulate` turn it into the same kind of `Response`, and `check` asks whether they agree.
+A `Scene` is a structure, the stops it can hit, and what shakes it. `exact`, `fokker_planck`,
+`linearise` and `simulate` turn it into the same kind of `Response`, and `check` asks whether they
+agree.
 
 Names are imported when they are first used, so that importing the package costs next to nothing.
 """
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from stochvi.estimates import Cost, Estimate, Response
     from stochvi.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
     from stochvi.explanation import Explanation, explain
+    from stochvi.galerkin import fokker_planck, fokker_planck_many
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
@@ -53,6 +55,7 @@ _HOME = {
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": ("ConstantLoad", "TabulatedNoise", "WhiteNoise"),
     "explanation": ("Explanation", "explain"),
+    "galerkin": ("fokker_planck", "fokker_planck_many"),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
@@ -90,6 +93,8 @@ __all__ = [
     "displacement_density",
     "exact",
     "explain",
+    "fokker_planck",
+    "fokker_planck_many",
     "identify_viscoelastic",
     "linearise",
     "load_scene",

@@ -24,7 +24,8 @@ class Answer:
     """Stationary moments, in SI units per unit mass, as a deterministic method finds them.
 
     The three rates that a method has no law for are None in the `StopStatistics`; the contact
-    statistics of a rigid stop are None.
+    statistics of a rigid stop are None. `errors`, where a method can tell them, holds a bound on
+    the error of each number in the place of the number.
     """
 
     mean: float
@@ -36,6 +37,7 @@ class Answer:
     acceleration_mean_square: float | None = None
     contact_lower: ContactStatistics | None = None
     contact_upper: ContactStatistics | None = None
+    errors: Answer | None = None
 
     def response(
         self,
@@ -46,24 +48,29 @@ class Answer:
         started: float,
         bias: float | None = 0.0,
         assumptions: Sequence[str] = (),
+        speed_threshold: float = 0.0,
     ) -> Response:
-        """The answer in the form that every method returns."""
+        """The answer in the form that every method returns; `bias` holds where `errors` do not."""
 
         system = scene.system()
+        biases = self._biases()
 
-        def estimate(value: float | None) -> Estimate | None:
-            return None if value is None else Estimate(value=value, bias=bias, how=how)
+        def estimate(name: str, value: float | None) -> Estimate | None:
+            if value is None:
+                return None
+            return Estimate(value=value, bias=biases.get(name, bias), how=how)
 
         acceleration = self.acceleration_mean_square
-        coordinate = {
-            "displacement_mean": estimate(self.mean),
-            "displacement_std": estimate(math.sqrt(self.variance)),
-            "displacement_mean_square": estimate(self.mean**2 + self.variance),
-            "velocity_std": estimate(math.sqrt(self.velocity_mean_square)),
-            "velocity_mean_square": estimate(self.velocity_mean_square),
-            "acceleration_std": estimate(None if acceleration is None else math.sqrt(acceleration)),
-            "upcrossing_rate": estimate(self.upcrossing_rate),
+        values = {
+            "displacement_mean": self.mean,
+            "displacement_std": math.sqrt(self.variance),
+            "displacement_mean_square": self.mean**2 + self.variance,
+            "velocity_std": math.sqrt(self.velocity_mean_square),
+            "velocity_mean_square": self.velocity_mean_square,
+            "acceleration_std": None if acceleration is None else math.sqrt(acceleration),
+            "upcrossing_rate": self.upcrossing_rate,
         }
+        coordinate = {name: estimate(name, value) for name, value in values.items()}
         values = {
             "collision_rate": _total(self.lower.rate, self.upper.rate),
             "collision_rate_lower": None if system.lower is None else self.lower.rate,
@@ -75,13 +82,14 @@ class Answer:
             ),
             **self._contacts(system),
         }
-        pair = {name: estimate(value) for name, value in values.items()}
+        pair = {name: estimate(name, value) for name, value in values.items()}
         pair["peak_force"] = self._peak_force(system, how)
         return Response(
             method=method,
             coordinates={"x": coordinate},
             impact_pairs={
-                entry.name: {**pair, "speed_threshold": 0.0} for entry in scene.impact_pairs
+                entry.name: {**pair, "speed_threshold": speed_threshold}
+                for entry in scene.impact_pairs
             },
             effects=scene.effects(),
             assumptions=[*scene.assumptions(), *assumptions],
@@ -131,11 +139,56 @@ class Answer:
         rate = _total(self.lower.rate, self.upper.rate)
         return speed_rate / rate if speed_rate is not None and rate else None
 
+    def _biases(self) -> dict[str, float]:
+        """Bounds on the errors of the quantities of a response, from those of this answer."""
+        errors = self.errors
+        if errors is None:
+            return {}
+        found = {
+            "displacement_mean": errors.mean,
+            "displacement_std": errors.variance / (2.0 * math.sqrt(self.variance)),
+            "displacement_mean_square": 2.0 * abs(self.mean) * errors.mean + errors.variance,
+            "velocity_std": errors.velocity_mean_square
+            / (2.0 * math.sqrt(self.velocity_mean_square)),
+            "velocity_mean_square": errors.velocity_mean_square,
+            "upcrossing_rate": errors.upcrossing_rate,
+            "collision_rate": _total(errors.lower.rate, errors.upper.rate),
+            "collision_rate_lower": errors.lower.rate,
+            "collision_rate_upper": errors.upper.rate,
+            "impact_speed_rate": _total(errors.lower.speed_rate, errors.upper.speed_rate),
+            "impact_speed_square_rate": _total(
+                errors.lower.speed_square_rate, errors.upper.speed_square_rate
+            ),
+        }
+        speed = self._speed_mean()
+        rate, speed_rate = found["collision_rate"], found["impact_speed_rate"]
+        hits = _total(self.lower.rate, self.upper.rate)
+        if speed is not None and hits and rate is not None and speed_rate is not None:
+            found["impact_speed_mean"] = (speed_rate + speed * rate) / hits
+        return {name: error for name, error in found.items() if error is not None}
+
     def _identities(self, scene: Scene, how: str) -> dict[str, Estimate]:
+        assembly = assemble(scene)
+        moments = self._moments(scene)
+        if moments is None:
+            return {}
+        found = residuals(assembly, moments, (self.mean,))
+        bounds = dict.fromkeys(found, 0.0)
+        errors = self.errors._moments(scene) if self.errors is not None else None
+        for name, error in (errors or {}).items():
+            moved = residuals(assembly, {**moments, name: moments[name] + error}, (self.mean,))
+            for balance, value in moved.items():
+                bounds[balance] += abs(value - found[balance])
+        return {
+            name: Estimate(value=value, bias=bounds[name], how=how) for name, value in found.items()
+        }
+
+    def _moments(self, scene: Scene) -> dict[tuple[str, str], float] | None:
+        """What the balances are about; None if a rate is missing."""
         sums = (self.lower.speed_rate, self.upper.speed_rate)
         squares = (self.lower.speed_square_rate, self.upper.speed_square_rate)
         if None in sums or None in squares:
-            return {}
+            return None
         moments: dict[tuple[str, str], float] = {
             ("x", "x"): self.mean,
             ("x", "variance"): self.variance,
@@ -152,8 +205,7 @@ class Answer:
                 if contact is not None:
                     moments[pair.name, f"force_{side}"] = contact.force
                     moments[pair.name, f"loss_{side}"] = 0.0
-        found = residuals(assemble(scene), moments, (self.mean,))
-        return {name: Estimate(value=value, how=how) for name, value in found.items()}
+        return moments
 
 
 def _total(lower: float | None, upper: float | None) -> float | None:

@@ -119,6 +119,33 @@ def exact(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> N
     _finish(solve(load_scene(scene)), json_file, out, quiet)
 
 
+@main.command("fokker-planck")
+@click.argument("scene")
+@click.option("--rtol", type=float, default=0.01, show_default=True, help="Relative error.")
+@click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
+@_options("json", "out", "quiet")
+def fokker_planck(
+    scene: str,
+    rtol: float,
+    speed_threshold: float | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Fokker-Planck equation: white noise, stops of any restitution."""
+    from stochvi.errors import NotConverged
+    from stochvi.galerkin import fokker_planck as solve
+    from stochvi.scenes import load_scene
+
+    try:
+        response = solve(load_scene(scene), rtol=rtol, speed_threshold=speed_threshold)
+    except NotConverged as reason:
+        if reason.response is not None:
+            _finish(reason.response, json_file, out, quiet)
+        raise
+    _finish(response, json_file, out, quiet)
+
+
 @main.command()
 @click.argument("scene")
 @click.option(

@@ -8,12 +8,21 @@ from typing import Any
 
 from stochvi.closed_form import unmet_conditions
 from stochvi.errors import NotApplicable, NotConverged
+from stochvi.galerkin import unmet_conditions as unmet_by_fokker_planck
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo import Prospect, prospect
 from stochvi.notes import scene_notes
 from stochvi.scenes import Scene
 
-KNOWN_EFFECTS = ("white noise", "tabulated noise", "constant load", "stop lower", "stop upper")
+KNOWN_EFFECTS = (
+    "white noise",
+    "filtered noise",
+    "tabulated noise",
+    "sine",
+    "constant load",
+    "stop lower",
+    "stop upper",
+)
 """Everything that a scene can call for; the rest of the world is not modelled."""
 
 APPLIES = "applies"
@@ -50,10 +59,14 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
     ...     excitations=[WhiteNoise(intensity=0.2)],
     ... )
     >>> explain(free).absent
-    ('tabulated noise', 'constant load', 'stop lower', 'stop upper')
+    ('filtered noise', 'tabulated noise', 'sine', 'constant load', 'stop lower', 'stop upper')
     """
     effects = scene.effects()
-    methods = {"exact": "; ".join(unmet_conditions(scene)) or APPLIES, "linearise": APPLIES}
+    methods = {
+        "exact": "; ".join(unmet_conditions(scene)) or APPLIES,
+        "fokker-planck": "; ".join(unmet_by_fokker_planck(scene)) or APPLIES,
+        "linearise": APPLIES,
+    }
     try:
         linearise(scene)
     except (NotApplicable, NotConverged) as reason:
@@ -71,6 +84,6 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         ),
         methods=methods,
         assumptions=scene.assumptions(),
-        notes=tuple(scene_notes(scene.system())),
+        notes=() if scene.beyond_one_oscillator() else tuple(scene_notes(scene.system())),
         simulation=simulation,
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from stochvi.crosscheck import APPROXIMATE, BALANCE, DISAGREES, Check
+from stochvi.crosscheck import APPROXIMATE, BALANCE, DISAGREES, Check, Comparison
 from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
 
 if TYPE_CHECKING:
@@ -78,8 +78,24 @@ def print_response(console: Console, response: Response) -> None:
 def print_check(console: Console, verdict: Check) -> None:
     """What was judged, what linearisation gets wrong, and the verdict in a sentence."""
     judged = [row for row in verdict.comparisons if row.verdict != APPROXIMATE]
+    for method in dict.fromkeys(row.method for row in judged):
+        _print_judged(console, [row for row in judged if row.method == method])
+    _print_approximations(console, verdict)
+    for reason in verdict.left_out:
+        _say(console, f"left out: {reason}")
+    for response in verdict.responses[:1]:
+        for warning in response.warnings:
+            console.print(f"note: {warning}", style="yellow", highlight=False)
+    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+
+
+def _print_judged(console: Console, judged: Sequence[Comparison]) -> None:
+    """The comparisons and balances of one method that claims to be right."""
+    against = [row.reference for row in judged if row.of != BALANCE]
+    title = f"judged: {judged[0].method}"
+    title += f" against {against[0]}, and its balances" if against else ", its balances"
     headings = ["quantity", "reference", "value", "difference", "allowed", "verdict"]
-    table = _table("judged: methods that claim to be right, and balances", headings)
+    table = _table(title, headings)
     for row in judged:
         name = f"{row.quantity} balance" if row.of == BALANCE else QUANTITY_NAMES[row.quantity]
         reference = "" if row.of == BALANCE else f"{row.reference_value:.6g}"
@@ -88,18 +104,11 @@ def print_check(console: Console, verdict: Check) -> None:
             reference,
             f"{row.value:.2e}" if row.of == BALANCE else f"{row.value:.6g}",
             f"{row.difference:+.1e}",
-            f"{row.tolerance:.1e}",
+            "" if row.tolerance is None else f"{row.tolerance:.1e}",
             row.verdict,
             style="bold red" if row.verdict == DISAGREES else "",
         )
     console.print(table)
-    _print_approximations(console, verdict)
-    for reason in verdict.left_out:
-        _say(console, f"left out: {reason}")
-    for response in verdict.responses[:1]:
-        for warning in response.warnings:
-            console.print(f"note: {warning}", style="yellow", highlight=False)
-    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
 
 
 def _print_approximations(console: Console, verdict: Check) -> None:
@@ -229,8 +238,13 @@ def _say(console: Console, line: str) -> None:
 
 
 def _deviation(response: Response) -> float:
-    found = response.estimates().get(("x", "displacement_std"))
-    return 0.0 if found is None else found.value
+    """The smallest of a coordinate, that means are measured by."""
+    found = [
+        estimate.value
+        for (_, name), estimate in response.estimates().items()
+        if name == "displacement_std"
+    ]
+    return min(found, default=0.0)
 
 
 def _value(estimate: Estimate, scale: float = 0.0) -> str:

@@ -68,6 +68,7 @@ PAIR = {
 COST = {"wall_time", "compile_time", "steps", "impacts", "paths", "threads"}
 ANSWERS = [
     (("exact", ELASTIC), "exact"),
+    (("fokker-planck", LOSSY), "fokker-planck"),
     (("linearise", LOSSY), "linearise:closure"),
     (("linearise", ISOLATOR, "--form", "motion", "--variant", "book"), "linearise:motion:book"),
     (("linearise", LOSSY, "--form", "force"), "linearise:force"),
@@ -202,7 +203,7 @@ def test_check_exits_with_1_if_a_method_is_wrong(stochvi: Run, monkeypatch):
     monkeypatch.setattr("stochvi.crosscheck.exact", lambda scene: wrong)
     code, out, err = stochvi("check", ELASTIC, *QUICK, "--json", "-")
     assert (code, one_document(out)["passed"]) == (1, False)
-    assert err.splitlines()[-1].startswith("stochvi: check failed: 7 of 17")
+    assert err.splitlines()[-1].startswith("stochvi: check failed: 15 of 32")
 
 
 def test_simulate_exits_with_1_beyond_its_budget_and_still_writes_what_it_has(

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from known import oscillator
 
-from stochvi import Estimate, Response, check, exact, load_scene, simulate
-from stochvi.crosscheck import APPROXIMATE, DISAGREES, TOO_RARE, compare
+from stochvi import Estimate, Response, check, exact, fokker_planck, load_scene, simulate
+from stochvi.crosscheck import APPROXIMATE, BIAS_UNKNOWN, DISAGREES, TOO_RARE, compare
 from stochvi.datasets import shipped_scene
 
 
@@ -49,6 +49,33 @@ def test_a_tampered_quantity_is_the_only_one_that_disagrees(quantity: str) -> No
     wrong = {row.quantity for row in verdict.comparisons if row.verdict == DISAGREES}
     assert wrong == {quantity}
     assert not verdict.passed
+
+
+def test_a_lossy_scene_has_two_judges_and_a_tampered_one_is_caught() -> None:
+    scene = oscillator(-1.0, 1.0, 0.8)
+    verdict = check(scene, rel_error=0.005, seed=2)
+    assert verdict.passed
+    assert {row.method for row in verdict.comparisons} >= {"fokker-planck", "simulate"}
+    solved, simulated = (
+        next(response for response in verdict.responses if response.method == method)
+        for method in ("fokker-planck", "simulate")
+    )
+    for quantity in ("displacement_std", "impact_speed_rate"):
+        wrong = compare([tampered(solved, quantity, 1.02), simulated])
+        found = {row.quantity for row in wrong.comparisons if row.verdict == DISAGREES}
+        assert found == {quantity}
+
+
+def test_an_estimate_of_unknown_bias_is_not_judged() -> None:
+    solved = fokker_planck(oscillator(-1.0, 1.0, 0.8))
+    other = tampered(solved, "velocity_std", 2.0)
+    speed = other.coordinates["x"]["velocity_std"]
+    assert isinstance(speed, Estimate)
+    untold = {**other.coordinates["x"], "velocity_std": replace(speed, bias=None)}
+    verdict = compare([solved, replace(other, coordinates={"x": untold})])
+    assert verdict.passed
+    found = {row.quantity for row in verdict.comparisons if row.verdict == BIAS_UNKNOWN}
+    assert found == {"velocity_std"}
 
 
 def test_a_broken_balance_disagrees() -> None:

@@ -74,6 +74,11 @@ class ModalPlan:
         """Whether any step leaves the stationary law exact: matched noise, elastic stops."""
         return self.assembly.elastic and self.assembly.temperature is not None
 
+    @property
+    def states(self) -> int:
+        """Displacements, velocities, and the states of signals."""
+        return len(self.law.covariance)
+
     @cached_property
     def layout(self) -> Layout:
         """What the rows of `averages` are."""

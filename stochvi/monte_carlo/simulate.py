@@ -198,13 +198,14 @@ def record_path(
 
 @dataclass(frozen=True, kw_only=True)
 class Prospect:
-    """What a simulation would be like: its steps, and what they cost here and now.
+    """What a simulation would be like: its states and steps, and what they cost here and now.
 
     `nanoseconds_per_step` is wall time per step of one path, all threads at work; `seconds` maps
     relative errors to predicted wall time, None where no impact was seen to predict by.
     """
 
     method: str
+    states: int
     step: float
     burn_in: float
     duration: float
@@ -232,6 +233,7 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
     unseen = any((pair.name, "impact_speed_rate") not in relative for pair in scene.impact_pairs)
     return Prospect(
         method=plan.method,
+        states=plan.states,
         step=plan.step,
         burn_in=plan.burn_in,
         duration=plan.duration,

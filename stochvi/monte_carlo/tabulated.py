@@ -104,6 +104,7 @@ class TabulatedPlan:
     bins: NDArray[np.float64]
 
     method = "response-domain synthesis"
+    states = 2
     elastic = False
 
     def step_bias(self, name: str, difference: float) -> float | None:

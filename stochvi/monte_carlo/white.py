@@ -75,6 +75,7 @@ class WhitePlan:
     slow_impacts: bool = False
 
     rows = SUMS
+    states = 2
     _kernel = staticmethod(run_white)
 
     @property
