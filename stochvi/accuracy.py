@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -40,12 +40,11 @@ NOISE = 3.0
 MOST_HALVINGS = 10
 """Of the finest step, in search of one whose bias is small enough."""
 
+LARGEST_BLOCK = 256
+"""Paths at once: enough for the kernels' full speed, few enough to stop in time."""
+
 WINDOW = 2
 """Blocks per thread that may wait to be merged in order."""
-
-Order = Callable[[Key], float | None]
-"""Order of the step's bias of a quantity: 2 where it goes as the square of the step, None where
-it is not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -432,7 +431,7 @@ def _simulate(
 ) -> tuple[PathStatistics, list[float]]:
     """Blocks of paths, merged in their order, until there are `paths` or time is up."""
     started = time.perf_counter()
-    size = min(plan.block for plan in plans)
+    size = min(LARGEST_BLOCK, *(plan.block for plan in plans))
     statistics, seconds = PathStatistics.none(layout), np.zeros(len(plans))
     waiting: deque[Future[Block]] = deque()
     with ThreadPoolExecutor(threads) as pool:
