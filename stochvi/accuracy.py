@@ -398,9 +398,7 @@ def ladder(plan: Plan) -> list[Plan]:
 def step_order(plan: Plan, key: Key) -> float | None:
     """Order of the step's bias of a quantity, by which the plan tells it from twice the step;
     None where there is no bias, or where that does not tell."""
-    if plan.elastic:
-        return None
-    share = plan.rate_bias(1.0, 0.0) if key[1] in RATES else 1.0 / 3.0
+    share = None if plan.elastic else plan.step_bias(key[1], 1.0)
     if share is None or math.isinf(share):
         return None
     # bias = difference / (2^order - 1)

@@ -253,6 +253,7 @@ def _print_prices(console: Console, found: WorkPrecision) -> None:
     """CPU seconds to bring statistical error and bias below each target, by step."""
     targets = [f"{100.0 * target:g} %" for target in TARGETS]
     groups = [("", False), ("hits ", True)]
+    groups = [group for group in groups if found.of_step(found.steps[0], rates=group[1])]
     headings = [name + target for name, _ in groups for target in targets]
     table = _table("CPU time until both are below (-: bias is not)", ["step", *headings])
     for step in found.steps:
@@ -265,9 +266,8 @@ def _print_prices(console: Console, found: WorkPrecision) -> None:
                 cells.append(spoken_time(max(known)) if complete else "-")
         table.add_row(f"{step:.3g} s{' *' if step == found.default_step else ''}", *cells)
     console.print(table)
-    _say(
-        console, "* the step that simulate takes, which runs twice that step too: half as much more"
-    )
+    step = "* the step that simulate takes"
+    _say(console, step if found.elastic else f"{step}, and twice it: half as much time on top")
 
 
 def _print_models(console: Console, found: WorkPrecision) -> None:
