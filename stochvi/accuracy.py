@@ -15,12 +15,19 @@ import numpy as np
 
 from stochvi.assemblies import assemble
 from stochvi.closed_form import exact
-from stochvi.crosscheck import approximations
+from stochvi.crosscheck import ROUNDING, approximations
 from stochvi.errors import NoExactSolution, NotConverged
 from stochvi.estimates import Estimate, provenance
 from stochvi.monte_carlo.modal import ModalPlan
 from stochvi.monte_carlo.quantities import RATES, Key, Means, Quantity, governed, of_coordinate
-from stochvi.monte_carlo.simulate import FEWEST_PATHS, Plan, Progress, layout_of, make_plan
+from stochvi.monte_carlo.simulate import (
+    FEWEST_PATHS,
+    Plan,
+    Progress,
+    _check_arguments,
+    layout_of,
+    make_plan,
+)
 from stochvi.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.monte_carlo.white import LARGEST_ANGLE
 from stochvi.scenes import Scene
@@ -73,7 +80,7 @@ class StepError:
     @property
     def bias_is_seen(self) -> bool:
         """Whether the bias is beyond its own noise."""
-        return abs(self.step_bias) > NOISE * self.step_bias_error
+        return abs(self.step_bias) > NOISE * self.step_bias_error + ROUNDING
 
     @property
     def largest_bias(self) -> float:
@@ -261,14 +268,11 @@ def spoken_time(seconds: float) -> str:
     >>> spoken_time(0.0213), spoken_time(540.0), spoken_time(9000.0), spoken_time(1e6)
     ('0.021 s', '9 min', '2.5 h', '12 days')
     """
-    for unit, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2.0 * unit:
-            return (
-                f"{seconds / unit:.2g} {name}"
-                if seconds < 100.0 * unit
-                else (f"{seconds / unit:.0f} {name}")
-            )
-    return f"{seconds:.2g} s" if seconds < 100.0 else f"{seconds:.0f} s"
+    for unit, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s")):
+        if seconds >= 2.0 * unit or name == "s":
+            break
+    amount = seconds / unit
+    return f"{amount:.2g} {name}" if amount < 100.0 else f"{amount:.0f} {name}"
 
 
 def cost(
@@ -290,8 +294,9 @@ def cost(
 
     of the two finest steps (L. F. Richardson 1911), p the order of the bias. Standard errors of
     all differences come from the covariance of the paths. A relative error e then takes
-    (s / e)^2 seconds, at a step whose bias is below e as well: not beyond doubt the bias at h
-    itself, nor that at a longer step times (ratio of steps)^p, whichever is known better.
+    (s / e)^2 seconds, at a step whose bias is below e as well, with NOISE standard errors to
+    spare: the bias measured at h, or that at a longer step times (ratio of steps)^p if that is
+    known better and what is seen at h does not contradict it.
     Approximate methods cost next to nothing, and no time makes them better: their error stands
     apart.
 
@@ -300,7 +305,7 @@ def cost(
     budget
         Seconds of wall time to spend. How many paths that gives depends on the machine.
     paths
-        Instead: this many paths, for digits that depend on the seed alone (times never do).
+        Instead: this many paths, for digits that depend on the seed alone (times apart).
     seed, threads, progress
         As for `simulate`.
 
@@ -320,10 +325,14 @@ def cost(
     ...     excitations=[WhiteNoise(intensity=0.2)],
     ... )
     >>> found = cost(scene, paths=256)
-    >>> [round(step, 3) for step in found.steps], found.reference, found.cheapest(0.01).step
-    ([0.8, 0.4], 'exact', 0.8)
+    >>> [round(step, 3) for step in found.steps], found.reference
+    ([0.8, 0.4], 'exact')
     """
-    _check_arguments(budget, paths, seed, threads)
+    _check_arguments(None, paths, None, seed, None, budget, threads)
+    if paths is not None and paths < FEWEST_PATHS:
+        raise ValueError(
+            f"paths must be at least {FEWEST_PATHS} for honest standard errors, got {paths}"
+        )
     plan = make_plan(scene, None, None)
     plans = ladder(plan)
     workers = threads or len(os.sched_getaffinity(0))
@@ -365,22 +374,6 @@ def cost(
         wall_time=time.perf_counter() - started,
         provenance=provenance(scene.document(), seed),
     )
-
-
-def _check_arguments(budget: float, paths: int | None, seed: int, threads: int | None) -> None:
-    for name, number in (("paths", paths), ("threads", threads), ("seed", seed)):
-        if number is not None and not isinstance(number, (int, np.integer)):
-            raise ValueError(f"{name} must be a whole number, got {number!r}")
-    if not 0.0 < budget < math.inf:
-        raise ValueError(f"budget must be a positive number of seconds, got {budget}")
-    if paths is not None and paths < FEWEST_PATHS:
-        raise ValueError(
-            f"paths must be at least {FEWEST_PATHS} for honest standard errors, got {paths}"
-        )
-    if threads is not None and threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
-    if not 0 <= seed < 2**63:
-        raise ValueError(f"seed must be in [0, 2^63), got {seed}")
 
 
 def ladder(plan: Plan) -> list[Plan]:
@@ -549,22 +542,22 @@ def _errors_of(
             order=order,
         )
         if not plan.elastic and order is not None:
-            row = replace(row, step_bias_limit=_limit(row, rows, order))
+            row = replace(row, step_bias_limit=_limit(row, rows[-1] if rows else None, order))
         rows.append(row)
     return rows
 
 
-def _limit(row: StepError, coarser: Sequence[StepError], order: float) -> float:
-    """Largest bias that is not beyond doubt excluded, by this step or by a longer one.
+def _limit(row: StepError, longer: StepError | None, order: float) -> float:
+    """What the bias is at most: by what was measured here, or at the next longer step.
 
     A bias at a longer step, which is larger and so known better, tells that at a shorter one by
-    the order. Never less than what has been seen here beyond noise.
+    the order, unless what is seen here beyond noise contradicts it.
     """
-    scaled: list[float] = [
-        other.largest_bias * (row.step / other.step) ** order for other in coarser
-    ]
+    if longer is None or longer.step_bias_limit is None:
+        return row.largest_bias
+    told = longer.step_bias_limit * (row.step / longer.step) ** order
     seen = abs(row.step_bias) - NOISE * row.step_bias_error
-    return max(seen, min([row.largest_bias, *scaled]))
+    return row.largest_bias if seen > told else min(row.largest_bias, told)
 
 
 def _models_of(

@@ -266,8 +266,8 @@ def _print_prices(console: Console, found: WorkPrecision) -> None:
                 cells.append(spoken_time(max(known)) if complete else "-")
         table.add_row(f"{step:.3g} s{' *' if step == found.default_step else ''}", *cells)
     console.print(table)
-    step = "* the step that simulate takes"
-    _say(console, step if found.elastic else f"{step}, and twice it: half as much time on top")
+    usual = "* the step that simulate takes"
+    _say(console, usual if found.elastic else f"{usual}, and twice it: half as much time on top")
 
 
 def _print_models(console: Console, found: WorkPrecision) -> None:

