@@ -16,8 +16,9 @@ import numpy as np
 from stochvi.assemblies import assemble
 from stochvi.closed_form import exact
 from stochvi.crosscheck import ROUNDING, approximations
-from stochvi.errors import NoExactSolution, NotConverged
-from stochvi.estimates import Estimate, provenance
+from stochvi.errors import NoExactSolution, NotApplicable, NotConverged
+from stochvi.estimates import Estimate, Response, provenance
+from stochvi.galerkin import fokker_planck
 from stochvi.monte_carlo.modal import ModalPlan
 from stochvi.monte_carlo.quantities import RATES, Key, Means, Quantity, governed, of_coordinate
 from stochvi.monte_carlo.simulate import (
@@ -295,10 +296,8 @@ def cost(
     of the two finest steps (L. F. Richardson 1911), p the order of the bias. Standard errors of
     all differences come from the covariance of the paths. A relative error e then takes
     (s / e)^2 seconds, at a step whose bias is below e as well, with NOISE standard errors to
-    spare: the bias measured at h, or that at a longer step times (ratio of steps)^p if that is
-    known better and what is seen at h does not contradict it.
-    Approximate methods cost next to nothing, and no time makes them better: their error stands
-    apart.
+    spare: as measured there, or at a longer step and brought down by its order.
+    Deterministic methods cost next to nothing, and time does not better them: they stand apart.
 
     Parameters
     ----------
@@ -346,7 +345,7 @@ def cost(
     rows: list[StepError] = []
     models: list[ModelError] = []
     left_out = []
-    free = approximations(scene, [])
+    free = _deterministic(scene, plan)
     for key, quantity in governed(assembly).items():
         size_of = quantity
         if key[1] == "displacement_mean":
@@ -495,6 +494,20 @@ def _known(scene: Scene, plan: Plan) -> tuple[dict[Key, Estimate], str]:
         return {}, "finest step" if plan.elastic else "limit of the two finest steps"
 
 
+def _deterministic(scene: Scene, plan: Plan) -> list[Response]:
+    """Every method that draws no random numbers, with rates that count what the simulated do."""
+    found = approximations(scene, [])
+    threshold = next(iter(layout_of(scene, plan).thresholds.values()), None)
+    try:
+        found.append(fokker_planck(scene, speed_threshold=threshold))
+    except NotApplicable:
+        pass
+    except NotConverged as reason:
+        # its bias says what it has reached
+        found += [] if reason.response is None else [reason.response]
+    return found
+
+
 def _reference(
     quantity: Quantity, plans: Sequence[Plan], order: float | None, known: Estimate | None
 ) -> Quantity:
@@ -564,25 +577,23 @@ def _models_of(
     key: Key,
     truth: Quantity,
     size: float,
-    responses: Sequence[Any],
+    responses: Sequence[Response],
     statistics: PathStatistics,
 ) -> list[ModelError]:
     """One quantity by every method that simulates nothing."""
     value, error = statistics.evaluate(truth)
-    rows = []
-    for response in responses:
-        found = response.estimates().get(key)
-        if found is not None:
-            rows.append(
-                ModelError(
-                    method=response.method,
-                    of=key[0],
-                    quantity=key[1],
-                    value=found.value,
-                    cpu_seconds=response.cost.wall_time,
-                    model_error=(found.value - value) / size,
-                    model_error_error=error / size,
-                    stated_bias=None if found.bias is None else found.bias / size,
-                )
-            )
-    return rows
+    answers = [(response, response.estimates().get(key)) for response in responses]
+    return [
+        ModelError(
+            method=response.method,
+            of=key[0],
+            quantity=key[1],
+            value=found.value,
+            cpu_seconds=response.cost.wall_time,
+            model_error=(found.value - value) / size,
+            model_error_error=error / size,
+            stated_bias=None if found.bias is None else found.bias / size,
+        )
+        for response, found in answers
+        if found is not None
+    ]

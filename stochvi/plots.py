@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from scipy.stats import norm
 
+from stochvi.accuracy import NOISE
 from stochvi.closed_form import displacement_density, exact, unmet_conditions
 from stochvi.estimates import Estimate
 from stochvi.monte_carlo import record_path
@@ -24,6 +25,7 @@ COLOURS = {
     "linearise:closure": "#d1495b",
     "linearise:motion": "#e0a030",
     "linearise:force": "#3a8f5c",
+    "fokker-planck": "#7a4fa3",
     "stop": "#8a8f98",
 }
 """One colour per method, the same in every picture."""
@@ -246,7 +248,8 @@ def draw_work_precision(found: WorkPrecision, title: str = "") -> Axes:
 
     A line for each step: the statistical error, which falls with the square root of the time, and
     the bias, on which it levels out. A bias that is not beyond its noise is drawn as its upper
-    limit, dotted, and none where it is not known. Crosses are methods that simulate nothing.
+    limit, dotted, and none where it is not known. Crosses are methods that simulate nothing,
+    triangles the upper limits of their errors where these are not beyond the noise.
     """
     keys = list(dict.fromkeys((row.of, row.quantity) for row in found.errors))
     keys = [key for key in keys if key[1] != "displacement_mean"][:MOST_PANELS]
@@ -294,12 +297,13 @@ def _work_precision_panel(found: WorkPrecision, of: str, quantity: str, ax: Axes
             style = "--" if row.bias_is_seen else ":"
             ax.axhline(floor, color=colour, linestyle=style, linewidth=0.9)
     for model in found.models:
-        error = 100.0 * abs(model.model_error)
-        if (model.of, model.quantity) == (of, quantity) and error > ERROR_PERCENT[0]:
+        error, doubt = abs(model.model_error), NOISE * model.model_error_error
+        limit = 100.0 * (error if error > doubt else error + doubt)
+        if (model.of, model.quantity) == (of, quantity) and limit > ERROR_PERCENT[0]:
             ax.plot(
-                max(model.cpu_seconds, WORK_SECONDS[0]), min(error, ERROR_PERCENT[1]), "x",
-                color=COLOURS.get(model.method, COLOURS["stop"]), markersize=7,
-                markeredgewidth=2.0, label=model.method, clip_on=False,
+                max(model.cpu_seconds, WORK_SECONDS[0]), min(limit, ERROR_PERCENT[1]),
+                "x" if error > doubt else "v", color=COLOURS.get(model.method, COLOURS["stop"]),
+                markersize=7, markeredgewidth=2.0, label=model.method, clip_on=False,
             )  # fmt: skip
     if not found.elastic and all(row.step_bias_limit is None for row in rows):
         ax.text(0.96, 0.93, "bias not known", transform=ax.transAxes, ha="right", va="top")

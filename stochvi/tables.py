@@ -275,11 +275,18 @@ def _print_models(console: Console, found: WorkPrecision) -> None:
     if not found.models:
         return
     methods = list(dict.fromkeys(row.method for row in found.models))
-    headings = ["quantity", *(method.removeprefix("linearise:") for method in methods)]
-    table = _table("error of linearisation (%), free and to stay", headings)
+    bounded = [row.method for row in found.models if row.stated_bias]
+    short = {"fokker-planck": "Fokker-P."}
+    names = [short.get(method, method.removeprefix("linearise:")) for method in methods]
+    title = "error of the model (%), free and to stay"
+    title += "; bound: stated by Fokker-Planck" if bounded else ""
+    table = _table(title, ["quantity", *names, *(["bound"] if bounded else [])])
     for key in dict.fromkeys((row.of, row.quantity) for row in found.models):
         errors = {row.method: row for row in found.models if (row.of, row.quantity) == key}
         cells = [_model_error(errors[m]) if m in errors else "" for m in methods]
+        for method in bounded[:1]:
+            bound = errors[method].stated_bias if method in errors else None
+            cells.append("" if bound is None else f"{100.0 * bound:.2g}")
         table.add_row(_whose(found, *key), *cells)
     console.print(table)
 

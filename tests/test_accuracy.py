@@ -279,6 +279,20 @@ def test_a_model_keeps_its_error_whatever_the_time(elastic: WorkPrecision) -> No
     )
 
 
+def test_the_fokker_planck_equation_confirms_the_limit_of_the_steps(lossy: WorkPrecision) -> None:
+    """Two methods that know nothing of each other; linearisation is not let pass."""
+    misses = {}
+    for method in ("fokker-planck", "linearise:closure"):
+        rows = [row for row in lossy.models if row.method == method and row.stated_bias != 0.0]
+        assert len(rows) == 6
+        misses[method] = [
+            abs(row.model_error) - Z * row.model_error_error - (row.stated_bias or 0.0)
+            for row in rows
+        ]
+    assert max(misses["fokker-planck"]) < 0.0
+    assert max(misses["linearise:closure"]) > 0.0
+
+
 def test_no_price_is_told_where_no_impact_was_seen() -> None:
     found = cost(oscillator(-9.0, 9.0, 0.8), paths=64)
     assert found.cheapest(0.01) is None
