@@ -13,6 +13,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from stochvi.accuracy import WorkPrecision, cost
     from stochvi.closed_form import displacement_density, exact
     from stochvi.contacts import (
         Elastic,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from stochvi.structures import Isolator, Oscillator
 
 _HOME = {
+    "accuracy": ("WorkPrecision", "cost"),
     "closed_form": ("displacement_density", "exact"),
     "contacts": (
         "Elastic",
@@ -88,8 +90,10 @@ __all__ = [
     "TabulatedNoise",
     "Viscoelastic",
     "WhiteNoise",
+    "WorkPrecision",
     "check",
     "clearance_curve",
+    "cost",
     "displacement_density",
     "exact",
     "explain",

@@ -258,6 +258,43 @@ def check(
 
 @main.command()
 @click.argument("scene")
+@click.option(
+    "--budget", type=float, default=20.0, show_default=True, metavar="SECONDS",
+    help="Time to spend on measuring.",
+)  # fmt: skip
+@_options("seed", "threads", "json", "out", "quiet")
+def cost(
+    scene: str,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """What accuracy costs in time: errors of steps and of models."""
+    from stochvi.accuracy import cost as measure
+    from stochvi.files import write_json
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_cost
+
+    loaded = load_scene(scene)
+    with _progress(quiet, "cost") as report:
+        found = measure(loaded, budget=budget, seed=seed, threads=threads, progress=report)
+    if not quiet:
+        print_cost(_console(json_file), found)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        from stochvi.files import write_picture, write_table
+        from stochvi.plots import draw_work_precision
+
+        write_table(found.to_frame(), out / "cost.csv")
+        write_picture(draw_work_precision(found, loaded.title), out / "cost.png")
+
+
+@main.command()
+@click.argument("scene")
 @_options("threads", "json", "quiet")
 def explain(scene: str, threads: int | None, json_file: str | None, quiet: bool) -> None:
     """What would be simulated, what not, which methods apply, at what price."""
