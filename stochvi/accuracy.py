@@ -36,7 +36,7 @@ from stochvi.scenes import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-FACTORS = (4.0, 2.0, 1.0, 0.5)
+FACTORS = (2.0, 1.0, 0.5)
 """Steps of the ladder, in units of the one that `simulate` takes."""
 
 TARGETS = (1e-2, 1e-3, 1e-4)

@@ -139,7 +139,7 @@ def test_the_cost_of_accuracy_is_a_table_a_document_and_a_picture(stochvi: Run, 
     document = one_document(out)
     assert document["method"] == "cost"
     assert document["summary"] in " ".join(err.split())
-    assert len(document["steps"]) == 4
+    assert len(document["steps"]) == 3
     table = pd.read_csv(tmp_path / "cost.csv")
     assert len(table) == len(document["errors"]) + len(document["models"])
     assert (tmp_path / "cost.png").stat().st_size > 10_000
@@ -172,9 +172,9 @@ def test_explain_tells_what_is_simulated_and_what_not(stochvi: Run):
     document = one_document(out)
     assert code == 0
     assert document["effects"] == ["white noise on x", "rigid stop lower", "rigid stop upper"]
-    assert document["absent"] == ["tabulated noise", "constant load"]
+    assert document["absent"] == ["filtered noise", "tabulated noise", "sine", "constant load"]
     assert document["simulation"]["steps_per_path"] > 2
-    assert "not simulated: tabulated noise; constant load" in err
+    assert "not simulated: filtered noise; tabulated noise; sine; constant load" in err
 
 
 def test_json_and_tables_go_to_the_files_that_are_named(stochvi: Run, tmp_path: Path):
