@@ -32,14 +32,20 @@ if TYPE_CHECKING:
         StochviError,
     )
     from stochvi.estimates import Cost, Estimate, Response
-    from stochvi.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
+    from stochvi.excitations import (
+        ConstantLoad,
+        FilteredNoise,
+        Sine,
+        TabulatedNoise,
+        WhiteNoise,
+    )
     from stochvi.explanation import Explanation, explain
     from stochvi.galerkin import fokker_planck, fokker_planck_many
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.scenes import ImpactPair, Scene, load_scene
-    from stochvi.structures import Isolator, Oscillator
+    from stochvi.structures import Isolator, Matrices, Oscillator
 
 _HOME = {
     "accuracy": ("WorkPrecision", "cost"),
@@ -55,14 +61,14 @@ _HOME = {
     "crosscheck": ("Check", "check"),
     "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
     "estimates": ("Cost", "Estimate", "Response"),
-    "excitations": ("ConstantLoad", "TabulatedNoise", "WhiteNoise"),
+    "excitations": ("ConstantLoad", "FilteredNoise", "Sine", "TabulatedNoise", "WhiteNoise"),
     "explanation": ("Explanation", "explain"),
     "galerkin": ("fokker_planck", "fokker_planck_many"),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
-    "structures": ("Isolator", "Oscillator"),
+    "structures": ("Isolator", "Matrices", "Oscillator"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -73,10 +79,12 @@ __all__ = [
     "Elastic",
     "Estimate",
     "Explanation",
+    "FilteredNoise",
     "ForceTable",
     "Hertz",
     "ImpactPair",
     "Isolator",
+    "Matrices",
     "NoExactSolution",
     "NotApplicable",
     "NotConverged",
@@ -86,6 +94,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "Screening",
+    "Sine",
     "StochviError",
     "TabulatedNoise",
     "Viscoelastic",

@@ -71,6 +71,8 @@ def print_response(console: Console, response: Response) -> None:
             f" on {cost.threads} threads (compilation {cost.compile_time:.2g} s apart), "
             f"{cost.steps:.3g} steps, {cost.impacts:.3g} impacts, {cost.paths} paths"
         )
+    if cost.tenfold_wall_time is not None:
+        price += f"; a tenth of the errors: about {cost.tenfold_wall_time:.2g} s"
     _say(console, price)
     for warning in response.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
