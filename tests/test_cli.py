@@ -65,7 +65,7 @@ PAIR = {
     "collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_mean",
     "impact_speed_rate", "impact_speed_square_rate", "peak_force",
 }  # fmt: skip
-COST = {"wall_time", "compile_time", "steps", "impacts", "paths", "threads"}
+COST = {"wall_time", "compile_time", "steps", "impacts", "paths", "threads", "tenfold_wall_time"}
 ANSWERS = [
     (("exact", ELASTIC), "exact"),
     (("fokker-planck", LOSSY), "fokker-planck"),

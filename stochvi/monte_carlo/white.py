@@ -333,7 +333,7 @@ def extrapolated(name: str, difference: float, restitution: float) -> float:
     itself is of order 2.
 
     >>> [round(extrapolated("impact_speed_rate", 0.3, r), 3) for r in (0.8, 0.5, 0.2)]
-    [0.192, 0.3, 0.678]
+    [0.192, 0.3, 0.643]
     """
     power = SPEED_POWER.get(name, 1)
     order = min(2.0, (2.0 + power - corner_exponent(restitution)) / 2.0)
