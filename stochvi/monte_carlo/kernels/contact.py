@@ -35,8 +35,7 @@ from stochvi.monte_carlo.kernels.flight import (
     VV,
     XX,
     X,
-    add_moment,
-    add_square,
+    add_moments,
 )
 from stochvi.monte_carlo.kernels.random_numbers import normal_pairs
 from stochvi.monte_carlo.kernels.response_domain import decay
@@ -572,9 +571,7 @@ def run_contacts(
                         record[step - burn_in, start + i, 2] = after - before
             if counted:
                 if (step - burn_in) % stride == 0:
-                    add_moment(xs, origin, local[X])
-                    add_square(xs, origin, local[XX])
-                    add_square(vs, 0.0, local[VV])
+                    add_moments(xs, vs, origin, local[X], local[XX], local[VV])
                 if record is not None:
                     for i in range(end - start):
                         record[step - burn_in, start + i, 0] = xs[i]

@@ -57,6 +57,18 @@ def passage(x, v, x1, v1, stiff, stop):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def drift(x, v, z, kick, flow):
+    """One step of every path where there is no stop."""
+    e, s = kick
+    _, cosine, sine, stiff = flow
+    for i in range(x.shape[0]):
+        q = x[i]
+        p = e * v[i] + s * z[i]
+        x[i] = cosine * q + sine * p
+        v[i] = cosine * p - stiff * sine * q
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def fly(x, v, z, hit, kick, flow, lower, upper):
     """One step of every path; `hit` gets +w at the upper stop, -w at the lower, 0, or AGAIN.
 
@@ -280,17 +292,13 @@ def count_side(hit, threshold, number, speed_sum, square_sum):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def add_moment(values, origin, total):
-    """total += values - origin."""
-    for i in range(values.shape[0]):
-        total[i] += values[i] - origin
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def add_square(values, origin, total):
-    """total += (values - origin)^2."""
-    for i in range(values.shape[0]):
-        total[i] += (values[i] - origin) * (values[i] - origin)
+def add_moments(x, v, origin, mean, square, speed):
+    """Add x - origin, its square, and v^2 to their sums."""
+    for i in range(x.shape[0]):
+        away = x[i] - origin
+        mean[i] += away
+        square[i] += away * away
+        speed[i] += v[i] * v[i]
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -346,7 +354,7 @@ def run_white(
     """
     first = np.empty(LANES)
     second = np.empty(LANES)
-    hit = np.empty(LANES)
+    hit = np.zeros(LANES)
     mirrored = np.empty(LANES)
     local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
     several = np.zeros(SUMS)
@@ -378,7 +386,10 @@ def run_white(
                         )  # fmt: skip
                         take_several(several, counted, local, record, step - burn_in, start, i)
             z = z1 if step % 2 == 0 else z2
-            if between is not None:
+            again = 0
+            if (lower is None) and (upper is None):
+                drift(xs, vs, z, kick, flow)
+            elif between is not None:
                 again = fly_between(xs, vs, z, hits, kick, flow, lower, upper)
             else:
                 again = fly(xs, vs, z, hits, kick, flow, lower, upper)
@@ -401,9 +412,7 @@ def run_white(
                         opposite, threshold, local[N_LOWER], local[F1_LOWER], local[F2_LOWER]
                     )
                 if (step - burn_in) % stride == 0:
-                    add_moment(xs, origin, local[X])
-                    add_square(xs, origin, local[XX])
-                    add_square(vs, 0.0, local[VV])
+                    add_moments(xs, vs, origin, local[X], local[XX], local[VV])
                     if corner is not None:
                         # so that half the usual kick, added to all, brings what is owed
                         _, intensity = corner[1]

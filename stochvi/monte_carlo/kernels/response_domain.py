@@ -28,8 +28,7 @@ from stochvi.monte_carlo.kernels.flight import (
     VV,
     XX,
     X,
-    add_moment,
-    add_square,
+    add_moments,
     take_several,
 )
 from stochvi.monte_carlo.kernels.random_numbers import normal_pairs
@@ -252,9 +251,7 @@ def run_response(
                 if step >= 0:
                     take_several(several, True, local, record, step, 0, i)
         if step >= 0:
-            add_moment(x, 0.0, local[X])
-            add_square(x, 0.0, local[XX])
-            add_square(v, 0.0, local[VV])
+            add_moments(x, v, 0.0, local[X], local[XX], local[VV])
             if record is not None:
                 for i in range(paths):
                     record[step, i, 0] = x[i]
