@@ -120,11 +120,15 @@ class Answer:
             (system.lower, self.lower.rate, self.contact_lower),
             (system.upper, self.upper.rate, self.contact_upper),
         )
-        present = [(rate, contact) for stop, rate, contact in ends if stop is not None]
-        rate = sum(rate for rate, _ in present)
-        if not rate or any(contact is None for _, contact in present):
+        found = []
+        for stop, stop_rate, contact in ends:
+            if stop is not None:
+                if stop_rate is None or contact is None:
+                    return None
+                found.append((stop_rate, contact))
+        rate = sum(each for each, _ in found)
+        if not rate:
             return None
-        found = [(rate, contact) for rate, contact in present if contact is not None]
         peak = sum(each * contact.peak_force for each, contact in found) / rate
         duration = sum(contact.probability for _, contact in found) / rate
         change = system.damping_rate * duration

@@ -150,7 +150,8 @@ def print_explanation(console: Console, told: Explanation) -> None:
     plan = told.simulation
     if plan is not None:
         console.print(
-            f"{plan.method}: step {plan.step:.3g} s, {plan.steps_per_path} steps a path "
+            f"{plan.method}: {plan.states} states, step {plan.step:.3g} s, "
+            f"{plan.steps_per_path} steps a path "
             f"({plan.burn_in:.3g} s of burn-in, {plan.duration:.3g} s counted), "
             f"{plan.nanoseconds_per_step:.2g} ns a step here",
             highlight=False,

@@ -203,7 +203,8 @@ class ModalPlan:
 
     @property
     def _stride(self) -> int:
-        return max(1, round(MOMENT_ANGLE / self.modes.fastest / self.step))
+        fastest = max(self.modes.fastest, 1.0 / self.burn_in)
+        return max(1, round(MOMENT_ANGLE / fastest / self.step))
 
     def _physical(self, sums: Matrix) -> Matrix:
         """Moments of coordinates and energies from those of modes; velocities in mid-kick."""
@@ -258,11 +259,7 @@ class ModalPlan:
             _table(curvature),
         )  # fmt: skip
         # a grazing path may leave the hull of its cubic by its fourth derivative
-        margins = (
-            (modes.fastest * h) ** 4
-            / 384.0
-            * np.array([scale.speed / modes.fastest for scale in self.pairs])
-        )
+        margins = (modes.fastest * h) ** 3 / 384.0 * h * np.array([s.speed for s in self.pairs])
         resets = self._resets(flow, speed, curvature)
         series, _, later = resets
         impact = np.vstack([later[0, 0], series[0]]) if len(series) == 1 else np.zeros((0, 1))
@@ -315,7 +312,7 @@ class ModalPlan:
     @property
     def _balance(self) -> Matrix:
         """Scales displacements by the fastest frequency, so that a norm means something."""
-        n, omega = self.modes.size, self.modes.fastest
+        n, omega = self.modes.size, max(self.modes.fastest, 1.0 / self.burn_in)
         size = np.concatenate([np.full(n, omega), np.ones(n)])
         balance: Matrix = size[:, None] / size
         return balance

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -200,8 +201,10 @@ def scales_of(assembly: Assembly, modes: Modes) -> tuple[LinearLaw, tuple[PairSc
             break
         law = following
         found = [
-            _substitute(modes, law, contact, gap, old)
-            for contact, gap, old in zip(assembly.contacts, modes.gaps, substitutes, strict=True)
+            _substitute(
+                modes, law, contact, modes.gaps[j], old, _without_own_spring(modes, substitutes, j)
+            )
+            for j, (contact, old) in enumerate(zip(assembly.contacts, substitutes, strict=True))
         ]
         substitutes = [substitute for substitute, _ in found]
         scales = tuple(scale for _, scale in found)
@@ -260,17 +263,38 @@ def _linear_law(modes: Modes, substitutes: list[_Substitute]) -> LinearLaw | Non
     )
 
 
+def _without_own_spring(
+    modes: Modes, substitutes: Sequence[_Substitute], j: int
+) -> tuple[float, float]:
+    """Stiffness k and force f of a gap without the spring of its own stops: k y - f pulls it back.
+
+    The static ones: with noise that matches the damping, the law of y is the Gibbs law of them.
+    """
+    gap, soft = modes.gaps[j], SOFTEST * substitutes[j].spring  # where nothing else holds the gap
+    stiffness = np.diag(modes.squares) + soft * np.outer(gap, gap)
+    forces = modes.falling.copy()
+    for other, substitute in enumerate(substitutes):
+        if other != j:
+            row = modes.gaps[other]
+            stiffness += substitute.spring * np.outer(row, row)
+            forces += substitute.spring * (substitute.centre - row @ modes.rest) * row
+    compliance = float(gap @ np.linalg.solve(stiffness, gap))
+    mean = float(gap @ (modes.rest + np.linalg.solve(stiffness, forces)))
+    return max(1.0 / compliance - soft, 0.0), mean / compliance
+
+
 def _substitute(
-    modes: Modes, law: LinearLaw, contact: Contact, gap: Vector, old: _Substitute
+    modes: Modes,
+    law: LinearLaw,
+    contact: Contact,
+    gap: Vector,
+    old: _Substitute,
+    held: tuple[float, float],
 ) -> tuple[_Substitute, PairScale]:
     """The next spring and damper: what the gap's law would be without the old spring, cut."""
-    n = modes.size
-    mean = float(gap @ (law.mean + modes.rest))
-    square = law.variances(gap, n)
+    square = law.variances(gap, modes.size)
     energy = contact.mass * square
-    total = energy / law.variances(gap, 0)
-    own = total - old.spring
-    slope = (total * mean - old.spring * old.centre) / energy
+    own, slope = held[0], held[1] / energy
     cut = CutNormal(slope=slope, curvature=own / energy, lower=contact.lower, upper=contact.upper)
     needed = energy / cut.variance
     spring = max(needed - own, SOFTEST * needed)
@@ -299,5 +323,5 @@ LEANING = 0.5
 it is said to lean on a stop; for a mass that lies on it the share is 1."""
 
 
-SOFTEST = 1e-9
-"""Spring for the stops of a gap that hardly feels them, relative to what holds it otherwise."""
+SOFTEST = 1e-6
+"""Spring for the stops of a gap that hardly feels them, relative to one that does."""
