@@ -336,8 +336,9 @@ def lengths(
     length = DURATION * burn_in if duration is None else duration
     if burn_in + length <= MOST_STEPS * step:
         return burn_in, length
-    if system.elastic and duration is None:
-        return step, ENOUGH_STEPS * step
+    short = ENOUGH_STEPS * step if duration is None else duration
+    if system.elastic and short < MOST_STEPS * step:
+        return step, short
     raise NotApplicable(
         "simulate",
         [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
