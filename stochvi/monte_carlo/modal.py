@@ -44,6 +44,9 @@ LONGEST_FLOW = 2.0
 """Norm of the generator times a step up to which the series converges and quintics find impacts:
 errors below (omega h)^6 / 46080 of an amplitude."""
 
+LYING = 16.0
+"""Cost of a step of a mass that lies on a stop, in steps of one that flies."""
+
 INDEPENDENT = 1e-12
 """Share of the largest variance of a kick below which a noise is left out."""
 
@@ -116,7 +119,9 @@ class ModalPlan:
     @property
     def block(self) -> int:
         """Paths to a block, the unit of work: some seconds at most."""
-        return max(8, min(MOST_PATHS, int(LONGEST_BLOCK // self.steps_per_path)))
+        # without kicks a mass may lie on a stop for long, and every step of that is flown by itself
+        longest = LONGEST_BLOCK if self.modes.kicked else LONGEST_BLOCK / LYING
+        return max(8, min(MOST_PATHS, int(longest // self.steps_per_path)))
 
     @property
     def hits_in_a_cluster(self) -> float:

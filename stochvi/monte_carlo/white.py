@@ -362,7 +362,7 @@ def extrapolated(name: str, difference: float, restitution: float) -> float:
     itself is of order 2.
 
     >>> [round(extrapolated("impact_speed_rate", 0.3, r), 3) for r in (0.8, 0.5, 0.2)]
-    [0.192, 0.3, 0.678]
+    [0.192, 0.3, 0.643]
     """
     power = SPEED_POWER.get(name, 1)
     order = min(2.0, (2.0 + power - corner_exponent(restitution)) / 2.0)
@@ -455,14 +455,10 @@ def _step(system: System, speed: float) -> float:
 def pressing(system: System) -> float:
     """The acceleration that presses a mass onto a stop beyond which it would rest, or 0."""
     stops = ((system.lower, -1.0), (system.upper, 1.0))
-    return max(
-        0.0,
-        *(
-            side * (system.load - system.omega**2 * stop)
-            for stop, side in stops
-            if stop is not None
-        ),
-    )
+    forces = [
+        side * (system.load - system.omega**2 * stop) for stop, side in stops if stop is not None
+    ]
+    return max([0.0, *forces])
 
 
 def _slowest_time(system: System, speed: float) -> float:
