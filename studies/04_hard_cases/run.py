@@ -63,7 +63,7 @@ parser.add_argument("--quick", action="store_true", help="larger errors, fewer c
 parser.add_argument("--out", type=Path, default=Path(__file__).parent)
 options = parser.parse_args()
 names = list({**CASES, **NO_STATE})[:: 4 if options.quick else 1]
-every = [row(n, {**CASES, **NO_STATE}[n], *((0.1, 5.0) if options.quick else (0.02, 60.0)))
+every = [row(n, {**CASES, **NO_STATE}[n], *((0.1, 5.0) if options.quick else (0.05, 60.0)))
          for n in names]  # fmt: skip
 pd.DataFrame(every).to_csv(options.out / "result.csv", index=False)
 RUNS = [(0.0, 1e-2), (0.0, 1e-3), (0.0, 1e-4), (0.1, 1e-4), (0.163, 1e-4), (0.3, 1e-4)]
