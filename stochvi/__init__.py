@@ -13,6 +13,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from stochvi.accuracy import WorkPrecision, cost
     from stochvi.closed_form import displacement_density, exact
     from stochvi.contacts import (
         Elastic,
@@ -31,16 +32,23 @@ if TYPE_CHECKING:
         StochviError,
     )
     from stochvi.estimates import Cost, Estimate, Response
-    from stochvi.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
+    from stochvi.excitations import (
+        ConstantLoad,
+        FilteredNoise,
+        Sine,
+        TabulatedNoise,
+        WhiteNoise,
+    )
     from stochvi.explanation import Explanation, explain
     from stochvi.galerkin import fokker_planck, fokker_planck_many
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.scenes import ImpactPair, Scene, load_scene
-    from stochvi.structures import Isolator, Oscillator
+    from stochvi.structures import Isolator, Matrices, Oscillator
 
 _HOME = {
+    "accuracy": ("WorkPrecision", "cost"),
     "closed_form": ("displacement_density", "exact"),
     "contacts": (
         "Elastic",
@@ -53,14 +61,14 @@ _HOME = {
     "crosscheck": ("Check", "check"),
     "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
     "estimates": ("Cost", "Estimate", "Response"),
-    "excitations": ("ConstantLoad", "TabulatedNoise", "WhiteNoise"),
+    "excitations": ("ConstantLoad", "FilteredNoise", "Sine", "TabulatedNoise", "WhiteNoise"),
     "explanation": ("Explanation", "explain"),
     "galerkin": ("fokker_planck", "fokker_planck_many"),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
-    "structures": ("Isolator", "Oscillator"),
+    "structures": ("Isolator", "Matrices", "Oscillator"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -71,10 +79,12 @@ __all__ = [
     "Elastic",
     "Estimate",
     "Explanation",
+    "FilteredNoise",
     "ForceTable",
     "Hertz",
     "ImpactPair",
     "Isolator",
+    "Matrices",
     "NoExactSolution",
     "NotApplicable",
     "NotConverged",
@@ -84,12 +94,15 @@ __all__ = [
     "Scene",
     "SceneError",
     "Screening",
+    "Sine",
     "StochviError",
     "TabulatedNoise",
     "Viscoelastic",
     "WhiteNoise",
+    "WorkPrecision",
     "check",
     "clearance_curve",
+    "cost",
     "displacement_density",
     "exact",
     "explain",

@@ -29,19 +29,27 @@ frequency_hz = 12.0          # with exactly one of zeta and Q
 zeta = 0.1
 # mass = 2.5                 # kg; needed if a force acts on the mass
 # or: mass (kg), damping (N s/m) and stiffness (N/m)
+# several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],
+# damping = .., stiffness = ..; then say on = or between = in every entry below
 
 [[impact_pair]]              # leave the section out for no stops
 lower = -0.004               # m from the position of the unloaded spring; leave out for none
 upper = 0.004
 law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
+# stops that give way, under white noise (N/m): { kind = "elastic", stiffness = 1e5 },
+# { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 }, { kind = "hertz",
+# coefficient = 1e6 }, { kind = "table", deflection = [..], force = [..] } (m, N)
+# on = "absorber", or between = ["absorber", "box"] (first minus second)
 
 [[excitation]]
-kind = "psd"                 # "white", "psd" or "constant"; several [[excitation]] add up
+kind = "psd"                 # or "white", "filtered", "sine", "constant"; several add up
 profile = "mil-std-810h-truck-vertical-5hz"          # see: stochvi profiles
 level_db = 0.0
 # or: file = "my.csv" (two columns), or frequency_hz = [..] and density = [..], with a unit:
 # unit = "g2/Hz"             # "g2/Hz", "(m/s2)2/Hz" or "N2/Hz"; one-sided per hertz
 # white: intensity = S0 (two-sided, SI), or density = .. with unit = ..
+# filtered: the same with frequency_hz and zeta of the resonance that white noise passes
+# sine: amplitude (N, or m/s^2 of the base) and frequency_hz
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
 """
 
@@ -254,6 +262,43 @@ def check(
         write_table(verdict.to_frame(), out / "check.csv")
     if not verdict.passed:
         _stop(f"check failed: {verdict.summary()}", FAILED)
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--budget", type=float, default=20.0, show_default=True, metavar="SECONDS",
+    help="Time to spend on measuring.",
+)  # fmt: skip
+@_options("seed", "threads", "json", "out", "quiet")
+def cost(
+    scene: str,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """What accuracy costs in time: errors of steps and of models."""
+    from stochvi.accuracy import cost as measure
+    from stochvi.files import write_json
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_cost
+
+    loaded = load_scene(scene)
+    with _progress(quiet, "cost") as report:
+        found = measure(loaded, budget=budget, seed=seed, threads=threads, progress=report)
+    if not quiet:
+        print_cost(_console(json_file), found)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        from stochvi.files import write_picture, write_table
+        from stochvi.plots import draw_work_precision
+
+        write_table(found.to_frame(), out / "cost.csv")
+        write_picture(draw_work_precision(found, loaded.title), out / "cost.png")
 
 
 @main.command()

@@ -168,8 +168,8 @@ def check(
         if reason.response is not None:
             simulated.append(reason.response)
     responses += [*_solved(scene, SHARPER * rel_error, simulated, left_out), *simulated]
-    approximations = _approximations(scene, left_out)
-    return compare(responses, approximations, left_out)
+    approximate = approximations(scene, left_out)
+    return compare(responses, approximate, left_out)
 
 
 def _solved(
@@ -192,7 +192,8 @@ def _solved(
     return []
 
 
-def _approximations(scene: Scene, left_out: list[str]) -> list[Response]:
+def approximations(scene: Scene, left_out: list[str]) -> list[Response]:
+    """Every form of linearisation that covers a scene; the reasons of others go to `left_out`."""
     found = []
     for form in ("closure", "motion", "force") if scene.impact_pairs else ("closure",):
         try:

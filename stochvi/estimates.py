@@ -117,7 +117,11 @@ def format_with_error(value: float, error: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """The price of an answer: seconds (compilation apart) and what they bought."""
+    """The price of an answer: seconds (compilation apart) and what they bought.
+
+    `tenfold_wall_time` is what standard errors ten times smaller would take, at the same step;
+    None where nothing was sampled.
+    """
 
     wall_time: float = 0.0
     compile_time: float = 0.0
@@ -125,6 +129,7 @@ class Cost:
     impacts: int = 0
     paths: int = 0
     threads: int = 1
+    tenfold_wall_time: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

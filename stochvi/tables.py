@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from stochvi.crosscheck import APPROXIMATE, BALANCE, DISAGREES, Check, Comparison
+from stochvi.accuracy import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
+from stochvi.crosscheck import APPROXIMATE, BALANCE, DISAGREES, ROUNDING, Check, Comparison
 from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
 
 if TYPE_CHECKING:
@@ -70,6 +71,8 @@ def print_response(console: Console, response: Response) -> None:
             f" on {cost.threads} threads (compilation {cost.compile_time:.2g} s apart), "
             f"{cost.steps:.3g} steps, {cost.impacts:.3g} impacts, {cost.paths} paths"
         )
+    if cost.tenfold_wall_time is not None:
+        price += f"; a tenth of the errors: about {cost.tenfold_wall_time:.2g} s"
     _say(console, price)
     for warning in response.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
@@ -198,6 +201,104 @@ def print_clearance(console: Console, curve: pd.DataFrame) -> None:
         "hits per second on both stops, and mean impact speed",
         {"gap/sigma": ".2f"},
     )
+
+
+def print_cost(console: Console, found: WorkPrecision) -> None:
+    """Bias and statistical error at each step, the prices that follow, and errors of models."""
+    steps = [f"{step:.3g} s" for step in found.steps]
+    bias = _table("bias of the step (%)", ["quantity", *steps])
+    noise = _table("standard error of one CPU second (%)", ["quantity", *steps])
+    for key in dict.fromkeys((row.of, row.quantity) for row in found.errors):
+        rows = [row for row in found.errors if (row.of, row.quantity) == key]
+        bias.add_row(_whose(found, *key), *(_step_bias(found, row) for row in rows))
+        noise.add_row(
+            _whose(found, *key), *(f"{100.0 * row.error_of_a_second:.2g}" for row in rows)
+        )
+    console.print(bias)
+    console.print(noise)
+    _print_prices(console, found)
+    _print_models(console, found)
+    against = f"biases are measured against: {found.reference}"
+    if found.elastic:
+        against += "; with elastic stops there is none at any step, in theory"
+    _say(console, against)
+    _say(
+        console,
+        f"{found.method}, {found.paths} paths at every step, {found.wall_time:.3g} s on "
+        f"{found.threads} threads; errors of a mean are relative to the rms displacement",
+    )
+    for reason in found.left_out:
+        console.print(f"note: {reason}", style="yellow", highlight=False)
+    console.print(found.summary(), style="green" if not found.left_out else "yellow")
+
+
+def _whose(found: WorkPrecision, owner: str, quantity: str) -> str:
+    """A quantity in words; of whom, where the scene has several coordinates or pairs."""
+    hits = [row.of for row in found.errors if row.quantity == "impact_speed_rate"]
+    moments = [row.of for row in found.errors if row.quantity == "velocity_mean_square"]
+    alone = len(set(hits)) < 2 and len(set(moments)) < 2
+    return QUANTITY_NAMES[quantity] if alone else f"{owner}: {QUANTITY_NAMES[quantity]}"
+
+
+def _step_bias(found: WorkPrecision, row: StepError) -> str:
+    """In per cent with its standard error; an upper limit where it may be nothing but noise."""
+    if row.step_bias_limit is None:
+        return "unknown"
+    if row.bias_is_seen:
+        return format_with_error(100.0 * row.step_bias, 100.0 * row.step_bias_error)
+    if row.step_bias_error == 0.0:
+        return "reference"
+    return f"< {100.0 * (row.largest_bias if found.elastic else row.step_bias_limit):.2g}"
+
+
+def _print_prices(console: Console, found: WorkPrecision) -> None:
+    """CPU seconds to bring statistical error and bias below each target, by step."""
+    targets = [f"{100.0 * target:g} %" for target in TARGETS]
+    groups = [("", False), ("hits ", True)]
+    groups = [group for group in groups if found.of_step(found.steps[0], rates=group[1])]
+    headings = [name + target for name, _ in groups for target in targets]
+    table = _table("CPU time until both are below (-: bias is not)", ["step", *headings])
+    for step in found.steps:
+        cells = []
+        for _, rates in groups:
+            for target in TARGETS:
+                prices = [row.seconds(target) for row in found.of_step(step, rates=rates)]
+                known = [price for price in prices if price is not None]
+                complete = bool(known) and len(known) == len(prices)
+                cells.append(spoken_time(max(known)) if complete else "-")
+        table.add_row(f"{step:.3g} s{' *' if step == found.default_step else ''}", *cells)
+    console.print(table)
+    usual = "* the step that simulate takes"
+    _say(console, usual if found.elastic else f"{usual}, and twice it: half as much time on top")
+
+
+def _print_models(console: Console, found: WorkPrecision) -> None:
+    """Errors that no time makes smaller."""
+    if not found.models:
+        return
+    methods = list(dict.fromkeys(row.method for row in found.models))
+    bounded = [row.method for row in found.models if row.stated_bias]
+    short = {"fokker-planck": "Fokker-P."}
+    names = [short.get(method, method.removeprefix("linearise:")) for method in methods]
+    title = "error of the model (%), free and to stay"
+    title += "; bound: stated by Fokker-Planck" if bounded else ""
+    table = _table(title, ["quantity", *names, *(["bound"] if bounded else [])])
+    for key in dict.fromkeys((row.of, row.quantity) for row in found.models):
+        errors = {row.method: row for row in found.models if (row.of, row.quantity) == key}
+        cells = [_model_error(errors[m]) if m in errors else "" for m in methods]
+        for method in bounded[:1]:
+            bound = errors[method].stated_bias if method in errors else None
+            cells.append("" if bound is None else f"{100.0 * bound:.2g}")
+        table.add_row(_whose(found, *key), *cells)
+    console.print(table)
+
+
+def _model_error(row: ModelError) -> str:
+    if abs(row.model_error) < ROUNDING:
+        return "0"
+    if row.model_error_error == 0.0:
+        return f"{100.0 * row.model_error:.3g}"
+    return format_with_error(100.0 * row.model_error, 100.0 * row.model_error_error)
 
 
 METHOD_COLUMNS = {

@@ -65,7 +65,7 @@ PAIR = {
     "collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_mean",
     "impact_speed_rate", "impact_speed_square_rate", "peak_force",
 }  # fmt: skip
-COST = {"wall_time", "compile_time", "steps", "impacts", "paths", "threads"}
+COST = {"wall_time", "compile_time", "steps", "impacts", "paths", "threads", "tenfold_wall_time"}
 ANSWERS = [
     (("exact", ELASTIC), "exact"),
     (("fokker-planck", LOSSY), "fokker-planck"),
@@ -125,11 +125,27 @@ def test_the_table_goes_to_stdout_without_json(stochvi: Run):
 
 def test_tables_of_eighty_columns_cut_nothing_short(stochvi: Run, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    for command in (["profiles"], ["check", ELASTIC, "--rel-error", "0.02"]):
+    cost = ["cost", ISOLATOR, "--budget", "0.5"]
+    for command in (["profiles"], ["check", ELASTIC, "--rel-error", "0.02"], cost):
         code, out, _ = stochvi(*command)
         assert code == 0
         assert "\N{HORIZONTAL ELLIPSIS}" not in out
         assert max(map(len, out.splitlines())) <= 80
+
+
+def test_the_cost_of_accuracy_is_a_table_a_document_and_a_picture(stochvi: Run, tmp_path: Path):
+    code, out, err = stochvi("cost", LOSSY, "--budget", "0.5", "--json", "-", "--out", tmp_path)
+    assert code == 0
+    document = one_document(out)
+    assert document["method"] == "cost"
+    assert document["summary"] in " ".join(err.split())
+    assert len(document["steps"]) == 3
+    table = pd.read_csv(tmp_path / "cost.csv")
+    assert len(table) == len(document["errors"]) + len(document["models"])
+    assert (tmp_path / "cost.png").stat().st_size > 10_000
+    assert stochvi("cost", LOSSY, "--budget", "0.3", "--quiet") == Finished(0, "", "")
+    code, _, err = stochvi("cost", LOSSY, "--budget", "0")
+    assert (code, "budget must be" in err) == (2, True)
 
 
 def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_path: Path):
@@ -156,9 +172,9 @@ def test_explain_tells_what_is_simulated_and_what_not(stochvi: Run):
     document = one_document(out)
     assert code == 0
     assert document["effects"] == ["white noise on x", "rigid stop lower", "rigid stop upper"]
-    assert document["absent"] == ["tabulated noise", "constant load"]
+    assert document["absent"] == ["filtered noise", "tabulated noise", "sine", "constant load"]
     assert document["simulation"]["steps_per_path"] > 2
-    assert "not simulated: tabulated noise; constant load" in err
+    assert "not simulated: filtered noise; tabulated noise; sine; constant load" in err
 
 
 def test_json_and_tables_go_to_the_files_that_are_named(stochvi: Run, tmp_path: Path):

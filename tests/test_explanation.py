@@ -11,7 +11,7 @@ from stochvi import Isolator, Scene, TabulatedNoise, WhiteNoise, explain, simula
 def test_what_is_absent_is_told() -> None:
     told = explain(oscillator(None, 1.0, 0.8, load=0.5))
     assert told.effects == ("white noise on x", "constant load on x", "rigid stop upper")
-    assert told.absent == ("tabulated noise", "stop lower")
+    assert told.absent == ("filtered noise", "tabulated noise", "sine", "stop lower")
     for method in ("fokker-planck", "linearise", "simulate"):
         assert told.methods[method] == "applies"
     assert "restitution must be 1" in told.methods["exact"]
@@ -39,15 +39,22 @@ def test_a_cost_that_cannot_be_told_is_unknown() -> None:
 
 
 def test_a_scene_that_is_not_simulated_says_why() -> None:
+    undamped = Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.0),
+        excitations=[TabulatedNoise(profile="navmat-p-9492")],
+    )
+    told = explain(undamped)
+    assert told.simulation is None
+    assert "needs damping > 0" in told.methods["simulate"]
+    assert json.loads(json.dumps(told.to_dict(), allow_nan=False))["method"] == "explain"
+
+
+def test_white_noise_beside_a_table_reaches_the_resonance() -> None:
     mixed = Scene(
         structure=Isolator(frequency_hz=12.0, zeta=0.1),
         excitations=[TabulatedNoise(profile="navmat-p-9492"), WhiteNoise(intensity=1.0)],
     )
-    told = explain(mixed)
-    assert told.simulation is None
-    assert "not simulated together" in told.methods["simulate"]
-    assert "outside the table" not in " ".join(told.notes)  # white noise reaches the resonance
-    assert json.loads(json.dumps(told.to_dict(), allow_nan=False))["method"] == "explain"
+    assert "outside the table" not in " ".join(explain(mixed).notes)
 
 
 @pytest.mark.parametrize("lower", [-1.0, None])

@@ -24,7 +24,6 @@ from stochvi import (
     Restitution,
     Scene,
     TabulatedNoise,
-    WhiteNoise,
     exact,
     record_path,
     simulate,
@@ -424,10 +423,6 @@ UNCOVERED = {
     "constant load alone": Scene(
         structure=Oscillator(mass=1.0, damping=1.0, stiffness=1.0),
         excitations=[ConstantLoad(force=1.0)],
-    ),
-    "not simulated together": Scene(
-        structure=Isolator(frequency_hz=12.0, zeta=0.1),
-        excitations=[TabulatedNoise(profile=TRUCK), WhiteNoise(intensity=1.0)],
     ),
 }
 

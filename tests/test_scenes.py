@@ -40,7 +40,7 @@ def test_a_shipped_scene_is_its_own_document(path: Path):
     scene = load_scene(path)
     again = scene_from(scene.document())
     assert again == scene
-    assert again.system() == scene.system()
+    assert again.effects() == scene.effects()
     assert again != scene.model_copy(update={"title": "another"})
 
 

@@ -457,6 +457,7 @@ class _Run:
                 impacts=round(self._rate_of_all() * self.exposure),
                 paths=self.fine.count,
                 threads=self.threads,
+                tenfold_wall_time=100.0 * self.elapsed,
             ),
             warnings=[*warnings, *self._warnings()],
             provenance=provenance(self.scene.document(), self.seed),

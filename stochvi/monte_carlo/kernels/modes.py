@@ -37,7 +37,7 @@ RESTING = 1e-8
 SHORTEST_PIECE = 2.0**-40
 """Of a step, in search of its first root: a passage that is out and in again within it is none."""
 
-NEWTON_STEPS = 4
+NEWTON_STEPS = 5
 """From the chord, for roots of smooth arcs; a lane where they do not suffice is done by itself."""
 
 ROOT_ERROR = 1e-12
