@@ -54,14 +54,19 @@ def gaussian_stop(density: float, velocity_mean_square: float) -> StopStatistics
 def corner_exponent(restitution: float) -> float:
     """Exponent beta of the density at a stop under white noise, p(stop, v) ~ |v|^-beta near v = 0.
 
-    The root in [0, 2) of R^(beta - 2) = 2 sin((1 + 2 beta) pi / 6), and 2 where there is none,
-    R <= exp(-pi / sqrt 3). Impact speeds have the density w^(1 - beta) near 0.
+    The root of R^(beta - 2) = 2 sin((1 + 2 beta) pi / 6) other than 2, which solves it for every
+    R: below 2 for R > exp(-pi / sqrt 3), above 2 for smaller R, 5/2 at R = 0. Impact speeds have
+    the density w^(1 - beta) near 0, so that from beta = 2 on their rate has no limit, but grows
+    like w^(2 - beta) as slower and slower ones are counted. Beta = 5/2 follows from the reflected
+    motion at R = 0 that leaves the stop at once (J. Bertoin, Ann. Probab. 35 (2007) 2021): as it
+    starts at the speed u, it meets the stop again at a speed above w with a probability
+    ~ (u / w)^(1/2).
 
-    >>> [round(corner_exponent(r), 4) for r in (0.0, 0.3, 0.5, 0.8, 1.0)]
-    [2.0, 1.6009, 1.0, 0.2857, 0.0]
+    >>> [round(corner_exponent(r), 4) for r in (0.0, 0.1, 0.3, 0.5, 0.8, 1.0)]
+    [2.5, 2.1733, 1.6009, 1.0, 0.2857, 0.0]
     """
-    if restitution <= COLLAPSE_RESTITUTION:
-        return 2.0
+    if restitution == 0.0:
+        return 2.5
     if restitution == 1.0:
         return 0.0
 
@@ -70,8 +75,13 @@ def corner_exponent(restitution: float) -> float:
         return (beta - 2.0) * math.log(restitution) - math.log(sine)
 
     # beta = 2 solves the equation for every R: the bracket ends where that root still dominates
-    near_two = 2.0 - 1e-9
-    return float(brentq(balance, 0.0, near_two)) if balance(near_two) < 0.0 else near_two
+    if restitution > COLLAPSE_RESTITUTION:
+        low, high = 0.0, 2.0 - 1e-9
+    else:
+        low, high = 2.0 + 1e-9, 2.5 - 1e-12
+    if balance(low) * balance(high) > 0.0:
+        return 2.0 if abs(restitution / COLLAPSE_RESTITUTION - 1.0) < 1e-3 else high
+    return float(brentq(balance, low, high))
 
 
 def rice_rate(distance: float, displacement_std: float, velocity_std: float) -> float:

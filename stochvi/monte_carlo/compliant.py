@@ -30,18 +30,17 @@ from stochvi.monte_carlo.kernels.contact import (
 )
 from stochvi.monte_carlo.white import (
     BOUNCE_PER_STEP,
-    DURATION,
     GAP_PER_STEP,
     LARGEST_ANGLE,
     LOSSY_ANGLE,
     LOSSY_DECAY,
-    MOST_STEPS,
-    RELAXATIONS,
     WhitePlan,
     _flow,
     _kick,
     default_threshold,
     expected_speed,
+    lengths,
+    pressing,
 )
 from stochvi.scenes import System
 
@@ -155,16 +154,8 @@ def plan_compliant(
     spread = math.sqrt(law.variance)
     rate = system.intensity / (2.0 * speed**2)
     slowest = max(1.0 / rate, spread / speed, spread**2 * rate / speed**2)
-    burn_in = RELAXATIONS * slowest
     step = _step(system, speed, spread)
-    length = DURATION * burn_in if duration is None else duration
-    if burn_in + length > MOST_STEPS * step:
-        raise NotApplicable(
-            "simulate",
-            [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
-             f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
-             "times in which the scene hits, swings and settles lie too far apart"],
-        )  # fmt: skip
+    burn_in, length = lengths(system, step, slowest, duration)
     return CompliantPlan(
         system=system,
         speed=speed,
@@ -190,8 +181,6 @@ def _step(system: System, speed: float, spread: float) -> float:
         limits.append((LARGEST_ANGLE if system.elastic else LOSSY_ANGLE) / system.omega)
     if not system.elastic:
         limits.append(LOSSY_DECAY * 2.0 * speed**2 / system.intensity)
-    for stop, side in ((system.lower, -1.0), (system.upper, 1.0)):
-        pressing = 0.0 if stop is None else side * (system.load - system.omega**2 * stop)
-        if pressing > 0.0:
-            limits.append(BOUNCE_PER_STEP * speed / pressing)
+    if pressing(system) > 0.0:
+        limits.append(BOUNCE_PER_STEP * speed / pressing(system))
     return min(limits)

@@ -40,6 +40,13 @@ Matrix = NDArray[np.float64]
 LARGEST_ANGLE = 0.4
 """omega h of the fastest mode or signal, for the quintic and the series: errors below 1e-7."""
 
+LONGEST_FLOW = 2.0
+"""Norm of the generator times a step up to which the series converges and quintics find impacts:
+errors below (omega h)^6 / 46080 of an amplitude."""
+
+LYING = 16.0
+"""Cost of a step of a mass that lies on a stop, in steps of one that flies."""
+
 INDEPENDENT = 1e-12
 """Share of the largest variance of a kick below which a noise is left out."""
 
@@ -112,7 +119,9 @@ class ModalPlan:
     @property
     def block(self) -> int:
         """Paths to a block, the unit of work: some seconds at most."""
-        return max(8, min(MOST_PATHS, int(LONGEST_BLOCK // self.steps_per_path)))
+        # without kicks a mass may lie on a stop for long, and every step of that is flown by itself
+        longest = LONGEST_BLOCK if self.modes.kicked else LONGEST_BLOCK / LYING
+        return max(8, min(MOST_PATHS, int(longest // self.steps_per_path)))
 
     @property
     def hits_in_a_cluster(self) -> float:
@@ -159,7 +168,12 @@ class ModalPlan:
         return self.with_step(self.step / 2.0)
 
     def with_step(self, step: float) -> ModalPlan:
-        """The same paths at a chosen step, s."""
+        """The same paths at a chosen step, s; ValueError if impacts would go unseen in it."""
+        if self.assembly.contacts and self._size_of_flow * step > LONGEST_FLOW:
+            longest = LONGEST_FLOW / self._size_of_flow
+            raise ValueError(
+                f"step must be at most {longest:.3g} s where there are stops, got {step:g} s"
+            )
         return replace(self, step=step)
 
     def shortest(self) -> ModalPlan:
@@ -298,7 +312,7 @@ class ModalPlan:
         masses = np.array([contact.mass for contact in self.assembly.contacts])
         displacement = np.roll(speed, -n, axis=1)
         terms = [speed.T * masses]
-        size = float(np.linalg.norm(flow[: 2 * n, : 2 * n] * self._balance, 2)) * self.step
+        size = self._size_of_flow * self.step
         while len(terms) < MOST_TERMS and _term(size, len(terms)) > SERIES_ERROR:
             terms.append(flow @ terms[-1] / len(terms))
         series = np.array(terms).transpose(2, 1, 0)  # pairs, states, terms
@@ -308,6 +322,12 @@ class ModalPlan:
         )
         at_once = np.ascontiguousarray(later[:, :, 1:, 0])
         return np.ascontiguousarray(series[:, : 2 * n]), at_once.reshape(pairs, pairs, 2), later
+
+    @cached_property
+    def _size_of_flow(self) -> float:
+        """Norm of the generator of displacements and velocities, 1/s."""
+        motion = slice(0, 2 * self.modes.size)
+        return float(np.linalg.norm(self.modes.flow[motion, motion] * self._balance, 2))
 
     @property
     def _balance(self) -> Matrix:
@@ -388,6 +408,10 @@ def _step(assembly: Assembly, modes: Modes, law: LinearLaw, pairs: tuple[PairSca
         limits.append((LARGEST_ANGLE if exact else LOSSY_ANGLE) / modes.fastest)
     if not exact:
         limits.append(LOSSY_DECAY / float(law.decay[-1]))
+    if not modes.kicked:
+        # then the damping is in the flow, of which a fast decay must be followed as well
+        fastest = float(np.linalg.eigvalsh(modes.damping)[-1])
+        limits += [LARGEST_ANGLE / fastest] if fastest > 0.0 else []
     for contact, scale in zip(assembly.contacts, pairs, strict=True):
         if contact.lower is not None and contact.upper is not None:
             limits.append(GAP_PER_STEP * (contact.upper - contact.lower) / scale.speed)

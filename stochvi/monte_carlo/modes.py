@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from scipy.linalg import eigh
 from stochvi.assemblies import Assembly, Contact
 from stochvi.collisions import gaussian_stop
 from stochvi.cut_normal import CutNormal
+from stochvi.errors import NotApplicable
 from stochvi.state_space import stationary_covariance
 
 Vector = NDArray[np.float64]
@@ -23,6 +25,9 @@ RIGID_BODY = 1e-13
 
 UNSTABLE = 1e-8
 """Decay rate, relative to the fastest frequency, below which there is no stationary law."""
+
+UNSHAKEN = 1e-24
+"""Share of the largest modal velocity variance below which that of a gap is rounding."""
 
 ITERATIONS = 40
 """Of the search for springs and dampers in the place of impacts: a few digits are enough."""
@@ -170,6 +175,10 @@ class LinearLaw(NamedTuple):
         waves = sum(abs(row @ wave[part]) ** 2 / 2.0 for wave in self.waves)
         return float(row @ self.covariance[part, part] @ row + waves)
 
+    def largest_variance(self, modes: int) -> float:
+        """Of the modal velocities."""
+        return max(self.variances(row, modes) for row in np.eye(modes))
+
 
 class PairScale(NamedTuple):
     """Of an impact pair: rms speed, and the acceleration that presses it onto a stop or 0."""
@@ -206,8 +215,10 @@ def scales_of(assembly: Assembly, modes: Modes) -> tuple[LinearLaw, tuple[PairSc
             )
             for j, (contact, old) in enumerate(zip(assembly.contacts, substitutes, strict=True))
         ]
-        substitutes = [substitute for substitute, _ in found]
-        scales = tuple(scale for _, scale in found)
+        if None in found:
+            return None
+        substitutes = [each[0] for each in found if each]
+        scales = tuple(each[1] for each in found if each)
         following = _linear_law(modes, substitutes)
     return None if law is None else (law, scales)
 
@@ -245,7 +256,18 @@ def _linear_law(modes: Modes, substitutes: list[_Substitute]) -> LinearLaw | Non
         return None
     covariance = np.zeros_like(generator)
     noise = modes.noise(modes.white)[np.ix_(fading, fading)]
-    covariance[np.ix_(fading, fading)] = stationary_covariance(inner, noise)
+    # in units in which every entry is a rate: displacements and signals may be of any size
+    size = np.ones(len(generator))
+    reference = max(fastest, modes.fastest)
+    size[:n] = 1.0 / reference
+    pull = np.max(np.abs(modes.coupling), axis=0)
+    size[2 * n :] = np.divide(reference, pull, out=np.ones_like(pull), where=pull > 0.0)
+    size = size[fading]
+    with warnings.catch_warnings():
+        # decays far apart cost digits, of which a rough law needs few
+        warnings.simplefilter("ignore", RuntimeWarning)
+        scaled = stationary_covariance(inner * size / size[:, None], noise / np.outer(size, size))
+    covariance[np.ix_(fading, fading)] = scaled * np.outer(size, size)
     waves = []
     for first, omega, amplitude in modes.sines:
         wave = np.zeros(len(generator), complex)
@@ -290,12 +312,22 @@ def _substitute(
     gap: Vector,
     old: _Substitute,
     held: tuple[float, float],
-) -> tuple[_Substitute, PairScale]:
-    """The next spring and damper: what the gap's law would be without the old spring, cut."""
+) -> tuple[_Substitute, PairScale] | None:
+    """The next spring and damper: what the gap's law would be without the old spring, cut; None
+    where nothing holds the gap on a side without a stop."""
     square = law.variances(gap, modes.size)
+    if not square > UNSHAKEN * law.largest_variance(modes.size):
+        raise NotApplicable(
+            "simulate", [f"no excitation reaches the impact pair {contact.name!r}: it is at rest"]
+        )
     energy = contact.mass * square
     own, slope = held[0], held[1] / energy
-    cut = CutNormal(slope=slope, curvature=own / energy, lower=contact.lower, upper=contact.upper)
+    try:
+        cut = CutNormal(
+            slope=slope, curvature=own / energy, lower=contact.lower, upper=contact.upper
+        )
+    except ValueError:
+        return None
     needed = energy / cut.variance
     spring = max(needed - own, SOFTEST * needed)
     power = sum(

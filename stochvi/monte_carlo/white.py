@@ -59,6 +59,15 @@ RELAXATIONS = 12.0
 DURATION = 5.0
 """Length of a path in burn-ins, where the caller does not choose."""
 
+ENOUGH_STEPS = 2.0**14
+"""Of a path that starts in the stationary law and is shorter than the memory of its energy."""
+
+LONGEST_ANGLE = math.pi
+"""omega h from which a mass may pass a stop and come back within a step unseen."""
+
+LONGEST_ANGLE_BETWEEN = math.pi / 2.0
+"""omega h up to which a mass between two stops meets at most one of them without turning."""
+
 MOMENT_ANGLE = 0.8
 """omega times the time between samples of the moments; closer samples say little more."""
 
@@ -135,10 +144,7 @@ class WhitePlan:
     @property
     def _pressed(self) -> bool:
         """Whether the rest position lies beyond a stop, so that the mass leans on it."""
-        lower, upper = self.system.lower, self.system.upper
-        return (lower is not None and self.rest < lower) or (
-            upper is not None and self.rest > upper
-        )
+        return pressing(self.system) > 0.0
 
     @property
     def steps(self) -> int:
@@ -168,7 +174,14 @@ class WhitePlan:
         return replace(self, step=self.step / 2.0)
 
     def with_step(self, step: float) -> WhitePlan:
-        """The same paths at a chosen step, s."""
+        """The same paths at a chosen step, s; ValueError if impacts would go unseen in it."""
+        angle = self.system.omega * step
+        if self.system.laws != (None, None) and angle >= LONGEST_ANGLE:
+            longest = LONGEST_ANGLE / self.system.omega
+            raise ValueError(
+                f"step must be below {longest:.3g} s, half a natural period, where there are "
+                f"stops, got {step:g} s"
+            )
         return replace(self, step=step)
 
     def shortest(self) -> WhitePlan:
@@ -259,6 +272,8 @@ class WhitePlan:
         lower, upper = self.system.lower, self.system.upper
         if lower is None or upper is None:
             return False
+        if self.system.omega * self.step > LONGEST_ANGLE_BETWEEN:
+            return False
         return self.system.omega == 0.0 or lower <= self.rest <= upper
 
     def _start(
@@ -297,16 +312,8 @@ def plan_white(
     if unmet:
         raise NotApplicable("simulate", unmet)
     speed = expected_speed(system)
-    burn_in = RELAXATIONS * _slowest_time(system, speed)
     step = _step(system, speed)
-    length = DURATION * burn_in if duration is None else duration
-    if burn_in + length > MOST_STEPS * step:
-        raise NotApplicable(
-            "simulate",
-            [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
-             f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
-             "times in which the scene hits, swings and settles lie too far apart"],
-        )  # fmt: skip
+    burn_in, length = lengths(system, step, _slowest_time(system, speed), duration)
     return WhitePlan(
         system=system,
         speed=speed,
@@ -316,6 +323,29 @@ def plan_white(
         threshold=default_threshold(system.elastic, speed) if threshold is None else threshold,
         slow_impacts=slow_impacts,
     )
+
+
+def lengths(
+    system: System, step: float, slowest: float, duration: float | None
+) -> tuple[float, float]:
+    """Burn-in and counted seconds of a path, from its slowest time constant.
+
+    Between elastic stops a path starts in the stationary law itself: one that would take too many
+    steps need not forget its start, and may be short.
+    """
+    burn_in = RELAXATIONS * slowest
+    length = DURATION * burn_in if duration is None else duration
+    if burn_in + length <= MOST_STEPS * step:
+        return burn_in, length
+    short = ENOUGH_STEPS * step if duration is None else duration
+    if system.elastic and short < MOST_STEPS * step:
+        return step, short
+    raise NotApplicable(
+        "simulate",
+        [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
+         f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
+         "times in which the scene hits, swings and settles lie too far apart"],
+    )  # fmt: skip
 
 
 SPEED_POWER = {
@@ -418,15 +448,23 @@ def _step(system: System, speed: float) -> float:
         limits.append(GAP_PER_STEP * (system.upper - system.lower) / speed)
     if not system.elastic:
         limits.append(LOSSY_DECAY * 2.0 * speed**2 / system.intensity)
-    for stop, side in ((system.lower, -1.0), (system.upper, 1.0)):
-        pressing = 0.0 if stop is None else side * (system.load - system.omega**2 * stop)
-        if pressing > 0.0:
-            limits.append(BOUNCE_PER_STEP * speed / pressing)
+    if pressing(system) > 0.0:
+        limits.append(BOUNCE_PER_STEP * speed / pressing(system))
     return min(limits)
 
 
+def pressing(system: System) -> float:
+    """The acceleration that presses a mass onto a stop beyond which it would rest, or 0."""
+    stops = ((system.lower, -1.0), (system.upper, 1.0))
+    forces = [
+        side * (system.load - system.omega**2 * stop) for stop, side in stops if stop is not None
+    ]
+    return max([0.0, *forces])
+
+
 def _slowest_time(system: System, speed: float) -> float:
-    """Relaxation of the energy, and of the position: overdamped, or from stop to stop."""
+    """Relaxation of the energy, and of the position: overdamped, from stop to stop, or of a mass
+    that leans on one."""
     rate = system.intensity / (2.0 * speed**2)
     positions = []
     if system.omega > 0.0:
@@ -434,4 +472,7 @@ def _slowest_time(system: System, speed: float) -> float:
     if system.lower is not None and system.upper is not None:
         gap = system.upper - system.lower
         positions.append(max(gap / speed, gap**2 * rate / speed**2))
+    if pressing(system) > 0.0:
+        spread = math.sqrt(_law(system, speed).variance)
+        positions.append(max(spread / speed, spread**2 * rate / speed**2))
     return max(1.0 / rate, min(positions))
