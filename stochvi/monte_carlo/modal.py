@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stochvi.assemblies import Assembly, Contact
 from stochvi.errors import NotApplicable
-from stochvi.monte_carlo.kernels.modes import ROWS_OF_PAIR, run_modes
+from stochvi.monte_carlo.kernels.modes import MOST_SWEEPS, ROWS_OF_PAIR, run_modes
 from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.monte_carlo.modes import LinearLaw, Modes, PairScale, modes_of, scales_of
 from stochvi.monte_carlo.quantities import RATES, Key, restitutions
@@ -355,11 +355,15 @@ class ModalPlan:
         if len(modes.signals) % 2:
             state[-1] = 1.0
         state[: modes.size] += law.mean[:, None]
-        for _ in range(len(self.assembly.contacts) + 1):
+        for _ in range(MOST_SWEEPS):
+            largest = 0.0
             for gap, stops in zip(modes.gaps, self._stops, strict=True):
                 y = gap @ state[: modes.size]
                 moved = np.clip(y, stops[0, 0], stops[1, 0]) - y
                 state[: modes.size] += np.outer(gap / (gap @ gap), moved)
+                largest = max(largest, float(np.max(np.abs(moved))))
+            if len(modes.gaps) < 2 or largest == 0.0:
+                break
         return np.ascontiguousarray(state)
 
 

@@ -574,14 +574,15 @@ def _until(run: _Run, rel_error: float, budget: float | None) -> None:
         if run.fine.count < 2:
             raise NotConverged(f"budget of {budget:g} s was too short for a single block of paths")
         errors, bias = _relative_errors(run)
-        if in_time and errors <= rel_error:
-            if bias <= rel_error or refinements == MOST_REFINEMENTS:
-                if bias > rel_error:
-                    raise NotConverged(
-                        f"the step still leaves a relative bias of {bias:.2g}, asked for "
-                        f"{rel_error:g}", run.response()
-                    )  # fmt: skip
+        if errors <= rel_error:
+            if bias <= rel_error:
                 return
+            if not in_time or refinements == MOST_REFINEMENTS:
+                raise NotConverged(
+                    f"the step still leaves a relative bias of {bias:.2g}, asked for "
+                    f"{rel_error:g}; raise rel_error" + ("" if in_time else " or budget"),
+                    run.response(("the accuracy asked for was not reached",)),
+                )
             run.refine()
             refinements += 1
             continue

@@ -31,6 +31,10 @@ LANES = 1024
 MOST_BOUNCES = 1000
 """In one step; after that what lies beyond a stop is put on it, with its impulse."""
 
+MOST_SWEEPS = 1000
+"""Over all stops, to bring ends that lie beyond one of them between all: each takes about the ratio
+of the lightest mass to the heaviest off what is left."""
+
 RESTING = 1e-8
 """A rebound this much slower than what presses takes back in a step rests on the stop."""
 
@@ -323,7 +327,7 @@ def bounce(state, lane, gaps, resting, step, stops, resets, sums, stack):
                     if t < first:
                         first, w, pair, upper = t, speed, j, which
         if pair < 0:
-            return
+            break
         side = 2.0 * upper - 1.0
         stop, restitution = stops[pair, upper, 0], stops[pair, upper, 1]
         sums[pair, 3 * upper] += 1.0 if w >= stops[pair, upper, 2] else 0.0
@@ -341,6 +345,19 @@ def bounce(state, lane, gaps, resting, step, stops, resets, sums, stack):
             resting[pair, upper] = 1.0
             taken = put_on_stop(state, lane, gaps, pair, stop, side, resets)
             sums[pair, 3 * upper + 1] += taken / (1.0 + restitution)
+    # what rests on one stop may have been moved beyond another
+    for _ in range(MOST_SWEEPS):
+        moved = False
+        for j in range(pairs):
+            for which in range(2):
+                side, stop = 2.0 * which - 1.0, stops[j, which, 0]
+                if side * (gaps[j, 3] - stop) > 0.0:
+                    taken = put_on_stop(state, lane, gaps, j, stop, side, resets)
+                    sums[j, 3 * which + 1] += taken / (1.0 + stops[j, which, 1])
+                    gaps[j, 3] = stop
+                    moved = True
+        if not moved:
+            return
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
