@@ -19,14 +19,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import ifft, next_fast_len
 
 from stochvi.assemblies import Signal, assemble
+from stochvi.contacts import Law, Viscoelastic
 from stochvi.conventions import density_from_intensity
 from stochvi.errors import NotApplicable
+from stochvi.monte_carlo.compliant import _stop
+from stochvi.monte_carlo.kernels.compliant_response import CONTACT_ANGLE
+from stochvi.monte_carlo.kernels.contact import CONTACT_SUMS
 from stochvi.monte_carlo.kernels.flight import N_LOWER, SUMS
 from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.monte_carlo.kernels.response_domain import fill_spectrum, run_response
@@ -106,6 +111,11 @@ class TabulatedPlan:
     method = "response-domain synthesis"
     states = 2
     elastic = False
+
+    @property
+    def contacts(self) -> bool:
+        """Whether a stop gives way; `averages` then have CONTACT_SUMS rows."""
+        return bool(self.system.not_rigid())
 
     def step_bias(self, name: str, difference: float) -> float | None:
         """What the sampling leaves in a quantity, from its difference to half the rate: of second
@@ -200,9 +210,9 @@ class TabulatedPlan:
     def averages(
         self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Time averages (SUMS, paths) of the paths first_path, first_path + 1, ..., with positions
+        """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
         from the mean position without stops."""
-        sums = np.zeros((SUMS, paths))
+        sums = np.zeros((CONTACT_SUMS if self.contacts else SUMS, paths))
         for number in range(self.blocks_per_path):
             block_record = None
             if record is not None:
@@ -212,8 +222,9 @@ class TabulatedPlan:
                 self._free_response(seed, first_path, paths, number),
                 self.step,
                 (self.system.omega, self.system.damping_rate),
-                self._stop(self.system.lower, self.system.restitution_lower),
-                self._stop(self.system.upper, self.system.restitution_upper),
+                self._stop(self.system.lower, self.system.law_lower),
+                self._stop(self.system.upper, self.system.law_upper),
+                np.zeros((paths, 2)) if self.contacts else None,
                 self.threshold,
                 math.sqrt(self._velocity_variance),
                 self._warm_up_samples,
@@ -225,12 +236,13 @@ class TabulatedPlan:
         sums[N_LOWER:] /= self.duration
         return sums
 
-    def _stop(
-        self, position: float | None, restitution: float | None
-    ) -> tuple[float, float] | None:
-        if position is None or restitution is None:
+    def _stop(self, position: float | None, law: Law | None) -> Any:
+        """(stop, R) for a kernel that knows rigid stops alone, else (stop, kind, data)."""
+        if position is None or law is None:
             return None
-        return (position - self.rest, restitution)
+        if self.contacts:
+            return _stop(position - self.rest, law)
+        return (position - self.rest, law.restitution)
 
     @cached_property
     def _velocity_variance(self) -> float:
@@ -305,7 +317,7 @@ class TabulatedPlan:
 def plan_tabulated(scene: Scene, threshold: float | None, duration: float | None) -> TabulatedPlan:
     """Choose sampling and lengths for an oscillator with tabulated noise among its excitations."""
     system = scene.system()
-    unmet = system.not_rigid()
+    unmet = []
     if system.omega == 0.0:
         unmet.append("tabulated noise needs stiffness > 0, got 0")
     if system.damping_rate == 0.0:
