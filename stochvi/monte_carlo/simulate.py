@@ -263,7 +263,11 @@ def make_plan(
     """Choose the method that the scene's excitation calls for, its step and its lengths."""
     assembly = assemble(scene)
     single = len(assembly.coordinates) == 1 and len(assembly.contacts) <= 1
-    if assembly.tables and single:
+    coloured = any(signal.intensity > 0.0 for signal in assembly.signals)
+    noisy = coloured or bool(np.any(assembly.white))
+    # where a stop gives way, signals are tables and sines beside them
+    giving_way = bool(assembly.signals) and noisy and bool(assembly.not_rigid())
+    if single and (assembly.tables or giving_way):
         return plan_tabulated(scene, speed_threshold, duration)
     if scene.beyond_one_oscillator():
         return plan_modal(assembly, speed_threshold, duration)

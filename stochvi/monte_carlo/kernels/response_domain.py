@@ -17,8 +17,6 @@ end a row holds one sample (or one bin) of all paths, (y, y' / w0) or (real, ima
 Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
 """
 
-import math
-
 import numba
 import numpy as np
 
@@ -152,7 +150,8 @@ def run_response(
         last, of the lower and the upper stop.
     warm_up, counted : samples flown first, at the end of the period, and samples that count.
     scale : a velocity to compare the slowest impacts with.
-    sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to. record : None, or (counted, paths, 3).
+    sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
+    record : None, or (counted, paths, 3).
     """
     omega, damping_rate = structure
     column = decay(span, damping_rate, omega)
