@@ -14,7 +14,7 @@ from known import values
 from naive import held_force_with_contacts
 from scipy.integrate import solve_ivp
 from statistical import assert_agrees
-from test_compliant import BALL, BUMPER, CONTACTS, PACKAGE, RUBBER, STEEL, WALL
+from test_compliant import BALL, BUMPER, CONTACTS, PACKAGE, RUBBER, STEEL, WALL, random_stop
 from test_compliant import scene as white_scene
 from test_tabulated import AIM, SEED, TRUCK, coefficients
 
@@ -472,7 +472,36 @@ def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
     np.testing.assert_allclose(run(NUMBA_DISABLE_JIT="1"), with_compiler, rtol=1e-8, atol=1e-12)
 
 
-def test_a_mass_pressed_onto_a_very_stiff_stop_is_refused() -> None:
-    case = with_faint_table(white_scene(None, -1.0, Elastic(stiffness=1e9)))
+@pytest.mark.parametrize(
+    ("lower", "upper", "law"),
+    [
+        (None, -1.0, Elastic(stiffness=1e9)),
+        (-1.0, 1.0, Viscoelastic(stiffness=1e9, damping_ratio=3.0)),
+    ],
+    ids=["preload", "comes to rest"],
+)
+def test_a_mass_that_stays_on_a_very_stiff_stop_is_refused(lower, upper, law) -> None:
     with pytest.raises(NotApplicable, match="take a rigid stop"):
-        simulate(case)
+        simulate(with_faint_table(white_scene(lower, upper, law)))
+
+
+def test_any_interval_ends_and_gains_no_energy_from_a_stop() -> None:
+    """Free flight onto stops of any law, gaps from a micrometre on: nothing hangs or overflows."""
+    rng = np.random.default_rng(5)
+    for _ in range(400):
+        half, v = 10.0 ** rng.uniform(-6.0, 0.0), 10.0 ** rng.uniform(-3.0, 1.0)
+        laws = [random_stop(rng), random_stop(rng)]
+        stops = [_stop(side * half, law) for side, law in zip((-1.0, 1.0), laws, strict=True)]
+        # some crossings of the gap, or an interval as long as a contact
+        times = [law.impact(v, 1.0).contact_time for law in laws if not law.rigid]
+        h = float(rng.choice([*times, 10.0 * half / v]))
+        x, u = rng.uniform(-1.0, 1.0) * half, v
+        sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
+        for _ in range(3):
+            x, u = cross_contacts(
+                x, u, x + h * u, u, h, (0.0, 0.0), *stops, 0.0, v, np.zeros(5), peaks, sums
+            )
+            assert math.isfinite(x) and np.isfinite(sums).all() and np.isfinite(peaks).all()
+            # every contact may add the error of tables of any slopes
+            contacts = 1.0 + sums[N_LOWER] + sums[N_UPPER]
+            assert abs(u) <= v * (1.0 + 4.0 * KINK_ERROR * contacts)

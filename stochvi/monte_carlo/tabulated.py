@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.fft import ifft, next_fast_len
 
 from stochvi.assemblies import Signal, assemble
+from stochvi.collisions import COLLAPSE_RESTITUTION
 from stochvi.contacts import CompliantLaw, Law
 from stochvi.conventions import density_from_intensity
 from stochvi.errors import NotApplicable
@@ -84,7 +85,7 @@ MOST_DOUBLINGS = 8
 """Of the length of a block, for a table that reaches far below the resonance."""
 
 MOST_SUB_STEPS = 1000
-"""Of a contact in one sampling interval, of a mass that is pressed onto a stop and stays there."""
+"""Of a contact in one sampling interval, of a mass that stays on a stop."""
 
 LOWEST_FREQUENCY = 1e-5
 """Of white noise as a table, in natural frequencies."""
@@ -412,21 +413,24 @@ def _rate_for_gap(system: System, speed: float) -> float:
 
 
 def _too_stiff(system: System, speed: float, step: float) -> list[str]:
-    """Stops that a mass never leaves, whose contact would take too many sub-steps."""
+    """Stops that a mass stays on, as it is pressed onto them or comes to rest there between noise
+    and loss, and whose contact would take too many sub-steps."""
     found = []
     ends = ((-1.0, system.lower, system.law_lower), (1.0, system.upper, system.law_upper))
     for side, stop, law in ends:
         pressing = 0.0 if stop is None else side * (system.load - system.omega**2 * stop)
-        if not isinstance(law, CompliantLaw) or pressing <= 0.0:
+        if not isinstance(law, CompliantLaw):
+            continue
+        if pressing <= 0.0 and law.restitution > COLLAPSE_RESTITUTION:
             continue
         _, kind, data = _stop(0.0, law)
         structure = (system.omega, system.damping_rate)
-        needed = step * contact_rate(0.0, speed, pressing, structure, kind, data) / CONTACT_ANGLE
+        push = max(pressing, 0.0)
+        needed = step * contact_rate(0.0, speed, push, structure, kind, data) / CONTACT_ANGLE
         if needed > MOST_SUB_STEPS:
             found.append(
-                f"a mass that is pressed onto a stop this stiff needs {needed:.2g} sub-steps per "
-                f"sample, at most {MOST_SUB_STEPS} are made; take a rigid stop (law.kind = "
-                "'restitution')"
+                f"a mass that stays on a stop this stiff needs {needed:.2g} sub-steps per sample, "
+                f"at most {MOST_SUB_STEPS} are made; take a rigid stop (law.kind = 'restitution')"
             )
     return found
 
