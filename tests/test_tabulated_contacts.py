@@ -32,6 +32,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.contacts import Elastic, Hertz, Law, Viscoelastic
+from stochvi.estimates import QUANTITY_UNITS
 from stochvi.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.monte_carlo.compliant import CONTACT_ROWS, _stop
 from stochvi.monte_carlo.kernels.compliant_response import (
@@ -56,6 +57,7 @@ from stochvi.monte_carlo.kernels.flight import F1_LOWER, F1_UPPER, N_LOWER, N_UP
 from stochvi.monte_carlo.simulate import layout_of, make_plan
 from stochvi.monte_carlo.statistics import PathStatistics
 from stochvi.monte_carlo.tabulated import TabulatedPlan
+from stochvi.tables import QUANTITY_NAMES
 
 FAINT = TabulatedNoise(frequency_hz=[0.1, 0.2], density=[1e-12, 1e-12], unit="N2/Hz")
 """Sends a scene to the engine for tables, and shakes nothing."""
@@ -440,6 +442,10 @@ def test_digits_depend_neither_on_blocks_nor_on_threads() -> None:
     assert np.array_equal(whole, np.concatenate(parts, axis=1))
     one, two = (simulate(scene, paths=96, duration=5.0, seed=2, threads=n) for n in (1, 2))
     assert one.estimates() == two.estimates()
+
+
+def test_every_quantity_has_a_name_to_be_printed_by() -> None:
+    assert set(QUANTITY_NAMES) == set(QUANTITY_UNITS)
 
 
 def test_a_path_may_be_recorded() -> None:
