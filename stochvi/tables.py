@@ -33,6 +33,9 @@ QUANTITY_NAMES = {
     "impact_speed_rate": "F1, sum of w per s",
     "impact_speed_square_rate": "F2, sum of w^2 per s",
     "peak_force": "peak force",
+    "contact_probability": "share of time in contact",
+    "contact_force_lower": "mean force, lower stop",
+    "contact_force_upper": "mean force, upper stop",
 }
 """Short names for people; w is the speed of an impact, rms is about the mean."""
 

@@ -21,7 +21,7 @@ from stochvi.closed_form import displacement_density, exact
 from stochvi.contacts import Elastic, ForceTable, Hertz, Law, Restitution, Viscoelastic
 from stochvi.errors import NoExactSolution, NotApplicable, SceneError
 from stochvi.estimates import Estimate
-from stochvi.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
+from stochvi.excitations import ConstantLoad, WhiteNoise
 from stochvi.identities import residuals
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo.compliant import CONTACT_ROWS, CompliantPlan, _stop, plan_compliant
@@ -40,7 +40,6 @@ from stochvi.monte_carlo.kernels.contact import (
 )
 from stochvi.monte_carlo.kernels.flight import F1_UPPER, N_LOWER, N_UPPER
 from stochvi.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.monte_carlo.tabulated import plan_tabulated
 from stochvi.monte_carlo.white import WhitePlan, plan_white
 from stochvi.scenes import ImpactPair, Scene, System
 from stochvi.structures import Isolator, Oscillator
@@ -527,10 +526,6 @@ def test_methods_for_rigid_stops_refuse_the_others() -> None:
         assert ["elastic' at the lower" in found[0], "upper" in found[1]] == [True, True]
     with pytest.raises(NoExactSolution, match="lose no energy, got 'viscoelastic' at the upper"):
         exact(case)
-    table = TabulatedNoise(frequency_hz=[1.0, 2.0], density=[1.0, 1.0], unit="N2/Hz")
-    shaken = Scene(structure=case.structure, impact_pairs=case.impact_pairs, excitations=[table])
-    with pytest.raises(NotApplicable, match="stops must be rigid"):
-        plan_tabulated(shaken, None, None)
 
 
 @pytest.mark.parametrize(

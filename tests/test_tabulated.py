@@ -12,7 +12,7 @@ from test_monte_carlo import TRUCK, isolator
 from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, screen
 from stochvi.datasets import profiles
 from stochvi.monte_carlo.kernels.flight import F1_LOWER, F1_UPPER, F2_UPPER, N_LOWER, VV, XX, X
-from stochvi.monte_carlo.kernels.response_domain import first_upward_root
+from stochvi.monte_carlo.kernels.intervals import first_upward_root
 from stochvi.monte_carlo.simulate import make_plan
 from stochvi.monte_carlo.tabulated import (
     BIN_ERROR,

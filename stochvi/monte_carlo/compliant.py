@@ -70,6 +70,7 @@ class CompliantPlan(WhitePlan):
     """Steps, start and lengths where a stop gives way; its `averages` have CONTACT_SUMS rows."""
 
     rows = CONTACT_SUMS
+    contacts = True
     _kernel = staticmethod(run_contacts)
 
     def _kernel_constants(self) -> tuple[Any, ...]:

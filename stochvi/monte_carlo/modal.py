@@ -75,6 +75,7 @@ class ModalPlan:
     speed_threshold: float | None
 
     method = "kick-flow-kick in modal coordinates"
+    contacts = False
 
     @property
     def elastic(self) -> bool:

@@ -18,7 +18,7 @@ from stochvi.collisions import COLLAPSE_RESTITUTION, upper_limit_unseen
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.identities import residuals
-from stochvi.monte_carlo.compliant import CONTACT_ROWS, CompliantPlan, plan_compliant
+from stochvi.monte_carlo.compliant import CONTACT_ROWS, plan_compliant
 from stochvi.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.monte_carlo.quantities import (
     CONTACT_QUANTITIES,
@@ -263,7 +263,11 @@ def make_plan(
     """Choose the method that the scene's excitation calls for, its step and its lengths."""
     assembly = assemble(scene)
     single = len(assembly.coordinates) == 1 and len(assembly.contacts) <= 1
-    if assembly.tables and single:
+    coloured = any(signal.intensity > 0.0 for signal in assembly.signals)
+    noisy = coloured or bool(np.any(assembly.white))
+    # where a stop gives way, signals are tables and sines beside them
+    giving_way = bool(assembly.signals) and noisy and bool(assembly.not_rigid())
+    if single and (assembly.tables or giving_way):
         return plan_tabulated(scene, speed_threshold, duration)
     if scene.beyond_one_oscillator():
         return plan_modal(assembly, speed_threshold, duration)
@@ -284,7 +288,7 @@ def layout_of(scene: Scene, plan: Plan) -> Layout:
     pair = scene.impact_pairs[0].name if scene.impact_pairs else ""
     rows = [("x", "x"), ("x", "xx"), ("x", "vv")]
     rows += [(pair, f"{sum_}_{side}") for side in ("lower", "upper") for sum_ in ("n", "f1", "f2")]
-    if isinstance(plan, CompliantPlan):
+    if plan.contacts:
         rows += [(pair, name) for name in CONTACT_ROWS]
     return Layout(rows=tuple(rows), origins={"x": plan.origin}, thresholds={pair: plan.threshold})
 
@@ -479,7 +483,7 @@ class _Run:
         )
         threshold = self.layout.thresholds[contact.name]
         found |= dict.fromkeys(CONTACT_QUANTITIES)
-        if hit and isinstance(self.plan, CompliantPlan):
+        if hit and self.plan.contacts:
             for name, quantity in of_compliant_pair(contact).items():
                 found[name] = self.estimate(quantity, name)
         return found | {"speed_threshold": threshold}

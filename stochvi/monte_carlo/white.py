@@ -85,6 +85,7 @@ class WhitePlan:
     slow_impacts: bool = False
 
     rows = SUMS
+    contacts = False
     states = 2
     _kernel = staticmethod(run_white)
 

@@ -37,8 +37,8 @@ from stochvi.monte_carlo.kernels.flight import (
     X,
     add_moments,
 )
+from stochvi.monte_carlo.kernels.intervals import decay
 from stochvi.monte_carlo.kernels.random_numbers import normal_pairs
-from stochvi.monte_carlo.kernels.response_domain import decay
 
 RIGID, PIECES, DAMPED, HERTZ = range(4)
 """Kinds of stop. A stop is (position, kind, data): data holds (R,), the rows (y_k, f_k, s_k) of

@@ -1,4 +1,4 @@
-"""Rigid stops under tabulated noise: the response without stops is given, impacts are added.
+"""Stops under tabulated noise: the response without stops is given, impacts are added.
 
 Between impacts the structure is linear, so x = y + e with y the stationary response without
 stops, synthesised from its own spectrum, and e a free decay that every impact kicks:
@@ -7,7 +7,8 @@ stops, synthesised from its own spectrum, and e a free decay that every impact k
 
 Only y and y' at the samples enter. Within a sampling interval x is the cubic through the end
 values and slopes (error of fourth order); an impact takes the first upward root of x - u, and
-changes the end of the interval by -(1 + R) w times the second column of A(remaining time).
+changes the end of the interval by -(1 + R) w times the second column of A(remaining time). Where a
+stop gives way, `compliant_response` takes the interval instead.
 
 All paths move together from sample to sample: a loop without branches flies those that stay
 clear of the stops, which most do, and marks the others, which are then taken one by one. To that
@@ -16,104 +17,21 @@ end a row holds one sample (or one bin) of all paths, (y, y' / w0) or (real, ima
 Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
 """
 
-import math
-
 import numba
 import numpy as np
 
+from stochvi.monte_carlo.kernels.compliant_response import cross_contacts
 from stochvi.monte_carlo.kernels.flight import (
     N_LOWER,
     N_UPPER,
-    SUMS,
     VV,
     XX,
     X,
     add_moments,
     take_several,
 )
+from stochvi.monte_carlo.kernels.intervals import MOST_BOUNCES, RESTING, decay, time_to_stop
 from stochvi.monte_carlo.kernels.random_numbers import normal_pairs
-
-MOST_BOUNCES = 200
-"""In one sampling interval; after that the mass rests on the stop until the next sample."""
-
-RESTING = 1e-9
-"""An impact this much slower than the velocity scale rests on the stop."""
-
-
-@numba.njit(cache=True, error_model="numpy")
-def decay(t, damping_rate, omega):
-    """Second column of A(t): displacement and velocity after a unit velocity at t = 0."""
-    half = 0.5 * damping_rate
-    square = (omega - half) * (omega + half)
-    root = math.sqrt(abs(square))
-    if root * t < 1e-8:
-        shape, slope = t, 1.0
-    elif square > 0.0:
-        shape, slope = math.sin(root * t) / root, math.cos(root * t)
-    else:
-        # written so that neither exponential overflows for strong damping
-        fast, slow = math.exp(-2.0 * root * t), math.exp((root - half) * t)
-        return (
-            slow * (1.0 - fast) / (2.0 * root),
-            slow * ((1.0 + fast) / 2.0 - half * (1.0 - fast) / (2.0 * root)),
-        )
-    envelope = math.exp(-half * t)
-    return envelope * shape, envelope * (slope - half * shape)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def first_upward_root(c0, c1, c2, c3):
-    """First s in (0, 1] where c0 + c1 s + c2 s^2 + c3 s^3 passes 0 upwards, or 2 for none.
-
-    The cubic starts at or below 0. Its pieces between extrema are monotone, so each holds at
-    most one root, which bisection cannot miss and Newton sharpens.
-    """
-    extrema = (2.0, 2.0)
-    discriminant = c2 * c2 - 3.0 * c1 * c3
-    if discriminant > 0.0:
-        q = -(c2 + math.copysign(math.sqrt(discriminant), c2))
-        first = q / (3.0 * c3) if c3 != 0.0 else 2.0
-        second = c1 / q if q != 0.0 else 2.0
-        extrema = (min(first, second), max(first, second))
-    left, left_value = 0.0, min(c0, 0.0)
-    for piece in range(3):
-        right = 1.0 if piece == 2 else extrema[piece]
-        if not (left < right <= 1.0):
-            continue
-        right_value = c0 + right * (c1 + right * (c2 + right * c3))
-        if left_value <= 0.0 and right_value > 0.0:
-            low, high = left, right
-            s = left - left_value * (right - left) / (right_value - left_value)
-            for _ in range(60):
-                value = c0 + s * (c1 + s * (c2 + s * c3))
-                if value > 0.0:
-                    high = s
-                else:
-                    low = s
-                slope = c1 + s * (2.0 * c2 + s * 3.0 * c3)
-                step = s - value / slope if slope != 0.0 else -1.0
-                # the ends are allowed: at the root Newton's step may round to nothing
-                following = step if low <= step <= high else 0.5 * (low + high)
-                if abs(following - s) <= 1e-15 or high - low <= 1e-15:
-                    break
-                s = following
-            return s
-        left, left_value = right, right_value
-    return 2.0
-
-
-@numba.njit(cache=True, error_model="numpy")
-def time_to_stop(x0, v0, x1, v1, span, stop):
-    """Fraction of the interval until x passes `stop` upwards, and the speed there."""
-    top = max(max(x0 + v0 * span / 3.0, x1 - v1 * span / 3.0), max(x0, x1))
-    if top <= stop:  # the cubic lies in the hull of its four control points
-        return 2.0, 0.0
-    rise = x1 - x0
-    c1 = v0 * span
-    c2 = 3.0 * rise - (2.0 * v0 + v1) * span
-    c3 = (v0 + v1) * span - 2.0 * rise
-    s = first_upward_root(x0 - stop, c1, c2, c3)
-    return s, max((c1 + s * (2.0 * c2 + s * 3.0 * c3)) / span, 0.0)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -124,12 +42,12 @@ def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, sums)
         s, w, position, restitution, side = 2.0, 0.0, 0.0, 0.0, 1.0
         if upper is not None:
             s, w = time_to_stop(x0, v0, x1, v1, span, upper[0])
-            position, restitution = upper
+            position, restitution = upper[0], upper[1]
         if lower is not None:
             t, below = time_to_stop(-x0, -v0, -x1, -v1, span, -lower[0])
             if t < s:
                 s, w, side = t, below, -1.0
-                position, restitution = lower
+                position, restitution = lower[0], lower[1]
         if s > 1.0:
             return x1, v1
         if w <= RESTING * scale or bounces == MOST_BOUNCES:
@@ -217,17 +135,22 @@ def advance(y, x, v, e, rate, near, structure, column, span, lower, upper):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_response(
-    free, span, structure, lower, upper, threshold, scale, warm_up, counted, sums, record
+    free, span, structure, lower, upper, peaks, threshold, scale, warm_up, counted, sums, record
 ):
     """Add impacts to `free` responses, each periodic in time; sums of `counted` samples to `sums`.
 
     Parameters
     ----------
     free : (samples, 2 paths), y and y' / w0 of each path in turn, at equal intervals `span`.
-    structure : (w0, b). lower, upper : None, or (stop, R) from the mean position.
+    structure : (w0, b).
+    lower, upper : None, or (stop, R) from the mean position; with `peaks`, (stop, kind, data) as
+        in `contact`.
+    peaks : None, or (paths, 2) where a stop gives way: the largest forces so far of contacts that
+        last, of the lower and the upper stop.
     warm_up, counted : samples flown first, at the end of the period, and samples that count.
     scale : a velocity to compare the slowest impacts with.
-    sums : (SUMS, paths), added to. record : None, or (counted, paths, 3).
+    sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
+    record : None, or (counted, paths, 3).
     """
     omega, damping_rate = structure
     column = decay(span, damping_rate, omega)
@@ -235,7 +158,7 @@ def run_response(
     e, rate, near = np.zeros(paths), np.zeros(paths), np.zeros(paths)
     previous = samples - warm_up - 1
     x, v = free[previous, 0::2].copy(), omega * free[previous, 1::2]
-    local, several = np.zeros((SUMS, paths)), np.zeros(SUMS)
+    local, several, tally = np.zeros_like(sums), np.zeros(sums.shape[0]), np.zeros(5)
     for step in range(-warm_up, counted):
         y = free[step if step >= 0 else samples + step]
         marked = advance(y, x, v, e, rate, near, structure, column, span, lower, upper)
@@ -243,10 +166,16 @@ def run_response(
             if near[i] != 0.0:
                 several[:] = 0.0
                 y0, y1 = y[2 * i], omega * y[2 * i + 1]
-                x[i], v[i] = cross(
-                    x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
-                    threshold, scale, several,
-                )  # fmt: skip
+                if peaks is None:
+                    x[i], v[i] = cross(
+                        x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
+                        threshold, scale, several,
+                    )  # fmt: skip
+                else:
+                    x[i], v[i] = cross_contacts(
+                        x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
+                        threshold, scale, tally, peaks[i], several,
+                    )  # fmt: skip
                 e[i], rate[i] = x[i] - y0, v[i] - y1
                 if step >= 0:
                     take_several(several, True, local, record, step, 0, i)
