@@ -118,6 +118,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("stochvi")
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'stochvi' has no attribute {name!r}")
     return getattr(importlib.import_module(f"stochvi.{_MODULE_OF[name]}"), name)

@@ -20,15 +20,10 @@ from stochvi.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.estimates import Estimate, Response, provenance
 from stochvi.galerkin import fokker_planck
 from stochvi.monte_carlo.modal import ModalPlan
+from stochvi.monte_carlo.plans import Plan, layout_of, make_plan
 from stochvi.monte_carlo.quantities import RATES, Key, Means, Quantity, governed, of_coordinate
-from stochvi.monte_carlo.simulate import (
-    FEWEST_PATHS,
-    Plan,
-    Progress,
-    _check_arguments,
-    layout_of,
-    make_plan,
-)
+from stochvi.monte_carlo.runs import FEWEST_PATHS, Progress
+from stochvi.monte_carlo.simulate import check_arguments
 from stochvi.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.monte_carlo.white import LARGEST_ANGLE
 from stochvi.scenes import Scene
@@ -327,7 +322,7 @@ def cost(
     >>> [round(step, 3) for step in found.steps], found.reference
     ([0.8, 0.4], 'exact')
     """
-    _check_arguments(None, paths, None, seed, None, budget, threads)
+    check_arguments(None, paths, None, seed, None, budget, threads)
     if paths is not None and paths < FEWEST_PATHS:
         raise ValueError(
             f"paths must be at least {FEWEST_PATHS} for honest standard errors, got {paths}"

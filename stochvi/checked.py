@@ -43,7 +43,10 @@ class Checked(BaseModel):
         frozen=True, extra="forbid", populate_by_name=True, hide_input_in_errors=True
     )
 
-    def __init__(self, **data: Any) -> None:
+    def __init__(self, *args: Any, **data: Any) -> None:
+        if args:
+            known = ", ".join(f"{name}=..." for name in type(self).model_fields if name != "kind")
+            raise TypeError(f"{type(self).__name__} takes keywords only: {known}")
         try:
             super().__init__(**data)
         except ValidationError as error:

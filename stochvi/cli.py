@@ -30,7 +30,8 @@ zeta = 0.1
 # mass = 2.5                 # kg; needed if a force acts on the mass
 # or: mass (kg), damping (N s/m) and stiffness (N/m)
 # several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],
-# damping = .., stiffness = ..; then say on = or between = in every entry below
+# damping = .., stiffness = ..; then say on = or between = in every entry below, on = "base" for
+# an acceleration of the base
 
 [[impact_pair]]              # leave the section out for no stops
 lower = -0.004               # m from the position of the unloaded spring; leave out for none
@@ -48,7 +49,8 @@ level_db = 0.0
 # or: file = "my.csv" (two columns), or frequency_hz = [..] and density = [..], with a unit:
 # unit = "g2/Hz"             # "g2/Hz", "(m/s2)2/Hz" or "N2/Hz"; one-sided per hertz
 # white: intensity = S0 (two-sided, SI), or density = .. with unit = ..
-# filtered: the same with frequency_hz and zeta of the resonance that white noise passes
+# filtered: the same, of the white noise before it passes a resonance of frequency_hz and zeta
+# (which raises a density to its 1 / (4 zeta^2)-fold at the peak)
 # sine: amplitude (N, or m/s^2 of the base) and frequency_hz
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
 """

@@ -15,7 +15,7 @@ from stochvi.estimates import Estimate, Response
 from stochvi.galerkin import fokker_planck
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo import simulate
-from stochvi.monte_carlo.simulate import Progress
+from stochvi.monte_carlo.runs import Progress
 from stochvi.scenes import Scene
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ FAMILY_ALARM_RATE = 0.003
 """Chance that a check of methods which all agree raises any alarm."""
 
 BALANCE = "balance"
+
+STOPPED_EARLY = "simulate stopped early"
 
 AGREES, DISAGREES, APPROXIMATE, TOO_RARE = "agrees", "DISAGREES", "approximate", "too rare"
 BIAS_UNKNOWN = "bias unknown"
@@ -65,9 +67,14 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether something was judged, and nothing that claims to be right disagrees."""
+        """Whether something was judged as sharply as asked for, and nothing disagrees."""
         verdicts = {row.verdict for row in self.comparisons}
-        return AGREES in verdicts and DISAGREES not in verdicts
+        return AGREES in verdicts and DISAGREES not in verdicts and not self.stopped_early
+
+    @property
+    def stopped_early(self) -> bool:
+        """Whether the simulation fell short of the accuracy asked for."""
+        return any(reason.startswith(STOPPED_EARLY) for reason in self.left_out)
 
     def summary(self) -> str:
         """The verdict in a sentence."""
@@ -164,7 +171,7 @@ def check(
     except NotApplicable as reason:
         left_out.append(str(reason))
     except NotConverged as reason:
-        left_out.append(f"simulate stopped early: {reason}")
+        left_out.append(f"{STOPPED_EARLY}, judged by what it reached: {reason}")
         if reason.response is not None:
             simulated.append(reason.response)
     responses += [*_solved(scene, SHARPER * rel_error, simulated, left_out), *simulated]

@@ -70,13 +70,13 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
     try:
         linearise(scene)
     except (NotApplicable, NotConverged) as reason:
-        methods["linearise"] = str(reason)
+        methods["linearise"] = _conditions(reason)
     simulation = None
     try:
         simulation = prospect(scene, threads=threads)
         methods["simulate"] = APPLIES
     except NotApplicable as reason:
-        methods["simulate"] = str(reason)
+        methods["simulate"] = _conditions(reason)
     return Explanation(
         effects=effects,
         absent=tuple(
@@ -87,3 +87,8 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         notes=() if scene.beyond_one_oscillator() else tuple(scene_notes(scene.system())),
         simulation=simulation,
     )
+
+
+def _conditions(reason: NotApplicable | NotConverged) -> str:
+    """Why a method does not answer, without its name, which stands before it."""
+    return str(reason).split(" does not apply: ", 1)[-1].rstrip(".")

@@ -16,7 +16,7 @@ from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Estimate
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo import simulate
-from stochvi.monte_carlo.simulate import Progress
+from stochvi.monte_carlo.runs import Progress
 from stochvi.notes import scene_notes
 from stochvi.scenes import ImpactPair, Scene
 from stochvi.spectra import LinearMoments, Table, response_moments
@@ -172,7 +172,7 @@ def clearance_curve(
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
     if any(not 0.0 < clearance < math.inf for clearance in clearances):
-        raise ValueError(f"clearances must be positive lengths in metres, got {list(clearances)}")
+        raise ValueError(f"clearances must be positive, got {list(clearances)} m")
     linear = screen(scene)
     rows = []
     for number, clearance in enumerate(clearances):

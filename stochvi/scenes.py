@@ -177,7 +177,7 @@ class Scene(Checked):
         for index, pair in enumerate(self.impact_pairs):
             sentence = self._misplaced(pair)
             if names.index(pair.name) < index:
-                sentence = f"needs a name of its own, got {pair.name!r} again"
+                sentence = f"needs a name of its own (name = ...), got {pair.name!r} again"
             if sentence:
                 problems.append((f"impact_pair.{index}", sentence))
         for index, excitation in enumerate(self.excitations):
@@ -263,7 +263,7 @@ class Scene(Checked):
                 f"got {self.structure.kind!r}"
             )
         if not where:
-            return f"needs on, one of {_one_of((*known, BASE))}, got none"
+            return f"needs on = {_one_of((*known, BASE))} to say where it acts, got none"
         if where != BASE and where not in known:
             return f"must act on {_one_of((*known, BASE))}, got on = {where!r}"
         if where != BASE and self.structure.mass is None:

@@ -145,17 +145,28 @@ class Matrices(Checked):
         for name in ("mass", "damping", "stiffness"):
             rows = getattr(self, name)
             if len(rows) != count or any(len(row) != count for row in rows):
+                shape = " and ".join(str(len(row)) for row in rows)
                 raise ValueError(
-                    f"needs {name} with {count} rows and columns, one for each coordinate"
+                    f"needs {name} with {count} rows and columns, one for each coordinate, got "
+                    f"{len(rows)} rows of {shape}"
                 )
             matrix = np.array(rows)
             if not np.allclose(matrix, matrix.T, rtol=SYMMETRY, atol=0.0):
-                raise ValueError(f"needs a symmetric matrix {name}")
+                i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), matrix.shape)
+                raise ValueError(
+                    f"needs a symmetric matrix {name}, got {matrix[i, j]:g} in row {i + 1}, column "
+                    f"{j + 1} and {matrix[j, i]:g} in row {j + 1}, column {i + 1}"
+                )
             smallest = _smallest_eigenvalue(matrix)
             if smallest < -SYMMETRY:
-                raise ValueError(f"has the matrix {name} with a negative eigenvalue")
+                raise ValueError(
+                    f"needs a matrix {name} without negative eigenvalues (a spring or damper that "
+                    "pushes); a zero on its diagonal needs zeros in its row"
+                )
             if name == "mass" and smallest <= SYMMETRY:
-                raise ValueError("needs a positive definite matrix mass")
+                raise ValueError(
+                    "needs a positive definite matrix mass: every coordinate needs a mass above 0"
+                )
         return self
 
     @property

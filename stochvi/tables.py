@@ -39,6 +39,9 @@ QUANTITY_NAMES = {
 }
 """Short names for people; w is the speed of an impact, rms is about the mean."""
 
+NOISE = 4.0
+"""Standard errors below which a number may be nothing but noise."""
+
 NEGLIGIBLE = 1e-12
 """Means below this share of the standard deviation are rounding, and shown as 0."""
 
@@ -54,7 +57,7 @@ def print_response(console: Console, response: Response) -> None:
             _value(estimate, deviation if name == "displacement_mean" else 0.0),
             QUANTITY_UNITS[name],
             _relative(estimate.standard_error, estimate),
-            "unknown" if estimate.bias is None else _relative(estimate.bias, estimate),
+            "unknown" if estimate.bias is None else _relative_bias(estimate),
         )
     console.print(table)
     balances = [
@@ -370,6 +373,13 @@ def _relative(error: float, estimate: Estimate) -> str:
         return "0"
     ratio = error / abs(estimate.value) if estimate.value else float("inf")
     return f"{ratio:.1e}" if ratio < 1.0 else "-"
+
+
+def _relative_bias(estimate: Estimate) -> str:
+    """Not of what is itself no more than its error, as is a mean that vanishes."""
+    if 0.0 < abs(estimate.value) < NOISE * estimate.standard_error:
+        return "-"
+    return _relative(estimate.bias or 0.0, estimate)
 
 
 def _cell(value: object, form: str) -> str:

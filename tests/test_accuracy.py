@@ -24,8 +24,8 @@ from stochvi.accuracy import (
     step_order,
 )
 from stochvi.datasets import shipped_scene
+from stochvi.monte_carlo.plans import make_plan
 from stochvi.monte_carlo.quantities import GOVERNED
-from stochvi.monte_carlo.simulate import make_plan
 
 ELASTIC = oscillator(-1.0, 1.0, 1.0)
 LOSSY = oscillator(-1.0, 1.0, 0.5)

@@ -21,7 +21,7 @@ from stochvi import NotApplicable, Response, Scene, SceneError, exact, record_pa
 from stochvi.collisions import COLLAPSE_RESTITUTION, corner_exponent, upper_limit_unseen
 from stochvi.monte_carlo.kernels.flight import SUMS, run_white
 from stochvi.monte_carlo.modal import ModalPlan
-from stochvi.monte_carlo.simulate import make_plan
+from stochvi.monte_carlo.plans import make_plan
 from stochvi.monte_carlo.white import ENOUGH_STEPS, WhitePlan, _flow
 
 

@@ -31,8 +31,8 @@ from stochvi import (
 from stochvi.assemblies import assemble
 from stochvi.identities import residuals
 from stochvi.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.monte_carlo.plans import layout_of, make_plan
 from stochvi.monte_carlo.quantities import of_pair, speed_mean
-from stochvi.monte_carlo.simulate import layout_of, make_plan
 from stochvi.monte_carlo.statistics import PathStatistics
 
 QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
@@ -120,7 +120,7 @@ def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
         "import numpy as np; np.seterr(over='ignore')\n"
         "from known import oscillator\n"
         "from test_monte_carlo import isolator\n"
-        "from stochvi.monte_carlo.simulate import make_plan\n"
+        "from stochvi.monte_carlo.plans import make_plan\n"
         "scenes = oscillator(-1.0, 1.0, 0.5), oscillator(-0.04, 0.05, 0.9), isolator(0.002)\n"
         "for scene in scenes:\n"
         "    plan = make_plan(scene, None, 2.0)\n"

@@ -13,7 +13,7 @@ from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, sc
 from stochvi.datasets import profiles
 from stochvi.monte_carlo.kernels.flight import F1_LOWER, F1_UPPER, F2_UPPER, N_LOWER, VV, XX, X
 from stochvi.monte_carlo.kernels.intervals import first_upward_root
-from stochvi.monte_carlo.simulate import make_plan
+from stochvi.monte_carlo.plans import make_plan
 from stochvi.monte_carlo.tabulated import (
     BIN_ERROR,
     FOLD_FROM,

@@ -54,7 +54,7 @@ from stochvi.monte_carlo.kernels.contact import (
     TIME,
 )
 from stochvi.monte_carlo.kernels.flight import F1_LOWER, F1_UPPER, N_LOWER, N_UPPER, VV, XX, X
-from stochvi.monte_carlo.simulate import layout_of, make_plan
+from stochvi.monte_carlo.plans import layout_of, make_plan
 from stochvi.monte_carlo.statistics import PathStatistics
 from stochvi.monte_carlo.tabulated import TabulatedPlan
 from stochvi.tables import QUANTITY_NAMES

@@ -372,10 +372,8 @@ def plan_modal(assembly: Assembly, threshold: float | None, duration: float | No
     """Choose step, burn-in and length for a scene of any structure."""
     unmet = assembly.not_rigid()
     if assembly.tables:
-        unmet.append(
-            "tabulated noise must be alone, on one oscillator with at most one impact pair"
-        )
-    if not np.any(assembly.white) and not assembly.signals:
+        unmet.append("tabulated noise is simulated on one oscillator with at most one impact pair")
+    elif not np.any(assembly.white) and not assembly.signals:
         unmet.append("excitation must contain noise or a sine, got a constant load alone")
     if unmet:
         raise NotApplicable("simulate", unmet)

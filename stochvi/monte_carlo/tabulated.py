@@ -31,7 +31,7 @@ from scipy.fft import ifft, next_fast_len
 from stochvi.assemblies import Signal, assemble
 from stochvi.collisions import COLLAPSE_RESTITUTION
 from stochvi.contacts import CompliantLaw, Law
-from stochvi.conventions import density_from_intensity
+from stochvi.conventions import density_from_intensity, intensity_from_density
 from stochvi.errors import NotApplicable
 from stochvi.monte_carlo.compliant import _stop
 from stochvi.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
@@ -198,11 +198,15 @@ class TabulatedPlan:
     def with_step(self, step: float) -> TabulatedPlan:
         """Paths at a chosen sampling interval, s."""
         samples = _even_fast_length(self.block_length / step)
-        system = self.system
+        system, beyond = self.system, self.beyond
+        if beyond:  # white noise has no end: its table, the last one, goes as far as samples do
+            flat = _longer(system.tables[-1], 0.5 * samples / self.block_length)
+            system = system._replace(tables=(*system.tables[:-1], flat))
+            beyond = _white_beyond(flat, system)
         bins, _ = _bin_variances(
             system.tables, system.omega, system.damping_rate, self.block_length, samples // 2
         )
-        return replace(self, samples=samples, bins=bins)
+        return replace(self, system=system, beyond=beyond, samples=samples, bins=bins)
 
     def shortest(self) -> TabulatedPlan:
         """A block of few samples: enough to have the kernels compiled."""
@@ -458,9 +462,21 @@ def _as_tables(
             density=np.full(2, density_from_intensity(system.intensity)),
         )
         tables.append(flat)
-        theta = system.intensity / (2.0 * b)
-        beyond = max(theta - response_moments([flat], omega, b).velocity, 0.0)
+        beyond = _white_beyond(flat, system)
     return system._replace(tables=tuple(tables), intensity=0.0), beyond, tuple(waves)
+
+
+def _longer(flat: Table, highest: float) -> Table:
+    """The table of white noise, up to `highest` hertz if that is more."""
+    low, high = flat.frequency_hz
+    return Table(frequency_hz=np.array([low, max(high, highest)]), density=flat.density)
+
+
+def _white_beyond(flat: Table, system: System) -> float:
+    """Velocity variance by white noise above its table: S0 / 2b less what the table brings."""
+    omega, b = system.omega, system.damping_rate
+    theta = intensity_from_density(float(flat.density[0])) / (2.0 * b)
+    return max(theta - response_moments([flat], omega, b).velocity, 0.0)
 
 
 def _filtered(signal: Signal, omega: float) -> Table:

@@ -1,0 +1,59 @@
+"""Which plan a scene calls for, and what its averages are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stochvi.assemblies import assemble
+from stochvi.errors import NotApplicable
+from stochvi.monte_carlo.compliant import CONTACT_ROWS, plan_compliant
+from stochvi.monte_carlo.modal import ModalPlan, plan_modal
+from stochvi.monte_carlo.statistics import Layout
+from stochvi.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
+from stochvi.monte_carlo.white import WhitePlan, plan_white
+from stochvi.scenes import Scene
+
+Plan = WhitePlan | TabulatedPlan | ModalPlan
+
+
+def make_plan(
+    scene: Scene,
+    speed_threshold: float | None,
+    duration: float | None,
+    slow_impacts: bool = False,
+) -> Plan:
+    """Choose the method that the scene's excitation calls for, its step and its lengths."""
+    assembly = assemble(scene)
+    single = len(assembly.coordinates) == 1 and len(assembly.contacts) <= 1
+    coloured = any(signal.intensity > 0.0 for signal in assembly.signals)
+    noisy = coloured or bool(np.any(assembly.white))
+    # where a stop gives way, signals are tables and sines beside them
+    giving_way = bool(assembly.signals) and noisy and bool(assembly.not_rigid())
+    if single and (assembly.tables or giving_way):
+        return plan_tabulated(scene, speed_threshold, duration)
+    if scene.beyond_one_oscillator():
+        if slow_impacts:
+            raise NotApplicable(
+                "slow_impacts", ["steps near stops are refined for one oscillator only"]
+            )
+        return plan_modal(assembly, speed_threshold, duration)
+    system = scene.system()
+    if system.intensity == 0.0:
+        raise NotApplicable(
+            "simulate", ["excitation must contain noise, got a constant load alone"]
+        )
+    if system.not_rigid():
+        return plan_compliant(system, speed_threshold, duration, slow_impacts)
+    return plan_white(system, speed_threshold, duration, slow_impacts)
+
+
+def layout_of(scene: Scene, plan: Plan) -> Layout:
+    """What the averages of a plan are."""
+    if isinstance(plan, ModalPlan):
+        return plan.layout
+    pair = scene.impact_pairs[0].name if scene.impact_pairs else ""
+    rows = [("x", "x"), ("x", "xx"), ("x", "vv")]
+    rows += [(pair, f"{sum_}_{side}") for side in ("lower", "upper") for sum_ in ("n", "f1", "f2")]
+    if plan.contacts:
+        rows += [(pair, name) for name in CONTACT_ROWS]
+    return Layout(rows=tuple(rows), origins={"x": plan.origin}, thresholds={pair: plan.threshold})
