@@ -45,11 +45,12 @@ def step_covariance(generator: Matrix, noise: Matrix, step: float) -> Matrix:
     doublings = max(0, int(np.ceil(np.log2(norm / DOUBLINGS_FROM)))) if norm > 0.0 else 0
     short = step / 2.0**doublings
     block = np.zeros((2 * size, 2 * size))
-    block[:size, :size], block[:size, size:] = -generator, noise
+    scale = float(np.max(np.abs(noise))) or 1.0  # noise of any unit, beside rates
+    block[:size, :size], block[:size, size:] = -generator, noise / scale
     block[size:, size:] = generator.T
     grown = expm(block * short)
     forward = grown[size:, size:].T
-    covariance = forward @ grown[:size, size:]
+    covariance = scale * (forward @ grown[:size, size:])
     for _ in range(doublings):
         covariance = covariance + forward @ covariance @ forward.T
         forward = forward @ forward
@@ -69,15 +70,17 @@ def stationary_covariance(generator: Matrix, noise: Matrix) -> Matrix:
 
 
 def square_root(covariance: Matrix, tolerance: float) -> Matrix:
-    """Columns L with L L' equal to a covariance, without what is below `tolerance` of its largest
-    eigenvalue; the columns are as many as there are independent noises.
+    """Columns L with L L' equal to a covariance, without what is below `tolerance` of the largest
+    eigenvalue of the correlations; the columns are as many as there are independent noises.
 
     >>> square_root(np.diag([4.0, 0.0]), 1e-12)
     array([[2.],
            [0.]])
     """
-    values, vectors = np.linalg.eigh(covariance)
+    own = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    size = np.where(own > 0.0, own, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     kept = values > tolerance * max(float(values[-1]), 0.0)
     signs = np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(len(vectors))])
-    columns: Matrix = (vectors * signs * np.sqrt(np.maximum(values, 0.0)))[:, kept]
+    columns: Matrix = size[:, None] * (vectors * signs * np.sqrt(np.maximum(values, 0.0)))[:, kept]
     return columns[:, ::-1]

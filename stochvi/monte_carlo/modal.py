@@ -44,6 +44,12 @@ LONGEST_FLOW = 2.0
 """Norm of the generator times a step up to which the series converges and quintics find impacts:
 errors below (omega h)^6 / 46080 of an amplitude."""
 
+FEWEST_LANES = 32
+"""Of a block: with fewer, a step costs hardly less."""
+
+MOST_MODAL_STEPS = MOST_STEPS / 4.0
+"""Of one path, each of which takes longer than that of one oscillator."""
+
 LYING = 16.0
 """Cost of a step of a mass that lies on a stop, in steps of one that flies."""
 
@@ -122,7 +128,7 @@ class ModalPlan:
         """Paths to a block, the unit of work: some seconds at most."""
         # without kicks a mass may lie on a stop for long, and every step of that is flown by itself
         longest = LONGEST_BLOCK if self.modes.kicked else LONGEST_BLOCK / LYING
-        return max(8, min(MOST_PATHS, int(longest // self.steps_per_path)))
+        return max(FEWEST_LANES, min(MOST_PATHS, int(longest // self.steps_per_path)))
 
     @property
     def hits_in_a_cluster(self) -> float:
@@ -259,7 +265,8 @@ class ModalPlan:
         n, flow = modes.size, self.modes.flow
         motion = slice(n, 2 * n)
         decay, brought = self._kick(h)
-        grown = transition(flow, h)
+        size = self._size
+        grown = size[:, None] * transition(flow * size / size[:, None], h) / size
         kicked = np.eye(len(flow))
         kicked[motion, motion] = decay
         drawn = np.hstack([grown[:, motion] @ brought, self._signal_noise(flow)])
@@ -287,13 +294,22 @@ class ModalPlan:
         modes = self.modes
         if not np.any(modes.signal_noise):
             return np.zeros((len(flow), 0))
-        noise = step_covariance(flow, modes.noise(np.zeros_like(modes.white)), self.step)
-        own = np.sqrt(np.diag(self.law.covariance))
-        size = np.where(own > 0.0, own, 1.0)
-        values, vectors = np.linalg.eigh(noise / np.outer(size, size))
+        size = self._size
+        intensity = modes.noise(np.zeros_like(modes.white)) / np.outer(size, size)
+        values, vectors = np.linalg.eigh(
+            step_covariance(flow * size / size[:, None], intensity, self.step)
+        )
         kept = values > NEGLIGIBLE
         columns: Matrix = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
         return columns
+
+    @property
+    def _size(self) -> Vector:
+        """A unit for each state, in which a generator holds rates only: its standard deviation."""
+        law = self.law
+        squares = np.diag(law.covariance) + sum(np.abs(wave) ** 2 / 2.0 for wave in law.waves)
+        own: Vector = np.sqrt(np.maximum(squares, 0.0))
+        return np.where(own > 0.0, own, 1.0)
 
     @property
     def _stops(self) -> NDArray[np.float64]:
@@ -345,11 +361,8 @@ class ModalPlan:
         rows = -(-states // 2) + len(modes.sines)
         first, second = np.empty((2, rows, paths))
         normal_rows(streams[0], streams[1], first, second)
-        own = np.sqrt(np.diag(law.covariance))
-        size = np.where(own > 0.0, own, 1.0)
-        root = square_root(law.covariance / np.outer(size, size), INDEPENDENT)
-        noise = np.concatenate([first, second])[: root.shape[1]]
-        state = size[:, None] * (root @ noise)
+        root = square_root(law.covariance, INDEPENDENT)
+        state = root @ np.concatenate([first, second])[: root.shape[1]]
         for number, wave in enumerate(law.waves):
             turn = np.exp(1j * np.arctan2(first[-1 - number], second[-1 - number]))
             state += (wave[:, None] * turn).real
@@ -383,20 +396,20 @@ def plan_modal(assembly: Assembly, threshold: float | None, duration: float | No
         raise NotApplicable(
             "simulate",
             [
-                "every mode must lose energy, by damping or at stops of a restitution below 1, and "
-                "be held by stiffness or stops (no stationary state)"
+                "every mode must be shaken, lose energy by damping or at stops of a restitution "
+                "below 1, and be held by stiffness or stops (no stationary state was found)"
             ],
         )
     law, pairs = found
     step = _step(assembly, modes, law, pairs)
     burn_in = RELAXATIONS * law.slowest
     length = DURATION * burn_in if duration is None else duration
-    if burn_in + length > MOST_STEPS * step:
+    if burn_in + length > MOST_MODAL_STEPS * step:
         raise NotApplicable(
             "simulate",
             [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
-             f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
-             "times in which the scene hits, swings and settles lie too far apart"],
+             f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_MODAL_STEPS:.2g} are made: "
+             "the times in which the scene hits, swings and settles lie too far apart"],
         )  # fmt: skip
     return ModalPlan(
         assembly=assembly, modes=modes, law=law, pairs=pairs, step=step, burn_in=burn_in,

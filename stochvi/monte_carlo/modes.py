@@ -261,6 +261,8 @@ def _linear_law(modes: Modes, substitutes: list[_Substitute]) -> LinearLaw | Non
     reference = max(fastest, modes.fastest)
     size[:n] = 1.0 / reference
     pull = np.max(np.abs(modes.coupling), axis=0)
+    pairs = len(modes.signals) // 2
+    pull[1 : 2 * pairs : 2] = pull[0 : 2 * pairs : 2]  # f' / omega is of the size of f
     size[2 * n :] = np.divide(reference, pull, out=np.ones_like(pull), where=pull > 0.0)
     size = size[fading]
     with warnings.catch_warnings():

@@ -236,6 +236,11 @@ class Run:
         if not self.scene.beyond_one_oscillator():
             yield from scene_notes(self.scene.system())
         contacts = self.assembly.contacts
+        if contacts and any(signal.amplitude for signal in self.assembly.signals):
+            yield (
+                "a sine between stops may keep several regimes, which paths leave rarely: compare "
+                "with a longer duration"
+            )
         several = len(contacts) > 1
         unresolved = not self.plan.elastic and self.plan.step_bias("collision_rate", 0.0) is None
         if unresolved and any(

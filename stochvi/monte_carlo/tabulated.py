@@ -90,6 +90,9 @@ MOST_SUB_STEPS = 1000
 LOWEST_FREQUENCY = 1e-5
 """Of white noise as a table, in natural frequencies."""
 
+NODES_PER_DECADE = 400.0
+"""Of filtered noise as a table, beside closer ones at its resonance."""
+
 WHITE_LOSS = LARGEST_LOSS / 2.0
 """Share of the velocity variance by white noise that lies beyond its table, and is folded back."""
 
@@ -482,10 +485,13 @@ def _white_beyond(flat: Table, system: System) -> float:
 def _filtered(signal: Signal, omega: float) -> Table:
     """Density of white noise passed through a resonance, 2 S0 |H|^2 with H(0) = 1."""
     middle = signal.omega / (2.0 * math.pi)
-    low, high = 1e-4 * middle, max(100.0 * middle, 10.0 * omega / (2.0 * math.pi))
+    natural = omega / (2.0 * math.pi)
+    low = min(1e-4 * middle, LOWEST_FREQUENCY * natural)
+    high = max(100.0 * middle, 10.0 * natural)
+    nodes = math.ceil(NODES_PER_DECADE * math.log10(high / low))
     width = signal.damping_rate / signal.omega
     near = middle * (1.0 + width * np.linspace(-20.0, 20.0, 1601))
-    grid = np.unique(np.concatenate([np.geomspace(low, high, 2400), near[near > low]]))
+    grid = np.unique(np.concatenate([np.geomspace(low, high, nodes), near[near > low]]))
     gain = squared_gain(grid, signal.omega, signal.damping_rate) * signal.omega**4
     return Table(frequency_hz=grid, density=density_from_intensity(signal.intensity) * gain)
 

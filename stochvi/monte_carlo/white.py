@@ -132,9 +132,10 @@ class WhitePlan:
             resolved = self._lossiest >= WELL_RESOLVED_RESTITUTION and usual and not self._pressed
             known = resolved or name not in RATES
             return extrapolated(name, difference, self._lossiest) if known else None
-        if name not in RATES:
-            return difference / 3.0
         known = self._lossiest > COLLAPSE_RESTITUTION
+        if name not in RATES and known:  # an order of about 1 is left where stops lose much
+            return difference if self._lossiest < WELL_RESOLVED_RESTITUTION else difference / 3.0
+        known |= name not in RATES
         return difference / (math.sqrt(2.0) - 1.0) if known else None
 
     @property

@@ -288,23 +288,24 @@ def put_on_stop(state, lane, gaps, pair, stop, side, resets):
     """Take back what lies beyond a stop at the end of a step; the speed this takes, or 0.
 
     A force that holds y on the stop over the rest r of a step brings -a r of speed and -a r^2 / 2
-    of distance along the same direction M^-1 d, which is what is taken back.
+    of distance along the same direction M^-1 d, which is what is taken back; and, where damping
+    stands in the flow, what that took from a motion that was none.
     """
     series, at_once, _ = resets
     beyond = side * (gaps[pair, 3] - stop)
     if beyond < 0.0:
         return 0.0
-    outward = max(side * gaps[pair, 4], 0.0)
+    taken = max(side * gaps[pair, 4], 0.0) - at_once[pair, pair, 1] * beyond
     modes = series.shape[1] // 2
     for k in range(modes):
-        share = series[pair, modes + k, 0] * side
+        share, damped = series[pair, modes + k, 0] * side, series[pair, modes + k, 1] * side
         state[k, lane] -= beyond * share
-        state[modes + k, lane] -= outward * share
+        state[modes + k, lane] -= taken * share + beyond * damped
     for other in range(gaps.shape[0]):
-        share = at_once[pair, other, 0] * side
+        share, damped = at_once[pair, other, 0] * side, at_once[pair, other, 1] * side
         gaps[other, 3] -= beyond * share
-        gaps[other, 4] -= outward * share
-    return outward
+        gaps[other, 4] -= taken * share + beyond * damped
+    return taken
 
 
 @numba.njit(cache=True, error_model="numpy")
