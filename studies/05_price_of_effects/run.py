@@ -56,7 +56,7 @@ if __name__ == "__main__":
     figure, ax = plt.subplots(figsize=(7.2, 4.8), layout="constrained")
     ax.barh(table["case"], table["ns_per_step"], color=["#999999"] * 3 + ["#2a6f97"] * len(SCENES))
     ax.bar_label(ax.containers[0], fmt="%.1f", padding=3)
-    ax.set(xlabel="CPU time of a step (ns)", xscale="log")
+    ax.set(xlabel="CPU time of a step (ns)", xscale="log", xlim=(0.9, 150.0))
     ax.invert_yaxis()
     figure.savefig(options.out / "figure.png", dpi=130)
     print(table.to_string())
