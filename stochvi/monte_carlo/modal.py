@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -200,8 +199,7 @@ class ModalPlan:
         sums = np.zeros((moments + ROWS_OF_PAIR * pairs, paths))
         stride = self._stride
         run_modes(
-            # threads that shared these arrays would wait for one another's reference counts
-            state, streams, sums, *deepcopy(self._kernel_constants),
+            state, streams, sums, *self._kernel_constants,
             0 if record is not None else self._burn_in_steps, self.steps, stride, record,
         )  # fmt: skip
         sums[:moments] /= math.ceil(self.steps / stride)
