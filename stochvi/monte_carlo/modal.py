@@ -237,12 +237,12 @@ class ModalPlan:
         for target, first in ((displacements, n), (velocities, n + half)):
             target[upper] = sums[first : first + half]
             target[upper[::-1]] = sums[first : first + half]
-        decay, brought = self._kick(self.step / 2.0)
+        decay, brought = self._half_kick
         velocities = np.einsum("ij,jkp,lk->ilp", decay, velocities, decay)
-        velocities += (brought @ brought.T)[:, :, None]
+        velocities += _product(brought, brought.T)[:, :, None]
         shapes = self.modes.shapes
         rows = np.empty((len(self.layout.rows), paths))
-        rows[0 : 3 * n : 3] = shapes @ sums[:n]
+        rows[0 : 3 * n : 3] = _product(shapes, sums[:n])
         rows[1 : 3 * n : 3] = np.einsum("ij,jkp,ik->ip", shapes, displacements, shapes)
         rows[2 : 3 * n : 3] = np.einsum("ij,jkp,ik->ip", shapes, velocities, shapes)
         rows[3 * n] = np.einsum("iip->p", velocities)
@@ -250,6 +250,11 @@ class ModalPlan:
         rows[3 * n + 2] = np.einsum("ij,ijp->p", self.modes.damping, velocities)
         rows[3 * n + 3 :] = sums[n + 2 * half :]
         return rows
+
+    @cached_property
+    def _half_kick(self) -> tuple[Matrix, Matrix]:
+        """The kick from the start of a step to its middle."""
+        return self._kick(self.step / 2.0)
 
     def _kick(self, h: float) -> tuple[Matrix, Matrix]:
         """(E, L) of the kick over h: p <- E p + L z."""
@@ -354,6 +359,11 @@ class ModalPlan:
         balance: Matrix = size[:, None] / size
         return balance
 
+    @cached_property
+    def _root(self) -> Matrix:
+        """Columns that bring the covariance of the linear law."""
+        return square_root(self.law.covariance, INDEPENDENT)
+
     def _start(self, streams: NDArray[np.uint64]) -> Matrix:
         """Independent draws of the linear law, put between the stops: close to stationary."""
         modes, law = self.modes, self.law
@@ -361,8 +371,8 @@ class ModalPlan:
         rows = -(-states // 2) + len(modes.sines)
         first, second = np.empty((2, rows, paths))
         normal_rows(streams[0], streams[1], first, second)
-        root = square_root(law.covariance, INDEPENDENT)
-        state = root @ np.concatenate([first, second])[: root.shape[1]]
+        root = self._root
+        state = _product(root, np.concatenate([first, second])[: root.shape[1]])
         for number, wave in enumerate(law.waves):
             turn = np.exp(1j * np.arctan2(first[-1 - number], second[-1 - number]))
             state += (wave[:, None] * turn).real
@@ -372,9 +382,9 @@ class ModalPlan:
         for _ in range(MOST_SWEEPS):
             largest = 0.0
             for gap, stops in zip(modes.gaps, self._stops, strict=True):
-                y = gap @ state[: modes.size]
+                (y,) = _product(gap[None], state[: modes.size])
                 moved = np.clip(y, stops[0, 0], stops[1, 0]) - y
-                state[: modes.size] += np.outer(gap / (gap @ gap), moved)
+                state[: modes.size] += np.outer(gap / np.sum(gap**2), moved)
                 largest = max(largest, float(np.max(np.abs(moved))))
             if len(modes.gaps) < 2 or largest == 0.0:
                 break
@@ -447,6 +457,13 @@ def _table(matrix: Matrix) -> tuple[NDArray[np.int64], NDArray[np.int64], Vector
         weights += row[kept].tolist()
         starts.append(len(columns))
     return np.array(starts), np.array(columns, np.int64), np.array(weights, float)
+
+
+def _product(matrix: Matrix, columns: Matrix) -> Matrix:
+    """Matrix product without the threads of a linear algebra library, which would stand in the way
+    of those that fly paths."""
+    product: Matrix = np.einsum("ij,jp->ip", matrix, columns)
+    return product
 
 
 def _term(size: float, order: int) -> float:
