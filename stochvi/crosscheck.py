@@ -82,6 +82,8 @@ class Check:
         wrong = sum(row.verdict == DISAGREES for row in judged)
         if wrong:
             return f"{wrong} of {len(judged)} comparisons DISAGREE"
+        if self.stopped_early:
+            return next(reason for reason in self.left_out if reason.startswith(STOPPED_EARLY))
         if not judged:
             return "nothing could be judged: no method that claims to be right covers this scene"
         balances = sum(row.of == BALANCE for row in judged)

@@ -109,3 +109,10 @@ def test_nothing_to_judge_is_no_pass() -> None:
     verdict = check(oscillator(-1.0, 1.0, 1.0, damping=0.0), rel_error=0.02)
     assert not verdict.passed
     assert "nothing could be judged" in verdict.summary()
+
+
+def test_an_unfinished_simulation_is_no_pass_and_says_why() -> None:
+    found = check(oscillator(-1.0, 1.0, 1.0), rel_error=1e-5, budget=0.3)
+    assert not found.passed
+    assert found.summary().startswith("simulate stopped early")
+    assert "raise budget" in found.summary()
