@@ -9,6 +9,7 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from stochvi.attachments import Absorber, built
 from stochvi.checked import Checked, Number
 from stochvi.contacts import Law, Restitution, not_rigid
 from stochvi.datasets import read_text
@@ -156,6 +157,14 @@ class Scene(Checked):
     excitations: tuple[Annotated[Excitation, Field(discriminator="kind")], ...] = Field(
         alias="excitation"
     )
+    absorber: Absorber | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_boxes(cls, document: Any) -> Any:
+        """The short form of an absorber, written out."""
+        short = isinstance(document, dict) and document.get("absorber") is not None
+        return built(document) if short else document
 
     @field_validator("impact_pairs", "excitations", mode="before")
     @classmethod
@@ -184,6 +193,7 @@ class Scene(Checked):
             sentence = self._misfit(excitation)
             if sentence:
                 problems.append((f"excitation.{index}", sentence))
+        problems += self._unknown_absorbers()
         if problems := problems or self._out_of_range():
             raise SceneError(problems)
         return self
@@ -203,6 +213,17 @@ class Scene(Checked):
         if pair.between is not None and pair.between[0] == pair.between[1]:
             return f"needs two different coordinates in between, got {pair.between[0]!r} twice"
         return ""
+
+    def _unknown_absorbers(self) -> list[tuple[str, str]]:
+        known = self.structure.coordinates
+        names = self.absorber.mass_on if self.absorber else ()
+        if names and len(set(names)) >= len(known):
+            return [("absorber.mass_on", "leaves no coordinate for the structure that carries it")]
+        return [
+            ("absorber.mass_on", f"must name {_one_of(known)}, got {name!r}")
+            for name in names
+            if name not in known
+        ]
 
     def _out_of_range(self) -> list[tuple[str, str]]:
         """Numbers whose products and squares would not fit a floating-point number."""

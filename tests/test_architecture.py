@@ -18,12 +18,13 @@ FLOORS = {
         "state_space",
         "cut_normal",
         "gibbs_law",
+        "attachments",
         "collisions",
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: ("accuracy", "crosscheck", "explanation"),
-    5: ("isolators", "files", "plots", "tables", "demo"),
+    5: ("isolators", "absorbers", "files", "plots", "tables", "demo"),
     6: ("cli", "__main__", "__init__"),
 }
 METHODS = FLOORS[3]
