@@ -36,6 +36,9 @@ QUANTITY_NAMES = {
     "contact_probability": "share of time in contact",
     "contact_force_lower": "mean force, lower stop",
     "contact_force_upper": "mean force, upper stop",
+    "relative_displacement_mean": "mean relative displ.",
+    "relative_displacement_std": "rms relative displ.",
+    "relative_velocity_std": "rms relative velocity",
 }
 """Short names for people; w is the speed of an impact, rms is about the mean."""
 
