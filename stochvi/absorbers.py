@@ -88,7 +88,10 @@ class Performance:
 
 @dataclass(frozen=True, kw_only=True)
 class AbsorberReport:
-    """An absorber over levels of the excitation: one `Performance` each, and what it cost."""
+    """An absorber over levels of the excitation: one `Performance` each, and what it cost.
+
+    `warnings` are those of the level nearest to the scene's own.
+    """
 
     carrier: str
     masses: Sequence[str]
@@ -212,7 +215,7 @@ def absorber(
         masses=masses,
         mass_ratio=float(mass[light].sum() / mass[~light].sum()),
         performances=found,
-        warnings=list(dict.fromkeys(w for each in found for w in each.response.warnings)),
+        warnings=min(found, key=lambda each: abs(each.level_db)).response.warnings,
         cost=Cost(
             wall_time=sum(cost.wall_time for cost in costs),
             compile_time=sum(cost.compile_time for cost in costs),

@@ -364,10 +364,7 @@ def clearance(
     from stochvi.scenes import load_scene
     from stochvi.tables import print_clearance
 
-    try:
-        multiples = [float(gap) for gap in gaps.split(",")]
-    except ValueError:
-        raise ValueError(f"--gaps must be numbers with commas, got {gaps!r}") from None
+    multiples = _numbers("--gaps", gaps)
     loaded = load_scene(scene)
     sigma = solve(loaded).displacement_std
     with _progress(quiet, "clearance") as report:
@@ -379,6 +376,79 @@ def clearance(
         print_clearance(_console(None), curve)
     if out is not None:
         write_clearance(loaded, curve, out)
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--levels", default="-6,-3,0,3,6", show_default=True, metavar="LIST",
+    help="Levels of the excitation, dB about the scene's own.",
+)  # fmt: skip
+@click.option("--mass-budget", type=float, metavar="KG", help="Instead: design the best box.")
+@click.option(
+    "--restitutions", default="0.3,0.5,0.7", show_default=True, metavar="LIST",
+    help="What a design may choose from.",
+)  # fmt: skip
+@click.option(
+    "--units", default="1", show_default=True, metavar="LIST",
+    help="Numbers of equal masses that a design may choose from.",
+)  # fmt: skip
+@click.option("--rel-error", type=float, default=0.01, show_default=True, help="Of Monte Carlo.")
+@_options("budget", "seed", "threads", "json", "out", "quiet")
+def absorber(
+    scene: str,
+    levels: str,
+    mass_budget: float | None,
+    restitutions: str,
+    units: str,
+    rel_error: float,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Does a loose mass in a box help: with, without, over levels; or the best box."""
+    from stochvi.absorber_design import design_absorber
+    from stochvi.absorber_views import draw_design, draw_levels, print_absorber, print_design
+    from stochvi.absorbers import absorber as perform
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.scenes import load_scene
+
+    loaded = load_scene(scene)
+    common: dict[str, Any] = {
+        "rel_error": rel_error, "seed": seed, "threads": threads, "budget": budget,
+    }  # fmt: skip
+    with _progress(quiet, "absorber") as report:
+        if mass_budget is None:
+            found: Any = perform(
+                loaded, levels_db=_numbers("--levels", levels), progress=report, **common
+            )
+        else:
+            found = design_absorber(
+                loaded, mass_budget=mass_budget, progress=report,
+                restitutions=_numbers("--restitutions", restitutions),
+                units=[round(n) for n in _numbers("--units", units)], **common,
+            )  # fmt: skip
+    if not quiet:
+        (print_absorber if mass_budget is None else print_design)(_console(json_file), found)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        name, draw = (
+            ("absorber", draw_levels) if mass_budget is None else ("absorber-design", draw_design)
+        )
+        write_table(found.to_frame() if mass_budget is None else found.curve, out / f"{name}.csv")
+        write_picture(draw(found), out / f"{name}.png")
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    """A list of numbers with commas between them."""
+    try:
+        return [float(number) for number in text.split(",")]
+    except ValueError:
+        raise ValueError(f"{option} must be numbers with commas, got {text!r}") from None
 
 
 @main.command()

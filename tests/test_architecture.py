@@ -24,7 +24,16 @@ FLOORS = {
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: ("accuracy", "crosscheck", "explanation"),
-    5: ("isolators", "absorbers", "files", "plots", "tables", "demo"),
+    5: (
+        "isolators",
+        "absorbers",
+        "absorber_design",
+        "absorber_views",
+        "files",
+        "plots",
+        "tables",
+        "demo",
+    ),
     6: ("cli", "__main__", "__init__"),
 }
 METHODS = FLOORS[3]
