@@ -13,7 +13,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from stochvi.absorber_design import Design, design_absorber
+    from stochvi.absorbers import AbsorberReport, absorber
     from stochvi.accuracy import WorkPrecision, cost
+    from stochvi.attachments import Absorber
     from stochvi.closed_form import displacement_density, exact
     from stochvi.contacts import (
         Elastic,
@@ -48,7 +51,10 @@ if TYPE_CHECKING:
     from stochvi.structures import Isolator, Matrices, Oscillator
 
 _HOME = {
+    "absorber_design": ("Design", "design_absorber"),
+    "absorbers": ("AbsorberReport", "absorber"),
     "accuracy": ("WorkPrecision", "cost"),
+    "attachments": ("Absorber",),
     "closed_form": ("displacement_density", "exact"),
     "contacts": (
         "Elastic",
@@ -73,9 +79,12 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "Absorber",
+    "AbsorberReport",
     "Check",
     "ConstantLoad",
     "Cost",
+    "Design",
     "Elastic",
     "Estimate",
     "Explanation",
@@ -100,9 +109,11 @@ __all__ = [
     "Viscoelastic",
     "WhiteNoise",
     "WorkPrecision",
+    "absorber",
     "check",
     "clearance_curve",
     "cost",
+    "design_absorber",
     "displacement_density",
     "exact",
     "explain",

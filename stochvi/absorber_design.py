@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
-from scipy.interpolate import make_smoothing_spline
+from scipy.ndimage import maximum_filter1d
 
 from stochvi.absorbers import GAUSSIAN_95, linear_rms
 from stochvi.attachments import Absorber
@@ -37,8 +38,11 @@ COARSE = 2.0
 DRAWS = 400
 """Curves drawn within the errors of the points, for the uncertainty of the best play."""
 
-GRID = 2001
+GRID = 801
 """Plays at which a curve is searched for its lowest point."""
+
+DEGREE = 6
+"""Largest degree of the polynomial in log play that a curve is smoothed by."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +122,7 @@ def design_absorber(
     mass_budget: float,
     restitutions: Sequence[float] = (0.3, 0.5, 0.7),
     units: Sequence[int] = (1,),
+    plays: Sequence[float] = PLAYS,
     level_range_db: float = 6.0,
     rel_error: float = 0.01,
     seed: int = 0,
@@ -128,10 +133,10 @@ def design_absorber(
     """Find the box, restitution and number of units that calm a structure most, for one mass.
 
     Each candidate's rms ratio is simulated at plays from 0.75 to 14 rms displacements with the
-    same random numbers, and again closer to the best of them for the best candidate. A smoothing
-    spline through the points gives the best play; its interval comes from curves drawn within
-    their errors. The system is homogeneous: a level raised by 20 log10 r acts like a play that is
-    r times smaller, so that one curve holds all levels.
+    same random numbers, and again closer to the best of them for the best candidate. A polynomial
+    in log play through the points gives the best play; its interval comes from curves drawn
+    within their errors. The system is homogeneous: a level raised by 20 log10 r acts like a play
+    that is r times smaller, so that one curve holds all levels.
 
     Parameters
     ----------
@@ -141,6 +146,8 @@ def design_absorber(
         kg, of all units together.
     restitutions, units
         What there is to choose from.
+    plays
+        Total plays of the first look, in rms displacements of the structure alone; at least 4.
     level_range_db
         The robust box is best in the worst case from this much below to this much above.
     rel_error
@@ -158,13 +165,15 @@ def design_absorber(
     ...     structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
     ...     excitations=[WhiteNoise(intensity=0.04)],
     ... )
-    >>> found = design_absorber(shaken, mass_budget=0.1, restitutions=[0.5], rel_error=0.05)
+    >>> found = design_absorber(
+    ...     shaken, mass_budget=0.1, restitutions=[0.5], plays=[1, 2, 4, 8], rel_error=0.05
+    ... )
     >>> 1.5 < found.best.play < 5.0 and found.best.ratio.value < 0.55
     True
     """
-    sigma = _check(structure, mass_budget, restitutions, units)
+    sigma = _check(structure, mass_budget, restitutions, units, plays)
     pairs = [(r, n) for r in restitutions for n in units]
-    points = len(pairs) * len(PLAYS) + len(CLOSER)
+    points = len(pairs) * len(plays) + len(CLOSER)
     rows: list[dict[str, float]] = []
     costs: list[Cost] = []
 
@@ -189,7 +198,7 @@ def design_absorber(
             progress(len(rows) / points, f"play {play:.2f} sigma, R = {restitution:g}")
 
     for restitution, count in pairs:
-        for play in PLAYS:
+        for play in sorted(plays):
             look(restitution, count, play, COARSE * rel_error)
     firsts = [_best_box(_points(rows, *pair), sigma, 0.0, seed) for pair in pairs]
     winner = min(range(len(pairs)), key=lambda k: firsts[k].ratio.value)
@@ -252,7 +261,11 @@ def with_absorber(
 
 
 def _check(
-    structure: Scene, mass_budget: float, restitutions: Sequence[float], units: Sequence[int]
+    structure: Scene,
+    mass_budget: float,
+    restitutions: Sequence[float],
+    units: Sequence[int],
+    plays: Sequence[float],
 ) -> float:
     """rms displacement of the structure alone, m."""
     unmet = []
@@ -270,6 +283,8 @@ def _check(
         raise ValueError(f"mass_budget must be a positive mass in kg, got {mass_budget:g}")
     if not restitutions or not units:
         raise ValueError("restitutions and units must name at least one value each")
+    if len(plays) < 4 or not all(0.0 < play < math.inf for play in plays):
+        raise ValueError(f"plays must be at least 4 positive numbers, got {list(plays)}")
     rms, _ = linear_rms(structure)
     return rms["x"]
 
@@ -290,18 +305,13 @@ def _best_box(points: Vector, sigma: float, range_db: float, seed: int) -> BestB
     reach = range_db / 20.0 * math.log(10.0)
     grid = np.linspace(at[0], at[-1], GRID)
     inner = grid[(grid >= at[0] + reach) & (grid <= at[-1] - reach)]
-    shifts = np.linspace(-reach, reach, 41) if reach else np.zeros(1)
-
-    def curve(values: Vector) -> Vector:
-        spline = make_smoothing_spline(at, values, w=1.0 / errors**2)
-        largest: Vector = np.max([spline(inner + shift) for shift in shifts], axis=0)
-        return largest
-
-    found = curve(ratios)
     random = np.random.default_rng(seed)
-    drawn = np.array(
-        [curve(ratios + errors * random.standard_normal(len(at))) for _ in range(DRAWS)]
-    )
+    drawn_ratios = ratios + errors * random.standard_normal((DRAWS, len(at)))
+    curves = _smoothed(at, np.vstack([ratios, drawn_ratios]), errors, grid)
+    # within the range of levels: the neighbours on the grid
+    width = round(reach / (grid[1] - grid[0]))
+    curves = maximum_filter1d(curves, 2 * width + 1, axis=1)[:, np.searchsorted(grid, inner)]
+    found, drawn = curves[0], curves[1:]
     lowest = int(np.argmin(found))
     places = inner[np.argmin(drawn, axis=1)]
     error = float(drawn[:, lowest].std(ddof=1))
@@ -312,8 +322,27 @@ def _best_box(points: Vector, sigma: float, range_db: float, seed: int) -> BestB
         play_low=sigma * math.exp(inner[lowest] - half),
         play_high=sigma * math.exp(inner[lowest] + half),
         ratio=Estimate(
-            value=float(found[lowest]), standard_error=error, how=f"spline of {len(at)} points"
+            value=float(found[lowest]), standard_error=error, how=f"curve through {len(at)} points"
         ),
         low=sigma * math.exp(flat[0]),
         high=sigma * math.exp(flat[-1]),
     )
+
+
+def _smoothed(at: Vector, values: Vector, errors: Vector, grid: Vector) -> Vector:
+    """Polynomials through rows of `values`, by weighted least squares, on a grid.
+
+    The degree is the lowest whose residuals are as small as the errors make them (chi^2 below its
+    expectation plus two deviations), at most `DEGREE`.
+    """
+    centre, half = (at[0] + at[-1]) / 2.0, (at[-1] - at[0]) / 2.0
+    weighted = values / errors
+    for degree in range(2, min(DEGREE, len(at) - 2) + 1):
+        basis = chebvander((at - centre) / half, degree) / errors[:, None]
+        coefficients, *_ = np.linalg.lstsq(basis, weighted.T, rcond=None)
+        freedom = len(at) - degree - 1
+        misfit = float(np.sum((weighted[0] - basis @ coefficients[:, 0]) ** 2))
+        if misfit <= freedom + 2.0 * math.sqrt(2.0 * freedom):
+            break
+    curves: Vector = (chebvander((grid - centre) / half, degree) @ coefficients).T
+    return curves

@@ -147,13 +147,14 @@ def draw_design(found: Design, ax: Axes | None = None) -> Axes:
     ax = _axes(ax)
     unit, name = length_unit(found.best.play)
     shades = plt.get_cmap("viridis")
-    groups = list(found.curve.groupby(["restitution", "units"]))
-    for number, ((restitution, units), rows) in enumerate(groups):
+    laws, splits = (sorted(found.curve[name].unique()) for name in ("restitution", "units"))
+    for (restitution, units), rows in found.curve.groupby(["restitution", "units"]):
         points = rows.sort_values("play")
+        shade = 0.85 * laws.index(restitution) / max(len(laws) - 1, 1)
         ax.errorbar(
             points["play"] / unit, points["rms_ratio"], yerr=2.0 * points["rms_ratio_error"],
-            fmt="o-", markersize=3.5, linewidth=1.2, capsize=2,
-            color=shades(0.85 * number / max(len(groups) - 1, 1)),
+            marker="o", linestyle=("-", "--", ":", "-.")[splits.index(units) % 4],
+            markersize=3.5, linewidth=1.2, capsize=2, color=shades(shade),
             label=f"R = {restitution:g}" + ("" if units == 1 else f", {units} units"),
         )  # fmt: skip
     best = found.best
