@@ -15,8 +15,8 @@ from stochvi.conventions import power_ratio
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Cost, Estimate, Response
 from stochvi.excitations import BASE, ConstantLoad, Excitation, Sine, TabulatedNoise
+from stochvi.modes import linear_law, modes_of
 from stochvi.monte_carlo import record_paths, simulate
-from stochvi.monte_carlo.modes import modes_of, scales_of
 from stochvi.monte_carlo.runs import Progress
 from stochvi.scenes import Scene
 from stochvi.structures import Matrices
@@ -286,13 +286,11 @@ def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
 
     From the Lyapunov equation for white and filtered noise, and the amplitudes of sines.
     """
-    linear = scene.model_copy(update={"impact_pairs": ()})
-    assembly = assemble(linear)
+    assembly = assemble(scene)
     modes = modes_of(assembly)
-    found = scales_of(assembly, modes)
-    if found is None:
+    law = linear_law(modes)
+    if law is None:
         raise NotApplicable("absorber", ["the structure alone must have a stationary state"])
-    law, _ = found
     displacement, velocity = (
         {
             name: math.sqrt(law.variances(modes.shapes[row], first))

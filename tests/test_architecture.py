@@ -21,7 +21,7 @@ FLOORS = {
         "attachments",
         "collisions",
     ),
-    2: ("scenes", "assemblies", "identities", "notes", "answers"),
+    2: ("scenes", "assemblies", "identities", "notes", "answers", "modes", "pair_scales"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: ("accuracy", "crosscheck", "explanation"),
     5: (

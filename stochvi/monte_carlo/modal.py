@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from stochvi.assemblies import Assembly, Contact
 from stochvi.errors import NotApplicable
+from stochvi.modes import LinearLaw, Modes, modes_of
 from stochvi.monte_carlo.kernels.modes import MOST_SWEEPS, ROWS_OF_PAIR, run_modes
 from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
-from stochvi.monte_carlo.modes import LinearLaw, Modes, PairScale, modes_of, scales_of
 from stochvi.monte_carlo.quantities import RATES, Key, gap_of, is_relative, restitutions
 from stochvi.monte_carlo.statistics import Layout
 from stochvi.monte_carlo.white import (
@@ -32,6 +32,7 @@ from stochvi.monte_carlo.white import (
     default_threshold,
     extrapolated,
 )
+from stochvi.pair_scales import PairScale, scales_of
 from stochvi.state_space import square_root, step_covariance, transition
 
 Vector = NDArray[np.float64]
