@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -12,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Discriminator, Tag, field_validator, model_validator
 
 from stochvi.checked import Checked, NonNegative, NonNegatives, Number, Positive
+from stochvi.datasets import read_table
+from stochvi.errors import SceneError
 
 Vector = NDArray[np.float64]
 
@@ -273,6 +276,10 @@ class ForceTable(CompliantLaw):
         Increasing, m, from 0 on.
     force
         Never decreasing, N, 0 at the deflection 0.
+    file, unit
+        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N".
+    source
+        Where the numbers come from; the name of the file, if they were read.
 
     Examples
     --------
@@ -288,9 +295,41 @@ class ForceTable(CompliantLaw):
     kind: Literal["table"] = "table"
     deflection: NonNegatives
     force: NonNegatives
+    file: str | None = None
+    unit: Literal["m,N", "mm,N"] | None = None
+    source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, keys: Any) -> Any:
+        """A law read from a file is one with the numbers in it: it needs the file no more."""
+        if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
+            return keys
+        given = [name for name in ("deflection", "force") if keys.get(name) is not None]
+        if given:
+            raise ValueError(f"takes file, or deflection and force, got file and {given[0]}")
+        unit = keys.get("unit")
+        if not isinstance(unit, str) or unit not in DEFLECTION_UNITS:
+            choices = " or ".join(repr(name) for name in DEFLECTION_UNITS)
+            raise SceneError([("unit", f"must be {choices} for the columns of file, got {unit!r}")])
+        try:
+            deflection, force = read_table(Path(keys["file"]), ("deflection", "force"))
+        except SceneError as error:
+            raise SceneError([("file", str(error))]) from None
+        kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}
+        return (
+            {"source": Path(keys["file"]).name}
+            | kept
+            | {
+                "deflection": (deflection * DEFLECTION_UNITS[unit]).tolist(),
+                "force": force.tolist(),
+            }
+        )
 
     @model_validator(mode="after")
     def _grows(self) -> Self:
+        if self.unit is not None:
+            raise ValueError("takes unit with a file only: deflection is in m, force in N")
         if len(self.deflection) != len(self.force):
             raise ValueError(
                 f"needs as many entries in force as in deflection, got {len(self.force)} and "
@@ -370,6 +409,10 @@ class ForceTable(CompliantLaw):
 
     def strengths(self) -> tuple[float, ...]:
         return (*self.deflection, *self.force)
+
+
+DEFLECTION_UNITS = {"m,N": 1.0, "mm,N": 1e-3}
+"""Units of the columns of a file of forces: unit -> factor of the deflection to m."""
 
 
 def _inside(deflection: ArrayLike) -> Vector:

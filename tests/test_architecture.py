@@ -9,11 +9,13 @@ import stochvi
 
 PACKAGE = Path(stochvi.__file__).parent
 FLOORS = {
-    0: ("conventions", "errors", "estimates", "datasets", "checked"),
+    0: ("conventions", "errors", "estimates", "datasets", "readers", "checked"),
     1: (
         "contacts",
         "structures",
         "excitations",
+        "records",
+        "roads",
         "spectra",
         "state_space",
         "cut_normal",
@@ -23,7 +25,7 @@ FLOORS = {
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: ("accuracy", "crosscheck", "explanation"),
-    5: ("isolators", "files", "plots", "tables", "demo"),
+    5: ("isolators", "files", "plots", "tables", "report", "report_plots", "demo"),
     6: ("cli", "__main__", "__init__"),
 }
 METHODS = FLOORS[3]
