@@ -22,7 +22,7 @@ FLOORS = {
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
-    4: ("accuracy", "crosscheck", "explanation"),
+    4: ("accuracy", "crosscheck", "explanation", "first_crossings"),
     5: ("isolators", "sizing", "files", "plots", "tables", "demo"),
     6: ("cli", "__main__", "__init__"),
 }
