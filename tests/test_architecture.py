@@ -24,8 +24,18 @@ FLOORS = {
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
-    4: ("accuracy", "crosscheck", "explanation"),
-    5: ("isolators", "files", "plots", "tables", "report", "report_plots", "demo"),
+    5: (
+        "isolators",
+        "sizing",
+        "files",
+        "pages",
+        "plots",
+        "tables",
+        "report",
+        "report_plots",
+        "sensitivity",
+        "demo",
+    ),
     6: ("cli", "__main__", "__init__"),
 }
 METHODS = FLOORS[3]

@@ -232,7 +232,7 @@ class TabulatedPlan:
                 counted = self._counted_samples
                 block_record = record[number * counted : (number + 1) * counted]
             run_response(
-                self._free_response(seed, first_path, paths, number),
+                self.free_response(seed, first_path, paths, number),
                 self.step,
                 (self.system.omega, self.system.damping_rate),
                 self._stop(self.system.lower, self.system.law_lower),
@@ -264,7 +264,7 @@ class TabulatedPlan:
         return response_moments(self.system.tables, omega, b).velocity + self.beyond
 
     @cached_property
-    def _amplitudes(self) -> NDArray[np.float64]:
+    def amplitudes(self) -> NDArray[np.float64]:
         """Standard deviation of the cosine and sine coefficients of each synthesised bin."""
         variance = self.bins[: self.samples // 2 - 1].copy()
         omega2 = (2.0 * np.pi / self.block_length * np.arange(1, len(variance) + 1)) ** 2
@@ -276,7 +276,7 @@ class TabulatedPlan:
         deviation: NDArray[np.float64] = np.sqrt(variance)
         return deviation
 
-    def _free_response(
+    def free_response(
         self, seed: int, first_path: int, paths: int, number: int
     ) -> NDArray[np.float64]:
         """y and y' / omega, in turn, of block `number` of each path, (samples, 2 paths)."""
@@ -285,7 +285,7 @@ class TabulatedPlan:
         for index in range(paths):
             first = (first_path + index) * MOST_BLOCKS + number
             seed_streams(np.uint64(seed), first, streams[:, index : index + 1])
-        amplitudes = self._amplitudes
+        amplitudes = self.amplitudes
         bins = np.arange(1, len(amplitudes) + 1)
         relative = 2.0 * np.pi / self.block_length / self.system.omega * bins
         spectrum = np.empty((self.samples, paths), complex)
