@@ -218,7 +218,9 @@ def first_crossings(
     records = _Records(plan, seed, below, above)
     workers = threads or len(os.sched_getaffinity(0))
     started = time.perf_counter()
-    ages = np.empty((len(STRIDES), len(records.sides), len(above), 0, len(records.starts)), np.float32)
+    ages = np.empty(
+        (len(STRIDES), len(records.sides), len(above), 0, len(records.starts)), np.float32
+    )
     paths = max(FEWEST_PATHS, plan.block)
     with ThreadPoolExecutor(workers) as pool:
         while True:

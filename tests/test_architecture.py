@@ -24,6 +24,7 @@ FLOORS = {
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
+    4: ("accuracy", "crosscheck", "explanation", "first_crossings"),
     5: (
         "isolators",
         "sizing",
@@ -32,8 +33,10 @@ FLOORS = {
         "plots",
         "tables",
         "report",
+        "report_inputs",
         "report_plots",
         "sensitivity",
+        "words",
         "demo",
     ),
     6: ("cli", "__main__", "__init__"),

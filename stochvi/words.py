@@ -1,0 +1,88 @@
+"""Numbers in words: units that engineers read, intervals, nothing rounded to nothing."""
+
+from __future__ import annotations
+
+import math
+
+from stochvi.conventions import STANDARD_GRAVITY
+from stochvi.estimates import Estimate
+from stochvi.isolators import GAUSSIAN_95
+
+MM = 1e3
+"""Millimetres in a metre."""
+
+G = 1.0 / STANDARD_GRAVITY
+"""g in a metre per second squared."""
+
+UNKNOWN = "not known"
+
+MOST_PLACES = 5
+"""After the point; smaller numbers are written with a power of ten."""
+
+SMALLEST_CHANCE = 1e-6
+"""Below, a chance is only said to be so small."""
+
+
+def millimetres(metres: float) -> str:
+    """Millimetres.
+
+    >>> millimetres(0.0059712)
+    '5.971 mm'
+    """
+    return f"{MM * metres:.4g} mm"
+
+
+def with_interval(estimate: Estimate | None, factor: float) -> str:
+    """A value, on a second line its 95 % interval; an upper limit of what was never seen.
+
+    >>> with_interval(Estimate(value=0.2498, standard_error=0.0096), 1.0)
+    '0.250\\n0.231 to 0.269'
+    """
+    if estimate is None:
+        return UNKNOWN
+    if estimate.upper_95 is not None:
+        return f"0\nbelow {factor * estimate.upper_95:.2g}"
+    half = factor * GAUSSIAN_95 * estimate.standard_error
+    value = factor * estimate.value
+    if half == 0.0:
+        return f"{value:.4g}"
+    places = 1 - math.floor(math.log10(half))
+    if not 0 <= places <= MOST_PLACES:
+        return f"{value:.3g}\n{value - half:.3g} to {value + half:.3g}"
+    return f"{value:.{places}f}\n{value - half:.{places}f} to {value + half:.{places}f}"
+
+
+def count_of(number: float) -> str:
+    """A number of things, without a fraction where it is large.
+
+    >>> count_of(0.25), count_of(12.3), count_of(886.2), count_of(88620.0), count_of(2.5e7)
+    ('0.25', '12.3', '886', '88 620', '2.5e+07')
+    """
+    if number < 100.0:
+        return f"{number:.3g}"
+    return f"{number:,.0f}".replace(",", " ") if number < 1e6 else f"{number:.3g}"
+
+
+def percent(probability: float | None) -> str:
+    """A probability in per cent, never rounded to 0 or 100.
+
+    >>> percent(0.01), percent(0.99999), percent(None)
+    ('1 %', 'over 99.9 %', 'not known')
+    """
+    if probability is None:
+        return UNKNOWN
+    if probability < SMALLEST_CHANCE:
+        return f"under {100.0 * SMALLEST_CHANCE:g} %"
+    return "over 99.9 %" if probability > 0.999 else f"{100.0 * probability:.3g} %"
+
+
+def duration_of(seconds: float) -> str:
+    """A mission in the unit that reads best.
+
+    >>> duration_of(3600.0), duration_of(18.0), duration_of(5400.0)
+    ('1 h', '18 s', '1.5 h')
+    """
+    for unit, name in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= unit:
+            return f"{seconds / unit:.4g} {name}"
+    return f"{seconds:.4g} s"
