@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 TEMPLATE = "report.html"
+
+BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|mm|m|m/s|g|Hz|kg|N|h|s|min|dB|sigma|rms)\b|%)")
+"""The blank between a number and its unit."""
 
 
 class Fact(NamedTuple):
@@ -99,11 +103,18 @@ class Page:
             loader=PackageLoader("stochvi"),
             autoescape=True,
             undefined=StrictUndefined,
+            finalize=_tied,
             trim_blocks=True,
             lstrip_blocks=True,
         )
         kept = [section for section in self.sections if not section.empty]
         return environment.get_template(TEMPLATE).render(page=self, sections=kept) + "\n"
+
+
+def _tied(value: object) -> object:
+    """A number is never parted from its unit by the end of a line."""
+    plain = isinstance(value, str) and not hasattr(value, "__html__")
+    return BEFORE_UNIT.sub("\u00a0", str(value)) if plain else value
 
 
 def shown(ax: Axes, caption: str) -> Picture:

@@ -351,7 +351,7 @@ def _with_stops(sizing: Sizing, path: pd.DataFrame | None) -> Section:
                 )
             )
         notes.append(
-            f"Pictures and percentiles: one path of {duration:.4g} s with {len(speeds)} hits; "
+            f"Pictures and percentiles: a path of {duration:.4g} s, {len(speeds)} hits; "
             f"kurtosis of its displacement {_kurtosis(path):.2f} (3 without stops)."
         )
     if any(law.rigid for pair in sizing.scene.impact_pairs for _, law in pair.stops()):
@@ -361,8 +361,8 @@ def _with_stops(sizing: Sizing, path: pd.DataFrame | None) -> Section:
         )
     return Section(
         title=title,
-        lead="Simulated with the law of the stops; 95 % intervals below the values. Rms hides hits: "
-        "look at speeds and peaks.",
+        lead="Simulated with the law of the stops; 95 % intervals below the values. Rms hides "
+        "hits, speeds and peaks show them.",
         grids=grids,
         pictures=pictures,
         notes=notes,
@@ -382,6 +382,19 @@ class _Row(NamedTuple):
     quantity: str
     factor: float
     linear: str = ""
+
+    @property
+    def of_hits(self) -> bool:
+        """Whether it means nothing where no hit was seen."""
+        return not self.linear and self.quantity != "collision_rate"
+
+
+NO_HIT = "no hit seen"
+
+
+def _unhit(answer: Response) -> bool:
+    rate = _found(answer, "collision_rate")
+    return rate is not None and rate.upper_95 is not None
 
 
 def _evidence_rows(sizing: Sizing) -> list[_Row]:
@@ -418,7 +431,12 @@ def _evidence_grid(sizing: Sizing) -> Grid:
         linear = getattr(sizing.screening, row.linear, None) if row.linear else None
         if any(estimate is not None for estimate in found):
             first = "" if linear is None else f"{row.factor * linear:.4g}"
-            cells = (with_interval(estimate, row.factor) for estimate in found)
+            cells = (
+                NO_HIT
+                if row.of_hits and _unhit(sizing.evidence[name])
+                else with_interval(estimate, row.factor)
+                for name, estimate in zip(kept, found, strict=True)
+            )
             rows.append([row.words, first, *cells])
     return Grid(
         caption="Response without and with stops, one column for each clearance",
@@ -532,7 +550,7 @@ def _verification(sizing: Sizing) -> Section:
         Fact(
             "Calculation",
             f"{sizing.cost.wall_time:.3g} s",
-            f"{sizing.cost.paths} paths in all, {sizing.cost.threads} threads; the same seed "
+            f"{sizing.cost.paths} paths in all, threads: {sizing.cost.threads}; the same seed "
             "gives the same digits",
         )
     )

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 Vector = NDArray[np.float64]
 
-SIZE = (6.2, 3.9)
-"""Inches; letters of 10 points then read well at half the width of a page."""
+SIZE = (5.2, 3.5)
+"""Inches; letters of 10 points then read well at half the width of a page, and on a telephone."""
 
 POINTS = 801
 """Frequencies of a smooth curve."""
@@ -138,7 +138,7 @@ def plot_transmissibility(
               label="no stops")  # fmt: skip
     ax.axhline(1.0, color=COLOURS["stop"], linewidth=0.8)
     _mark_natural(ax, system)
-    _finish(ax, "frequency (Hz)", "mount's acceleration / base acceleration")
+    _finish(ax, "frequency (Hz)", "transmissibility (acceleration)")
     return ax
 
 
@@ -204,7 +204,7 @@ def plot_hit_rate(
     ax = _axes(ax)
     curve, mm = sizing.curve, 1e3
     ax.plot(mm * curve["clearance"], curve["rice_rate"], color=COLOURS["exact"], linestyle="--",
-            linewidth=1.3, label="Rice: all crossings, no impacts")  # fmt: skip
+            linewidth=1.3, label="Rice, no impacts")  # fmt: skip
     ax.plot(mm * curve["clearance"], curve["first_hit_rate"], color=COLOURS["fokker-planck"],
             linewidth=1.6, label="first hits")  # fmt: skip
     ax.fill_between(mm * curve["clearance"], curve["first_hit_rate_low"],
@@ -219,7 +219,7 @@ def plot_hit_rate(
         ax.errorbar(
             mm * seen["clearance"], centre, color=COLOURS["simulate"], fmt="o", markersize=5,
             yerr=[centre - seen["hit_rate_low"], seen["hit_rate_high"] - centre], capsize=3,
-            label="Monte Carlo with stops, 95 %",
+            label="with stops, 95 %",
         )  # fmt: skip
     ax.set_yscale("log")
     _mark_clearances(ax, sizing)
@@ -273,7 +273,7 @@ def plot_sensitivity(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
                     textcoords="offset points", va="center",
                     ha="left" if value >= 0.0 else "right")  # fmt: skip
     ax.axvline(0.0, color=COLOURS["exact"], linewidth=0.8)
-    ax.margins(x=0.2)
+    ax.margins(x=0.3)
     ax.set_xlabel("change of the clearance (%)")
     return ax
 
