@@ -22,8 +22,8 @@ FLOORS = {
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
-    4: ("accuracy", "crosscheck", "explanation", "first_crossings"),
-    5: ("isolators", "sizing", "files", "plots", "tables", "demo"),
+    4: ("accuracy", "crosscheck", "explanation", "first_crossings", "bursts"),
+    5: ("isolators", "sizings", "risk_curve", "sizing", "files", "plots", "tables", "demo"),
     6: ("cli", "__main__", "__init__"),
 }
 METHODS = FLOORS[3]

@@ -130,9 +130,7 @@ def test_the_sub_stepper_is_of_fourth_order() -> None:
     def end(steps: int) -> np.ndarray:
         d, r, q = 0.0, 0.0, (0.01, 1.0, -2.0, 3.0)
         for step in range(steps):
-            d, r, *_ = sub_step(
-                step * 0.2 / steps, d, r, 0.2 / steps, q, (1.0, 0.1), PIECES, data
-            )
+            d, r, *_ = sub_step(step * 0.2 / steps, d, r, 0.2 / steps, q, (1.0, 0.1), PIECES, data)
         return np.array([d, r])
 
     truth = end(1024)

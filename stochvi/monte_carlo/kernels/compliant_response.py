@@ -255,9 +255,7 @@ def next_stop(x0, v0, x1, v1, span, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def meet(
-    x0, v0, x1, v1, span, structure, stop, scale, tally, row, mine, peaks, extremes, sums
-):
+def meet(x0, v0, x1, v1, span, structure, stop, scale, tally, row, mine, peaks, extremes, sums):
     """At a stop, seen as an upper one: an impact, or contact until it is left or the time is up.
 
     x0, v0 is there, x1, v1 what the end of the interval would be without the stop. Returns both

@@ -20,7 +20,13 @@ Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in 
 import numba
 import numpy as np
 
-from stochvi.monte_carlo.kernels.compliant_response import EXTREMES, FASTEST, SHARPEST, TALLY, cross_contacts
+from stochvi.monte_carlo.kernels.compliant_response import (
+    EXTREMES,
+    FASTEST,
+    SHARPEST,
+    TALLY,
+    cross_contacts,
+)
 from stochvi.monte_carlo.kernels.flight import (
     N_LOWER,
     N_UPPER,
