@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -214,8 +214,8 @@ def first_crossings(
     True
     """
     above, below = _levels(clearances, lower, upper)
-    plan = _plan(scene)
-    records = _Records(plan, seed, below, above)
+    plan = crossing_plan(scene.model_copy(update={"impact_pairs": ()}))
+    records = Records(plan, seed, below, above)
     workers = threads or len(os.sched_getaffinity(0))
     started = time.perf_counter()
     ages = np.empty(
@@ -250,7 +250,7 @@ def _levels(
         raise ValueError("give clearances, or lower and upper, not both")
     if clearances is not None:
         lower = upper = clearances
-    size = np.size(upper if upper is not None else lower)
+    size = max(0 if side is None else np.size(side) for side in (upper, lower))
     above, below = (
         np.full(size, math.inf) if side is None else np.atleast_1d(np.asarray(side, dtype=float))
         for side in (upper, lower)
@@ -262,20 +262,26 @@ def _levels(
     return above, below
 
 
-def _plan(scene: Scene) -> TabulatedPlan:
-    """Synthesis of the response without stops, sampled finely enough for its peaks."""
+def crossing_plan(scene: Scene) -> TabulatedPlan:
+    """Synthesis of the response without stops, sampled finely enough for its peaks.
+
+    Raises `NotApplicable` if it is not a stationary Gaussian process of one oscillator.
+    """
     unmet = [text for text in scene.beyond_one_oscillator() if "filtered" not in text]
     if unmet:
         raise NotApplicable("first_crossings", unmet)
     if all(excitation.kind == "constant" for excitation in scene.excitations):
         raise NotApplicable("first_crossings", ["excitation must contain noise"])
-    plan = plan_tabulated(scene.model_copy(update={"impact_pairs": ()}), None, None)
+    plan = plan_tabulated(scene, None, None)
     period = 2.0 * math.pi / plan.system.omega
     return plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
 
 
-class _Records:
-    """Stationary records, and the crossings that are put into them."""
+class Records:
+    """Stationary records of a plan, and the crossings of levels that are put into them.
+
+    `count` samples look back; `shape` holds rho, rho', eta, eta' over half a block.
+    """
 
     def __init__(self, plan: TabulatedPlan, seed: int, lower: Vector, upper: Vector) -> None:
         self.plan, self.seed = plan, seed
@@ -287,6 +293,7 @@ class _Records:
             self.sides = self.sides[:1]
         elif np.all(np.isinf(upper)):
             self.sides = self.sides[1:]
+        self.crosses_upper = [near is upper for near, _ in self.sides]
         self.rates_per_side = 2.0 if alike else 1.0
         correlation = _correlation(plan)
         self.displacement_std = math.sqrt(correlation[0, 0])
@@ -299,8 +306,13 @@ class _Records:
                 correlation[:, 1] / correlation[0, 2],
                 correlation[:, 2] / correlation[0, 2],
             ]
-        )[: self.count + 1].copy()
+        )
         self.starts = np.arange(0, plan.samples - self.count, self.count)
+
+    @property
+    def horizon(self) -> float:
+        """How far records look back, s."""
+        return self.count * self.plan.step
 
     def _horizon_samples(self, correlation: Vector) -> int:
         """Samples to look back, a multiple of every stride."""
@@ -312,39 +324,78 @@ class _Records:
         longest = self.plan.samples // 2
         return widest * min(math.ceil(horizon / self.plan.step / widest), longest // widest)
 
-    def ages(self, first_path: int) -> NDArray[np.float32]:
-        """Of the crossings in one block of paths, (strides, sides, levels, paths, starts)."""
+    @property
+    def rice_rates(self) -> Vector:
+        """(sides, levels), see `FirstCrossings`."""
+        factor = self.velocity_std / (2.0 * math.pi * self.displacement_std)
+        near = np.stack([near for near, _ in self.sides]) / self.displacement_std
+        return np.asarray(self.rates_per_side * factor * np.exp(-0.5 * near**2))
+
+    def block(self, first_path: int) -> tuple[Vector, Vector]:
+        """Records (paths, samples, 2) of x and x', and slopes (paths, starts) of unit Rayleigh
+        law, of one block of paths."""
         plan, paths = self.plan, self.plan.block
         free = plan.free_response(self.seed, first_path, paths, 0)
         records = np.empty((paths, plan.samples, 2))
         records[:, :, 0] = free[:, 0::2].T
         records[:, :, 1] = plan.system.omega * free[:, 1::2].T
         random = np.random.default_rng([self.seed, SLOPES, first_path])
-        slopes = self.velocity_std * random.rayleigh(size=(paths, len(self.starts)))
-        levels = len(self.upper)
-        found = np.empty((len(STRIDES), len(self.sides), levels, paths, len(self.starts)))
-        for index, stride in enumerate(STRIDES):
-            for side, (near, far) in enumerate(self.sides):
-                outcrossing_ages(
-                    records, self.starts, slopes, self.shape, plan.step, stride, near, far,
-                    found[index, side],
-                )  # fmt: skip
-        return found.astype(np.float32)
+        return records, random.rayleigh(size=(paths, len(self.starts)))
+
+    def look_back(self, records: Vector, slopes: Vector, side: int, stride: int = 1) -> Vector:
+        """Ages (levels, paths, starts) of crossings at slopes (m/s) of the stop of one side."""
+        near, far = self.sides[side]
+        ages = np.empty((len(near), *slopes.shape))
+        shape = np.ascontiguousarray(self.shape[: self.count + 1])
+        outcrossing_ages(
+            records, self.starts, slopes, shape, self.plan.step, stride, near, far, ages
+        )
+        return ages
+
+    def ages(self, first_path: int) -> NDArray[np.float32]:
+        """Of the crossings in one block of paths, (strides, sides, levels, paths, starts)."""
+        return self.ages_in(*self.block(first_path))
+
+    def ages_in(self, records: Vector, unit_slopes: Vector) -> NDArray[np.float32]:
+        """The same of a block that is there already."""
+        slopes = self.velocity_std * unit_slopes
+        ages = [
+            [self.look_back(records, slopes, side, stride) for side in range(len(self.sides))]
+            for stride in STRIDES
+        ]
+        return np.array(ages, np.float32)
 
     def found(self, ages: NDArray[np.float32]) -> FirstCrossings:
         """All that the crossings so far say."""
-        factor = self.velocity_std / (2.0 * math.pi * self.displacement_std)
-        near = np.stack([near for near, _ in self.sides]) / self.displacement_std
         return FirstCrossings(
             lower=self.lower,
             upper=self.upper,
             displacement_std=self.displacement_std,
             velocity_std=self.velocity_std,
-            horizon=self.count * self.plan.step,
+            horizon=self.horizon,
             interval=self.plan.step,
-            rice_rates=self.rates_per_side * factor * np.exp(-0.5 * near**2),
+            rice_rates=self.rice_rates,
             ages=ages,
         )
+
+
+def deviations(scene: Scene) -> tuple[float, float]:
+    """Standard deviations of x (m) and x' (m/s) without stops, white and filtered noise included.
+
+    Examples
+    --------
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> [round(deviation, 4) for deviation in deviations(scene)]
+    [1.0, 1.0]
+    """
+    plan = crossing_plan(scene.model_copy(update={"impact_pairs": ()}))
+    correlation = _correlation(plan)
+    return math.sqrt(correlation[0, 0]), math.sqrt(-correlation[0, 2])
 
 
 def _correlation(plan: TabulatedPlan) -> Vector:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.scenes import Scene
-    from stochvi.sizing import Sizing
+    from stochvi.sizings import Sizing
 
 PATH_PERIODS = 20_000.0
 """Natural periods of the path behind histogram and impact speeds: seconds to make, and at 3 sigma

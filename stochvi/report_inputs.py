@@ -26,7 +26,7 @@ from stochvi.words import G, millimetres
 
 if TYPE_CHECKING:
     from stochvi.scenes import Scene
-    from stochvi.sizing import Sizing
+    from stochvi.sizings import Sizing
 
 LAW_UNITS = {"stiffness": "N/m", "coefficient": "N/m^1.5"}
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.scenes import Scene, System
-    from stochvi.sizing import Sizing
+    from stochvi.sizings import Sizing
 
 Vector = NDArray[np.float64]
 

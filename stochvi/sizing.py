@@ -1,223 +1,579 @@
-"""The clearance that an isolator needs, with a stated risk."""
+"""`size`: the clearance that an isolator needs, with a stated risk.
+
+The chance of any hit needs no impact (`first_crossings`). What a hit leads to needs the stop law:
+where first hits are rare, bursts are simulated from the first hit on (`bursts`), else everything
+(`simulate`).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from stochvi.estimates import Cost, Estimate, Response
-from stochvi.isolators import Screening
-from stochvi.scenes import Scene
+import numpy as np
+from scipy.optimize import brentq
+
+from stochvi.bursts import UNFINISHED, WINDOW_RELAXATIONS, bursts
+from stochvi.contacts import CompliantLaw
+from stochvi.errors import NotApplicable, NotConverged
+from stochvi.estimates import Cost, Estimate, Response, provenance
+from stochvi.first_crossings import (
+    MEMORY_RELAXATIONS,
+    deviations,
+    first_crossings,
+)
+from stochvi.isolators import Screening, screen
+from stochvi.monte_carlo import simulate
+from stochvi.monte_carlo.runs import Progress
+from stochvi.notes import scene_notes
+from stochvi.risk_curve import RiskCurve, half_width
+from stochvi.scenes import ImpactPair, Scene
+from stochvi.sizings import Clearance, Sizing, Target, ThreeSigma
 
 if TYPE_CHECKING:
     import pandas as pd
 
+LOWEST_SIGMA, SIGMA_STEP = 1.0, 0.25
+"""First clearance of the curve, in sigma, and the distance of the next."""
 
-@dataclass(frozen=True, kw_only=True)
-class Target:
-    """What the clearance has to keep.
+REQUIRED = (0.1, 0.01, 0.001)
+"""Chances of any hit in the mission whose clearances are always told."""
 
-    Parameters
-    ----------
-    name
-        "probability" (of any hit in the mission), "rate" (hits per second), "impact_speed" or
-        "peak_acceleration" (not exceeded in the mission but with the chance `exceedance`).
-    value, unit
-        The limit, in SI units.
-    exceedance
-        Accepted chance that a hit of the mission exceeds the limit; None where `value` says it.
-    """
+ACCEPTED = 0.01
+"""Chance that a limit of speed or acceleration is exceeded in the mission, unless told."""
 
-    name: str
-    value: float
-    unit: str
-    exceedance: float | None = None
+MOST_CLEARANCES = 12
+"""Tried for a target that needs impacts."""
 
+LEAST_SIGMA = 0.2
+"""The smallest clearance that is tried, in sigma."""
 
-@dataclass(frozen=True, kw_only=True)
-class Clearance:
-    """Metres per side from the mean position, and the 95 % interval of the calculation."""
+ROUGHLY = 3.0
+"""Times the accuracy asked for, until the clearance is nearly found."""
 
-    value: float
-    lower: float
-    upper: float
+CLOSE = 0.02
+"""A rate this near to the one that is wanted, relatively, is extrapolated to it."""
 
+LEAST_SECONDS = 0.3
+"""What any calculation gets, even when the budget is over."""
 
-@dataclass(frozen=True, kw_only=True)
-class ThreeSigma:
-    """What the rule "three times the linear rms" buys in the mission.
+SHARE_OF_A_CLEARANCE = 4.0
+"""A clearance that is tried on the way gets this part of the time that is left."""
 
-    Parameters
-    ----------
-    clearance
-        3 sigma, m per side.
-    probability
-        Chance of any hit in the mission.
-    first_hits
-        Expected bursts of hits in the mission: the rate of first hits times the mission.
-    rice_hits
-        Expected hits in the mission by Rice, as if hits changed nothing.
-    hits
-        Expected hits in the mission, simulated with the stop law; None without a law.
-    impact_speed_mean
-        Mean impact speed, m/s, simulated; None without a law.
-    """
+TYPICAL_SPEED = 1.25
+"""Rms velocities: half of the first hits are about as fast or faster."""
 
-    clearance: float
-    probability: Estimate
-    first_hits: Estimate
-    rice_hits: float
-    hits: Estimate | None
-    impact_speed_mean: Estimate | None
+WIDEST = 3.0
+"""Speeds are drawn from a law at most so much wider: weights grow with it."""
+
+BY_FIRST_CROSSINGS = (
+    "first crossings of the Gaussian response without stops (records around outcrossings); no "
+    "impact law enters"
+)
+BY_HITS = (
+    "hits with the stop law: bursts simulated from first hits on where these are rare, else the "
+    "whole motion; the same random numbers at every clearance"
+)
+BY_BURSTS = (
+    "bursts of hits simulated with the stop law from first hits on; fast first hits drawn more "
+    "often, and weighted"
+)
+
+PUMPED = 3.0
+"""Hits that a first hit leads to from which a warning is due."""
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
-class Sizing:
-    """The clearance that keeps a target, and what it rests on.
+def size(
+    scene: Scene,
+    *,
+    probability: float | None = None,
+    rate: float | None = None,
+    impact_speed: float | None = None,
+    peak_acceleration: float | None = None,
+    exceedance: float = ACCEPTED,
+    mission: float = 3600.0,
+    rel_error: float = 0.05,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float = 60.0,
+    progress: Progress | None = None,
+) -> Sizing:
+    """The clearance per side that an isolator needs, for exactly one target.
 
     Parameters
     ----------
     scene
-        As it was given.
-    target, mission
-        What was asked for, and seconds of exposure.
-    clearance
-        The answer, m per side from the mean position (static sag counted).
-    sigma
-        Linear rms displacement without stops, m.
-    curve
-        One row per clearance, from one run: `clearance` (m), `clearance_in_sigma`, `rice_rate`
-        (1/s, both sides), `first_hit_rate`, `first_hit_rate_low`, `first_hit_rate_high` (1/s, the
-        limit that the rate of first hits tends to), `probability`, `probability_low`,
-        `probability_high` (of any hit in the mission, 95 % limits).
-    three_sigma
-        The rule of thumb judged.
-    required
-        One row per accepted chance of any hit in the mission (10, 1, 0.1 %): `probability`,
-        `clearance`, `clearance_low`, `clearance_high` (m), `clearance_in_sigma`.
-    simulated
-        One row per clearance simulated with the stop law: `clearance` (m), `clearance_in_sigma`,
-        `hit_rate`, `hit_rate_low`, `hit_rate_high` (1/s), `impact_speed_mean` (m/s), and, where
-        the target needs them, `exceedance_rate` with its limits (1/s).
-    evidence
-        Responses simulated with the stop law, by "three_sigma" and "recommended".
-    screening
-        Linear screening; None where the scene is no isolator on a noisy base.
-    method
-        How the clearance was found, in words.
+        One oscillator under stationary Gaussian noise. The laws of its stops are kept, their
+        places are not: they go to equal distances from the mean position, static sag counted.
+    probability
+        Chance of any hit in the mission. Needs no stops.
+    rate
+        Hits per second on both stops.
+    impact_speed, peak_acceleration
+        The largest of all hits of the mission (m/s; m/s^2, of the mass, absolute), which is to be
+        exceeded with the chance `exceedance` alone. An acceleration needs stops with a stiffness.
+    mission
+        Seconds of exposure, from a stationary start.
+    rel_error
+        Relative standard error of the risk (chance, rate) at the clearance.
+    budget
+        Seconds of wall time; where it ends first, the interval is wider and a warning says so.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene is not covered, or no clearance keeps the target.
+
+    Examples
+    --------
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.structures import Isolator
+    >>> scene = Scene(
+    ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
+    ...     excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    ... )
+    >>> sizing = size(scene, probability=0.01)
+    >>> round(sizing.clearance.value / sizing.sigma, 1)
+    5.6
     """
+    target = _target(probability, rate, impact_speed, peak_acceleration, exceedance)
+    for name, seconds in (("mission", mission), ("budget", budget)):
+        if not 0.0 < seconds < math.inf:
+            raise ValueError(f"{name} must be a positive number of seconds, got {seconds}")
+    if not 1e-4 <= rel_error < 1.0:
+        raise ValueError(f"rel_error must be in [1e-4, 1), got {rel_error}")
+    job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
+    return job.sizing()
 
-    scene: Scene
-    target: Target
-    mission: float
-    clearance: Clearance
-    sigma: float
-    curve: pd.DataFrame
-    three_sigma: ThreeSigma
-    required: pd.DataFrame
-    simulated: pd.DataFrame
-    evidence: Mapping[str, Response]
-    screening: Screening | None
-    method: str
-    warnings: Sequence[str] = ()
-    cost: Cost = field(default_factory=Cost)
-    provenance: Mapping[str, Any] = field(default_factory=dict)
 
-    def verdict(self) -> str:
-        """The answer in a sentence, then what three sigma would be."""
-        mm, c = 1e3, self.clearance
-        return (
-            f"{mm * c.value:.4g} mm per side ({mm * c.lower:.4g} to {mm * c.upper:.4g} mm, 95 %), "
-            f"{c.value / self.sigma:.3g} sigma, {self._keeps()}; 3 sigma = "
-            f"{mm * self.three_sigma.clearance:.4g} mm is hit with a chance of "
-            f"{_percent(self.three_sigma.probability.value)} in {_time(self.mission)}"
+def _target(
+    probability: float | None,
+    rate: float | None,
+    impact_speed: float | None,
+    peak_acceleration: float | None,
+    exceedance: float,
+) -> Target:
+    known = {
+        "probability": (probability, "1"),
+        "rate": (rate, "1/s"),
+        "impact_speed": (impact_speed, "m/s"),
+        "peak_acceleration": (peak_acceleration, "m/s^2"),
+    }
+    given = [name for name, (value, _) in known.items() if value is not None]
+    if len(given) != 1:
+        raise ValueError(
+            f"give exactly one of {', '.join(known)}, got {' and '.join(given) or 'none'}"
         )
+    name = given[0]
+    value, unit = known[name]
+    assert value is not None
+    if not 0.0 < value < (1.0 if name == "probability" else math.inf):
+        span = "in (0, 1)" if name == "probability" else "positive"
+        raise ValueError(f"{name} must be {span}, got {value:g}")
+    if not 0.0 < exceedance < 1.0:
+        raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
+    limited = name in ("impact_speed", "peak_acceleration")
+    return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
 
-    def _keeps(self) -> str:
-        target = self.target
-        if target.name == "probability":
-            return (
-                f"keeps the chance of any hit in {_time(self.mission)} at {_percent(target.value)}"
-            )
-        if target.name == "rate":
-            return f"keeps the hits at {target.value:.3g} per second"
-        word = target.name.replace("_", " ")
-        assert target.exceedance is not None
-        return (
-            f"keeps every {word} of {_time(self.mission)} below {target.value:.4g} {target.unit} "
-            f"but for a chance of {_percent(target.exceedance)}"
+
+def at_clearance(scene: Scene, clearance: float) -> Scene:
+    """The scene with its stops, and their laws, at a distance from the mean position."""
+    system = scene.system()
+    rest = system.load / system.omega**2
+    pair = scene.impact_pairs[0]
+    kept = pair.model_dump(include={"name", "on", "law", "lower_law", "upper_law"})
+    moved = ImpactPair(
+        **kept,
+        lower=None if pair.lower is None else rest - clearance,
+        upper=None if pair.upper is None else rest + clearance,
+    )
+    return scene.model_copy(update={"impact_pairs": (moved,)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """What hits are like at a clearance: by bursts, or by simulating everything."""
+
+    clearance: float
+    rel_error: float
+    hit_rate: Estimate
+    impact_speed_mean: Estimate | None
+    hits_per_burst: float | None = None
+    response: Response | None = None
+
+
+class _Job:
+    """One sizing: what was asked for, and what was found on the way."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        target: Target,
+        mission: float,
+        rel_error: float,
+        seed: int,
+        threads: int | None,
+        budget: float,
+        progress: Progress | None,
+    ) -> None:
+        self.scene, self.target, self.mission = scene, target, mission
+        self.rel_error, self.seed, self.threads = rel_error, seed, threads
+        self.report = progress or (lambda done, text: None)
+        self.started = time.perf_counter()
+        self.budget = budget
+        self.warnings: list[str] = []
+        self.tried: dict[float, Tried] = {}
+        if target.name != "probability":
+            _check_laws(scene, target)
+        self.curve = self._risk_curve()
+        self.sigma = self.curve.crossings.displacement_std
+
+    @property
+    def left(self) -> float:
+        """Seconds of the budget that are left, at least some to come to an end."""
+        return max(self.budget - (time.perf_counter() - self.started), LEAST_SECONDS)
+
+    @property
+    def window(self) -> float:
+        """Seconds that a burst is flown."""
+        return WINDOW_RELAXATIONS / MEMORY_RELAXATIONS * self.curve.crossings.horizon
+
+    def _risk_curve(self) -> RiskCurve:
+        """First crossings from 1 sigma on to where they matter for no target."""
+        self.report(0.0, "first crossings")
+        free = self.scene.model_copy(update={"impact_pairs": ()})
+        s_x, s_v = deviations(free)
+        chances = [*REQUIRED, self.target.exceedance or 1.0]
+        if self.target.name == "probability":
+            chances.append(self.target.value)
+        crossings = s_v / s_x / math.pi * max(self.mission, 2.0 * math.pi * s_x / s_v)
+        highest = math.sqrt(2.0 * math.log(10.0 * crossings / min(chances)))
+        levels = s_x * np.arange(LOWEST_SIGMA, highest + 2.0 * SIGMA_STEP, SIGMA_STEP)
+        pair = self.scene.impact_pairs[0] if self.scene.impact_pairs else None
+        one_sided = pair is not None and (pair.lower is None or pair.upper is None)
+        found = first_crossings(
+            free,
+            None if one_sided else levels,
+            upper=levels if one_sided else None,
+            mission=self.mission,
+            rel_error=self.rel_error,
+            seed=self.seed,
+            threads=self.threads,
+            budget=self.left,
         )
+        return RiskCurve.of(found, self.mission)
 
-    def to_frame(self) -> pd.DataFrame:
-        """The curve of risk against clearance."""
-        return self.curve
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document, SI units; what is not known is null."""
-        three = self.three_sigma
-        return {
-            "method": "size",
-            "verdict": self.verdict(),
-            "target": asdict(self.target),
-            "mission": self.mission,
-            "clearance": asdict(self.clearance),
-            "clearance_in_sigma": self.clearance.value / self.sigma,
-            "sigma": self.sigma,
-            "three_sigma": {
-                name: value.to_dict() if isinstance(value, Estimate) else value
-                for name, value in vars(three).items()
+    def sizing(self) -> Sizing:
+        """Find the clearance, then what stands beside it."""
+        if self.target.name == "probability":
+            clearance, method = self.curve.clearance(self.target.value), BY_FIRST_CROSSINGS
+        elif self.target.name == "rate":
+            clearance, method = self._search(self._hit_rate, self.target.value), BY_HITS
+        else:
+            assert self.target.exceedance is not None
+            wanted = -math.log1p(-self.target.exceedance) / self.mission
+            clearance, method = self._search(self._exceedance_rate, wanted), BY_BURSTS
+        three = self._three_sigma()
+        if self.scene.impact_pairs:
+            self.report(0.9, "recommended clearance")
+            self.try_at(clearance.value)
+        self._warn(clearance.value)
+        crossings = self.curve.crossings
+        return Sizing(
+            scene=self.scene,
+            target=self.target,
+            mission=self.mission,
+            clearance=clearance,
+            sigma=self.sigma,
+            curve=self.curve.to_frame(),
+            three_sigma=three,
+            required=self._required(),
+            simulated=self._simulated(),
+            evidence={
+                name: response
+                for name, at in (("three_sigma", three.clearance), ("recommended", clearance.value))
+                if at in self.tried and (response := self.tried[at].response)
             },
-            "required": _records(self.required),
-            "curve": _records(self.curve),
-            "simulated": _records(self.simulated),
-            "screening": None if self.screening is None else dict(vars(self.screening)),
-            "evidence": {name: answer.to_dict() for name, answer in self.evidence.items()},
-            "by": self.method,
-            "warnings": list(self.warnings),
-            "cost": asdict(self.cost),
-            "provenance": dict(self.provenance),
-        }
+            screening=_screening(self.scene),
+            method=method,
+            warnings=tuple(dict.fromkeys(self.warnings)),
+            cost=Cost(
+                wall_time=time.perf_counter() - self.started,
+                paths=crossings.ages.shape[3],
+                threads=self.threads or len(os.sched_getaffinity(0)),
+            ),
+            provenance=provenance(self.scene.document(), self.seed),
+        )
 
-    def __repr__(self) -> str:
-        return f"<size: {self.verdict()}>"
+    def _search(self, risk: Callable[[float, float], Estimate], wanted: float) -> Clearance:
+        """Where a rate that falls with the clearance is as wanted: first roughly, then once more.
 
-    def _repr_html_(self) -> str:
-        notes = "".join(f"<br>{warning}" for warning in self.warnings)
-        return f"<b>{self.verdict()}</b>{self.required.to_html(index=False)}{notes}"
+        Its logarithm is followed in the square of the clearance, by the slope of Rice's rate until
+        two tries have the root between them.
+        """
+        place = self._first_guess(wanted)
+        above: tuple[float, float] | None = None
+        below: tuple[float, float] | None = None
+        slope = -1.0 / (2.0 * self.sigma**2)
+        for attempt in range(MOST_CLEARANCES):
+            self.report(0.1 + 0.05 * attempt, f"{1e3 * place:.4g} mm")
+            excess, tolerance = _excess(risk(place, ROUGHLY * self.rel_error), wanted)
+            if abs(excess) <= max(tolerance, CLOSE):
+                break
+            point = (place**2, excess)
+            above, below = (point, below) if excess > 0.0 else (above, point)
+            if above and below and math.isfinite(below[1]):
+                slope = (below[1] - above[1]) / (below[0] - above[0])
+            place = math.sqrt(self._next(above, below, point))
+        else:
+            raise NotConverged(
+                f"no clearance was found in {MOST_CLEARANCES} tries for {self.target.name} = "
+                f"{self.target.value:g}; raise budget or rel_error"
+            )
+        found = risk(place, self.rel_error)
+        excess, _ = _excess(found, wanted)
+        per_metre = 2.0 * place * slope
+        half = half_width(found) / found.value / abs(per_metre)
+        value = place - excess / per_metre
+        return Clearance(value=value, lower=max(value - half, 0.0), upper=value + half)
+
+    def _next(
+        self,
+        above: tuple[float, float] | None,
+        below: tuple[float, float] | None,
+        last: tuple[float, float],
+    ) -> float:
+        """The next square of a clearance to try, from those where the rate is too high and too
+        low."""
+        if above and below:
+            middle = 0.5 * (above[0] + below[0])
+            if not math.isfinite(below[1]):
+                return middle
+            share = above[1] / (above[1] - below[1])
+            # not too near an end, which would move the other one too slowly
+            return above[0] + min(max(share, 0.1), 0.9) * (below[0] - above[0])
+        step = 2.0 * self.sigma**2 * max(min(last[1], 8.0), -8.0)
+        following = last[0] + step
+        if following < (LEAST_SIGMA * self.sigma) ** 2 and last[1] < 0.0:
+            if last[0] <= 1.01 * (LEAST_SIGMA * self.sigma) ** 2:
+                raise NotApplicable(
+                    "size",
+                    [
+                        f"{self.target.name} stays below {self.target.value:g} "
+                        f"{self.target.unit} even at {LEAST_SIGMA:g} sigma"
+                    ],
+                )
+            return (LEAST_SIGMA * self.sigma) ** 2
+        return following
+
+    def _first_guess(self, wanted: float) -> float:
+        """By Rice's rate; for a limit on hits, from where hits are as rare as it is to be."""
+        if self.target.exceedance is not None:
+            return 0.9 * self.curve.clearance(self.target.exceedance).value
+        crossings = self.curve.crossings
+        zero = crossings.rice_rate[0] * math.exp(0.5 * (self.curve.clearances[0] / self.sigma) ** 2)
+        return self.sigma * math.sqrt(2.0 * math.log(max(zero / wanted, 1.2)))
+
+    def _hit_rate(self, clearance: float, rel_error: float) -> Estimate:
+        return self.try_at(clearance, rel_error).hit_rate
+
+    def _exceedance_rate(self, clearance: float, rel_error: float) -> Estimate:
+        """Rate of bursts with a hit beyond the limit of the target."""
+        name, limit = self.target.name, self.target.value
+        scene = at_clearance(self.scene, clearance)
+        found = bursts(
+            scene,
+            rel_error=rel_error,
+            wanted=lambda some: some.exceedance_rate(name, limit),
+            widening=_widening(scene, self.target, self.curve.crossings.velocity_std, clearance),
+            seed=self.seed,
+            threads=self.threads,
+            budget=self.left / SHARE_OF_A_CLEARANCE,
+        )
+        if found.unfinished > UNFINISHED:
+            self.warnings.append(
+                f"bursts of hits at {1e3 * clearance:.4g} mm had not ended after "
+                f"{found.window:.3g} s: the chance of exceeding {name} is larger than calculated"
+            )
+        return found.exceedance_rate(name, limit)
+
+    def try_at(self, clearance: float, rel_error: float | None = None) -> Tried:
+        """What hits are like at a clearance; remembered unless asked for more roughly."""
+        wanted = rel_error or self.rel_error
+        if clearance not in self.tried or self.tried[clearance].rel_error > wanted:
+            scene = at_clearance(self.scene, clearance)
+            rare = self.curve.first_rate(clearance) * self.window < UNFINISHED
+            by_bursts = self._by_bursts(scene, clearance, wanted) if rare else None
+            self.tried[clearance] = by_bursts or self._by_simulation(scene, clearance, wanted)
+        return self.tried[clearance]
+
+    def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
+        """None if bursts do not end."""
+        found = bursts(
+            scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left
+        )
+        if not found.apart:
+            return None
+        return Tried(
+            clearance=clearance,
+            rel_error=rel_error,
+            hit_rate=found.hit_rate(),
+            impact_speed_mean=found.impact_speed_mean(),
+            hits_per_burst=found.hits_per_burst().value,
+        )
+
+    def _by_simulation(self, scene: Scene, clearance: float, rel_error: float) -> Tried:
+        try:
+            response = simulate(
+                scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left
+            )
+        except NotConverged as reason:
+            if reason.response is None:
+                raise
+            response = reason.response
+            self.warnings.append(
+                f"the budget ended before the hits at {1e3 * clearance:.4g} mm were known to "
+                f"{rel_error:g}"
+            )
+        pair = response.impact_pairs[scene.impact_pairs[0].name]
+        hit_rate, speed = pair["collision_rate"], pair["impact_speed_mean"]
+        assert isinstance(hit_rate, Estimate)
+        first = self.curve.first_rate(clearance)
+        return Tried(
+            clearance=clearance,
+            rel_error=rel_error,
+            hit_rate=hit_rate,
+            impact_speed_mean=speed if isinstance(speed, Estimate) else None,
+            hits_per_burst=hit_rate.value / first if first else None,
+            response=response,
+        )
+
+    def _three_sigma(self) -> ThreeSigma:
+        self.report(0.7, "three sigma")
+        clearance = 3.0 * self.sigma
+        index = int(np.argmin(np.abs(self.curve.clearances - clearance)))
+        tried = self.try_at(clearance) if self.scene.impact_pairs else None
+        return ThreeSigma(
+            clearance=clearance,
+            probability=self.curve.probabilities[index],
+            first_hits=_times(self.curve.first_rates[index], self.mission),
+            rice_hits=float(self.curve.crossings.rice_rate[index]) * self.mission,
+            hits=None if tried is None else _times(tried.hit_rate, self.mission),
+            impact_speed_mean=None if tried is None else tried.impact_speed_mean,
+        )
+
+    def _required(self) -> pd.DataFrame:
+        import pandas as pd
+
+        rows = []
+        for chance in REQUIRED:
+            found = self.curve.clearance(chance)
+            rows.append(
+                {
+                    "probability": chance,
+                    "clearance": found.value,
+                    "clearance_low": found.lower,
+                    "clearance_high": found.upper,
+                    "clearance_in_sigma": found.value / self.sigma,
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def _simulated(self) -> pd.DataFrame:
+        import pandas as pd
+
+        rows = []
+        for clearance, tried in sorted(self.tried.items()):
+            rate, speed = tried.hit_rate, tried.impact_speed_mean
+            unseen = rate.upper_95 is not None
+            rows.append(
+                {
+                    "clearance": clearance,
+                    "clearance_in_sigma": clearance / self.sigma,
+                    "hit_rate": rate.value,
+                    "hit_rate_low": max(rate.value - half_width(rate), 0.0),
+                    "hit_rate_high": rate.upper_95 if unseen else rate.value + half_width(rate),
+                    "hits_per_first_hit": tried.hits_per_burst,
+                    "impact_speed_mean": math.nan if speed is None else speed.value,
+                    "by": "simulation" if tried.response else "bursts",
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def _warn(self, clearance: float) -> None:
+        """What a reader must know before believing the numbers."""
+        scene = self.scene
+        if scene.impact_pairs:
+            scene = at_clearance(scene, clearance)
+        self.warnings += scene_notes(scene.system())
+        if not self.scene.impact_pairs:
+            self.warnings.append("the scene has no stops, so what a hit leads to is not known")
+        for place in (3.0 * self.sigma, clearance):
+            tried = self.tried.get(place)
+            if tried and tried.hits_per_burst and tried.hits_per_burst > PUMPED:
+                self.warnings.append(
+                    f"stops pump this mount: at {1e3 * place:.4g} mm ({place / self.sigma:.3g} "
+                    f"sigma) a first hit leads to {tried.hits_per_burst:.3g} hits on average, "
+                    f"{tried.hit_rate.value / self.curve.rice_rate(place):.3g} times what Rice's "
+                    "rate says; the chance of any hit is right all the same"
+                )
 
 
-def _records(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows of a table as plain types, None for what is missing."""
-    return [
-        {str(name): None if _missing(value) else value for name, value in row.items()}
-        for row in frame.to_dict("records")
-    ]
+def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
+    """Logarithm of a rate over the one that is wanted, and its standard error."""
+    if not found.value:
+        return -math.inf, 0.0
+    return math.log(found.value / wanted), found.standard_error / found.value
 
 
-def _missing(value: object) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)
+def _times(estimate: Estimate, factor: float) -> Estimate:
+    """An estimate in another unit."""
+    upper = None if estimate.upper_95 is None else factor * estimate.upper_95
+    return replace(
+        estimate,
+        value=factor * estimate.value,
+        standard_error=factor * estimate.standard_error,
+        bias=None if estimate.bias is None else factor * estimate.bias,
+        upper_95=upper,
+    )
 
 
-def _percent(probability: float) -> str:
-    """A probability in per cent, never rounded to 0 or 100.
+def _widening(scene: Scene, target: Target, velocity_std: float, clearance: float) -> float:
+    """How much faster than usual first hits are to be drawn for the limit to be exceeded."""
+    system = scene.system()
+    speed = target.value
+    if target.name == "peak_acceleration":
+        left = max(target.value - system.omega**2 * clearance, 0.1 * target.value)
+        softest = next(law for law in system.laws if isinstance(law, CompliantLaw))
+        # forces are per unit mass here
+        speed = float(
+            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, 1e-9 * velocity_std, 1e6)
+        )
+    return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
 
-    >>> _percent(0.01), _percent(2.5e-6), _percent(0.99999999)
-    ('1 %', '0.00025 %', 'over 99.9 %')
-    """
-    if probability > 0.999:
-        return "over 99.9 %"
-    return f"{100.0 * probability:.3g} %" if probability > 1e-6 else f"{100.0 * probability:.1e} %"
+
+def _check_laws(scene: Scene, target: Target) -> None:
+    """Refuse what the stops of the scene cannot say."""
+    if not scene.impact_pairs:
+        raise NotApplicable("size", [f"{target.name} needs an impact_pair, for its law"])
+    rigid = [side for side, law in scene.impact_pairs[0].stops() if law.rigid]
+    if target.name == "peak_acceleration" and rigid:
+        raise NotApplicable(
+            "size",
+            [
+                f"peak_acceleration needs the stiffness of the stops, and the {rigid[0]} stop has "
+                "only a restitution (law.kind = 'restitution'); give an elastic, viscoelastic, "
+                "hertz or table law"
+            ],
+        )
 
 
-def _time(seconds: float) -> str:
-    """A mission in the unit that reads best.
-
-    >>> _time(3600.0), _time(18.0), _time(5400.0), _time(7.2e5)
-    ('1 h', '18 s', '1.5 h', '200 h')
-    """
-    for unit, name in ((3600.0, "h"), (60.0, "min")):
-        if seconds >= unit:
-            return f"{seconds / unit:.4g} {name}"
-    return f"{seconds:.4g} s"
+def _screening(scene: Scene) -> Screening | None:
+    try:
+        return screen(scene)
+    except NotApplicable:
+        return None

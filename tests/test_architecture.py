@@ -24,9 +24,11 @@ FLOORS = {
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
-    4: ("accuracy", "crosscheck", "explanation", "first_crossings"),
+    4: ("accuracy", "crosscheck", "explanation", "first_crossings", "bursts"),
     5: (
         "isolators",
+        "sizings",
+        "risk_curve",
         "sizing",
         "files",
         "pages",

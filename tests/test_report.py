@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.axes import Axes
-from sizings import BUMPER, MOUNT, TRUCK, scene_between_stops, sizing_of
+from sized import BUMPER, MOUNT, TRUCK, scene_between_stops, sizing_of
 
 from stochvi import ConstantLoad, Isolator, Restitution, RoadNoise, WhiteNoise, screen
 from stochvi.pages import Fact, Grid, Page, Picture, Section, shown
@@ -25,7 +25,7 @@ from stochvi.report import clearance_page, write_report
 from stochvi.report_inputs import environment, gap, mount
 from stochvi.report_plots import frequencies, input_density, plot_input, transmissibility
 from stochvi.sensitivity import sensitivity
-from stochvi.sizing import Sizing
+from stochvi.sizings import Sizing
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
