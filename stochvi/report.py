@@ -4,52 +4,32 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.contacts import Restitution
 from stochvi.errors import NotApplicable
-from stochvi.estimates import Estimate, Response
+from stochvi.estimates import Response
 from stochvi.files import to_json, write_table, write_text
-from stochvi.isolators import predicted_rates, with_clearance
-from stochvi.monte_carlo import record_path
+from stochvi.isolators import predicted_rates
 from stochvi.pages import Fact, Grid, Page, Section, shown
 from stochvi.report_inputs import environment, gap, mount
 from stochvi.report_plots import (
     plot_cumulative,
-    plot_histogram,
     plot_hit_rate,
-    plot_impact_speeds,
     plot_risk,
     plot_sensitivity,
-    plot_transmissibility,
 )
+from stochvi.report_stops import NAMES, probability_at, seed_of, two_sided, with_stops
 from stochvi.sensitivity import sensitivity
-from stochvi.words import MM, UNKNOWN, G, count_of, duration_of, millimetres, percent, with_interval
+from stochvi.words import MM, G, count_of, duration_of, millimetres, percent, with_interval
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stochvi.scenes import Scene
     from stochvi.sizings import Sizing
 
-PATH_PERIODS = 20_000.0
-"""Natural periods of the path behind histogram and impact speeds: seconds to make, and at 3 sigma
-of a light mount some hundred hits."""
-
-BURN_IN_SHARE = 0.02
-"""Of that path, left out at its start."""
-
-FEWEST_HITS = 20
-"""In the path, for percentiles of their speeds."""
-
-SPEED_PERCENTILES = (50.0, 95.0, 99.0)
-
 CLOSURE_POINTS = 41
-
-NAMES = {"three_sigma": "3 sigma", "recommended": "recommended"}
-"""The clearances that are looked at more closely, in words."""
 
 
 def write_report(sizing: Sizing, folder: str | Path) -> Path:
@@ -86,7 +66,6 @@ def write_report(sizing: Sizing, folder: str | Path) -> Path:
 
 def clearance_page(sizing: Sizing, sensitive: pd.DataFrame | None = None) -> Page:
     """The page of a sizing; `sensitive` from `sensitivity`, where the scene has one."""
-    path = _path(sizing)
     return Page(
         title=sizing.scene.title or "Clearance of an isolator",
         subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
@@ -100,7 +79,7 @@ def clearance_page(sizing: Sizing, sensitive: pd.DataFrame | None = None) -> Pag
             gap(sizing),
             _screening(sizing),
             _risk(sizing),
-            _with_stops(sizing, path),
+            with_stops(sizing),
             _sensitivity_section(sensitive),
             _verification(sizing),
             _limits(sizing),
@@ -125,7 +104,7 @@ def _cards(sizing: Sizing) -> list[Fact]:
         ),
         Fact(
             f"Chance of any hit in {duration_of(sizing.mission)}",
-            percent(_probability_at(sizing, c.value)),
+            percent(probability_at(sizing, c.value)),
             "at that clearance",
         ),
         Fact(
@@ -145,19 +124,6 @@ def _screening_notes(sizing: Sizing) -> tuple[str, ...]:
     return () if sizing.screening is None else tuple(sizing.screening.notes)
 
 
-def _probability_at(sizing: Sizing, clearance: float) -> float | None:
-    """Chance of any hit in the mission, read off the curve; None beyond its ends."""
-    if sizing.target.name == "probability" and clearance == sizing.clearance.value:
-        return sizing.target.value
-    curve = sizing.curve
-    x, p = curve["clearance"].to_numpy(), curve["probability"].to_numpy()
-    if not (x.min() <= clearance <= x.max()) or not np.all(p > 0.0):
-        return None
-    # the number of bursts -log(1 - p) falls nearly as a Gaussian, straight in its logarithm
-    bursts = -np.log1p(-np.minimum(p, 1.0 - 1e-12))
-    return float(-np.expm1(-np.exp(np.interp(clearance, x, np.log(bursts)))))
-
-
 # Linear screening and risk ----------------------------------------------------------------
 
 
@@ -166,6 +132,7 @@ def _screening(sizing: Sizing) -> Section:
     if linear is None:
         return Section(title="Linear screening")
     three = sizing.three_sigma.clearance
+    sides = "both sides" if two_sided(sizing.scene) else "one side"
     natural = sizing.scene.system().omega / (2.0 * math.pi)
     crossings = 2.0 * linear.zero_crossing_rate * sizing.mission
     facts = [
@@ -186,8 +153,8 @@ def _screening(sizing: Sizing) -> Section:
         Fact(
             "Hits at 3 sigma by Rice",
             f"{count_of(sizing.three_sigma.rice_hits)}",
-            f"in {duration_of(sizing.mission)}, both sides, as if hits changed nothing; "
-            f"{linear.rice_rate(three):.4g} per second",
+            f"in {duration_of(sizing.mission)}, {sides}, as if hits changed nothing; "
+            f"{sizing.three_sigma.rice_hits / sizing.mission:.4g} per second",
         ),
         Fact(
             "Expected largest displacement",
@@ -264,7 +231,7 @@ def _risk(sizing: Sizing) -> Section:
         ),
         shown(
             plot_hit_rate(sizing, _closure(sizing)),
-            "Hits per second, both sides, against "
+            "Hits per second (of all stops) against "
             "clearance: by Rice, the rate of first hits, and simulated with the stops.",
         ),
     ]
@@ -282,208 +249,14 @@ def _closure(sizing: Sizing) -> pd.DataFrame | None:
     """Hit rate by the moment closure, where the stops are rigid and no sine shakes."""
     scene, x = sizing.scene, sizing.curve["clearance"]
     pairs = scene.impact_pairs
-    if sizing.screening is None or not pairs or not all(law.rigid for _, law in pairs[0].stops()):
+    if sizing.screening is None or not pairs or not two_sided(scene):
+        return None
+    if not all(law.rigid for _, law in pairs[0].stops()):
         return None
     try:
         return predicted_rates(scene, list(np.linspace(x.min(), x.max(), CLOSURE_POINTS)))
     except NotApplicable:
         return None
-
-
-# With stops -------------------------------------------------------------------------------
-
-
-def _path(sizing: Sizing) -> pd.DataFrame | None:
-    """One long path with stops at 3 sigma; None where the scene has no law for them."""
-    scene = sizing.scene
-    if not scene.impact_pairs or scene.beyond_one_oscillator():
-        return None
-    stopped = with_clearance(scene, sizing.three_sigma.clearance)
-    period = 2.0 * math.pi / scene.system().omega
-    path = record_path(stopped, duration=PATH_PERIODS * period, seed=_seed(sizing))
-    return path.iloc[round(BURN_IN_SHARE * len(path)) :]
-
-
-def _seed(sizing: Sizing) -> int:
-    seed = sizing.provenance.get("seed")
-    return seed if isinstance(seed, int) else 0
-
-
-def _with_stops(sizing: Sizing, path: pd.DataFrame | None) -> Section:
-    title = "With stops"
-    if not sizing.evidence and path is None:
-        return Section(title=title)
-    grids = [_evidence_grid(sizing)] if sizing.evidence else []
-    pictures, notes = [], []
-    if path is not None:
-        scene = with_clearance(sizing.scene, sizing.three_sigma.clearance)
-        speeds = path["impact_speed"].abs().to_numpy()
-        speeds = speeds[speeds > 0.0]
-        duration = float(path["time"].iloc[-1] - path["time"].iloc[0])
-        if len(speeds) >= FEWEST_HITS:
-            grids.append(_speed_grid(scene, speeds))
-        pictures.append(
-            shown(
-                plot_histogram(scene, path, sizing.sigma),
-                "Relative displacement with stops at "
-                "3 sigma (grey), over the normal law without stops; logarithmic.",
-            )
-        )
-        if len(speeds) >= FEWEST_HITS and sizing.screening is not None:
-            linear = sizing.screening
-            pictures.append(
-                shown(
-                    plot_impact_speeds(
-                        speeds,
-                        duration,
-                        linear.rice_rate(sizing.three_sigma.clearance),
-                        linear.velocity_std,
-                    ),
-                    "Impacts faster than a speed, per second, with stops at 3 sigma.",
-                )
-            )
-        if scene.system().moving_base:
-            pictures.append(
-                shown(
-                    plot_transmissibility(scene, path),
-                    "What the mount passes on, without stops "
-                    "and apparently with stops at 3 sigma; forces of the stops left out.",
-                )
-            )
-        notes.append(
-            f"Pictures and percentiles: a path of {duration:.4g} s, {len(speeds)} hits; "
-            f"kurtosis of its displacement {_kurtosis(path):.2f} (3 without stops)."
-        )
-    if any(law.rigid for pair in sizing.scene.impact_pairs for _, law in pair.stops()):
-        notes.append(
-            "A restitution gives the speeds of impact, not the peak acceleration: for that the "
-            "stop needs a stiffness, or a measured force over deflection."
-        )
-    return Section(
-        title=title,
-        lead="Simulated with the law of the stops; 95 % intervals below the values. Rms hides "
-        "hits, speeds and peaks show them.",
-        grids=grids,
-        pictures=pictures,
-        notes=notes,
-    )
-
-
-def _kurtosis(path: pd.DataFrame) -> float:
-    x = path["displacement"] - path["displacement"].mean()
-    return float(np.mean(x**4) / np.mean(x**2) ** 2)
-
-
-class _Row(NamedTuple):
-    """A line of the evidence: words, quantity of the mass or of its impact pair, factor to the
-    unit in the words, and what `Screening` calls it."""
-
-    words: str
-    quantity: str
-    factor: float
-    linear: str = ""
-
-    @property
-    def of_hits(self) -> bool:
-        """Whether it means nothing where no hit was seen."""
-        return not self.linear and self.quantity != "collision_rate"
-
-
-NO_HIT = "no hit seen"
-
-
-def _unhit(answer: Response) -> bool:
-    rate = _found(answer, "collision_rate")
-    return rate is not None and rate.upper_95 is not None
-
-
-def _evidence_rows(sizing: Sizing) -> list[_Row]:
-    scene = sizing.scene
-    rows = [
-        _Row("relative displacement (mm rms)", "displacement_std", MM, "displacement_std"),
-        _Row("relative velocity (m/s rms)", "velocity_std", 1.0, "velocity_std"),
-        _Row("absolute acceleration (g rms)", "acceleration_std", G, "acceleration_std"),
-        _Row("hits per second, both sides", "collision_rate", 1.0),
-        _Row("hits in the mission, both sides", "collision_rate", sizing.mission),
-        _Row("mean impact speed (m/s)", "impact_speed_mean", 1.0),
-        _Row("mean of the peak forces (N)", "peak_force", 1.0),
-        _Row("mean of the peaks by the stop (g)", "peak_force", G / scene.system().mass),
-        _Row("share of time in contact (%)", "contact_probability", 100.0),
-    ]
-    restitution = {law.restitution for pair in scene.impact_pairs for _, law in pair.stops()}
-    if len(restitution) == 1:  # F2 is that of both sides together
-        lost = (1.0 - restitution.pop() ** 2) / 2.0
-        rows.append(
-            _Row("energy lost to stops (mW per kg)", "impact_speed_square_rate", 1e3 * lost)
-        )
-    return rows
-
-
-def _evidence_grid(sizing: Sizing) -> Grid:
-    kept = [name for name in NAMES if name in sizing.evidence]
-    places = {"three_sigma": sizing.three_sigma.clearance, "recommended": sizing.clearance.value}
-    rows = [
-        ["clearance per side (mm)", "none", *(f"{MM * places[name]:.4g}" for name in kept)],
-        ["no hit in the mission", "", *(_no_hit(sizing, name, places[name]) for name in kept)],
-    ]
-    for row in _evidence_rows(sizing):
-        found = [_found(sizing.evidence[name], row.quantity) for name in kept]
-        linear = getattr(sizing.screening, row.linear, None) if row.linear else None
-        if any(estimate is not None for estimate in found):
-            first = "" if linear is None else f"{row.factor * linear:.4g}"
-            cells = (
-                NO_HIT
-                if row.of_hits and _unhit(sizing.evidence[name])
-                else with_interval(estimate, row.factor)
-                for name, estimate in zip(kept, found, strict=True)
-            )
-            rows.append([row.words, first, *cells])
-    return Grid(
-        caption="Response without and with stops, one column for each clearance",
-        headings=["", "no stops (linear)", *(NAMES[name] for name in kept)],
-        rows=rows,
-    )
-
-
-def _found(answer: Response, quantity: str) -> Estimate | None:
-    """An estimate of the mass, or of its one impact pair."""
-    for (_, name), estimate in answer.estimates().items():
-        if name == quantity:
-            return estimate
-    return None
-
-
-def _no_hit(sizing: Sizing, name: str, clearance: float) -> str:
-    chance = _probability_at(sizing, clearance)
-    if name == "three_sigma":
-        chance = sizing.three_sigma.probability.value
-    return UNKNOWN if chance is None else percent(1.0 - chance)
-
-
-def _speed_grid(scene: Scene, speeds: np.ndarray) -> Grid:
-    """Percentiles of impact speed and, of stops that give way, what a free mass then feels."""
-    system = scene.system()
-    laws = [law for law in (system.law_lower, system.law_upper) if law is not None]
-    soft = [law for law in laws if not isinstance(law, Restitution)]
-    headings = ["share of impacts slower than it", "impact speed (m/s)"]
-    if soft:
-        headings += ["peak acceleration (g)", "deflection (mm)", "contact (ms)"]
-    rows = []
-    for percentile in SPEED_PERCENTILES:
-        speed = float(np.percentile(speeds, percentile))
-        row = [f"{percentile:g} %", f"{speed:.3g}"]
-        if soft:
-            impacts = [law.impact(speed, 1.0) for law in soft]  # laws per unit mass
-            row += [
-                f"{G * max(impact.peak_force for impact in impacts):.3g}",
-                f"{MM * max(impact.peak_deflection for impact in impacts):.3g}",
-                f"{1e3 * max(impact.contact_time for impact in impacts):.3g}",
-            ]
-        rows.append(row)
-    caption = f"Impacts with stops at 3 sigma, {len(speeds)} of them"
-    if soft:
-        caption += "; peaks are those of a free mass that arrives at that speed, the harder stop"
-    return Grid(caption=caption, headings=headings, rows=rows)
 
 
 # Sensitivity, verification, limits --------------------------------------------------------
@@ -583,11 +356,8 @@ def _limits(sizing: Sizing) -> Section:
 def _footer(sizing: Sizing) -> list[str]:
     made = sizing.provenance
     libraries = made.get("libraries") or {}
-    versions = ", ".join(f"{name} {version}" for name, version in libraries.items())
-    lines = [
-        f"stochvi {made.get('version', '')}, seed {_seed(sizing)}{', ' * bool(versions)}{versions}"
+    versions = [f"{name} {version}" for name, version in libraries.items()]
+    return [
+        ", ".join([f"stochvi {made.get('version', '')}", f"seed {seed_of(sizing)}", *versions]),
+        "Tables in SI units lie beside this page as CSV; size.json holds all numbers.",
     ]
-    lines.append(
-        "Tables in SI units lie beside this page as CSV; size.json holds all numbers and the scene."
-    )
-    return lines

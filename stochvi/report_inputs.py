@@ -219,17 +219,17 @@ def gap(sizing: Sizing) -> Section:
     scene, c = sizing.scene, sizing.clearance.value
     system = scene.system()
     rest = system.load / system.omega**2
+    sides = ["lower", "upper"]
+    if scene.impact_pairs:
+        sides = [side for side, _ in scene.impact_pairs[0].stops()]
+    places = {"lower": (rest - c, "below"), "upper": (rest + c, "above")}
     facts = [
         Fact(
-            "Recommended, lower stop",
-            millimetres(rest - c),
-            f"{millimetres(c)} below the mean position",
-        ),
-        Fact(
-            "Recommended, upper stop",
-            millimetres(rest + c),
-            f"{millimetres(c)} above the mean position",
-        ),
+            f"Recommended, {side} stop",
+            millimetres(places[side][0]),
+            f"{millimetres(c)} {places[side][1]} the mean position",
+        )
+        for side in sides
     ]
     if rest:
         facts.insert(

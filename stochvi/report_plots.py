@@ -223,7 +223,7 @@ def plot_hit_rate(
         )  # fmt: skip
     ax.set_yscale("log")
     _mark_clearances(ax, sizing)
-    _finish(ax, "clearance per side (mm)", "hits per second, both sides")
+    _finish(ax, "clearance per side (mm)", "hits per second")
     return ax
 
 

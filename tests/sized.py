@@ -54,14 +54,19 @@ def sizing_of(scene: Scene, mission: float = 3600.0, paths: int = 256) -> Sizing
             evidence[name] = answer
             rate = answer.impact_pairs["stops"]["collision_rate"]
             assert isinstance(rate, Estimate)
+            speed = answer.impact_pairs["stops"]["impact_speed_mean"]
+            unseen = rate.upper_95 is not None
             half = 2.0 * rate.standard_error
             simulated.append(
                 {
                     "clearance": place,
                     "clearance_in_sigma": place / sigma,
-                    "hit_rate": rate.value or np.nan,
+                    "hit_rate": np.nan if unseen else rate.value,
                     "hit_rate_low": rate.value - half,
-                    "hit_rate_high": rate.value + half,
+                    "hit_rate_high": rate.upper_95 if unseen else rate.value + half,
+                    "hits_per_first_hit": np.nan if unseen else 1.4,
+                    "impact_speed_mean": speed.value if isinstance(speed, Estimate) else np.nan,
+                    "by": "simulation",
                 }
             )
     hits = linear.rice_rate(3.0 * sigma) * mission

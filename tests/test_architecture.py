@@ -37,6 +37,7 @@ FLOORS = {
         "report",
         "report_inputs",
         "report_plots",
+        "report_stops",
         "sensitivity",
         "words",
         "demo",

@@ -93,7 +93,7 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         plt.close("all")
         return Picture(uri="data:image/svg+xml;base64,", caption=caption)
 
-    for module in ("report", "report_inputs"):
+    for module in ("report", "report_inputs", "report_stops"):
         monkeypatch.setattr(f"stochvi.{module}.shown", blank)
 
 
