@@ -22,7 +22,16 @@ from stochvi.report_plots import (
 )
 from stochvi.report_stops import NAMES, probability_at, seed_of, two_sided, with_stops
 from stochvi.sensitivity import sensitivity
-from stochvi.words import MM, G, count_of, duration_of, millimetres, percent, with_interval
+from stochvi.words import (
+    MM,
+    G,
+    count_of,
+    duration_of,
+    limits_of,
+    millimetres,
+    percent,
+    with_interval,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,7 +108,7 @@ def _cards(sizing: Sizing) -> list[Fact]:
         Fact(
             "Clearance per side",
             millimetres(c.value),
-            f"{millimetres(c.lower)} to {millimetres(c.upper)} (95 % of the calculation), "
+            f"{limits_of(c.lower, c.upper)} (95 % of the calculation), "
             f"{c.value / sizing.sigma:.2f} sigma, from the mean position",
         ),
         Fact(
@@ -213,14 +222,14 @@ def _risk(sizing: Sizing) -> Section:
         [
             percent(row["probability"]),
             f"{MM * row['clearance']:.4g}",
-            f"{MM * row['clearance_low']:.4g} to {MM * row['clearance_high']:.4g}",
+            limits_of(row["clearance_low"], row["clearance_high"]),
             f"{row['clearance_in_sigma']:.3f}",
         ]
         for row in sizing.required.to_dict("records")
     ]
     grid = Grid(
         caption=f"Clearance per side by the chance of any hit in {duration_of(sizing.mission)}",
-        headings=["chance of any hit", "clearance (mm)", "95 % interval (mm)", "sigma"],
+        headings=["chance of any hit", "clearance (mm)", "95 % of the calculation", "sigma"],
         rows=rows,
     )
     pictures = [

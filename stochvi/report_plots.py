@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 from scipy.signal import welch
 from scipy.stats import norm
@@ -15,6 +16,7 @@ from scipy.stats import norm
 from stochvi.conventions import STANDARD_GRAVITY, density_from_intensity, power_ratio
 from stochvi.plots import COLOURS, draw_stops, length_unit
 from stochvi.spectra import squared_gain
+from stochvi.words import count_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,6 +42,9 @@ TOLERANCE_DB = 3.0
 
 PLAIN_NUMBERS = (1e-4, 2e4)
 """A logarithmic axis within these is labelled by numbers, another one by powers of ten."""
+
+FEW_DECADES = 300.0
+"""Ratio of the ends of an axis below which 2 and 5 are labelled too."""
 
 LEGEND_COLUMNS = 2
 """More do not fit above a picture of half a page."""
@@ -205,10 +210,11 @@ def plot_hit_rate(
     curve, mm = sizing.curve, 1e3
     ax.plot(mm * curve["clearance"], curve["rice_rate"], color=COLOURS["exact"], linestyle="--",
             linewidth=1.3, label="Rice, no impacts")  # fmt: skip
-    ax.plot(mm * curve["clearance"], curve["first_hit_rate"], color=COLOURS["fokker-planck"],
+    known = curve[curve["first_hit_rate_low"] > 0.0]
+    ax.plot(mm * known["clearance"], known["first_hit_rate"], color=COLOURS["fokker-planck"],
             linewidth=1.6, label="first hits")  # fmt: skip
-    ax.fill_between(mm * curve["clearance"], curve["first_hit_rate_low"],
-                    curve["first_hit_rate_high"], color=COLOURS["fokker-planck"], alpha=0.25,
+    ax.fill_between(mm * known["clearance"], known["first_hit_rate_low"],
+                    known["first_hit_rate_high"], color=COLOURS["fokker-planck"], alpha=0.25,
                     linewidth=0)  # fmt: skip
     if closure is not None and closure["closure"].notna().any():
         ax.plot(mm * closure["clearance"], closure["closure"], color=COLOURS["linearise:closure"],
@@ -255,7 +261,7 @@ def plot_impact_speeds(
     ax.semilogy(w, rice_rate * np.exp(-0.5 * (w / velocity_std) ** 2), color=COLOURS["exact"],
                 linestyle="--", linewidth=1.3, label="Rice, no impacts")  # fmt: skip
     ax.semilogy(np.sort(speeds), faster, color=MARKS["three_sigma"][0], linewidth=1.6,
-                drawstyle="steps-post", label=f"{len(speeds)} impacts at 3 sigma")  # fmt: skip
+                drawstyle="steps-post", label=f"{count_of(len(speeds))} impacts at 3 sigma")  # fmt: skip
     ax.set_ylim(0.5 / duration, 3.0 * max(faster[0], rice_rate))
     _finish(ax, "impact speed w (m/s)", "impacts faster than w, per second")
     return ax
@@ -298,6 +304,9 @@ def _finish(ax: Axes, x: str, y: str) -> None:
         low, high = sorted(axis.get_view_interval())
         if axis.get_scale() == "log" and low >= PLAIN_NUMBERS[0] and high <= PLAIN_NUMBERS[1]:
             axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+            if high < FEW_DECADES * low:
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.set_xlabel(x)
     ax.set_ylabel(y)
     ax.grid(which="major", color="#dddddd", linewidth=0.6)

@@ -14,7 +14,7 @@ from stochvi.monte_carlo import record_path
 from stochvi.pages import Grid, Picture, Section, shown
 from stochvi.report_plots import plot_histogram, plot_impact_speeds, plot_transmissibility
 from stochvi.sizing import at_clearance
-from stochvi.words import MM, UNKNOWN, G, percent, with_interval
+from stochvi.words import MM, UNKNOWN, G, count_of, percent, with_interval
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -161,7 +161,7 @@ def _hit_rows(sizing: Sizing, places: Mapping[str, float]) -> list[list[str]]:
                 texts.append(value if isinstance(value, str) else NO_HIT if row else UNKNOWN)
             elif limits:
                 low, high = (factor * row[f"{name}_{end}"] for end in ("low", "high"))
-                texts.append(f"{factor * value:.3g}\n{low:.3g} to {high:.3g}")
+                texts.append(f"{count_of(factor * value)}\n{count_of(low)} to {count_of(high)}")
             else:
                 texts.append(f"{factor * value:.3g}")
         return texts
@@ -239,7 +239,7 @@ def _speed_grid(scene: Scene, speeds: np.ndarray) -> Grid:
                 f"{1e3 * max(impact.contact_time for impact in impacts):.3g}",
             ]
         rows.append(row)
-    caption = f"Impacts with stops at 3 sigma, {len(speeds)} of them"
+    caption = f"Impacts with stops at 3 sigma, {count_of(len(speeds))} of them"
     if soft:
         caption += "; peaks are those of a free mass that arrives at that speed, the harder stop"
     return Grid(caption=caption, headings=headings, rows=rows)

@@ -32,6 +32,18 @@ def millimetres(metres: float) -> str:
     return f"{MM * metres:.4g} mm"
 
 
+def limits_of(low: float, high: float) -> str:
+    """Two limits, m, in millimetres; where four digits do not tell them apart, half their distance.
+
+    >>> limits_of(0.01097, 0.01108), limits_of(0.0012173527, 0.0012173552)
+    ('10.97 to 11.08 mm', '± 0.0001 %')
+    """
+    texts = [f"{MM * value:.4g}" for value in (low, high)]
+    if texts[0] == texts[1]:
+        return f"± {100.0 * (high - low) / (high + low):.1g} %"
+    return f"{texts[0]} to {texts[1]} mm"
+
+
 def with_interval(estimate: Estimate | None, factor: float) -> str:
     """A value, on a second line its 95 % interval; an upper limit of what was never seen.
 
@@ -53,14 +65,14 @@ def with_interval(estimate: Estimate | None, factor: float) -> str:
 
 
 def count_of(number: float) -> str:
-    """A number of things, without a fraction where it is large.
+    """A number of things, three digits of it.
 
-    >>> count_of(0.25), count_of(12.3), count_of(886.2), count_of(88620.0), count_of(2.5e7)
-    ('0.25', '12.3', '886', '88 620', '2.5e+07')
+    >>> count_of(0.25), count_of(12.34), count_of(976.4), count_of(88623.0), count_of(2.5e7)
+    ('0.25', '12.3', '976', '88 600', '2.5e+07')
     """
-    if number < 100.0:
+    if not 100.0 <= number < 1e6:
         return f"{number:.3g}"
-    return f"{number:,.0f}".replace(",", " ") if number < 1e6 else f"{number:.3g}"
+    return f"{float(f'{number:.3g}'):,.0f}".replace(",", " ")
 
 
 def percent(probability: float | None) -> str:
