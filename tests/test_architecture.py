@@ -23,7 +23,18 @@ FLOORS = {
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: ("accuracy", "crosscheck", "explanation", "first_crossings", "bursts"),
-    5: ("isolators", "sizings", "risk_curve", "hits", "sizing", "files", "plots", "tables", "demo"),
+    5: (
+        "isolators",
+        "sizings",
+        "risk_curve",
+        "hits",
+        "sizing",
+        "files",
+        "plots",
+        "sizing_plots",
+        "tables",
+        "demo",
+    ),
     6: ("cli", "__main__", "__init__"),
 }
 METHODS = FLOORS[3]
