@@ -47,6 +47,8 @@ if TYPE_CHECKING:
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.scenes import ImpactPair, Scene, load_scene
+    from stochvi.sizing import size
+    from stochvi.sizings import Sizing
     from stochvi.structures import Isolator, Matrices, Oscillator
 
 _HOME = {
@@ -78,6 +80,8 @@ _HOME = {
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
+    "sizing": ("size",),
+    "sizings": ("Sizing",),
     "structures": ("Isolator", "Matrices", "Oscillator"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
@@ -107,6 +111,7 @@ __all__ = [
     "SceneError",
     "Screening",
     "Sine",
+    "Sizing",
     "StochviError",
     "TabulatedNoise",
     "Viscoelastic",
@@ -126,6 +131,7 @@ __all__ = [
     "record_path",
     "screen",
     "simulate",
+    "size",
 ]
 
 

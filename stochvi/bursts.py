@@ -186,13 +186,15 @@ def bursts(
     if not scene.impact_pairs or min(lower, upper) <= 0.0:
         raise NotApplicable("bursts", ["needs a stop, and none beyond the mean position"])
     records = Records(plan, seed, np.array([lower]), np.array([upper]))
-    started = time.perf_counter()
+    started = 0.0
     parts: list[_Part] = []
     blocks = math.ceil(FEWEST_PATHS / plan.block)
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
         while True:
             first_paths = range(len(parts) * plan.block, blocks * plan.block, plan.block)
             parts += pool.map(lambda first: _part(records, first, widening), first_paths)
+            if not started:
+                started = time.perf_counter()  # compilation is over
             found = _join(records, parts)
             estimate = wanted(found)
             error = estimate.standard_error / estimate.value if estimate.value else math.inf

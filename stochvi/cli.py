@@ -382,6 +382,99 @@ def clearance(
 
 
 @main.command()
+@click.argument("scene")
+@click.option("--probability", type=float, metavar="P", help="Chance of any hit in the mission.")
+@click.option("--rate", type=float, metavar="F", help="Or: hits per second on all stops.")
+@click.option(
+    "--impact-speed", type=float, metavar="V", help="Or: largest impact speed of the mission, m/s."
+)
+@click.option(
+    "--peak-acceleration",
+    metavar="A[g]",
+    help="Or: largest absolute acceleration of the mission by a hit, m/s^2 or g (80g).",
+)
+@click.option(
+    "--exceedance",
+    type=float,
+    default=0.01,
+    show_default=True,
+    metavar="P",
+    help="Accepted chance that a speed or acceleration is exceeded.",
+)
+@click.option(
+    "--mission",
+    type=float,
+    default=3600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time of exposure.",
+)
+@click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
+@_options("budget", "seed", "threads", "json", "out", "quiet")
+def size(
+    scene: str,
+    probability: float | None,
+    rate: float | None,
+    impact_speed: float | None,
+    peak_acceleration: str | None,
+    exceedance: float,
+    mission: float,
+    rel_error: float,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """The clearance that is really needed, with a stated risk."""
+    from stochvi.files import write_json, write_sizing
+    from stochvi.scenes import load_scene
+    from stochvi.sizing import size as solve
+    from stochvi.tables import print_sizing
+
+    loaded = load_scene(scene)
+    with _progress(quiet, "sizing") as report:
+        found = solve(
+            loaded,
+            probability=probability,
+            rate=rate,
+            impact_speed=impact_speed,
+            peak_acceleration=_acceleration(peak_acceleration),
+            exceedance=exceedance,
+            mission=mission,
+            rel_error=rel_error,
+            seed=seed,
+            threads=threads,
+            budget=budget,
+            progress=report,
+        )
+    if not quiet:
+        print_sizing(_console(json_file), found)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        write_sizing(found, out)
+
+
+def _acceleration(text: str | None) -> float | None:
+    """m/s^2 from "150" or "15.3g"."""
+    from stochvi.conventions import STANDARD_GRAVITY
+
+    if text is None:
+        return None
+    number, factor = text.strip(), 1.0
+    if number.endswith("g"):
+        number, factor = number[:-1], STANDARD_GRAVITY
+    try:
+        return float(number) * factor
+    except ValueError:
+        raise ValueError(
+            f"--peak-acceleration must be a number of m/s^2 or of g (80g), got {text!r}"
+        ) from None
+
+
+@main.command()
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
     metavar="DIR", help="Where tables and pictures go.",

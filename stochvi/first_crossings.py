@@ -152,8 +152,11 @@ class FirstCrossings:
     def _rate(self, means: Vector) -> Vector:
         first, last = self.horizon / 2.0, self.horizon
         half = last - first
-        start = 1.0 - _columns(self.outside, means[1])
-        return np.asarray(means[1] / np.maximum(start * half - means[2], FEWEST_SURVIVORS * half))
+        exposure = (1.0 - _columns(self.outside, means[1])) * half - means[2]
+        fewest = FEWEST_SURVIVORS * half
+        # where hardly any survive, they are lost as fast as those before them at least
+        lost = np.where(exposure < fewest, -math.log(FEWEST_SURVIVORS) / last, 0.0)
+        return np.asarray(np.maximum(means[1] / np.maximum(exposure, fewest), lost))
 
     def _probability(self, means: Vector, mission: float) -> Vector:
         early = np.minimum(_columns(self.outside, means[0]) + means[0], 1.0 - FEWEST_SURVIVORS)
@@ -226,6 +229,8 @@ def first_crossings(
         while True:
             blocks = range(ages.shape[3], paths, plan.block)
             ages = np.concatenate([ages, *pool.map(records.ages, blocks)], axis=3)
+            if not started:
+                started = time.perf_counter()  # compilation is over
             found = records.found(ages)
             error = _largest_error(found, mission)
             elapsed = time.perf_counter() - started

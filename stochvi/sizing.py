@@ -11,27 +11,26 @@ import math
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import brentq
 
-from stochvi.bursts import UNFINISHED, WINDOW_RELAXATIONS, bursts
+from stochvi.bursts import UNFINISHED, bursts
 from stochvi.contacts import CompliantLaw
 from stochvi.errors import NotApplicable, NotConverged
-from stochvi.estimates import Cost, Estimate, Response, provenance
+from stochvi.estimates import Cost, Estimate, provenance
 from stochvi.first_crossings import (
-    MEMORY_RELAXATIONS,
     deviations,
     first_crossings,
 )
+from stochvi.hits import Hits, at_clearance, compile_kernels
 from stochvi.isolators import Screening, screen
-from stochvi.monte_carlo import simulate
 from stochvi.monte_carlo.runs import Progress
 from stochvi.notes import scene_notes
 from stochvi.risk_curve import RiskCurve, half_width
-from stochvi.scenes import ImpactPair, Scene
+from stochvi.scenes import Scene
 from stochvi.sizings import Clearance, Sizing, Target, ThreeSigma
 
 if TYPE_CHECKING:
@@ -180,32 +179,6 @@ def _target(
     return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
 
 
-def at_clearance(scene: Scene, clearance: float) -> Scene:
-    """The scene with its stops, and their laws, at a distance from the mean position."""
-    system = scene.system()
-    rest = system.load / system.omega**2
-    pair = scene.impact_pairs[0]
-    kept = pair.model_dump(include={"name", "on", "law", "lower_law", "upper_law"})
-    moved = ImpactPair(
-        **kept,
-        lower=None if pair.lower is None else rest - clearance,
-        upper=None if pair.upper is None else rest + clearance,
-    )
-    return scene.model_copy(update={"impact_pairs": (moved,)})
-
-
-@dataclass(frozen=True, kw_only=True)
-class Tried:
-    """What hits are like at a clearance: by bursts, or by simulating everything."""
-
-    clearance: float
-    rel_error: float
-    hit_rate: Estimate
-    impact_speed_mean: Estimate | None
-    hits_per_burst: float | None = None
-    response: Response | None = None
-
-
 class _Job:
     """One sizing: what was asked for, and what was found on the way."""
 
@@ -223,24 +196,28 @@ class _Job:
         self.scene, self.target, self.mission = scene, target, mission
         self.rel_error, self.seed, self.threads = rel_error, seed, threads
         self.report = progress or (lambda done, text: None)
-        self.started = time.perf_counter()
         self.budget = budget
         self.warnings: list[str] = []
-        self.tried: dict[float, Tried] = {}
         if target.name != "probability":
             _check_laws(scene, target)
+        compile_kernels(scene)
+        self.started = time.perf_counter()
         self.curve = self._risk_curve()
         self.sigma = self.curve.crossings.displacement_std
+        self.hits = Hits(
+            scene=scene,
+            curve=self.curve,
+            rel_error=rel_error,
+            seed=seed,
+            threads=threads,
+            left=lambda: self.left,
+            warnings=self.warnings,
+        )
 
     @property
     def left(self) -> float:
         """Seconds of the budget that are left, at least some to come to an end."""
         return max(self.budget - (time.perf_counter() - self.started), LEAST_SECONDS)
-
-    @property
-    def window(self) -> float:
-        """Seconds that a burst is flown."""
-        return WINDOW_RELAXATIONS / MEMORY_RELAXATIONS * self.curve.crossings.horizon
 
     def _risk_curve(self) -> RiskCurve:
         """First crossings from 1 sigma on to where they matter for no target."""
@@ -275,12 +252,13 @@ class _Job:
             clearance, method = self._search(self._hit_rate, self.target.value), BY_HITS
         else:
             assert self.target.exceedance is not None
+            self._check_free_motion(self.target.exceedance)
             wanted = -math.log1p(-self.target.exceedance) / self.mission
             clearance, method = self._search(self._exceedance_rate, wanted), BY_BURSTS
         three = self._three_sigma()
         if self.scene.impact_pairs:
             self.report(0.9, "recommended clearance")
-            self.try_at(clearance.value)
+            self.hits.at(clearance.value)
         self._warn(clearance.value)
         crossings = self.curve.crossings
         return Sizing(
@@ -296,7 +274,7 @@ class _Job:
             evidence={
                 name: response
                 for name, at in (("three_sigma", three.clearance), ("recommended", clearance.value))
-                if at in self.tried and (response := self.tried[at].response)
+                if at in self.hits.tried and (response := self.hits.tried[at].response)
             },
             screening=_screening(self.scene),
             method=method,
@@ -308,6 +286,22 @@ class _Job:
             ),
             provenance=provenance(self.scene.document(), self.seed),
         )
+
+    def _check_free_motion(self, exceedance: float) -> None:
+        """Refuse an acceleration that the mount's own spring brings about, stops or not."""
+        system = self.scene.system()
+        needed = self.curve.clearance(exceedance).value
+        if self.target.name != "peak_acceleration":
+            return
+        if self.target.value <= system.omega**2 * needed:
+            raise NotApplicable(
+                "size",
+                [
+                    f"peak_acceleration of {self.target.value:.4g} m/s^2 is exceeded without any "
+                    f"stop: the spring alone brings {system.omega**2 * needed:.4g} m/s^2 with a "
+                    f"chance of {exceedance:g}"
+                ],
+            )
 
     def _search(self, risk: Callable[[float, float], Estimate], wanted: float) -> Clearance:
         """Where a rate that falls with the clearance is as wanted: first roughly, then once more.
@@ -379,7 +373,7 @@ class _Job:
         return self.sigma * math.sqrt(2.0 * math.log(max(zero / wanted, 1.2)))
 
     def _hit_rate(self, clearance: float, rel_error: float) -> Estimate:
-        return self.try_at(clearance, rel_error).hit_rate
+        return self.hits.at(clearance, rel_error).hit_rate
 
     def _exceedance_rate(self, clearance: float, rel_error: float) -> Estimate:
         """Rate of bursts with a hit beyond the limit of the target."""
@@ -401,62 +395,11 @@ class _Job:
             )
         return found.exceedance_rate(name, limit)
 
-    def try_at(self, clearance: float, rel_error: float | None = None) -> Tried:
-        """What hits are like at a clearance; remembered unless asked for more roughly."""
-        wanted = rel_error or self.rel_error
-        if clearance not in self.tried or self.tried[clearance].rel_error > wanted:
-            scene = at_clearance(self.scene, clearance)
-            rare = self.curve.first_rate(clearance) * self.window < UNFINISHED
-            by_bursts = self._by_bursts(scene, clearance, wanted) if rare else None
-            self.tried[clearance] = by_bursts or self._by_simulation(scene, clearance, wanted)
-        return self.tried[clearance]
-
-    def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
-        """None if bursts do not end."""
-        found = bursts(
-            scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left
-        )
-        if not found.apart:
-            return None
-        return Tried(
-            clearance=clearance,
-            rel_error=rel_error,
-            hit_rate=found.hit_rate(),
-            impact_speed_mean=found.impact_speed_mean(),
-            hits_per_burst=found.hits_per_burst().value,
-        )
-
-    def _by_simulation(self, scene: Scene, clearance: float, rel_error: float) -> Tried:
-        try:
-            response = simulate(
-                scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left
-            )
-        except NotConverged as reason:
-            if reason.response is None:
-                raise
-            response = reason.response
-            self.warnings.append(
-                f"the budget ended before the hits at {1e3 * clearance:.4g} mm were known to "
-                f"{rel_error:g}"
-            )
-        pair = response.impact_pairs[scene.impact_pairs[0].name]
-        hit_rate, speed = pair["collision_rate"], pair["impact_speed_mean"]
-        assert isinstance(hit_rate, Estimate)
-        first = self.curve.first_rate(clearance)
-        return Tried(
-            clearance=clearance,
-            rel_error=rel_error,
-            hit_rate=hit_rate,
-            impact_speed_mean=speed if isinstance(speed, Estimate) else None,
-            hits_per_burst=hit_rate.value / first if first else None,
-            response=response,
-        )
-
     def _three_sigma(self) -> ThreeSigma:
         self.report(0.7, "three sigma")
         clearance = 3.0 * self.sigma
         index = int(np.argmin(np.abs(self.curve.clearances - clearance)))
-        tried = self.try_at(clearance) if self.scene.impact_pairs else None
+        tried = self.hits.at(clearance) if self.scene.impact_pairs else None
         return ThreeSigma(
             clearance=clearance,
             probability=self.curve.probabilities[index],
@@ -487,7 +430,7 @@ class _Job:
         import pandas as pd
 
         rows = []
-        for clearance, tried in sorted(self.tried.items()):
+        for clearance, tried in sorted(self.hits.tried.items()):
             rate, speed = tried.hit_rate, tried.impact_speed_mean
             unseen = rate.upper_95 is not None
             rows.append(
@@ -513,7 +456,7 @@ class _Job:
         if not self.scene.impact_pairs:
             self.warnings.append("the scene has no stops, so what a hit leads to is not known")
         for place in (3.0 * self.sigma, clearance):
-            tried = self.tried.get(place)
+            tried = self.hits.tried.get(place)
             if tried and tried.hits_per_burst and tried.hits_per_burst > PUMPED:
                 self.warnings.append(
                     f"stops pump this mount: at {1e3 * place:.4g} mm ({place / self.sigma:.3g} "

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from stochvi.conventions import STANDARD_GRAVITY
 from stochvi.estimates import Cost, Estimate, Response
 from stochvi.isolators import Screening
 from stochvi.scenes import Scene
@@ -127,27 +128,28 @@ class Sizing:
 
     def verdict(self) -> str:
         """The answer in a sentence, then what three sigma would be."""
-        mm, c = 1e3, self.clearance
+        mm, c, three = 1e3, self.clearance, self.three_sigma
         return (
             f"{mm * c.value:.4g} mm per side ({mm * c.lower:.4g} to {mm * c.upper:.4g} mm, 95 %), "
-            f"{c.value / self.sigma:.3g} sigma, {self._keeps()}; 3 sigma = "
-            f"{mm * self.three_sigma.clearance:.4g} mm is hit with a chance of "
-            f"{_percent(self.three_sigma.probability.value)} in {_time(self.mission)}"
+            f"{c.value / self.sigma:.3g} sigma, {self._keeps()}; "
+            f"3 sigma = {mm * three.clearance:.4g} mm is hit with a chance of "
+            f"{spoken_percent(three.probability.value)} in {spoken_mission(self.mission)}"
         )
 
     def _keeps(self) -> str:
-        target = self.target
+        """What the clearance keeps, in words."""
+        target, mission = self.target, spoken_mission(self.mission)
         if target.name == "probability":
-            return (
-                f"keeps the chance of any hit in {_time(self.mission)} at {_percent(target.value)}"
-            )
+            return f"keeps the chance of any hit in {mission} at {spoken_percent(target.value)}"
         if target.name == "rate":
             return f"keeps the hits at {target.value:.3g} per second"
-        word = target.name.replace("_", " ")
         assert target.exceedance is not None
+        limit = f"{target.value:.4g} {target.unit}"
+        if target.name == "peak_acceleration":
+            limit += f" ({target.value / STANDARD_GRAVITY:.4g} g)"
         return (
-            f"keeps every {word} of {_time(self.mission)} below {target.value:.4g} {target.unit} "
-            f"but for a chance of {_percent(target.exceedance)}"
+            f"keeps every {target.name.replace('_', ' ')} of {mission} below {limit} but for a "
+            f"chance of {spoken_percent(target.exceedance)}"
         )
 
     def to_frame(self) -> pd.DataFrame:
@@ -200,10 +202,10 @@ def _missing(value: object) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
 
-def _percent(probability: float) -> str:
+def spoken_percent(probability: float) -> str:
     """A probability in per cent, never rounded to 0 or 100.
 
-    >>> _percent(0.01), _percent(2.5e-6), _percent(0.99999999)
+    >>> spoken_percent(0.01), spoken_percent(2.5e-6), spoken_percent(0.99999999)
     ('1 %', '0.00025 %', 'over 99.9 %')
     """
     if probability > 0.999:
@@ -211,10 +213,10 @@ def _percent(probability: float) -> str:
     return f"{100.0 * probability:.3g} %" if probability > 1e-6 else f"{100.0 * probability:.1e} %"
 
 
-def _time(seconds: float) -> str:
+def spoken_mission(seconds: float) -> str:
     """A mission in the unit that reads best.
 
-    >>> _time(3600.0), _time(18.0), _time(5400.0), _time(7.2e5)
+    >>> spoken_mission(3600.0), spoken_mission(18.0), spoken_mission(5400.0), spoken_mission(7.2e5)
     ('1 h', '18 s', '1.5 h', '200 h')
     """
     for unit, name in ((3600.0, "h"), (60.0, "min")):

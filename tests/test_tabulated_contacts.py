@@ -37,8 +37,8 @@ from stochvi.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.monte_carlo.compliant import CONTACT_ROWS, _stop
 from stochvi.monte_carlo.kernels.compliant_response import (
     CONTACT_ERROR,
-    KINK_ERROR,
     EXTREMES,
+    KINK_ERROR,
     TALLY,
     cross_contacts,
     cubic_at,
