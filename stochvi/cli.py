@@ -428,7 +428,7 @@ def size(
     quiet: bool,
 ) -> None:
     """The clearance that is really needed, with a stated risk."""
-    from stochvi.files import write_json, write_sizing
+    from stochvi.files import write_json
     from stochvi.scenes import load_scene
     from stochvi.sizing import size as solve
     from stochvi.tables import print_sizing
@@ -454,7 +454,9 @@ def size(
     if json_file is not None:
         write_json(found.to_dict(), json_file)
     if out is not None:
-        write_sizing(found, out)
+        from stochvi.report import write_report
+
+        write_report(found, out)
 
 
 def _acceleration(text: str | None) -> float | None:

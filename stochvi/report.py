@@ -10,26 +10,27 @@ import numpy as np
 
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Response
-from stochvi.files import to_json, write_table, write_text
+from stochvi.files import write_sizing, write_table, write_text
 from stochvi.isolators import predicted_rates
 from stochvi.pages import Fact, Grid, Page, Section, shown
 from stochvi.report_inputs import environment, gap, mount
 from stochvi.report_plots import (
+    new_axes,
     plot_cumulative,
     plot_hit_rate,
-    plot_risk,
     plot_sensitivity,
 )
 from stochvi.report_stops import NAMES, probability_at, seed_of, two_sided, with_stops
 from stochvi.sensitivity import sensitivity
+from stochvi.sizing_plots import plot_risk
+from stochvi.sizings import spoken_mission, spoken_percent
 from stochvi.words import (
     MM,
+    UNKNOWN,
     G,
     count_of,
-    duration_of,
     limits_of,
     millimetres,
-    percent,
     with_interval,
 )
 
@@ -42,7 +43,7 @@ CLOSURE_POINTS = 41
 
 
 def write_report(sizing: Sizing, folder: str | Path) -> Path:
-    """Write `report.html` with its tables (CSV) and `size.json`; returns the path of the page.
+    """Write `report.html` beside what `write_sizing` writes; returns the path of the page.
 
     The page needs nothing beside it: pictures and style are embedded, and nothing is fetched.
 
@@ -51,23 +52,19 @@ def write_report(sizing: Sizing, folder: str | Path) -> Path:
     sizing
         From `size`.
     folder
-        Made if it is missing. `curve.csv`, `required.csv`, `simulated.csv`, `sensitivity.csv` and
-        `evidence.csv` hold what the page draws, in SI units.
+        Made if it is missing. `sensitivity.csv` and `evidence.csv` hold the other tables of the
+        page, in SI units.
     """
     folder = Path(folder)
-    tables = {"curve": sizing.curve, "required": sizing.required, "simulated": sizing.simulated}
+    write_sizing(sizing, folder)
     sensitive = _sensitivity(sizing)
     if sensitive is not None:
-        tables["sensitivity"] = sensitive
-    for name, table in tables.items():
-        if len(table):
-            write_table(table, folder / f"{name}.csv")
+        write_table(sensitive, folder / "sensitivity.csv")
     if sizing.evidence:
         import pandas as pd
 
         frames = [answer.to_frame().assign(at=name) for name, answer in sizing.evidence.items()]
         write_table(pd.concat(frames), folder / "evidence.csv")
-    write_text(to_json(sizing.to_dict()) + "\n", folder / "size.json")
     path = folder / "report.html"
     write_text(clearance_page(sizing, sensitive).html(), path)
     return path
@@ -78,7 +75,7 @@ def clearance_page(sizing: Sizing, sensitive: pd.DataFrame | None = None) -> Pag
     return Page(
         title=sizing.scene.title or "Clearance of an isolator",
         subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
-        f"{duration_of(sizing.mission)}",
+        f"{spoken_mission(sizing.mission)}",
         verdict=f"Clearance: {sizing.verdict()}.",
         cards=_cards(sizing),
         warnings=tuple(dict.fromkeys([*sizing.warnings, *_screening_notes(sizing)])),
@@ -112,8 +109,8 @@ def _cards(sizing: Sizing) -> list[Fact]:
             f"{c.value / sizing.sigma:.2f} sigma, from the mean position",
         ),
         Fact(
-            f"Chance of any hit in {duration_of(sizing.mission)}",
-            percent(probability_at(sizing, c.value)),
+            f"Chance of any hit in {spoken_mission(sizing.mission)}",
+            _chance(probability_at(sizing, c.value)),
             "at that clearance",
         ),
         Fact(
@@ -123,10 +120,14 @@ def _cards(sizing: Sizing) -> list[Fact]:
         ),
         Fact(
             "and would risk",
-            f"{percent(three.probability.value)} of any hit",
-            f"{count_of(count)} hits expected in {duration_of(sizing.mission)}, {hits}",
+            f"{spoken_percent(three.probability.value)} of any hit",
+            f"{count_of(count)} hits expected in {spoken_mission(sizing.mission)}, {hits}",
         ),
     ]
+
+
+def _chance(probability: float | None) -> str:
+    return UNKNOWN if probability is None else spoken_percent(probability)
 
 
 def _screening_notes(sizing: Sizing) -> tuple[str, ...]:
@@ -162,13 +163,13 @@ def _screening(sizing: Sizing) -> Section:
         Fact(
             "Hits at 3 sigma by Rice",
             f"{count_of(sizing.three_sigma.rice_hits)}",
-            f"in {duration_of(sizing.mission)}, {sides}, as if hits changed nothing; "
+            f"in {spoken_mission(sizing.mission)}, {sides}, as if hits changed nothing; "
             f"{sizing.three_sigma.rice_hits / sizing.mission:.4g} per second",
         ),
         Fact(
             "Expected largest displacement",
             millimetres(_largest(crossings) * sizing.sigma),
-            f"of {duration_of(sizing.mission)}, either side, {_largest(crossings):.3g} sigma "
+            f"of {spoken_mission(sizing.mission)}, either side, {_largest(crossings):.3g} sigma "
             "(Davenport)",
         ),
     ]
@@ -220,7 +221,7 @@ def _largest(count: float) -> float:
 def _risk(sizing: Sizing) -> Section:
     rows = [
         [
-            percent(row["probability"]),
+            spoken_percent(row["probability"]),
             f"{MM * row['clearance']:.4g}",
             limits_of(row["clearance_low"], row["clearance_high"]),
             f"{row['clearance_in_sigma']:.3f}",
@@ -228,13 +229,13 @@ def _risk(sizing: Sizing) -> Section:
         for row in sizing.required.to_dict("records")
     ]
     grid = Grid(
-        caption=f"Clearance per side by the chance of any hit in {duration_of(sizing.mission)}",
+        caption=f"Clearance per side by the chance of any hit in {spoken_mission(sizing.mission)}",
         headings=["chance of any hit", "clearance (mm)", "95 % of the calculation", "sigma"],
         rows=rows,
     )
     pictures = [
         shown(
-            plot_risk(sizing),
+            plot_risk(sizing, new_axes()),
             "Chance of any hit in the mission against clearance, with the "
             "95 % band of the calculation; grey lines are the chances of the table.",
         ),

@@ -233,24 +233,6 @@ def plot_hit_rate(
     return ax
 
 
-def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
-    """Chance of any hit in the mission against clearance, with its 95 % band."""
-    ax = _axes(ax)
-    curve, mm = sizing.curve, 1e3
-    x = mm * curve["clearance"]
-    ax.fill_between(x, 100.0 * curve["probability_low"], 100.0 * curve["probability_high"],
-                    color=COLOURS["simulate"], alpha=0.25, linewidth=0, label="95 %")  # fmt: skip
-    ax.plot(x, 100.0 * curve["probability"], color=COLOURS["simulate"], linewidth=1.8,
-            label="chance of any hit")  # fmt: skip
-    for probability in sizing.required["probability"]:
-        ax.axhline(100.0 * probability, color=COLOURS["stop"], linewidth=0.7)
-    ax.set_yscale("log")
-    ax.set_ylim(10.0 * sizing.required["probability"].min(), 200.0)
-    _mark_clearances(ax, sizing)
-    _finish(ax, "clearance per side (mm)", "chance of any hit in the mission (%)")
-    return ax
-
-
 def plot_impact_speeds(
     speeds: Vector, duration: float, rice_rate: float, velocity_std: float, ax: Axes | None = None
 ) -> Axes:
@@ -261,7 +243,8 @@ def plot_impact_speeds(
     ax.semilogy(w, rice_rate * np.exp(-0.5 * (w / velocity_std) ** 2), color=COLOURS["exact"],
                 linestyle="--", linewidth=1.3, label="Rice, no impacts")  # fmt: skip
     ax.semilogy(np.sort(speeds), faster, color=MARKS["three_sigma"][0], linewidth=1.6,
-                drawstyle="steps-post", label=f"{count_of(len(speeds))} impacts at 3 sigma")  # fmt: skip
+                drawstyle="steps-post",
+                label=f"{count_of(len(speeds))} hits at 3 sigma")  # fmt: skip
     ax.set_ylim(0.5 / duration, 3.0 * max(faster[0], rice_rate))
     _finish(ax, "impact speed w (m/s)", "impacts faster than w, per second")
     return ax
@@ -316,4 +299,10 @@ def _finish(ax: Axes, x: str, y: str) -> None:
 
 
 def _axes(ax: Axes | None) -> Axes:
-    return plt.subplots(figsize=SIZE, layout="constrained")[1] if ax is None else ax
+    return new_axes() if ax is None else ax
+
+
+def new_axes() -> Axes:
+    """Axes of a figure of the size of all pictures in a report."""
+    axes: Axes = plt.subplots(figsize=SIZE, layout="constrained")[1]
+    return axes

@@ -10,11 +10,12 @@ import numpy as np
 
 from stochvi.contacts import Restitution
 from stochvi.estimates import Estimate, Response
+from stochvi.hits import at_clearance
 from stochvi.monte_carlo import record_path
 from stochvi.pages import Grid, Picture, Section, shown
 from stochvi.report_plots import plot_histogram, plot_impact_speeds, plot_transmissibility
-from stochvi.sizing import at_clearance
-from stochvi.words import MM, UNKNOWN, G, count_of, percent, with_interval
+from stochvi.sizings import spoken_percent
+from stochvi.words import MM, UNKNOWN, G, count_of, with_interval
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -216,7 +217,7 @@ def _no_hit(sizing: Sizing, name: str, clearance: float) -> str:
     chance = probability_at(sizing, clearance)
     if name == "three_sigma":
         chance = sizing.three_sigma.probability.value
-    return UNKNOWN if chance is None else percent(1.0 - chance)
+    return UNKNOWN if chance is None else spoken_percent(1.0 - chance)
 
 
 def _speed_grid(scene: Scene, speeds: np.ndarray) -> Grid:

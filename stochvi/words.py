@@ -19,9 +19,6 @@ UNKNOWN = "not known"
 MOST_PLACES = 5
 """After the point; smaller numbers are written with a power of ten."""
 
-SMALLEST_CHANCE = 1e-6
-"""Below, a chance is only said to be so small."""
-
 
 def millimetres(metres: float) -> str:
     """Millimetres.
@@ -73,28 +70,3 @@ def count_of(number: float) -> str:
     if not 100.0 <= number < 1e6:
         return f"{number:.3g}"
     return f"{float(f'{number:.3g}'):,.0f}".replace(",", " ")
-
-
-def percent(probability: float | None) -> str:
-    """A probability in per cent, never rounded to 0 or 100.
-
-    >>> percent(0.01), percent(0.99999), percent(None)
-    ('1 %', 'over 99.9 %', 'not known')
-    """
-    if probability is None:
-        return UNKNOWN
-    if probability < SMALLEST_CHANCE:
-        return f"under {100.0 * SMALLEST_CHANCE:g} %"
-    return "over 99.9 %" if probability > 0.999 else f"{100.0 * probability:.3g} %"
-
-
-def duration_of(seconds: float) -> str:
-    """A mission in the unit that reads best.
-
-    >>> duration_of(3600.0), duration_of(18.0), duration_of(5400.0)
-    ('1 h', '18 s', '1.5 h')
-    """
-    for unit, name in ((3600.0, "h"), (60.0, "min")):
-        if seconds >= unit:
-            return f"{seconds / unit:.4g} {name}"
-    return f"{seconds:.4g} s"

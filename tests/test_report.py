@@ -176,7 +176,7 @@ def test_what_the_scene_lacks_is_left_out(tmp_path: Path) -> None:
     reader = read(write_report(bare, tmp_path).read_text("utf-8"))
     assert "with-stops" not in reader.identifiers
     assert "White noise on base" in reader.text
-    assert not (tmp_path / "simulated.csv").exists() and not (tmp_path / "evidence.csv").exists()
+    assert not (tmp_path / "evidence.csv").exists()
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -212,13 +212,13 @@ def test_words_from_the_scene_are_escaped() -> None:
 def test_tables_and_numbers_lie_beside_the_page(sizing: Sizing, folder: Path) -> None:
     document = json.loads((folder / "size.json").read_text("utf-8"))
     assert document["clearance"]["value"] == sizing.clearance.value
-    for name, table in (("curve", sizing.curve), ("required", sizing.required)):
+    for name, table in (("risk", sizing.curve), ("required", sizing.required)):
         pd.testing.assert_frame_equal(pd.read_csv(folder / f"{name}.csv"), table, check_exact=True)
     assert set(pd.read_csv(folder / "evidence.csv")["at"]) == {"three_sigma", "recommended"}
     names = {path.name for path in folder.iterdir()}
     assert names == {
-        "report.html", "size.json", "curve.csv", "required.csv", "simulated.csv",
-        "sensitivity.csv", "evidence.csv",
+        "report.html", "size.json", "risk.csv", "required.csv", "hits.csv",
+        "risk.png", "sensitivity.csv", "evidence.csv",
     }  # fmt: skip
 
 
