@@ -29,6 +29,7 @@ from stochvi.words import (
     UNKNOWN,
     G,
     count_of,
+    four_digits,
     limits_of,
     millimetres,
     with_interval,
@@ -222,7 +223,7 @@ def _risk(sizing: Sizing) -> Section:
     rows = [
         [
             spoken_percent(row["probability"]),
-            f"{MM * row['clearance']:.4g}",
+            four_digits(MM * row["clearance"]),
             limits_of(row["clearance_low"], row["clearance_high"]),
             f"{row['clearance_in_sigma']:.3f}",
         ]
@@ -236,8 +237,8 @@ def _risk(sizing: Sizing) -> Section:
     pictures = [
         shown(
             plot_risk(sizing, new_axes()),
-            "Chance of any hit in the mission against clearance, with the "
-            "95 % band of the calculation; grey lines are the chances of the table.",
+            "Chance of any hit in the mission against clearance. "
+            "Dashed: Rice's crossings taken for independent hits.",
         ),
         shown(
             plot_hit_rate(sizing, _closure(sizing)),
@@ -308,7 +309,7 @@ def _sensitivity_section(table: pd.DataFrame | None) -> Section:
 
 
 def _verification(sizing: Sizing) -> Section:
-    facts = [Fact("Method", sizing.method)]
+    facts = []
     for name, answer in sizing.evidence.items():
         cost = answer.cost
         facts.append(
@@ -337,7 +338,11 @@ def _verification(sizing: Sizing) -> Section:
             "gives the same digits",
         )
     )
-    return Section(title="Verification", facts=facts)
+    return Section(
+        title="Verification",
+        lead=f"Method: {sizing.method}.",
+        facts=facts,
+    )
 
 
 def _how(answer: Response) -> str:

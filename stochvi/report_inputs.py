@@ -21,8 +21,10 @@ from stochvi.excitations import (
 )
 from stochvi.pages import Fact, Section, shown
 from stochvi.report_plots import plot_input, plot_response
+from stochvi.report_stops import probability_of_stops
+from stochvi.sizings import spoken_mission, spoken_percent
 from stochvi.structures import Isolator, Oscillator
-from stochvi.words import G, millimetres
+from stochvi.words import UNKNOWN, G, millimetres
 
 if TYPE_CHECKING:
     from stochvi.scenes import Scene
@@ -251,6 +253,14 @@ def gap(sizing: Sizing) -> Section:
                     f"{millimetres(abs(place - rest))} from the mean position; {_law(law)}",
                 )
             )
+        chance = probability_of_stops(sizing)
+        facts.append(
+            Fact(
+                "Any hit with the stops of the scene",
+                UNKNOWN if chance is None else spoken_percent(chance),
+                f"chance in {spoken_mission(sizing.mission)}, each side by its own distance",
+            )
+        )
     lead = "Clearances are relative displacements of mass and base, per side. The clearance does "
     lead += "not depend on the law of the stops as long as no hit is wanted; the hits do."
     return Section(title="Gap and stops", lead=lead, facts=facts)

@@ -35,6 +35,9 @@ FEWEST_HITS = 20
 
 SPEED_PERCENTILES = (50.0, 95.0, 99.0)
 
+SMALLEST_CHANCE = 1e-6
+"""Below, a chance of no hit is only said to be so small."""
+
 NO_HIT = "no hit seen"
 
 NAMES = {"three_sigma": "3 sigma", "recommended": "recommended"}
@@ -217,7 +220,11 @@ def _no_hit(sizing: Sizing, name: str, clearance: float) -> str:
     chance = probability_at(sizing, clearance)
     if name == "three_sigma":
         chance = sizing.three_sigma.probability.value
-    return UNKNOWN if chance is None else spoken_percent(1.0 - chance)
+    if chance is None:
+        return UNKNOWN
+    if 1.0 - chance < SMALLEST_CHANCE:
+        return f"under {100.0 * SMALLEST_CHANCE:g} %"
+    return spoken_percent(1.0 - chance)
 
 
 def _speed_grid(scene: Scene, speeds: np.ndarray) -> Grid:
@@ -247,16 +254,47 @@ def _speed_grid(scene: Scene, speeds: np.ndarray) -> Grid:
 
 
 def probability_at(sizing: Sizing, clearance: float) -> float | None:
-    """Chance of any hit in the mission, read off the curve; None beyond its ends."""
+    """Chance of any hit in the mission at a clearance of the curve; None before its start."""
     if sizing.target.name == "probability" and clearance == sizing.clearance.value:
         return sizing.target.value
+    found = _bursts_at(sizing, clearance)
+    return None if found is None else -math.expm1(-found)
+
+
+def probability_of_stops(sizing: Sizing) -> float | None:
+    """Chance of any hit in the mission with the stops where the scene has them.
+
+    A response as often above its mean as below brings half the bursts of equal distances to each
+    side; bursts on the two sides are taken for independent.
+    """
+    scene = sizing.scene
+    system = scene.system()
+    rest = system.load / system.omega**2
+    places = [place for place in (system.lower, system.upper) if place is not None]
+    beyond = [place < rest for place in places] == [True, False]
+    if not places or (len(places) == 2 and not beyond):
+        return None
+    found = [_bursts_at(sizing, abs(place - rest)) for place in places]
+    if any(bursts is None for bursts in found):
+        return None
+    return -math.expm1(-sum(bursts for bursts in found if bursts) / len(places))
+
+
+def _bursts_at(sizing: Sizing, clearance: float) -> float | None:
+    """-log(1 - P) at a clearance; 0 beyond the curve, None before it."""
     curve = sizing.curve
     x, p = curve["clearance"].to_numpy(), curve["probability"].to_numpy()
-    if not (x.min() <= clearance <= x.max()) or not np.all(p > 0.0):
+    if clearance < x.min():
         return None
-    # the number of bursts -log(1 - p) falls nearly as a Gaussian, straight in its logarithm
-    bursts = -np.log1p(-np.minimum(p, 1.0 - 1e-12))
-    return float(-np.expm1(-np.exp(np.interp(clearance, x, np.log(bursts)))))
+    if clearance > x.max():
+        return 0.0
+    # it falls nearly as a Gaussian: straight in its logarithm over the square of the clearance
+    bursts = -np.log1p(-np.clip(p, LEAST, CERTAIN))
+    return math.exp(float(np.interp(clearance**2, x**2, np.log(bursts))))
+
+
+LEAST, CERTAIN = 1e-300, 1.0 - 1e-15
+"""Of a chance whose logarithm is taken."""
 
 
 def seed_of(sizing: Sizing) -> int:

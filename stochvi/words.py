@@ -21,12 +21,17 @@ MOST_PLACES = 5
 
 
 def millimetres(metres: float) -> str:
-    """Millimetres.
+    """Four digits, zeros among them.
 
-    >>> millimetres(0.0059712)
-    '5.971 mm'
+    >>> millimetres(0.0059712), millimetres(0.012), millimetres(1.2345)
+    ('5.971 mm', '12.00 mm', '1234 mm')
     """
-    return f"{MM * metres:.4g} mm"
+    return f"{four_digits(MM * metres)} mm"
+
+
+def four_digits(number: float) -> str:
+    """Four digits, zeros among them."""
+    return f"{number:#.4g}".rstrip(".")
 
 
 def limits_of(low: float, high: float) -> str:
@@ -35,7 +40,7 @@ def limits_of(low: float, high: float) -> str:
     >>> limits_of(0.01097, 0.01108), limits_of(0.0012173527, 0.0012173552)
     ('10.97 to 11.08 mm', '± 0.0001 %')
     """
-    texts = [f"{MM * value:.4g}" for value in (low, high)]
+    texts = [four_digits(MM * value) for value in (low, high)]
     if texts[0] == texts[1]:
         return f"± {100.0 * (high - low) / (high + low):.1g} %"
     return f"{texts[0]} to {texts[1]} mm"
