@@ -521,13 +521,28 @@ def profiles() -> None:
 
 @main.command()
 @click.argument("file", type=click.Path(path_type=Path))
-def new(file: Path) -> None:
+@click.option(
+    "--kind", type=click.Choice(["any", "bumper", "road", "record"]), default="any",
+    show_default=True, help="A scene with every key, or an isolator of this kind with its tables.",
+)  # fmt: skip
+def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
-    if file.exists():
-        _stop(f"{file} exists already; choose another name", BAD_INPUT)
+    import shutil
+
+    from stochvi.datasets import scene_files
+
+    shipped = [] if kind == "any" else scene_files(f"isolator-{kind}")
+    tables = shipped[1:]
+    for target in (file, *(file.parent / table.name for table in tables)):
+        if target.exists():
+            _stop(f"{target} exists already; choose another name", BAD_INPUT)
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(TEMPLATE, encoding="utf-8")
-    click.echo(f"wrote {file}; try: stochvi check {file}", err=True)
+    file.write_text(shipped[0].read_text("utf-8") if shipped else TEMPLATE, encoding="utf-8")
+    for table in tables:
+        shutil.copy(table, file.parent)
+    written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))
+    try_it = f"check {file}" if kind == "any" else f"size {file} --probability 0.01 --out out"
+    click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)
 
 
 def _finish(response: Response, json_file: str | None, out: Path | None, quiet: bool) -> None:

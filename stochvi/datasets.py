@@ -69,6 +69,13 @@ def shipped_scene(name: str) -> Path:
     return path
 
 
+def scene_files(name: str) -> list[Path]:
+    """A scene that ships, and the tables beside it that it names."""
+    path = shipped_scene(name)
+    text = path.read_text(encoding="utf-8")
+    return [path, *(table for table in sorted(path.parent.glob("*.csv")) if table.name in text)]
+
+
 def read_text(path: Path, largest: int | None = None) -> str:
     """The text of a small UTF-8 file; a sentence for everything that it may be instead.
 

@@ -182,6 +182,10 @@ class DensityNoise(Checked):
         """What is taken for granted about it, in words, for an oscillator if one is given."""
         return ()
 
+    def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
+        """What of it should be known before a response of that oscillator is believed."""
+        return ()
+
 
 LARGEST_LEVEL = 200.0
 """Decibels; more is a slip."""
@@ -410,38 +414,46 @@ class RecordedNoise(DensityNoise):
         return self._within_band(self._record.resolution(omega, damping_rate))
 
     def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
-        """Length, rate, kurtosis and how its density was estimated, with what it is worth."""
+        """Length, rate, kurtosis, how its density was estimated, and what it is not good for."""
         record = self._record
         kurtosis, doubt = record.kurtosis()
-        found = [
+        estimate = record.density(self._bins(omega, damping_rate))
+        return (
             f"record {Path(self.file).name}: {record.duration:.4g} s at {record.fs:.4g} Hz, "
             f"kurtosis {kurtosis:.2f} +- {doubt:.2f} (Gaussian: 3); simulated is Gaussian noise of "
-            "its density, not the record"
-        ]
+            "its density, not the record",
+            f"its density: Welch, {estimate.segments} segments, bins of "
+            f"{estimate.resolution_hz:.3g} Hz, {100.0 * estimate.relative_error:.2g} % each",
+            *self.cautions(omega, damping_rate),
+        )
+
+    def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
+        """What a record leaves uncertain of the response of an oscillator (zeros: of none)."""
+        record, found = self._record, []
+        kurtosis, doubt = record.kurtosis()
         if kurtosis - 3.0 > SEEN * doubt:
             found.append(
                 "the record has larger peaks than Gaussian noise of the same rms: hits and "
                 "clearances from its density are too favourable"
             )
-        resolution = self.resolution_hz or record.resolution(omega, damping_rate)
-        estimate = record.density(resolution)
+        if not omega or not damping_rate:
+            return tuple(found)
+        bins, wanted = self._bins(omega, damping_rate), wanted_resolution(omega, damping_rate)
+        error, bias = response_error(record, bins, omega, damping_rate)
         found.append(
-            f"its density: Welch, {estimate.segments} segments, bins of "
-            f"{estimate.resolution_hz:.3g} Hz, {100.0 * estimate.relative_error:.2g} % each"
+            f"the record tells the rms response, and with it every clearance, to "
+            f"{50.0 * error:.2g} % (standard error; {50.0 * bias:+.1g} % bias of its window): that "
+            "is not in the intervals of what is computed from it"
         )
-        if omega and damping_rate:
-            error, bias = response_error(record, resolution, omega, damping_rate)
+        if record.density(bins).resolution_hz > COARSE * wanted:
             found.append(
-                f"rms response from this record: {50.0 * error:.2g} % standard error, "
-                f"{50.0 * bias:+.1g} % bias of the window"
+                f"the record is short for this mount: bins of {wanted:.3g} Hz want "
+                f"{FEWEST_SEGMENT_LENGTHS / wanted:.3g} s"
             )
-            wanted = wanted_resolution(omega, damping_rate)
-            if estimate.resolution_hz > COARSE * wanted:
-                found.append(
-                    f"the record is short for this mount: bins of {wanted:.3g} Hz want "
-                    f"{FEWEST_SEGMENT_LENGTHS / wanted:.3g} s"
-                )
         return tuple(found)
+
+    def _bins(self, omega: float, damping_rate: float) -> float:
+        return self.resolution_hz or self._record.resolution(omega, damping_rate)
 
 
 VALUE_UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "N": 1.0}

@@ -10,6 +10,7 @@ import numpy as np
 
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Response
+from stochvi.excitations import DensityNoise
 from stochvi.files import write_sizing, write_table, write_text
 from stochvi.isolators import predicted_rates
 from stochvi.pages import Fact, Grid, Page, Section, shown
@@ -79,7 +80,7 @@ def clearance_page(sizing: Sizing, sensitive: pd.DataFrame | None = None) -> Pag
         f"{spoken_mission(sizing.mission)}",
         verdict=f"Clearance: {sizing.verdict()}.",
         cards=_cards(sizing),
-        warnings=tuple(dict.fromkeys([*sizing.warnings, *_screening_notes(sizing)])),
+        warnings=_warnings(sizing),
         sections=[
             environment(sizing.scene),
             mount(sizing.scene),
@@ -131,8 +132,16 @@ def _chance(probability: float | None) -> str:
     return UNKNOWN if probability is None else spoken_percent(probability)
 
 
-def _screening_notes(sizing: Sizing) -> tuple[str, ...]:
-    return () if sizing.screening is None else tuple(sizing.screening.notes)
+def _warnings(sizing: Sizing) -> tuple[str, ...]:
+    """Of the sizing, of the screening and of measured records, each once."""
+    found = list(sizing.warnings)
+    if sizing.screening is not None:
+        found += sizing.screening.notes
+    system = sizing.scene.system()
+    for excitation in sizing.scene.excitations:
+        if isinstance(excitation, DensityNoise):
+            found += excitation.cautions(system.omega, system.damping_rate)
+    return tuple(dict.fromkeys(found))
 
 
 # Linear screening and risk ----------------------------------------------------------------
@@ -350,9 +359,12 @@ def _how(answer: Response) -> str:
 
 
 def _limits(sizing: Sizing) -> Section:
-    own = list(sizing.scene.assumptions())
+    above = _warnings(sizing)
+    own = [text for text in sizing.scene.assumptions() if text not in above]
     for answer in sizing.evidence.values():
-        own += [text for text in [*answer.assumptions, *answer.warnings] if text not in own]
+        own += [
+            text for text in [*answer.assumptions, *answer.warnings] if text not in [*own, *above]
+        ]
     return Section(
         title="Limits",
         lead="What this report takes for granted, and does not say.",

@@ -165,7 +165,7 @@ def test_a_record_in_a_scene_file_shakes_the_mount(tmp_path: Path) -> None:
     truth = 10.0**0.6 * DENSITY / (4.0 * DAMPING_RATE * OMEGA**2)
     assert_agrees(Estimate(value=found, standard_error=error * truth, bias=0.005 * truth), truth)
     told = " ".join(scene.assumptions())
-    for words in ("120 s at 400 Hz", "kurtosis", "segments", "standard error"):
+    for words in ("120 s at 400 Hz", "kurtosis", "segments", "tells the rms response"):
         assert words in told
     assert "larger peaks" not in told and "short for this mount" not in told
     assert scene.effects() == ("tabulated noise of a record on base",)
