@@ -29,6 +29,7 @@ FLOORS = {
         "risk_curve",
         "hits",
         "sizing",
+        "sensitivity",
         "files",
         "plots",
         "sizing_plots",
