@@ -28,6 +28,7 @@ FLOORS = {
         "sizings",
         "risk_curve",
         "hits",
+        "clatter",
         "sizing",
         "sensitivity",
         "files",
