@@ -410,6 +410,7 @@ def clearance(
     help="Time of exposure.",
 )
 @click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
+@click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")
 @_options("budget", "seed", "threads", "json", "out", "quiet")
 def size(
     scene: str,
@@ -420,6 +421,7 @@ def size(
     exceedance: float,
     mission: float,
     rel_error: float,
+    sensitivity: bool,
     budget: float,
     seed: int,
     threads: int | None,
@@ -449,14 +451,20 @@ def size(
             budget=budget,
             progress=report,
         )
+    table = None
+    if sensitivity:
+        from stochvi.sensitivity import sensitivity as vary
+
+        table = vary(found, seed=seed, threads=threads)
     if not quiet:
-        print_sizing(_console(json_file), found)
+        print_sizing(_console(json_file), found, table)
     if json_file is not None:
-        write_json(found.to_dict(), json_file)
+        changes = {} if table is None else {"sensitivity": table.to_dict("records")}
+        write_json(found.to_dict() | changes, json_file)
     if out is not None:
         from stochvi.report import write_report
 
-        write_report(found, out)
+        write_report(found, out, table)
 
 
 def _acceleration(text: str | None) -> float | None:

@@ -97,7 +97,7 @@ def write_clearance(scene: Scene, curve: pd.DataFrame, folder: Path) -> None:
     write_picture(ax, folder / "clearance.png")
 
 
-def write_sizing(sizing: Sizing, folder: Path) -> None:
+def write_sizing(sizing: Sizing, folder: Path, sensitivity: pd.DataFrame | None = None) -> None:
     """The answer as `size.json` and `risk.png`, its tables as CSV."""
     from stochvi.sizing_plots import draw_sizing
 
@@ -106,3 +106,5 @@ def write_sizing(sizing: Sizing, folder: Path) -> None:
     write_table(sizing.required, folder / "required.csv")
     write_table(sizing.simulated, folder / "hits.csv")
     write_picture(draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
+    if sensitivity is not None:
+        write_table(sensitivity, folder / "sensitivity.csv")

@@ -22,9 +22,9 @@ from stochvi.report_plots import (
     plot_sensitivity,
 )
 from stochvi.report_stops import NAMES, probability_at, seed_of, two_sided, with_stops
-from stochvi.sensitivity import sensitivity
 from stochvi.sizing_plots import plot_risk
 from stochvi.sizings import spoken_mission, spoken_percent
+from stochvi.tolerances import within_tolerances
 from stochvi.words import (
     MM,
     UNKNOWN,
@@ -44,7 +44,9 @@ if TYPE_CHECKING:
 CLOSURE_POINTS = 41
 
 
-def write_report(sizing: Sizing, folder: str | Path) -> Path:
+def write_report(
+    sizing: Sizing, folder: str | Path, sensitivity: pd.DataFrame | None = None
+) -> Path:
     """Write `report.html` beside what `write_sizing` writes; returns the path of the page.
 
     The page needs nothing beside it: pictures and style are embedded, and nothing is fetched.
@@ -53,27 +55,27 @@ def write_report(sizing: Sizing, folder: str | Path) -> Path:
     ----------
     sizing
         From `size`.
+    sensitivity
+        From `sensitivity`; by default linear theory within the tolerances of the isolator.
     folder
         Made if it is missing. `sensitivity.csv` and `evidence.csv` hold the other tables of the
         page, in SI units.
     """
     folder = Path(folder)
-    write_sizing(sizing, folder)
-    sensitive = _sensitivity(sizing)
-    if sensitive is not None:
-        write_table(sensitive, folder / "sensitivity.csv")
+    sensitivity = _sensitivity(sizing) if sensitivity is None else sensitivity
+    write_sizing(sizing, folder, sensitivity)
     if sizing.evidence:
         import pandas as pd
 
         frames = [answer.to_frame().assign(at=name) for name, answer in sizing.evidence.items()]
         write_table(pd.concat(frames), folder / "evidence.csv")
     path = folder / "report.html"
-    write_text(clearance_page(sizing, sensitive).html(), path)
+    write_text(clearance_page(sizing, sensitivity).html(), path)
     return path
 
 
-def clearance_page(sizing: Sizing, sensitive: pd.DataFrame | None = None) -> Page:
-    """The page of a sizing; `sensitive` from `sensitivity`, where the scene has one."""
+def clearance_page(sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> Page:
+    """The page of a sizing; `sensitivity` as for `write_report`, none for no such section."""
     return Page(
         title=sizing.scene.title or "Clearance of an isolator",
         subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
@@ -88,7 +90,7 @@ def clearance_page(sizing: Sizing, sensitive: pd.DataFrame | None = None) -> Pag
             _screening(sizing),
             _risk(sizing),
             with_stops(sizing),
-            _sensitivity_section(sensitive),
+            _sensitivity_section(sensitivity),
             _verification(sizing),
             _limits(sizing),
         ],
@@ -285,36 +287,39 @@ def _closure(sizing: Sizing) -> pd.DataFrame | None:
 def _sensitivity(sizing: Sizing) -> pd.DataFrame | None:
     if sizing.screening is None:
         return None
-    return sensitivity(sizing.scene, sizing.clearance.value)
+    return within_tolerances(sizing.scene, sizing.clearance.value)
 
 
 def _sensitivity_section(table: pd.DataFrame | None) -> Section:
+    """From `sensitivity`, which tells chances, or from `within_tolerances`, which does not."""
     title = "Sensitivity"
     if table is None:
         return Section(title=title)
-    rows = [
-        [
-            str(row["changed"]),
-            f"{MM * row['displacement_std']:.4g}",
-            f"{MM * row['clearance']:.4g}",
-            f"{100.0 * row['clearance_change']:+.3g}",
-        ]
-        for row in table.to_dict("records")
+    headings = ["change", "linear rms (mm)", "clearance (mm)", "by (%)"]
+    lead = (
+        "How the clearance moves if mount and environment are not as stated: by linear theory, at "
+        "the Rice rate that the recommended clearance has now."
+    )
+    columns = [
+        list(table["change"]),
+        [four_digits(MM * value) for value in table["sigma"]],
+        [four_digits(MM * value) for value in table["clearance"]],
+        [f"{100.0 * value:+.3g}" for value in table["clearance_change"]],
     ]
+    if "probability" in table:
+        headings.append("chance of any hit as recommended")
+        columns.append([spoken_percent(value) for value in table["probability"]])
+        lead = (
+            "The clearance for the same target if mount, environment or stops are not as stated, "
+            "and the chance of any hit that the recommended clearance then has."
+        )
     grid = Grid(
         caption="One thing changed at a time, the rest as stated",
-        headings=["changed", "linear rms (mm)", "clearance of equal Rice rate (mm)", "change (%)"],
-        rows=rows,
+        headings=headings,
+        rows=list(zip(*columns, strict=True)),
     )
-    return Section(
-        title=title,
-        lead="How the clearance moves if mount and environment are not as stated: by linear "
-        "theory, at the Rice rate that the recommended clearance has now.",
-        grids=[grid],
-        pictures=[
-            shown(plot_sensitivity(table), "Change of the clearance of equal Rice rate, per cent.")
-        ],
-    )
+    bars = shown(plot_sensitivity(table), "Change of the clearance, per cent.")
+    return Section(title=title, lead=lead, grids=[grid], pictures=[bars])
 
 
 def _verification(sizing: Sizing) -> Section:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -45,6 +46,9 @@ PLAIN_NUMBERS = (1e-4, 2e4)
 
 FEW_DECADES = 300.0
 """Ratio of the ends of an axis below which 2 and 5 are labelled too."""
+
+LABEL_WIDTH = 24
+"""Letters in a line of a label."""
 
 LEGEND_COLUMNS = 2
 """More do not fit above a picture of half a page."""
@@ -251,12 +255,13 @@ def plot_impact_speeds(
 
 
 def plot_sensitivity(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
-    """Change of the clearance of equal Rice rate, a bar for each change."""
+    """Change of the clearance, a bar for each row but the first, which changes nothing."""
     ax = _axes(ax)
     rows = table.iloc[1:][::-1]
     change = 100.0 * rows["clearance_change"]
     colours = [COLOURS["linearise:closure"] if c > 0.0 else COLOURS["simulate"] for c in change]
-    ax.barh(rows["changed"], change, color=colours, height=0.6)
+    names = [textwrap.fill(name, LABEL_WIDTH) for name in rows["change"]]
+    ax.barh(names, change, color=colours, height=0.6)
     for place, value in enumerate(change):
         ax.annotate(f"{value:+.0f} %", (value, place), xytext=(4 if value >= 0.0 else -4, 0),
                     textcoords="offset points", va="center",

@@ -69,7 +69,7 @@ class RiskCurve:
         return Clearance(value=value, lower=value - half, upper=value + half)
 
     def probability(self, clearance: float) -> float:
-        """Chance of any hit at a clearance within the levels."""
+        """Chance of any hit at a clearance; beyond the levels the share of Rice's is kept."""
         usable, logs, _ = self._logarithms()
         if clearance < self.clearances[usable][0]:
             return 1.0
@@ -103,7 +103,8 @@ class RiskCurve:
     def _interpolated(self, usable: NDArray[np.bool_], logs: Vector) -> Callable[[float], float]:
         expected = np.log([self.rice_rate(c) * self.mission for c in self.clearances[usable]])
         ratio = PchipInterpolator(self.clearances[usable], logs - expected)
-        return lambda c: float(ratio(c)) + math.log(self.rice_rate(c) * self.mission)
+        last = float(self.clearances[usable][-1])
+        return lambda c: float(ratio(min(c, last))) + math.log(self.rice_rate(c) * self.mission)
 
     def to_frame(self) -> pd.DataFrame:
         """See `Sizing.curve`."""

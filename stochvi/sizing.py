@@ -179,6 +179,40 @@ def _target(
     return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
 
 
+def risk_curve(
+    scene: Scene,
+    target: Target,
+    mission: float,
+    *,
+    rel_error: float = 0.05,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+) -> RiskCurve:
+    """Chance of any hit from 1 sigma on to where it matters for no target."""
+    free = scene.model_copy(update={"impact_pairs": ()})
+    s_x, s_v = deviations(free)
+    chances = [*REQUIRED, target.exceedance or 1.0]
+    if target.name == "probability":
+        chances.append(target.value)
+    crossings = s_v / s_x / math.pi * max(mission, 2.0 * math.pi * s_x / s_v)
+    highest = math.sqrt(2.0 * math.log(10.0 * crossings / min(chances)))
+    levels = s_x * np.arange(LOWEST_SIGMA, highest + 2.0 * SIGMA_STEP, SIGMA_STEP)
+    pair = scene.impact_pairs[0] if scene.impact_pairs else None
+    one_sided = pair is not None and (pair.lower is None or pair.upper is None)
+    found = first_crossings(
+        free,
+        None if one_sided else levels,
+        upper=levels if one_sided else None,
+        mission=mission,
+        rel_error=rel_error,
+        seed=seed,
+        threads=threads,
+        budget=budget,
+    )
+    return RiskCurve.of(found, mission)
+
+
 class _Job:
     """One sizing: what was asked for, and what was found on the way."""
 
@@ -202,7 +236,16 @@ class _Job:
             _check_laws(scene, target)
         compile_kernels(scene)
         self.started = time.perf_counter()
-        self.curve = self._risk_curve()
+        self.report(0.0, "first crossings")
+        self.curve = risk_curve(
+            scene,
+            target,
+            mission,
+            rel_error=rel_error,
+            seed=seed,
+            threads=threads,
+            budget=budget,
+        )
         self.sigma = self.curve.crossings.displacement_std
         self.hits = Hits(
             scene=scene,
@@ -218,31 +261,6 @@ class _Job:
     def left(self) -> float:
         """Seconds of the budget that are left, at least some to come to an end."""
         return max(self.budget - (time.perf_counter() - self.started), LEAST_SECONDS)
-
-    def _risk_curve(self) -> RiskCurve:
-        """First crossings from 1 sigma on to where they matter for no target."""
-        self.report(0.0, "first crossings")
-        free = self.scene.model_copy(update={"impact_pairs": ()})
-        s_x, s_v = deviations(free)
-        chances = [*REQUIRED, self.target.exceedance or 1.0]
-        if self.target.name == "probability":
-            chances.append(self.target.value)
-        crossings = s_v / s_x / math.pi * max(self.mission, 2.0 * math.pi * s_x / s_v)
-        highest = math.sqrt(2.0 * math.log(10.0 * crossings / min(chances)))
-        levels = s_x * np.arange(LOWEST_SIGMA, highest + 2.0 * SIGMA_STEP, SIGMA_STEP)
-        pair = self.scene.impact_pairs[0] if self.scene.impact_pairs else None
-        one_sided = pair is not None and (pair.lower is None or pair.upper is None)
-        found = first_crossings(
-            free,
-            None if one_sided else levels,
-            upper=levels if one_sided else None,
-            mission=self.mission,
-            rel_error=self.rel_error,
-            seed=self.seed,
-            threads=self.threads,
-            budget=self.left,
-        )
-        return RiskCurve.of(found, self.mission)
 
     def sizing(self) -> Sizing:
         """Find the clearance, then what stands beside it."""

@@ -211,7 +211,7 @@ def print_clearance(console: Console, curve: pd.DataFrame) -> None:
     )
 
 
-def print_sizing(console: Console, sizing: Sizing) -> None:
+def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
     """The clearance and what three sigma buys, first; then what both rest on."""
     console.print(sizing.verdict(), style="bold", highlight=False)
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
@@ -244,6 +244,16 @@ def print_sizing(console: Console, sizing: Sizing) -> None:
             ].rename(columns=HIT_COLUMNS),
             "hits on all stops, with the stop law",
         )
+    if sensitivity is not None:
+        print_frame(
+            console,
+            sensitivity.assign(
+                clearance=1e3 * sensitivity["clearance"],
+                clearance_change=[f"{100.0 * c:+.1f} %" for c in sensitivity["clearance_change"]],
+                probability=[spoken_percent(chance) for chance in sensitivity["probability"]],
+            )[list(CHANGE_COLUMNS)].rename(columns=CHANGE_COLUMNS),
+            "for the same target, and at the old clearance",
+        )
     _say(console, f"method: {sizing.method}")
     _say(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
     for warning in sizing.warnings:
@@ -255,6 +265,13 @@ REQUIRED_COLUMNS = {
     "clearance": "clearance (mm)",
     "interval": "95 % interval",
     "clearance_in_sigma": "in sigma",
+}
+
+CHANGE_COLUMNS = {
+    "change": "change",
+    "clearance": "clearance (mm)",
+    "clearance_change": "by",
+    "probability": "chance of any hit",
 }
 
 HIT_COLUMNS = {
@@ -388,7 +405,7 @@ def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-WORDS = ("of", "quantity", "unit", "verdict", "methods", "by")
+WORDS = ("of", "quantity", "unit", "verdict", "methods", "by", "change")
 
 
 def _table(title: str, headings: Sequence[str], words: Sequence[str] = WORDS) -> Table:

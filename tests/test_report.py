@@ -26,8 +26,9 @@ from stochvi.report import clearance_page, write_report
 from stochvi.report_inputs import environment, gap, mount
 from stochvi.report_plots import frequencies, input_density, plot_input, transmissibility
 from stochvi.report_stops import probability_at, probability_of_stops
-from stochvi.sensitivity import sensitivity
+from stochvi.sensitivity import variations
 from stochvi.sizings import Sizing
+from stochvi.tolerances import within_tolerances
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
@@ -294,23 +295,37 @@ def test_other_excitations_are_told_with_their_units() -> None:
 
 def test_sensitivity_is_that_of_other_scenes() -> None:
     scene = scene_between_stops(BUMPER)
-    table = sensitivity(scene, 8e-3).set_index("changed")
+    table = within_tolerances(scene, 8e-3).set_index("change")
     rate = screen(scene).rice_rate(8e-3)
-    assert table.loc["as stated", "clearance"] == pytest.approx(8e-3, rel=1e-12)
+    assert table.loc["none", "clearance"] == pytest.approx(8e-3, rel=1e-12)
     for words, keys in (
         ("natural frequency -10 %", {"frequency_hz": 10.8, "zeta": 0.1}),
         ("damping ratio +30 %", {"frequency_hz": 12.0, "zeta": 0.13}),
     ):
         other = screen(scene_between_stops(None, TRUCK, Isolator(**keys)))
-        assert table.loc[words, "displacement_std"] == pytest.approx(other.displacement_std)
+        assert table.loc[words, "sigma"] == pytest.approx(other.displacement_std)
         assert other.rice_rate(table.loc[words, "clearance"]) == pytest.approx(rate)
     louder = screen(
         scene_between_stops(None, type(TRUCK)(profile=TRUCK.profile, level_db=3.0), MOUNT)
     )
     row = table.loc["level +3 dB"]
-    assert row["displacement_std"] == pytest.approx(louder.displacement_std, rel=1e-12)
+    assert row["sigma"] == pytest.approx(louder.displacement_std, rel=1e-12)
     assert row["rice_rate"] == pytest.approx(louder.rice_rate(8e-3), rel=1e-12)
     assert louder.rice_rate(row["clearance"]) == pytest.approx(rate, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "noise", [TRUCK, RoadNoise(road="C", speed=20.0), WhiteNoise(intensity=1.0)]
+)
+def test_a_changed_level_and_the_tolerances_reach_every_variation(noise) -> None:
+    sizing = sizing_of(scene_between_stops(law=None, noise=noise))
+    tried = dict(variations(sizing))
+    louder = screen(tried["level +3 dB"]).displacement_std
+    assert louder == pytest.approx(10.0**0.15 * sizing.sigma, rel=1e-12)
+    strict = replace(sizing, scene=scene_between_stops(structure=MOUNT.model_copy(
+        update={"frequency_tolerance": 0.05, "damping_tolerance": 0.2}
+    )))  # fmt: skip
+    assert {"natural frequency -5 %", "damping ratio +20 %"} <= set(dict(variations(strict)))
 
 
 # Pictures ---------------------------------------------------------------------------------
