@@ -15,6 +15,7 @@ from stochvi.files import write_sizing, write_table, write_text
 from stochvi.isolators import predicted_rates
 from stochvi.pages import Fact, Grid, Page, Section, shown
 from stochvi.report_inputs import environment, gap, mount
+from stochvi.report_peaks import peaks_of, peaks_section
 from stochvi.report_plots import (
     new_axes,
     plot_cumulative,
@@ -58,24 +59,32 @@ def write_report(
     sensitivity
         From `sensitivity`; by default linear theory within the tolerances of the isolator.
     folder
-        Made if it is missing. `sensitivity.csv` and `evidence.csv` hold the other tables of the
-        page, in SI units.
+        Made if it is missing. `sensitivity.csv`, `peaks.csv` and `evidence.csv` hold the other
+        tables of the page, in SI units.
     """
     folder = Path(folder)
     sensitivity = _sensitivity(sizing) if sensitivity is None else sensitivity
     write_sizing(sizing, folder, sensitivity)
+    peaks = peaks_of(sizing, seed=seed_of(sizing))
+    if peaks is not None:
+        write_table(peaks, folder / "peaks.csv")
     if sizing.evidence:
         import pandas as pd
 
         frames = [answer.to_frame().assign(at=name) for name, answer in sizing.evidence.items()]
         write_table(pd.concat(frames), folder / "evidence.csv")
     path = folder / "report.html"
-    write_text(clearance_page(sizing, sensitivity).html(), path)
+    write_text(clearance_page(sizing, sensitivity, peaks).html(), path)
     return path
 
 
-def clearance_page(sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> Page:
-    """The page of a sizing; `sensitivity` as for `write_report`, none for no such section."""
+def clearance_page(
+    sizing: Sizing,
+    sensitivity: pd.DataFrame | None = None,
+    peaks: pd.DataFrame | None = None,
+) -> Page:
+    """The page of a sizing; `sensitivity` as for `write_report` and `peaks` from `peaks_of`, None
+    for no such section."""
     return Page(
         title=sizing.scene.title or "Clearance of an isolator",
         subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
@@ -90,6 +99,7 @@ def clearance_page(sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> P
             _screening(sizing),
             _risk(sizing),
             with_stops(sizing),
+            peaks_section(peaks),
             _sensitivity_section(sensitivity),
             _verification(sizing),
             _limits(sizing),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -252,6 +252,31 @@ def plot_impact_speeds(
     ax.set_ylim(0.5 / duration, 3.0 * max(faster[0], rice_rate))
     _finish(ax, "impact speed w (m/s)", "impacts faster than w, per second")
     return ax
+
+
+def plot_peaks(table: pd.DataFrame, window: float, ax: Axes | None = None) -> Axes:
+    """Largest acceleration against clearance, a line for each stiffness of the stops."""
+    ax = _axes(ax)
+    own = table["stiffness_ratio"].isna()
+    ratios = sorted(table.loc[~own, "stiffness_ratio"].unique())
+    for number, ratio in enumerate(ratios):
+        rows = table[table["stiffness_ratio"] == ratio]
+        colour = plt.get_cmap("viridis")(0.85 - 0.7 * number / max(len(ratios) - 1, 1))
+        _error_bars(ax, rows, "o-", colour, f"stops {ratio:g} x the mount")
+    _error_bars(ax, table[own], "D", COLOURS["linearise:closure"], "stops of the scene")
+    free = (table["largest_acceleration"] / table["peak_amplification"]).mean() / STANDARD_GRAVITY
+    ax.axhline(free, color=COLOURS["exact"], linestyle="--", linewidth=1.2, label="no stops")
+    ax.set_yscale("log")
+    _finish(ax, "clearance per side (mm)", f"largest acceleration in {window:g} s (g)")
+    return ax
+
+
+def _error_bars(ax: Axes, rows: pd.DataFrame, form: str, colour: Any, label: str) -> None:
+    ax.errorbar(
+        1e3 * rows["clearance"], rows["largest_acceleration"] / STANDARD_GRAVITY,
+        yerr=1.96 * rows["largest_acceleration_error"] / STANDARD_GRAVITY, fmt=form, color=colour,
+        markersize=4.5, linewidth=1.3, capsize=2, label=label,
+    )  # fmt: skip
 
 
 def plot_sensitivity(table: pd.DataFrame, ax: Axes | None = None) -> Axes:

@@ -40,6 +40,7 @@ FLOORS = {
         "tables",
         "report",
         "report_inputs",
+        "report_peaks",
         "report_plots",
         "report_stops",
         "tolerances",

@@ -46,6 +46,7 @@ class Reader(HTMLParser):
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
+        self.text += " "
         for name, value in attributes:
             if name in ("src", "href", "srcset", "data", "action"):
                 self.references.append(value or "")
@@ -79,7 +80,10 @@ def sizing() -> Sizing:
 @pytest.fixture(scope="module")
 def folder(sizing: Sizing, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report") / "new"
-    assert write_report(sizing, folder) == folder / "report.html"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stochvi.report_peaks.MULTIPLES", (3.0, 4.0))
+        patch.setattr("stochvi.report_peaks.PEAK_SECONDS", 0.1)
+        assert write_report(sizing, folder) == folder / "report.html"
     return folder
 
 
@@ -134,7 +138,7 @@ def test_the_verdict_comes_first_and_every_part_is_there(sizing: Sizing, html: s
     assert reader.tags.count("h1") == 1
     assert reader.identifiers == [
         "environment", "isolator", "gap-and-stops", "linear-screening", "required-clearance",
-        "with-stops", "sensitivity", "verification", "limits",
+        "with-stops", "peak-accelerations", "sensitivity", "verification", "limits",
     ]  # fmt: skip
     text = reader.text
     assert text.index(sizing.verdict()) < text.index("All densities are one-sided")
@@ -163,6 +167,18 @@ def test_numbers_of_the_page_are_those_of_the_sizing(sizing: Sizing, html: str) 
         assert f"{1e3 * row['clearance']:.4g}" in text
     assert "no hit seen" in text  # at the recommended clearance
     assert "energy lost to stops" in text and "mean of the peak forces" in text
+
+
+def test_peaks_on_the_page_are_those_of_its_table(folder: Path, html: str) -> None:
+    table = pd.read_csv(folder / "peaks.csv")
+    own = table[table["stiffness_ratio"].isna()]
+    assert len(own) == 2 and len(table) == 2 + 3 * 2
+    text = read(html).text
+    for row in own.to_dict("records"):
+        assert f"{row['largest_acceleration'] / 9.80665:.3g} ±" in text
+        assert f"{row['rms_amplification']:.3f}" in text
+    # the hits hardly show in the rms, and multiply the peak
+    assert 1.0 < own["rms_amplification"].iloc[0] < 1.1 < own["peak_amplification"].iloc[0]
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -221,7 +237,7 @@ def test_tables_and_numbers_lie_beside_the_page(sizing: Sizing, folder: Path) ->
     names = {path.name for path in folder.iterdir()}
     assert names == {
         "report.html", "size.json", "risk.csv", "required.csv", "hits.csv",
-        "risk.png", "sensitivity.csv", "evidence.csv",
+        "risk.png", "sensitivity.csv", "evidence.csv", "peaks.csv",
     }  # fmt: skip
 
 
