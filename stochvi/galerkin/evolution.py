@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU
@@ -21,7 +22,7 @@ from scipy.sparse.linalg import SuperLU
 from stochvi.galerkin.mesh import Array
 from stochvi.galerkin.operators import Operator
 
-SIZES = (16, 24, 34, 46, 62, 84, 112, 150, 200)
+SIZES = (16, 24, 34, 46, 62, 84, 112, 150, 200, 260)
 """Dimensions of the Krylov space at which its answer is looked at."""
 
 Solve = Callable[[Array], Array]
@@ -59,25 +60,23 @@ def projections(mass: csc_array, solve: Solve, source: Array, shift: float) -> I
     first = solve(source)
     size = float(np.sqrt(first @ (mass @ first)))
     most = SIZES[-1]
-    basis, weighed = np.empty((2, len(first), most + 1), order="F")
+    basis = np.empty((len(first), most + 1), order="F")
     hessenberg = np.zeros((most + 1, most))
     basis[:, 0] = first / size
-    weighed[:, 0] = mass @ basis[:, 0]
     for k in range(most):
-        new = solve(weighed[:, k])
+        new = solve(mass @ basis[:, k])
         for _ in range(2):  # twice is enough for orthogonality to rounding
-            overlap = weighed[:, : k + 1].T @ new
+            overlap = basis[:, : k + 1].T @ (mass @ new)
             new -= basis[:, : k + 1] @ overlap
             hessenberg[: k + 1, k] += overlap
-        image = mass @ new
-        length = float(np.sqrt(max(new @ image, 0.0)))
+        length = float(np.sqrt(max(new @ (mass @ new), 0.0)))
         hessenberg[k + 1, k] = length
         done = length <= ROUNDING * abs(hessenberg[: k + 1, k]).max()
         if k + 1 in SIZES or done:
             yield _projection(basis[:, : k + 1], hessenberg[: k + 1, : k + 1], size, shift)
         if done:
             return
-        basis[:, k + 1], weighed[:, k + 1] = new / length, image / length
+        basis[:, k + 1] = new / length
 
 
 ROUNDING = 1e-14
@@ -88,6 +87,31 @@ def _projection(basis: Array, hessenberg: Array, size: float, shift: float) -> P
     inverse = np.linalg.inv(hessenberg)
     # the first vector is (operator + shift)^-1 source
     return Projection(basis, inverse - shift * np.eye(len(inverse)), size * inverse[:, 0])
+
+
+LATE = 25.0
+"""Phase of the inner dynamics from which on the slowest modes are all that matters."""
+
+GROUP = 8.0
+"""Earlier times share a space with those up to so many times as long ..."""
+
+FASTER = 5.0
+"""... and have its pole so much farther out."""
+
+MOST_GROUPS = 6
+"""Times shorter than LATE / GROUP^MOST_GROUPS have no pole of their own."""
+
+
+def time_groups(times: Array, natural: float) -> Iterator[tuple[NDArray[np.intp], float]]:
+    """Places of times that a Krylov space is good for, and the pole of that space.
+
+    `natural` is the rate of the inner dynamics. Short times call for faster modes; the numbers
+    were found best at damping ratios from 0.005 to 0.5.
+    """
+    phase = np.maximum(times * natural, LATE / GROUP**MOST_GROUPS)
+    number = np.ceil(np.maximum(np.log(LATE / phase) / np.log(GROUP), 0.0)).astype(int)
+    for group in np.unique(number):
+        yield np.flatnonzero(number == group), natural * FASTER**group
 
 
 class SlowestMode(NamedTuple):

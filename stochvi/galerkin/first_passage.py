@@ -21,6 +21,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, format_with_error, provenance
-from stochvi.galerkin.evolution import projections, slowest_mode
+from stochvi.galerkin.evolution import projections, slowest_mode, time_groups
 from stochvi.galerkin.layout import (
     LEVELS,
     MOST_UNKNOWNS,
@@ -49,14 +50,11 @@ if TYPE_CHECKING:
 METHOD = "first-passage"
 HOW = "half-range Galerkin in time"
 
-SAFETY = 2.0
-"""Of the difference of two levels as a bound on the error of the finer one."""
-
 SHARED = 0.3
 """Part of the largest relative difference that all numbers of an answer are granted, lest two
 levels agree on one of them by chance."""
 
-PROJECTION_SHARE = 0.1
+PROJECTION_SHARE = 0.2
 """Of the relative error allowed, what the projection in time may take."""
 
 FLOOR = 1e-9
@@ -343,9 +341,9 @@ def _bounds(coarse: _Values, fine: _Values, projected: Array, times: Array) -> _
     shared = SHARED * _worst(fine, differences, times) + FLOOR
     sizes = _sizes(fine, times)
     return _Values(
-        SAFETY * np.maximum(differences.probability, shared * sizes.probability),
-        SAFETY * max(differences.mean_time, shared * sizes.mean_time),
-        SAFETY * max(differences.rate, shared * sizes.rate),
+        np.maximum(differences.probability, shared * sizes.probability),
+        max(differences.mean_time, shared * sizes.mean_time),
+        max(differences.rate, shared * sizes.rate),
     )
 
 
@@ -367,25 +365,18 @@ def _on_level(
     mean_time = (settled / mode.rate + float(weights @ rest)) * second
     sizes = np.maximum(passed + np.abs(slow), passed - np.expm1(-mode.rate * times / second))
     source = operator.matrix.T @ operator.unity - mode.rate * (operator.mass @ mode.backward)
-    shift = _shift(layout, times)
-    shifted = operator.factorised(shift)
     fast, change = np.zeros(len(times)), np.zeros(len(times))
-    for projection in projections(
-        operator.mass, lambda b: shifted.solve(b, "T"), source, shift
-    ) if len(times) else ():
-        found = projection.accumulated(times / second) @ (projection.basis.T @ weights)
-        change, fast = np.abs(found - fast), found
-        if (change <= PROJECTION_SHARE * rtol * sizes).all():
-            break
+    for places, shift in time_groups(times / second, layout.natural):
+        shifted = operator.factorised(shift)
+        allowed = PROJECTION_SHARE * rtol * sizes[places]
+        for projection in projections(
+            operator.mass, partial(shifted.solve, trans="T"), source, shift
+        ):
+            found = projection.accumulated(times[places] / second) @ (projection.basis.T @ weights)
+            change[places], fast[places] = np.abs(found - fast[places]), found
+            if (change[places] <= allowed).all():
+                break
     return _Values(passed + slow + fast, mean_time, mode.rate / second), change
-
-
-def _shift(layout: Layout, times: Array) -> float:
-    """The pole of the projection: a rate of the inner dynamics, or of the longest time asked for,
-    per unit time of the box."""
-    natural = max(math.sqrt(-layout.frame.stiffness), 1.0)
-    longest = float(times.max(initial=0.0)) / layout.frame.time
-    return max(natural, 1.0 / longest) if longest > 0.0 else natural
 
 
 def _start_functional(
@@ -395,7 +386,6 @@ def _start_functional(
 
     In a halved box a path on the left counts as its mirror image on the right.
     """
-    axis = 2.0 * layout.frame.xi(np.array(0.0))  # noqa: F841
     mirror = layout.frame.centre - layout.frame.half_length
     if isinstance(start, Point):
         point = start

@@ -39,6 +39,11 @@ class Layout(NamedTuple):
     finest: float
     halved: bool
 
+    @property
+    def natural(self) -> float:
+        """The rate of the inner dynamics: of oscillation or of crossing the box."""
+        return max(math.sqrt(-self.frame.stiffness), 1.0)
+
 
 class Level(NamedTuple):
     """Element size in units of what there is to resolve, degrees, layers towards a wall."""
