@@ -40,11 +40,16 @@ class Projection(NamedTuple):
     source: Array
 
     def accumulated(self, times: Array) -> Array:
-        """y(t) from y(0) = 0, that is int_0^t exp(-operator s) source ds, (times, k)."""
+        """y(t) from y(0) = 0, that is int_0^t exp(-operator s) source ds, (times, k).
+
+        Not finite where the space is still so small that it holds modes that grow.
+        """
         size = len(self.source)
         whole = np.zeros((size + 1, size + 1))
         whole[:size, :size], whole[:size, size] = -self.operator, self.source
-        return np.array([expm(whole * time)[:size, size] for time in times]).reshape(-1, size)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = [expm(whole * time)[:size, size] for time in times]
+        return np.array(found).reshape(-1, size)
 
 
 def projections(mass: csc_array, solve: Solve, source: Array, shift: float) -> Iterator[Projection]:
@@ -139,7 +144,7 @@ def slowest_mode(operator: Operator, factors: SuperLU) -> SlowestMode:
     difference of numbers of the size of the inner dynamics, this keeps its digits however small
     the rate.
     """
-    mass, outflow = operator.mass, operator.matrix.T @ operator.unity
+    mass, outflow = operator.mass, operator.outflow
     held = mass @ operator.unity
     ahead, back = operator.unity, operator.unity
     rate = 0.0

@@ -364,7 +364,7 @@ def _on_level(
     rest = rest - mode.backward * float(mode.forward @ (operator.mass @ rest))
     mean_time = (settled / mode.rate + float(weights @ rest)) * second
     sizes = np.maximum(passed + np.abs(slow), passed - np.expm1(-mode.rate * times / second))
-    source = operator.matrix.T @ operator.unity - mode.rate * (operator.mass @ mode.backward)
+    source = operator.outflow - mode.rate * (operator.mass @ mode.backward)
     fast, change = np.zeros(len(times)), np.zeros(len(times))
     for places, shift in time_groups(times / second, layout.natural):
         shifted = operator.factorised(shift)
@@ -373,7 +373,10 @@ def _on_level(
             operator.mass, partial(shifted.solve, trans="T"), source, shift
         ):
             found = projection.accumulated(times[places] / second) @ (projection.basis.T @ weights)
-            change[places], fast[places] = np.abs(found - fast[places]), found
+            # a space too small may hold modes that grow
+            good = np.isfinite(found)
+            change[places] = np.where(good, np.abs(found - fast[places]), np.inf)
+            fast[places] = np.where(good, found, fast[places])
             if (change[places] <= allowed).all():
                 break
     return _Values(passed + slow + fast, mean_time, mode.rate / second), change

@@ -61,11 +61,12 @@ LEVELS = (
     Level(0.42, 4, 5, 5, 4),
     Level(0.32, 5, 6, 6, 4),
     Level(0.24, 5, 6, 7, 5),
+    Level(0.18, 5, 6, 8, 5),
 )
 """From some hundredths of a second to some ten seconds each."""
 
-MOST_UNKNOWNS = 60_000
-"""Meshes with more are not tried: factors of 1 GB."""
+MOST_UNKNOWNS = 120_000
+"""Meshes with more are not tried: some 10 seconds, and 0.5 GB for the projections."""
 
 X_RATIO = 0.15
 U_RATIO = 0.3

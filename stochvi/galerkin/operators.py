@@ -102,6 +102,9 @@ class Operator:
         As above, scaled, (n, n), per unit time of the box.
     unity
         The function 1, that is, its scaled coefficients, (n,).
+    outflow
+        What absorbing ends take per unit time of the box, as a functional of the coefficients,
+        (n,): matrix' unity, but without the rounding that would let some flow out everywhere.
     """
 
     def __init__(self, frame: Frame, mesh: Mesh, walls: Walls) -> None:
@@ -117,6 +120,10 @@ class Operator:
         # P_0, and the linear functions of velocity, which add up to 1
         constant[:, 0, self._both_halves(np.arange(velocity.half) <= velocity.elements)] = 1.0
         self.unity: Array = constant.ravel() / self.scale
+        self.outflow: Array = np.zeros(len(self.scale))
+        for side, wall in ((-1, walls.left), (1, walls.right)):
+            if wall is None:
+                self.outflow += frame.time * self.arrivals(side, velocity.half_moments[1])
 
     def factorised(self, shift: float) -> SuperLU:
         """LU factors of matrix + shift mass; `shift` per unit time of the box."""
