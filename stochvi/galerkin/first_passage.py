@@ -57,6 +57,9 @@ levels agree on one of them by chance."""
 PROJECTION_SHARE = 0.2
 """Of the relative error allowed, what the projection in time may take."""
 
+PLAUSIBLE = 10.0
+"""Size of a probability beyond which it is no mere error but a mode that grows."""
+
 FLOOR = 1e-9
 """Relative error that every answer is granted: the ends of the box, and rounding."""
 
@@ -374,7 +377,7 @@ def _on_level(
         ):
             found = projection.accumulated(times[places] / second) @ (projection.basis.T @ weights)
             # a space too small may hold modes that grow
-            good = np.isfinite(found)
+            good = np.abs(found) < PLAUSIBLE
             change[places] = np.where(good, np.abs(found - fast[places]), np.inf)
             fast[places] = np.where(good, found, fast[places])
             if (change[places] <= allowed).all():

@@ -13,10 +13,15 @@ from stochvi.galerkin.starts import Gaussian, Start
 
 REACH = 6.0
 """Speeds beyond that of a barrier by REACH in units of the scale, squared and added, are cut off:
-exp(-REACH^2 / 2) = 2e-8 of what is there."""
+exp(-REACH^2 / 2) = 2e-8 of what is there; so are speeds that noise would have to add REACH
+standard deviations for."""
 
 WIDEST = 12.0
 """Largest velocity in units of the scale: where a weight exp(-u^2 / 2) is still a good scale."""
+
+FLATTEST = 2.0
+"""Largest velocity in units of the scale where damping allows a scale as large: a weight that
+falls faster than the stationary law makes room for modes that grow."""
 
 START_MARGIN = 2.0
 """Speed that a path may still gain over that it starts with, in units of the scale."""
@@ -113,9 +118,14 @@ def passage_layout(motion: Motion, lower: float, upper: float, start: Start) -> 
     if motion.damping_rate > 0.0:
         law = math.sqrt(motion.diffusion / motion.damping_rate)
     energy = _start_energy(motion, start, lower, upper, base)
-    speed = min(law, native)
-    fastest = max(math.hypot(climb, REACH * speed), math.sqrt(2.0 * energy) + START_MARGIN * speed)
-    speed = max(speed, fastest / WIDEST)
+    slow = min(law, native)
+    # what a path can still gain before it meets a barrier that it has the energy for
+    gained = climb + REACH * _layer(motion, length)
+    fastest = max(
+        min(math.hypot(climb, REACH * slow), gained),
+        math.sqrt(2.0 * energy) + START_MARGIN * slow,
+    )
+    speed = max(min(law, max(slow, fastest / FLATTEST)), fastest / WIDEST)
     left = lower if math.isfinite(lower) else _end(motion, base, fastest, -1.0)
     right = upper if math.isfinite(upper) else _end(motion, base, fastest, 1.0)
     middle = (left + right) / 2.0
@@ -126,7 +136,7 @@ def passage_layout(motion: Motion, lower: float, upper: float, start: Start) -> 
     )
     return _layout(
         motion, middle if halved else left, right, speed, walls, halved,
-        reach=fastest, core=climb + min(speed, native), native=native,
+        reach=fastest, core=climb + slow, native=native,
     )  # fmt: skip
 
 
@@ -157,9 +167,7 @@ def _layout(
 ) -> Layout:  # fmt: skip
     length = right - left
     steepest = max(abs(motion.load - motion.omega**2 * x) for x in (left, right))
-    layer = math.cbrt(motion.diffusion * length)
-    if motion.omega > 0.0:
-        layer = min(layer, math.sqrt(2.0 * math.pi * motion.diffusion / motion.omega))
+    layer = _layer(motion, length)
     return Layout(
         frame=frame(motion, left, right, speed),
         walls=walls,
@@ -169,6 +177,14 @@ def _layout(
         finest=min(1.0, native / speed, LAYER_SHARE * layer / speed),
         halved=halved,
     )
+
+
+def _layer(motion: Motion, length: float) -> float:
+    """The speed that noise gives in a natural period or on the way through the box."""
+    layer = math.cbrt(motion.diffusion * length)
+    if motion.omega > 0.0:
+        layer = min(layer, math.sqrt(2.0 * math.pi * motion.diffusion / motion.omega))
+    return layer
 
 
 STEEP = 8.0
