@@ -40,7 +40,15 @@ if TYPE_CHECKING:
         WhiteNoise,
     )
     from stochvi.explanation import Explanation, explain
-    from stochvi.galerkin import fokker_planck, fokker_planck_many
+    from stochvi.galerkin import (
+        FirstPassage,
+        Gaussian,
+        Transient,
+        first_passage,
+        fokker_planck,
+        fokker_planck_many,
+        transient,
+    )
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
@@ -63,7 +71,15 @@ _HOME = {
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": ("ConstantLoad", "FilteredNoise", "Sine", "TabulatedNoise", "WhiteNoise"),
     "explanation": ("Explanation", "explain"),
-    "galerkin": ("fokker_planck", "fokker_planck_many"),
+    "galerkin": (
+        "FirstPassage",
+        "Gaussian",
+        "Transient",
+        "first_passage",
+        "fokker_planck",
+        "fokker_planck_many",
+        "transient",
+    ),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
@@ -80,7 +96,9 @@ __all__ = [
     "Estimate",
     "Explanation",
     "FilteredNoise",
+    "FirstPassage",
     "ForceTable",
+    "Gaussian",
     "Hertz",
     "ImpactPair",
     "Isolator",
@@ -97,6 +115,7 @@ __all__ = [
     "Sine",
     "StochviError",
     "TabulatedNoise",
+    "Transient",
     "Viscoelastic",
     "WhiteNoise",
     "WorkPrecision",
@@ -106,6 +125,7 @@ __all__ = [
     "displacement_density",
     "exact",
     "explain",
+    "first_passage",
     "fokker_planck",
     "fokker_planck_many",
     "identify_viscoelastic",
@@ -114,6 +134,7 @@ __all__ = [
     "record_path",
     "screen",
     "simulate",
+    "transient",
 ]
 
 

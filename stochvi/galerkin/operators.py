@@ -127,12 +127,11 @@ class Operator:
 
     def factorised(self, shift: float) -> SuperLU:
         """LU factors of matrix + shift mass; `shift` per unit time of the box."""
-        return splu(
-            sparse.csc_array(self.matrix + shift * self.mass),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=PIVOT_THRESHOLD,
-            options={"SymmetricMode": True},
-        )
+        return _factors(sparse.csc_array(self.matrix + shift * self.mass))
+
+    def mass_factors(self) -> SuperLU:
+        """LU factors of the mass matrix."""
+        return _factors(self.mass)
 
     def _both_halves(self, half: Array) -> Array:
         """What the functions of u >= 0 have, for those of u < 0 too."""
@@ -320,6 +319,15 @@ class Operator:
         values = profiles @ (q @ self.mesh.velocity.mass)
         found[inside] = np.exp(frame.log_weight(xi[inside])) * values / frame.half_length
         return found
+
+
+def _factors(matrix: sparse.csc_array) -> SuperLU:
+    return splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=PIVOT_THRESHOLD,
+        options={"SymmetricMode": True},
+    )
 
 
 GRID_NODES = 10
