@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import SuperLU
 
 from stochvi.galerkin.mesh import Array
-from stochvi.galerkin.operators import Operator
+from stochvi.galerkin.operators import Factors, Operator
 
 SIZES = (16, 24, 34, 46, 62, 84, 112, 150, 200, 260)
 """Dimensions of the Krylov space at which its answer is looked at."""
@@ -89,7 +88,7 @@ ROUNDING = 1e-14
 
 
 def _projection(basis: Array, hessenberg: Array, size: float, shift: float) -> Projection:
-    inverse = np.linalg.inv(hessenberg)
+    inverse = np.asarray(np.linalg.inv(hessenberg), dtype=np.float64)
     # the first vector is (operator + shift)^-1 source
     return Projection(basis, inverse - shift * np.eye(len(inverse)), size * inverse[:, 0])
 
@@ -137,7 +136,7 @@ SETTLED = 1e-12
 """Relative change of the rate in one inverse iteration at which it counts as found."""
 
 
-def slowest_mode(operator: Operator, factors: SuperLU) -> SlowestMode:
+def slowest_mode(operator: Operator, factors: Factors) -> SlowestMode:
     """By inverse iteration, with the factors of the matrix itself.
 
     The rate is what flows out over what is there. Unlike a Rayleigh quotient, which is the
@@ -149,7 +148,7 @@ def slowest_mode(operator: Operator, factors: SuperLU) -> SlowestMode:
     ahead, back = operator.unity, operator.unity
     rate = 0.0
     for _ in range(MOST_ITERATIONS):
-        ahead, back = factors.solve(mass @ ahead), factors.solve(mass @ back, "T")
+        ahead, back = factors.solve(mass @ ahead), factors.solve_transposed(mass @ back)
         ahead, back = ahead / (held @ ahead), back / np.sqrt(back @ (mass @ back))
         before, rate = rate, float(outflow @ ahead)
         if abs(rate - before) <= SETTLED * rate:

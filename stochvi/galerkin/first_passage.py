@@ -21,7 +21,6 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -35,13 +34,12 @@ from stochvi.galerkin.layout import (
     MOST_UNKNOWNS,
     Layout,
     Level,
-    lowest,
     mesh,
     passage_layout,
 )
 from stochvi.galerkin.mesh import Array
 from stochvi.galerkin.operators import Motion, Operator
-from stochvi.galerkin.starts import Gaussian, Given, Point, Start, start_of
+from stochvi.galerkin.starts import Given, Point, Start, start_of
 from stochvi.scenes import Scene, System
 
 if TYPE_CHECKING:
@@ -196,7 +194,7 @@ def first_passage(
         raise NotApplicable(METHOD, unmet)
     system = scene.system()
     low, high = barriers(system, lower, upper)
-    motion = motion_of(system)
+    motion = Motion.of(system)
     begin = start_of(start, motion)
     _check_start(begin, low, high)
     layout = passage_layout(motion, low, high, begin)
@@ -239,11 +237,6 @@ def _assumptions(scene: Scene, start: Given) -> list[str]:
     if start == "stationary":
         found.append("starts in the stationary law without barriers; beyond one counts as passed")
     return found
-
-
-def motion_of(system: System) -> Motion:
-    """The numbers of a scene that its motion between barriers and stops depends on."""
-    return Motion(system.omega, system.damping_rate, system.intensity / 2.0, system.load)
 
 
 def barriers(system: System, lower: float | None, upper: float | None) -> tuple[float, float]:
@@ -363,7 +356,7 @@ def _on_level(
     settled = float(weights @ mode.backward)
     slow = -np.expm1(-mode.rate * times / second) * settled
     left = operator.mass @ (operator.unity - mode.backward)
-    rest = factors.solve(left, "T")
+    rest = factors.solve_transposed(left)
     rest = rest - mode.backward * float(mode.forward @ (operator.mass @ rest))
     mean_time = (settled / mode.rate + float(weights @ rest)) * second
     sizes = np.maximum(passed + np.abs(slow), passed - np.expm1(-mode.rate * times / second))
@@ -372,9 +365,7 @@ def _on_level(
     for places, shift in time_groups(times / second, layout.natural):
         shifted = operator.factorised(shift)
         allowed = PROJECTION_SHARE * rtol * sizes[places]
-        for projection in projections(
-            operator.mass, partial(shifted.solve, trans="T"), source, shift
-        ):
+        for projection in projections(operator.mass, shifted.solve_transposed, source, shift):
             found = projection.accumulated(times[places] / second) @ (projection.basis.T @ weights)
             # a space too small may hold modes that grow
             good = np.abs(found) < PLAUSIBLE

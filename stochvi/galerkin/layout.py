@@ -131,9 +131,7 @@ def passage_layout(motion: Motion, lower: float, upper: float, start: Start) -> 
     middle = (left + right) / 2.0
     off_centre = abs(motion.load - motion.omega**2 * middle) * (right - left)
     halved = len(barriers) == 2 and off_centre <= SYMMETRIC * speed**2
-    walls = Walls(
-        1.0 if halved or math.isinf(lower) else None, 1.0 if math.isinf(upper) else None
-    )
+    walls = Walls(1.0 if halved or math.isinf(lower) else None, 1.0 if math.isinf(upper) else None)
     return _layout(
         motion, middle if halved else left, right, speed, walls, halved,
         reach=fastest, core=climb + slow, native=native,

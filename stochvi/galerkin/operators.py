@@ -20,9 +20,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import splu
 
 from stochvi.galerkin.mesh import Array, Mesh, gauss, legendre
+from stochvi.scenes import System
 
 Density = Callable[[Array, Array], Array]
 """A probability density of (displacement, velocity), broadcasting, SI units."""
@@ -35,6 +36,11 @@ class Motion(NamedTuple):
     damping_rate: float
     diffusion: float
     load: float
+
+    @classmethod
+    def of(cls, system: System) -> Motion:
+        """The numbers of a scene that its motion between stops depends on."""
+        return cls(system.omega, system.damping_rate, system.intensity / 2.0, system.load)
 
 
 class Frame(NamedTuple):
@@ -93,6 +99,36 @@ class Walls(NamedTuple):
     right: float | None
 
 
+class Factors:
+    """LU factors of a sparse matrix whose pattern is symmetric."""
+
+    def __init__(self, matrix: sparse.csc_array) -> None:
+        self._factors = splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=PIVOT_THRESHOLD,
+            options={"SymmetricMode": True},
+        )
+
+    def solve(self, right: Array) -> Array:
+        """matrix^-1 right, (n,)."""
+        return np.asarray(self._factors.solve(right), dtype=np.float64)
+
+    def solve_transposed(self, right: Array) -> Array:
+        """matrix'^-1 right, (n,)."""
+        solution = self._factors.solve(right, "T")  # type: ignore[call-overload]  # not in the stubs
+        return np.asarray(solution, dtype=np.float64)
+
+
+PIVOT_THRESHOLD = 0.1
+"""How small a diagonal pivot may be, relative. Pivots that respect the symmetry of the pattern
+leave a sixth of the fill and a tenth of the time of free ones, with the same residuals."""
+
+
+def _kron(of_displacement: Array, of_velocity: Array | sparse.csr_array) -> sparse.csr_array:
+    return sparse.csr_array(sparse.kron(of_displacement, sparse.csr_array(of_velocity)))
+
+
 class Operator:
     """The matrices of one box on one mesh, and functionals of its functions.
 
@@ -118,27 +154,17 @@ class Operator:
         self.mass = sparse.csc_array(scale @ mass @ scale)
         constant = np.zeros(self._shape)
         # P_0, and the linear functions of velocity, which add up to 1
-        constant[:, 0, self._both_halves(np.arange(velocity.half) <= velocity.elements)] = 1.0
+        linear = np.arange(velocity.elements + 1)
+        constant[:, 0, velocity.plus[linear]] = constant[:, 0, velocity.minus[linear]] = 1.0
         self.unity: Array = constant.ravel() / self.scale
         self.outflow: Array = np.zeros(len(self.scale))
         for side, wall in ((-1, walls.left), (1, walls.right)):
             if wall is None:
                 self.outflow += frame.time * self.arrivals(side, velocity.half_moments[1])
 
-    def factorised(self, shift: float) -> SuperLU:
+    def factorised(self, shift: float) -> Factors:
         """LU factors of matrix + shift mass; `shift` per unit time of the box."""
-        return _factors(sparse.csc_array(self.matrix + shift * self.mass))
-
-    def mass_factors(self) -> SuperLU:
-        """LU factors of the mass matrix."""
-        return _factors(self.mass)
-
-    def _both_halves(self, half: Array) -> Array:
-        """What the functions of u >= 0 have, for those of u < 0 too."""
-        whole = np.zeros(self.mesh.velocity.size, dtype=half.dtype)
-        whole[self.mesh.velocity.plus] = half
-        whole[self.mesh.velocity.minus] = half
-        return whole
+        return Factors(sparse.csc_array(self.matrix + shift * self.mass))
 
     def _weight(self, xi: float) -> float:
         return float(np.exp(self.frame.log_weight(np.array(xi))))
@@ -147,33 +173,33 @@ class Operator:
         velocity, elements = self.mesh.velocity, self.mesh.displacement
         plus, minus = sparse.csr_array(velocity.flux_plus), sparse.csr_array(velocity.flux_minus)
         last = len(elements) - 1
-        blocks: list[list[sparse.coo_array | None]] = [[None] * (last + 1) for _ in elements]
+        blocks: list[list[sparse.csr_array | None]] = [[None] * (last + 1) for _ in elements]
         masses = []
         for e, element in enumerate(elements):
             inner, mass = self._inside(e)
             masses.append(mass)
             at_right, at_left = element.at_right, element.at_left
             right, left = self._weight(element.right), self._weight(element.left)
-            inner = inner + sparse.kron(right * np.outer(at_right, at_right), plus)
-            inner = inner - sparse.kron(left * np.outer(at_left, at_left), minus)
+            inner = inner + _kron(right * np.outer(at_right, at_right), plus)
+            inner = inner - _kron(left * np.outer(at_left, at_left), minus)
             if e == last:
                 given = right * self._given_back(self.walls.right, 1)
-                inner = inner - sparse.kron(np.outer(at_right, at_right), given)
+                inner = inner - _kron(np.outer(at_right, at_right), given)
             else:
                 into = right * np.outer(at_right, elements[e + 1].at_left)
-                blocks[e][e + 1] = sparse.kron(into, minus)
+                blocks[e][e + 1] = _kron(into, minus)
             if e == 0:
                 given = left * self._given_back(self.walls.left, -1)
-                inner = inner - sparse.kron(np.outer(at_left, at_left), given)
+                inner = inner - _kron(np.outer(at_left, at_left), given)
             else:
                 into = -left * np.outer(at_left, elements[e - 1].at_right)
-                blocks[e][e - 1] = sparse.kron(into, plus)
+                blocks[e][e - 1] = _kron(into, plus)
             blocks[e][e] = inner
         return sparse.csc_array(sparse.block_array(blocks)), sparse.csc_array(
             sparse.block_diag(masses)
         )
 
-    def _inside(self, e: int) -> tuple[sparse.coo_array, sparse.coo_array]:
+    def _inside(self, e: int) -> tuple[sparse.csr_array, sparse.csr_array]:
         """The equations inside an element without its ends, and its mass matrix."""
         frame, velocity, element = self.frame, self.mesh.velocity, self.mesh.displacement[e]
         weights = element.weights * np.exp(frame.log_weight(element.xi))
@@ -185,10 +211,10 @@ class Operator:
         spread = frame.diffusion * velocity.diffusion
         spread += (frame.damping - frame.diffusion) * velocity.damping
         flux = velocity.flux_plus + velocity.flux_minus
-        inner = sparse.kron(products, sparse.csr_array(spread))
-        inner = inner - sparse.kron(slopes, sparse.csr_array(flux))
-        inner = inner - sparse.kron(pushed, sparse.csr_array(velocity.drift))
-        return inner, sparse.kron(products, sparse.csr_array(self._velocity_mass()))
+        inner = _kron(products, spread)
+        inner = inner - _kron(slopes, flux)
+        inner = inner - _kron(pushed, velocity.drift)
+        return inner, _kron(products, self._velocity_mass())
 
     def _velocity_mass(self) -> Array:
         velocity = self.mesh.velocity
@@ -321,18 +347,5 @@ class Operator:
         return found
 
 
-def _factors(matrix: sparse.csc_array) -> SuperLU:
-    return splu(
-        matrix,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=PIVOT_THRESHOLD,
-        options={"SymmetricMode": True},
-    )
-
-
 GRID_NODES = 10
 """Gauss nodes between neighbours of the grids that resolve a density."""
-
-PIVOT_THRESHOLD = 0.1
-"""How small a diagonal pivot may be, relative. The pattern is symmetric, and pivots that respect it
-leave a sixth of the fill and a tenth of the time of free ones, with the same residuals."""

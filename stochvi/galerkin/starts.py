@@ -58,8 +58,7 @@ class Gaussian:
         good = good and matrix[0, 1] == matrix[1, 0]
         if not (good and matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and determinant > 0.0):
             raise ValueError(
-                "covariance must be finite, symmetric and positive definite, got "
-                f"{self.covariance}"
+                f"covariance must be finite, symmetric and positive definite, got {self.covariance}"
             )
 
     @property
@@ -134,6 +133,4 @@ def start_of(given: Given, motion: Motion) -> Start:
     if motion.omega == 0.0 or motion.damping_rate == 0.0:
         raise ValueError("start = 'stationary' needs a spring and damping, got none")
     square = motion.diffusion / motion.damping_rate
-    return Gaussian(
-        mean=(rest, 0.0), covariance=((square / motion.omega**2, 0.0), (0.0, square))
-    )
+    return Gaussian(mean=(rest, 0.0), covariance=((square / motion.omega**2, 0.0), (0.0, square)))
