@@ -74,6 +74,10 @@ class FirstPassage:
         Mean time to the first passage, s; starts beyond a barrier count as 0.
     decay_rate
         lambda of P(no passage before t) -> c exp(-lambda t), 1/s.
+    rice_rate
+        Mean rate of leaving through the barriers if nothing were stopped there (S. O. Rice 1945),
+        1/s; None without a stationary law. A stationary start has passed before t with at most
+        P(beyond a barrier) + rice_rate t.
     lower, upper
         The barriers, m; None where there is none.
     """
@@ -82,6 +86,7 @@ class FirstPassage:
     probability: tuple[Estimate, ...]
     mean_time: Estimate
     decay_rate: Estimate
+    rice_rate: Estimate | None
     lower: float | None
     upper: float | None
     start: str
@@ -113,6 +118,7 @@ class FirstPassage:
             "probability": [estimate.to_dict() for estimate in self.probability],
             "mean_time": self.mean_time.to_dict(),
             "decay_rate": self.decay_rate.to_dict(),
+            "rice_rate": None if self.rice_rate is None else self.rice_rate.to_dict(),
             "effects": list(self.effects),
             "assumptions": list(self.assumptions),
             "cost": asdict(self.cost),
@@ -211,6 +217,7 @@ def first_passage(
         ),
         mean_time=Estimate(value=values.mean_time, bias=bounds.mean_time, how=HOW),
         decay_rate=Estimate(value=values.rate, bias=bounds.rate, how=HOW),
+        rice_rate=_rice_rate(motion, low, high),
         lower=low if math.isfinite(low) else None,
         upper=high if math.isfinite(high) else None,
         start=start if isinstance(start, str) else str(begin),
@@ -237,6 +244,17 @@ def _assumptions(scene: Scene, start: Given) -> list[str]:
     if start == "stationary":
         found.append("starts in the stationary law without barriers; beyond one counts as passed")
     return found
+
+
+def _rice_rate(motion: Motion, lower: float, upper: float) -> Estimate | None:
+    """omega / (2 pi) exp(-z^2 / 2) of each barrier, z its distance in standard deviations."""
+    if motion.omega == 0.0 or motion.damping_rate == 0.0:
+        return None
+    rest = motion.load / motion.omega**2
+    deviation = math.sqrt(motion.diffusion / motion.damping_rate) / motion.omega
+    distances = [(barrier - rest) / deviation for barrier in (lower, upper)]
+    rate = motion.omega / (2.0 * math.pi) * sum(math.exp(-(z**2) / 2.0) for z in distances)
+    return Estimate(value=rate, how="Rice")
 
 
 def barriers(system: System, lower: float | None, upper: float | None) -> tuple[float, float]:
