@@ -43,7 +43,15 @@ if TYPE_CHECKING:
         WhiteNoise,
     )
     from stochvi.explanation import Explanation, explain
-    from stochvi.galerkin import fokker_planck, fokker_planck_many
+    from stochvi.galerkin import (
+        FirstPassage,
+        Gaussian,
+        Transient,
+        first_passage,
+        fokker_planck,
+        fokker_planck_many,
+        transient,
+    )
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
@@ -69,7 +77,15 @@ _HOME = {
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": ("ConstantLoad", "FilteredNoise", "Sine", "TabulatedNoise", "WhiteNoise"),
     "explanation": ("Explanation", "explain"),
-    "galerkin": ("fokker_planck", "fokker_planck_many"),
+    "galerkin": (
+        "FirstPassage",
+        "Gaussian",
+        "Transient",
+        "first_passage",
+        "fokker_planck",
+        "fokker_planck_many",
+        "transient",
+    ),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
@@ -89,7 +105,9 @@ __all__ = [
     "Estimate",
     "Explanation",
     "FilteredNoise",
+    "FirstPassage",
     "ForceTable",
+    "Gaussian",
     "Hertz",
     "ImpactPair",
     "Isolator",
@@ -106,6 +124,7 @@ __all__ = [
     "Sine",
     "StochviError",
     "TabulatedNoise",
+    "Transient",
     "Viscoelastic",
     "WhiteNoise",
     "WorkPrecision",
@@ -117,6 +136,7 @@ __all__ = [
     "displacement_density",
     "exact",
     "explain",
+    "first_passage",
     "fokker_planck",
     "fokker_planck_many",
     "identify_viscoelastic",
@@ -125,6 +145,7 @@ __all__ = [
     "record_path",
     "screen",
     "simulate",
+    "transient",
 ]
 
 

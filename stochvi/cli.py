@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.estimates import Response
+    from stochvi.galerkin import FirstPassage
 
 FAILED, BAD_INPUT = 1, 2
+MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 PLAIN_WIDTH = 100
 """Columns of a table that is not written to a terminal, unless COLUMNS says otherwise."""
 
@@ -154,6 +156,91 @@ def fokker_planck(
             _finish(reason.response, json_file, out, quiet)
         raise
     _finish(response, json_file, out, quiet)
+
+
+@main.command("first-passage")
+@click.argument("scene")
+@click.option(
+    "--barrier", metavar="LO,HI",
+    help="Metres from the unloaded spring; leave one empty for none. Default: the stops.",
+)  # fmt: skip
+@click.option("--times", metavar="LIST", help="Seconds, with commas ...")
+@click.option("--mission", type=float, metavar="SECONDS", help="... or a duration, and parts of it.")
+@click.option(
+    "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
+    help="At rest, or in the stationary law without barriers.",
+)  # fmt: skip
+@click.option("--rtol", type=float, default=1e-4, show_default=True, help="Relative error.")
+@_options("json", "out", "quiet")
+def first_passage(
+    scene: str,
+    barrier: str | None,
+    times: str | None,
+    mission: float | None,
+    start: str,
+    rtol: float,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """P(first impact, or first passage of a barrier, before t): white noise."""
+    from stochvi.errors import NotConverged
+    from stochvi.galerkin import first_passage as solve
+    from stochvi.scenes import load_scene
+
+    if (times is None) == (mission is None):
+        raise ValueError("give --times or --mission, one of them")
+    if mission is None:
+        moments = _numbers("--times", times or "")
+    else:
+        moments = [part * mission for part in MISSION_PARTS]
+    lower, upper = _barrier(barrier)
+    loaded = load_scene(scene)
+    try:
+        found = solve(
+            loaded, lower, upper,
+            times=moments, start="rest" if start == "rest" else "stationary", rtol=rtol,
+        )  # fmt: skip
+    except NotConverged as reason:
+        _finish_passage(reason.response, loaded.title, json_file, out, quiet)
+        raise
+    _finish_passage(found, loaded.title, json_file, out, quiet)
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise ValueError(f"{option} must be numbers with commas, got {text!r}") from None
+
+
+def _barrier(text: str | None) -> tuple[float | None, float | None]:
+    if text is None:
+        return None, None
+    words = [word.strip() for word in text.split(",")]
+    if len(words) != 2 or not any(words):
+        raise ValueError(f"--barrier must be LO,HI with at least one of them, got {text!r}")
+    lower, upper = (_numbers("--barrier", word)[0] if word else None for word in words)
+    return lower, upper
+
+
+def _finish_passage(
+    found: FirstPassage, title: str, json_file: str | None, out: Path | None, quiet: bool
+) -> None:
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.tables import print_first_passage
+
+    if not quiet:
+        print_first_passage(_console(json_file), found)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        from stochvi.plots import plot_first_passage
+
+        write_table(found.to_frame(), out / "first_passage.csv")
+        ax = plot_first_passage(found)
+        ax.set_title(title)
+        write_picture(ax, out / "first_passage.png")
 
 
 @main.command()
