@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         ForceTable,
         Hertz,
         Restitution,
+        SpeedRestitution,
         Viscoelastic,
         identify_viscoelastic,
     )
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.scenes import ImpactPair, Scene, load_scene
-    from stochvi.structures import Isolator, Matrices, Oscillator
+    from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 
 _HOME = {
     "accuracy": ("WorkPrecision", "cost"),
@@ -55,6 +56,7 @@ _HOME = {
         "ForceTable",
         "Hertz",
         "Restitution",
+        "SpeedRestitution",
         "Viscoelastic",
         "identify_viscoelastic",
     ),
@@ -68,7 +70,7 @@ _HOME = {
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
-    "structures": ("Isolator", "Matrices", "Oscillator"),
+    "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -86,6 +88,7 @@ __all__ = [
     "Isolator",
     "Matrices",
     "NoExactSolution",
+    "NonlinearOscillator",
     "NotApplicable",
     "NotConverged",
     "Oscillator",
@@ -95,6 +98,7 @@ __all__ = [
     "SceneError",
     "Screening",
     "Sine",
+    "SpeedRestitution",
     "StochviError",
     "TabulatedNoise",
     "Viscoelastic",

@@ -172,10 +172,10 @@ class Answer:
         return {name: error for name, error in found.items() if error is not None}
 
     def _identities(self, scene: Scene, how: str) -> dict[str, Estimate]:
-        assembly = assemble(scene)
         moments = self._moments(scene)
-        if moments is None:
+        if moments is None or scene.beyond_numbers():
             return {}
+        assembly = assemble(scene)
         found = residuals(assembly, moments, (self.mean,))
         bounds = dict.fromkeys(found, 0.0)
         errors = self.errors._moments(scene) if self.errors is not None else None

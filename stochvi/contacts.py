@@ -11,7 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Discriminator, Tag, field_validator, model_validator
 
-from stochvi.checked import Checked, NonNegative, NonNegatives, Number, Positive
+from stochvi.checked import (
+    Checked,
+    Function,
+    NonNegative,
+    NonNegatives,
+    Number,
+    Positive,
+    check_values,
+    evaluated,
+)
 
 Vector = NDArray[np.float64]
 
@@ -68,6 +77,10 @@ class Restitution(Checked):
         """R; of a stop that gives way, what a free mass sees."""
         return self.coefficient
 
+    def restitution_at(self, speed: ArrayLike) -> Vector:
+        """R of impacts at the given speeds (m/s): the same for all."""
+        return np.full(np.shape(speed), self.coefficient)
+
     def per_unit_mass(self, mass: float) -> Self:
         """The same law: it knows no force."""
         return self
@@ -75,6 +88,74 @@ class Restitution(Checked):
     def strengths(self) -> tuple[float, ...]:
         """Numbers with a unit that the law holds: none."""
         return ()
+
+
+class SpeedRestitution(Checked):
+    """A rigid stop whose restitution depends on the speed of the impact, v+ = -R(|v-|) v-.
+
+    A function cannot be written in a scene file: this law is for Python only, and for methods that
+    take functions.
+
+    Parameters
+    ----------
+    coefficient
+        R, in [0, 1], as a function of an array of incident speeds (m/s, above 0) that returns an
+        array of the same shape, or one number for all.
+
+    Raises
+    ------
+    SceneError
+        If the function is not in [0, 1] at speeds from 1 um/s to 1 km/s.
+
+    Examples
+    --------
+    >>> steel = SpeedRestitution(coefficient=lambda w: 1.0 / (1.0 + 0.1 * w**0.25))
+    >>> steel.restitution_at([1e-4, 1.0]).round(3).tolist()
+    [0.99, 0.909]
+    """
+
+    word: ClassVar[str] = "rigid"
+    rigid: ClassVar[bool] = True
+
+    kind: Literal["speed-restitution"] = "speed-restitution"
+    coefficient: Function
+
+    @field_validator("coefficient")
+    @classmethod
+    def _between_nothing_and_all(cls, function: Any) -> Any:
+        values = check_values("coefficient", function, SAMPLE_SPEEDS)
+        wrong = (values < 0.0) | (values > 1.0)
+        if wrong.any():
+            raise ValueError(
+                f"must be in [0, 1], got {values[wrong][0]:g} at {SAMPLE_SPEEDS[wrong][0]:g} m/s"
+            )
+        return function
+
+    @property
+    def conservative(self) -> bool:
+        """Whether no impact loses energy."""
+        return bool(np.all(self.restitution_at(SAMPLE_SPEEDS) == 1.0))
+
+    @property
+    def restitution(self) -> float:
+        """There is no single one."""
+        raise ValueError("a restitution that is a function of speed has no single value")
+
+    def restitution_at(self, speed: ArrayLike) -> Vector:
+        """R of impacts at the given speeds, m/s."""
+        return evaluated(self.coefficient, np.asarray(speed, dtype=float))
+
+    def per_unit_mass(self, mass: float) -> Self:
+        """The same law: it knows no force."""
+        return self
+
+    def strengths(self) -> tuple[float, ...]:
+        """Numbers with a unit that the law holds: none that can be told."""
+        return ()
+
+
+SAMPLE_SPEEDS = np.geomspace(1e-6, 1e3, 181)
+"""Where a restitution that depends on speed is looked at once, m/s: twenty speeds a decade."""
 
 
 class CompliantLaw(Checked):
@@ -459,6 +540,7 @@ def not_rigid(stops: Iterable[tuple[str, Law]]) -> list[str]:
 
 Law = Annotated[
     Annotated[Restitution, Tag("restitution")]
+    | Annotated[SpeedRestitution, Tag("speed-restitution")]
     | Annotated[Elastic, Tag("elastic")]
     | Annotated[Viscoelastic, Tag("viscoelastic")]
     | Annotated[Hertz, Tag("hertz")]
