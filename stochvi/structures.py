@@ -277,8 +277,8 @@ class NonlinearOscillator(Checked):
         place = np.asarray(x, dtype=float)
         if self.potential is None:
             return _integral(self.restoring_force, place)
-        energy = evaluated(self.potential, np.append(place.ravel(), 0.0))
-        return (energy[:-1] - energy[-1]).reshape(place.shape)
+        energy: Vector = evaluated(self.potential, np.append(place.ravel(), 0.0))
+        return np.asarray(energy[:-1] - energy[-1]).reshape(place.shape)
 
 
 ABOUT_ZERO = np.array([-1e-9, 0.0, 1e-9])
