@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from stochvi.accuracy import WorkPrecision, cost
-    from stochvi.closed_form import displacement_density, exact
+    from stochvi.closed_form import (
+        ExactDensity,
+        autocorrelation,
+        displacement_density,
+        exact,
+        exact_density,
+    )
     from stochvi.contacts import (
         Elastic,
         ForceTable,
@@ -50,7 +56,13 @@ if TYPE_CHECKING:
 
 _HOME = {
     "accuracy": ("WorkPrecision", "cost"),
-    "closed_form": ("displacement_density", "exact"),
+    "closed_form": (
+        "ExactDensity",
+        "autocorrelation",
+        "displacement_density",
+        "exact",
+        "exact_density",
+    ),
     "contacts": (
         "Elastic",
         "ForceTable",
@@ -80,6 +92,7 @@ __all__ = [
     "Cost",
     "Elastic",
     "Estimate",
+    "ExactDensity",
     "Explanation",
     "FilteredNoise",
     "ForceTable",
@@ -104,11 +117,13 @@ __all__ = [
     "Viscoelastic",
     "WhiteNoise",
     "WorkPrecision",
+    "autocorrelation",
     "check",
     "clearance_curve",
     "cost",
     "displacement_density",
     "exact",
+    "exact_density",
     "explain",
     "fokker_planck",
     "fokker_planck_many",
