@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from stochvi.accuracy import WorkPrecision, cost
+    from stochvi.averaging import average
     from stochvi.closed_form import (
         ExactDensity,
         autocorrelation,
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "accuracy": ("WorkPrecision", "cost"),
+    "averaging": ("average",),
     "closed_form": (
         "ExactDensity",
         "autocorrelation",
@@ -118,6 +120,7 @@ __all__ = [
     "WhiteNoise",
     "WorkPrecision",
     "autocorrelation",
+    "average",
     "check",
     "clearance_curve",
     "cost",

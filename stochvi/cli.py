@@ -179,6 +179,21 @@ def linearise(
 
 @main.command()
 @click.argument("scene")
+@click.option(
+    "--variant", type=click.Choice(["finite-jumps", "continuous"]), default="finite-jumps",
+    show_default=True, help="Impacts as jumps of the energy, or spread over a cycle.",
+)  # fmt: skip
+@_options("json", "out", "quiet")
+def average(scene: str, variant: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
+    """Averaging of the energy: milliseconds, approximate, for light damping."""
+    from stochvi.averaging import average as solve
+    from stochvi.scenes import load_scene
+
+    _finish(solve(load_scene(scene), variant=variant.replace("-", " ")), json_file, out, quiet)
+
+
+@main.command()
+@click.argument("scene")
 @click.option("--rel-error", type=float, help="Relative standard error to reach [0.01].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")
 @click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
