@@ -17,12 +17,20 @@ if TYPE_CHECKING:
     from stochvi.absorbers import AbsorberReport, absorber
     from stochvi.accuracy import WorkPrecision, cost
     from stochvi.attachments import Absorber
-    from stochvi.closed_form import displacement_density, exact
+    from stochvi.averaging import average
+    from stochvi.closed_form import (
+        ExactDensity,
+        autocorrelation,
+        displacement_density,
+        exact,
+        exact_density,
+    )
     from stochvi.contacts import (
         Elastic,
         ForceTable,
         Hertz,
         Restitution,
+        SpeedRestitution,
         Viscoelastic,
         identify_viscoelastic,
     )
@@ -56,19 +64,27 @@ if TYPE_CHECKING:
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.scenes import ImpactPair, Scene, load_scene
-    from stochvi.structures import Isolator, Matrices, Oscillator
+    from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 
 _HOME = {
     "absorber_design": ("Design", "design_absorber"),
     "absorbers": ("AbsorberReport", "absorber"),
     "accuracy": ("WorkPrecision", "cost"),
     "attachments": ("Absorber",),
-    "closed_form": ("displacement_density", "exact"),
+    "averaging": ("average",),
+    "closed_form": (
+        "ExactDensity",
+        "autocorrelation",
+        "displacement_density",
+        "exact",
+        "exact_density",
+    ),
     "contacts": (
         "Elastic",
         "ForceTable",
         "Hertz",
         "Restitution",
+        "SpeedRestitution",
         "Viscoelastic",
         "identify_viscoelastic",
     ),
@@ -90,7 +106,7 @@ _HOME = {
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
-    "structures": ("Isolator", "Matrices", "Oscillator"),
+    "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -103,6 +119,7 @@ __all__ = [
     "Design",
     "Elastic",
     "Estimate",
+    "ExactDensity",
     "Explanation",
     "FilteredNoise",
     "FirstPassage",
@@ -113,6 +130,7 @@ __all__ = [
     "Isolator",
     "Matrices",
     "NoExactSolution",
+    "NonlinearOscillator",
     "NotApplicable",
     "NotConverged",
     "Oscillator",
@@ -122,6 +140,7 @@ __all__ = [
     "SceneError",
     "Screening",
     "Sine",
+    "SpeedRestitution",
     "StochviError",
     "TabulatedNoise",
     "Transient",
@@ -129,12 +148,15 @@ __all__ = [
     "WhiteNoise",
     "WorkPrecision",
     "absorber",
+    "autocorrelation",
+    "average",
     "check",
     "clearance_curve",
     "cost",
     "design_absorber",
     "displacement_density",
     "exact",
+    "exact_density",
     "explain",
     "first_passage",
     "fokker_planck",

@@ -165,7 +165,9 @@ def fokker_planck(
     help="Metres from the unloaded spring; leave one empty for none. Default: the stops.",
 )  # fmt: skip
 @click.option("--times", metavar="LIST", help="Seconds, with commas ...")
-@click.option("--mission", type=float, metavar="SECONDS", help="... or a duration, and parts of it.")
+@click.option(
+    "--mission", type=float, metavar="SECONDS", help="... or a duration, and parts of it."
+)
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
     help="At rest, or in the stationary law without barriers.",
@@ -208,6 +210,7 @@ def first_passage(
 
 
 def _numbers(option: str, text: str) -> list[float]:
+    """A list of numbers with commas between them."""
     try:
         return [float(word) for word in text.split(",")]
     except ValueError:
@@ -262,6 +265,21 @@ def linearise(
     from stochvi.scenes import load_scene
 
     _finish(solve(load_scene(scene), form=form, variant=variant), json_file, out, quiet)
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--variant", type=click.Choice(["finite-jumps", "continuous"]), default="finite-jumps",
+    show_default=True, help="Impacts as jumps of the energy, or spread over a cycle.",
+)  # fmt: skip
+@_options("json", "out", "quiet")
+def average(scene: str, variant: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
+    """Averaging of the energy: milliseconds, approximate, for light damping."""
+    from stochvi.averaging import average as solve
+    from stochvi.scenes import load_scene
+
+    _finish(solve(load_scene(scene), variant=variant.replace("-", " ")), json_file, out, quiet)
 
 
 @main.command()
@@ -528,14 +546,6 @@ def absorber(
         )
         write_table(found.to_frame() if mass_budget is None else found.curve, out / f"{name}.csv")
         write_picture(draw(found), out / f"{name}.png")
-
-
-def _numbers(option: str, text: str) -> list[float]:
-    """A list of numbers with commas between them."""
-    try:
-        return [float(number) for number in text.split(",")]
-    except ValueError:
-        raise ValueError(f"{option} must be numbers with commas, got {text!r}") from None
 
 
 @main.command()

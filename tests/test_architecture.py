@@ -22,7 +22,7 @@ FLOORS = {
         "collisions",
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers", "modes", "pair_scales"),
-    3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
+    3: ("averaging", "closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: ("accuracy", "crosscheck", "explanation"),
     5: (
         "isolators",
