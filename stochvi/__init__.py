@@ -13,13 +13,24 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from stochvi.absorber_design import Design, design_absorber
+    from stochvi.absorbers import AbsorberReport, absorber
     from stochvi.accuracy import WorkPrecision, cost
-    from stochvi.closed_form import displacement_density, exact
+    from stochvi.attachments import Absorber
+    from stochvi.averaging import average
+    from stochvi.closed_form import (
+        ExactDensity,
+        autocorrelation,
+        displacement_density,
+        exact,
+        exact_density,
+    )
     from stochvi.contacts import (
         Elastic,
         ForceTable,
         Hertz,
         Restitution,
+        SpeedRestitution,
         Viscoelastic,
         identify_viscoelastic,
     )
@@ -42,23 +53,42 @@ if TYPE_CHECKING:
         WhiteNoise,
     )
     from stochvi.explanation import Explanation, explain
-    from stochvi.galerkin import fokker_planck, fokker_planck_many
+    from stochvi.galerkin import (
+        FirstPassage,
+        Gaussian,
+        Transient,
+        first_passage,
+        fokker_planck,
+        fokker_planck_many,
+        transient,
+    )
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.scenes import ImpactPair, Scene, load_scene
     from stochvi.sizing import size
     from stochvi.sizings import Sizing
-    from stochvi.structures import Isolator, Matrices, Oscillator
+    from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 
 _HOME = {
+    "absorber_design": ("Design", "design_absorber"),
+    "absorbers": ("AbsorberReport", "absorber"),
     "accuracy": ("WorkPrecision", "cost"),
-    "closed_form": ("displacement_density", "exact"),
+    "attachments": ("Absorber",),
+    "averaging": ("average",),
+    "closed_form": (
+        "ExactDensity",
+        "autocorrelation",
+        "displacement_density",
+        "exact",
+        "exact_density",
+    ),
     "contacts": (
         "Elastic",
         "ForceTable",
         "Hertz",
         "Restitution",
+        "SpeedRestitution",
         "Viscoelastic",
         "identify_viscoelastic",
     ),
@@ -75,31 +105,46 @@ _HOME = {
         "WhiteNoise",
     ),
     "explanation": ("Explanation", "explain"),
-    "galerkin": ("fokker_planck", "fokker_planck_many"),
+    "galerkin": (
+        "FirstPassage",
+        "Gaussian",
+        "Transient",
+        "first_passage",
+        "fokker_planck",
+        "fokker_planck_many",
+        "transient",
+    ),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
     "sizing": ("size",),
     "sizings": ("Sizing",),
-    "structures": ("Isolator", "Matrices", "Oscillator"),
+    "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "Absorber",
+    "AbsorberReport",
     "Check",
     "ConstantLoad",
     "Cost",
+    "Design",
     "Elastic",
     "Estimate",
+    "ExactDensity",
     "Explanation",
     "FilteredNoise",
+    "FirstPassage",
     "ForceTable",
+    "Gaussian",
     "Hertz",
     "ImpactPair",
     "Isolator",
     "Matrices",
     "NoExactSolution",
+    "NonlinearOscillator",
     "NotApplicable",
     "NotConverged",
     "Oscillator",
@@ -112,17 +157,25 @@ __all__ = [
     "Screening",
     "Sine",
     "Sizing",
+    "SpeedRestitution",
     "StochviError",
     "TabulatedNoise",
+    "Transient",
     "Viscoelastic",
     "WhiteNoise",
     "WorkPrecision",
+    "absorber",
+    "autocorrelation",
+    "average",
     "check",
     "clearance_curve",
     "cost",
+    "design_absorber",
     "displacement_density",
     "exact",
+    "exact_density",
     "explain",
+    "first_passage",
     "fokker_planck",
     "fokker_planck_many",
     "identify_viscoelastic",
@@ -132,6 +185,7 @@ __all__ = [
     "screen",
     "simulate",
     "size",
+    "transient",
 ]
 
 

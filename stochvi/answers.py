@@ -123,14 +123,14 @@ class Answer:
         found = []
         for stop, stop_rate, contact in ends:
             if stop is not None:
-                if stop_rate is None or contact is None:
+                if stop_rate is None or contact is None or contact.peak_force is None:
                     return None
-                found.append((stop_rate, contact))
-        rate = sum(each for each, _ in found)
+                found.append((stop_rate, contact.peak_force, contact.probability))
+        rate = sum(each for each, _, _ in found)
         if not rate:
             return None
-        peak = sum(each * contact.peak_force for each, contact in found) / rate
-        duration = sum(contact.probability for _, contact in found) / rate
+        peak = sum(each * force for each, force, _ in found) / rate
+        duration = sum(share for _, _, share in found) / rate
         change = system.damping_rate * duration
         if change > MOST_ENERGY_CHANGE:
             return None
@@ -172,10 +172,10 @@ class Answer:
         return {name: error for name, error in found.items() if error is not None}
 
     def _identities(self, scene: Scene, how: str) -> dict[str, Estimate]:
-        assembly = assemble(scene)
         moments = self._moments(scene)
-        if moments is None:
+        if moments is None or scene.beyond_numbers():
             return {}
+        assembly = assemble(scene)
         found = residuals(assembly, moments, (self.mean,))
         bounds = dict.fromkeys(found, 0.0)
         errors = self.errors._moments(scene) if self.errors is not None else None

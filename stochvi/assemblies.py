@@ -20,7 +20,7 @@ from stochvi.excitations import (
 )
 from stochvi.scenes import ImpactPair, Scene
 from stochvi.spectra import Table
-from stochvi.structures import Oscillator
+from stochvi.structures import NonlinearOscillator, Oscillator
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -110,7 +110,7 @@ MATCHED = 1e-12
 
 
 def assemble(scene: Scene) -> Assembly:
-    """The matrices of any scene.
+    """The matrices of any scene that says everything in numbers (`Scene.beyond_numbers`).
 
     Examples
     --------
@@ -123,6 +123,7 @@ def assemble(scene: Scene) -> Assembly:
     >>> assemble(shaken).white, assemble(shaken).temperature
     (array([[0.2]]), 1.0)
     """
+    assert not isinstance(scene.structure, NonlinearOscillator)
     mass, damping, stiffness = scene.structure.matrices
     white, load = np.zeros_like(mass), np.zeros(len(mass))
     signals: list[Signal] = []

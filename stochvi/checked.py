@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+)
 
 from stochvi.errors import SceneError
 
@@ -52,6 +62,43 @@ Band = Annotated[
 
 Matrix = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(_plain_numbers)]
 """A matrix, row by row."""
+
+
+def _name_of(function: Any) -> str:
+    """Module and name of a function; of an object that can be called, those of its class."""
+    named = function if hasattr(function, "__qualname__") else type(function)
+    return f"{named.__module__}.{named.__qualname__}"
+
+
+Function = Annotated[Callable[..., Any], PlainSerializer(_name_of, return_type=str)]
+"""A function from an array to an array of the same shape, which only Python can give; in the
+document of a scene it is its name."""
+
+
+def evaluated(function: Callable[..., Any], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values at `places`; of a function that returns one number for all, that number at each."""
+    values = np.asarray(function(places), dtype=float)
+    return np.array(np.broadcast_to(values, places.shape))
+
+
+def check_values(
+    name: str, function: Callable[..., Any], places: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The values of a function that is given as `name`; ValueError unless they are finite numbers,
+    one for each place."""
+    try:
+        values = evaluated(function, places)
+    except Exception as error:
+        raise ValueError(
+            f"needs {name} that takes an array and returns one of the same shape, got "
+            f"{type(error).__name__}: {error}"
+        ) from None
+    wrong = ~np.isfinite(values)
+    if wrong.any():
+        raise ValueError(
+            f"needs {name} with finite values, got {values[wrong][0]:g} at {places[wrong][0]:g}"
+        )
+    return values
 
 
 class Checked(BaseModel):
@@ -139,6 +186,8 @@ def _sentence(detail: Any) -> str:
             return f"must be a table of keys, got {got}"
         case "string_type":
             return f"must be a text, got {got}"
+        case "callable_type":
+            return f"must be a function, got {got}"
         case "value_error":
             return str(limits["error"])
         case _:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from stochvi.contacts import Restitution
+from stochvi.contacts import CompliantLaw
 from stochvi.estimates import Estimate, Response
 from stochvi.hits import at_clearance
 from stochvi.monte_carlo import record_path
@@ -231,7 +231,7 @@ def _speed_grid(scene: Scene, speeds: np.ndarray) -> Grid:
     """Percentiles of impact speed and, of stops that give way, what a free mass then feels."""
     system = scene.system()
     laws = [law for law in (system.law_lower, system.law_upper) if law is not None]
-    soft = [law for law in laws if not isinstance(law, Restitution)]
+    soft = [law for law in laws if isinstance(law, CompliantLaw)]
     headings = ["share of impacts slower than it", "impact speed (m/s)"]
     if soft:
         headings += ["peak acceleration (g)", "deflection (mm)", "contact (ms)"]

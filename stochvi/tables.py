@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.explanation import Explanation
+    from stochvi.galerkin import FirstPassage
     from stochvi.isolators import Screening
     from stochvi.sizings import Sizing
 
@@ -38,6 +39,9 @@ QUANTITY_NAMES = {
     "contact_probability": "share of time in contact",
     "contact_force_lower": "mean force, lower stop",
     "contact_force_upper": "mean force, upper stop",
+    "relative_displacement_mean": "mean relative displ.",
+    "relative_displacement_std": "rms relative displ.",
+    "relative_velocity_std": "rms relative velocity",
 }
 """Short names for people; w is the speed of an impact, rms is about the mean."""
 
@@ -84,6 +88,26 @@ def print_response(console: Console, response: Response) -> None:
     _say(console, price)
     for warning in response.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def print_first_passage(console: Console, found: FirstPassage) -> None:
+    """P(first passage before t) at each time, then its mean time and rates."""
+    table = _table("P(first passage before t)", ["t (s)", "probability", "rel. bias"])
+    for moment, estimate in zip(found.times, found.probability, strict=True):
+        table.add_row(f"{moment:g}", _value(estimate), _relative_bias(estimate))
+    console.print(table)
+    ends = [f"{x:g} m" for x in (found.lower, found.upper) if x is not None]
+    _say(console, f"barriers at {' and '.join(ends)}; start: {found.start}")
+    rates = [
+        f"mean time to the first passage {_value(found.mean_time)} s",
+        f"rate in the end {_value(found.decay_rate)} 1/s",
+    ]
+    if found.rice_rate is not None:
+        rates.append(f"Rice {found.rice_rate.value:.4g} 1/s")
+    console.print("; ".join(rates), highlight=False)
+    _say(console, f"simulated effects: {'; '.join(found.effects)}")
+    _say(console, f"assumptions: {'; '.join(found.assumptions)}")
+    _say(console, f"cost: {found.cost.wall_time:.3g} s")
 
 
 def print_check(console: Console, verdict: Check) -> None:
