@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 TEMPLATE = "report.html"
 
-BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|mm|m|m/s|g|Hz|kg|N|h|s|min|dB|sigma|rms)\b|%)")
+BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|mm|m|m/s|g|Hz|kg|N|h|s|min|dB|sigma|rms)\b|%)|(?<=±) ")
 """The blank between a number and its unit."""
 
 

@@ -47,7 +47,7 @@ PLAIN_NUMBERS = (1e-4, 2e4)
 FEW_DECADES = 300.0
 """Ratio of the ends of an axis below which 2 and 5 are labelled too."""
 
-LABEL_WIDTH = 24
+LABEL_WIDTH = 30
 """Letters in a line of a label."""
 
 LEGEND_COLUMNS = 2
@@ -287,6 +287,7 @@ def plot_sensitivity(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
     colours = [COLOURS["linearise:closure"] if c > 0.0 else COLOURS["simulate"] for c in change]
     names = [textwrap.fill(name, LABEL_WIDTH) for name in rows["change"]]
     ax.barh(names, change, color=colours, height=0.6)
+    ax.tick_params(axis="y", labelsize="small")
     for place, value in enumerate(change):
         ax.annotate(f"{value:+.0f} %", (value, place), xytext=(4 if value >= 0.0 else -4, 0),
                     textcoords="offset points", va="center",

@@ -21,11 +21,13 @@ from matplotlib.axes import Axes
 from sized import BUMPER, MOUNT, TRUCK, scene_between_stops, sizing_of
 
 from stochvi import ConstantLoad, Isolator, Restitution, RoadNoise, WhiteNoise, screen
+from stochvi.contacts import ForceTable, Law, Viscoelastic
 from stochvi.pages import Fact, Grid, Page, Picture, Section, shown
 from stochvi.report import clearance_page, write_report
 from stochvi.report_inputs import environment, gap, mount
 from stochvi.report_plots import frequencies, input_density, plot_input, transmissibility
-from stochvi.report_stops import probability_at, probability_of_stops
+from stochvi.report_stops import hit_on_mount, probability_at, probability_of_stops
+from stochvi.scenes import System
 from stochvi.sensitivity import variations
 from stochvi.sizings import Sizing
 from stochvi.tolerances import within_tolerances
@@ -358,6 +360,40 @@ def test_the_transmissibility_drawn_gives_the_rms_of_the_screening() -> None:
     assert transmissibility(system, np.array([12.0]))[0] == pytest.approx(
         math.sqrt(1.0 + 1.0 / 25.0) * 5.0
     )
+
+
+# One contact ------------------------------------------------------------------------------
+
+
+def without_damping(law: Law) -> System:
+    mount = Isolator(mass=2.0, frequency_hz=12.0, zeta=0.0)
+    return scene_between_stops(law, structure=mount).system()
+
+
+def test_a_contact_on_the_mount_conserves_energy() -> None:
+    """v^2 / 2 = U(y) + omega^2 (d y + y^2 / 2) at the deepest point, per unit mass."""
+    law = ForceTable(deflection=[1e-3, 3e-3], force=[50.0, 600.0])
+    system = without_damping(law)
+    assert system.law_upper is not None
+    for speed, distance in ((0.05, 4e-3), (0.4, 1e-3)):
+        hit = hit_on_mount(system, system.law_upper, distance, speed)
+        y = hit.deflection
+        stored = float(system.law_upper.potential_at(y)) + system.omega**2 * (distance + y / 2) * y
+        assert stored == pytest.approx(0.5 * speed**2, rel=1e-3)
+        force = float(system.law_upper.force_at(y)) + system.omega**2 * (distance + y)
+        assert hit.peak_acceleration == pytest.approx(force, rel=1e-3)
+
+
+def test_a_stiff_stop_does_not_feel_the_mount() -> None:
+    """Then the contact is that of a free mass, whose closed form is known (B App. I)."""
+    law = Viscoelastic(stiffness=2e8, damping_ratio=0.2)
+    system = without_damping(law)
+    free = law.impact(0.3, 2.0)
+    assert system.law_upper is not None
+    hit = hit_on_mount(system, system.law_upper, 1e-6, 0.3)
+    assert hit.peak_acceleration == pytest.approx(free.peak_force / 2.0, rel=2e-3)
+    assert hit.deflection == pytest.approx(free.peak_deflection, rel=2e-3)
+    assert hit.contact_time == pytest.approx(free.contact_time, rel=1e-2)
 
 
 # Risk of the stops that the scene has -----------------------------------------------------
