@@ -16,6 +16,7 @@ from stochvi import (
     Scene,
     TabulatedNoise,
     WhiteNoise,
+    exact,
     screen,
     simulate,
 )
@@ -69,6 +70,16 @@ def test_elastic_stops_are_hit_as_often_as_the_exact_law_says() -> None:
     assert_agrees(found.impact_speed_mean(), math.sqrt(math.pi / 2.0))
     with pytest.raises(AssertionError):
         assert_agrees(found.first_rate, exact)
+
+
+def test_stops_that_give_way_are_touched_as_often_as_the_exact_law_says() -> None:
+    scene = unit(4.5, Elastic(stiffness=50.0))
+    known = exact(scene).impact_pairs["stops"]["collision_rate"]
+    assert isinstance(known, Estimate)
+    found = bursts(scene, rel_error=0.03, seed=3)
+    assert_agrees(found.hit_rate(), known.value)
+    with pytest.raises(AssertionError):
+        assert_agrees(found.first_rate, known.value)
 
 
 def test_stops_at_two_distances_against_the_exact_law() -> None:
