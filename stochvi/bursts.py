@@ -40,7 +40,7 @@ WINDOW_RELAXATIONS = 15.0
 UNFINISHED = 0.05
 """Share of the hits in the second half of the window from which a burst does not seem to end."""
 
-LOOK = 16
+LOOK = 4
 """Times FEWEST_PATHS: where nothing was seen in so many paths, nothing more is tried."""
 
 FLOWN_TOGETHER = 128
@@ -284,6 +284,8 @@ def _join(records: Records, parts: list[_Part]) -> Bursts:
     """All bursts so far."""
     found = records.found(np.concatenate([part.ages for part in parts], axis=3))
     columns = np.concatenate([part.bursts for part in parts], axis=1)
+    if columns.shape[1] == 0:
+        raise NotApplicable("bursts", ["stops as near as these are hit without a pause"])
     named = dict(zip(COLUMNS, columns, strict=True))
     return Bursts(
         first_rate=found.first_rate()[0],

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import ifft
 from scipy.special import ndtr
 
-from stochvi.errors import NotApplicable, NotConverged
+from stochvi.errors import NotApplicable
 from stochvi.estimates import Estimate
 from stochvi.monte_carlo.kernels.crossings import outcrossing_ages
 from stochvi.monte_carlo.runs import Progress
@@ -197,7 +197,7 @@ def first_crossings(
         Relative standard error of the chance of a hit in `mission` seconds to reach at every
         level where that chance is below 1/2.
     budget
-        Seconds after which `NotConverged` is raised.
+        Seconds after which it ends with larger errors.
 
     Raises
     ------
@@ -232,18 +232,16 @@ def first_crossings(
             if not started:
                 started = time.perf_counter()  # compilation is over
             found = records.found(ages)
-            error = _largest_error(found, mission)
+            error = largest_error(found, mission)
             elapsed = time.perf_counter() - started
             if progress:
                 progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{paths} paths")
-            if error <= rel_error:
+            if error <= rel_error or (budget is not None and elapsed > 0.5 * budget):
                 return found
-            if budget is not None and elapsed > budget:
-                raise NotConverged(
-                    f"relative standard error {error:.2g} of the chance of a hit after "
-                    f"{elapsed:.1f} s, asked for {rel_error:g}; raise budget or rel_error"
-                )
             growth = min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0)
+            if budget is not None and elapsed > 0.0:
+                # in the time that is left, and the time that is there now is what there will be
+                growth = min(growth, max(budget / elapsed, 1.25))
             paths = plan.block * math.ceil(growth * ages.shape[3] / plan.block)
 
 
@@ -412,7 +410,7 @@ def _correlation(plan: TabulatedPlan) -> Vector:
     return np.asarray(ifft(spectrum, axis=0, norm="forward").real)
 
 
-def _largest_error(found: FirstCrossings, mission: float) -> float:
-    """Largest relative standard error of what `rel_error` governs."""
+def largest_error(found: FirstCrossings, mission: float) -> float:
+    """Largest relative standard error of what `rel_error` governs in `first_crossings`."""
     chances = [chance for chance in found.probability(mission) if 0.0 < chance.value < 0.5]
     return max((chance.standard_error / chance.value for chance in chances), default=0.0)

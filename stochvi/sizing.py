@@ -21,16 +21,13 @@ from stochvi.bursts import UNFINISHED, bursts
 from stochvi.contacts import CompliantLaw
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, provenance
-from stochvi.first_crossings import (
-    deviations,
-    first_crossings,
-)
+from stochvi.first_crossings import deviations, first_crossings, largest_error
 from stochvi.hits import Hits, at_clearance, compile_kernels
 from stochvi.isolators import Screening, screen
 from stochvi.monte_carlo.runs import Progress
 from stochvi.notes import scene_notes
-from stochvi.risk_curve import RiskCurve, half_width
-from stochvi.scenes import Scene
+from stochvi.risk_curve import CERTAIN, RiskCurve, half_width
+from stochvi.scenes import LARGEST_NUMBER, Scene
 from stochvi.sizings import Clearance, Sizing, Target, ThreeSigma
 
 if TYPE_CHECKING:
@@ -48,8 +45,9 @@ ACCEPTED = 0.01
 MOST_CLEARANCES = 12
 """Tried for a target that needs impacts."""
 
-LEAST_SIGMA = 0.2
-"""The smallest clearance that is tried, in sigma."""
+LEAST_SIGMA, LEAST_SIGMA_OF_BURSTS = 0.2, 1.5
+"""The smallest clearance that is tried, in sigma; nearer stops are hit without the pauses that part
+bursts."""
 
 ROUGHLY = 3.0
 """Times the accuracy asked for, until the clearance is nearly found."""
@@ -82,8 +80,8 @@ BY_BURSTS = (
     "often, and weighted"
 )
 
-PUMPED = 3.0
-"""Hits that a first hit leads to from which a warning is due."""
+PUMPED, MORE_THAN_RICE = 3.0, 1.5
+"""Hits that a first hit leads to, and hits over those by Rice, from which a warning is due."""
 
 
 def size(
@@ -170,8 +168,8 @@ def _target(
     name = given[0]
     value, unit = known[name]
     assert value is not None
-    if not 0.0 < value < (1.0 if name == "probability" else math.inf):
-        span = "in (0, 1)" if name == "probability" else "positive"
+    if not 0.0 < value <= (CERTAIN if name == "probability" else LARGEST_NUMBER):
+        span = f"in (0, {CERTAIN:g}]" if name == "probability" else "positive"
         raise ValueError(f"{name} must be {span}, got {value:g}")
     if not 0.0 < exceedance < 1.0:
         raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
@@ -247,6 +245,11 @@ class _Job:
             budget=budget,
         )
         self.sigma = self.curve.crossings.displacement_std
+        reached = largest_error(self.curve.crossings, mission)
+        if reached > rel_error:
+            self.warnings.append(
+                f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"
+            )
         self.hits = Hits(
             scene=scene,
             curve=self.curve,
@@ -369,18 +372,18 @@ class _Job:
             # not too near an end, which would move the other one too slowly
             return above[0] + min(max(share, 0.1), 0.9) * (below[0] - above[0])
         step = 2.0 * self.sigma**2 * max(min(last[1], 8.0), -8.0)
-        following = last[0] + step
-        if following < (LEAST_SIGMA * self.sigma) ** 2 and last[1] < 0.0:
-            if last[0] <= 1.01 * (LEAST_SIGMA * self.sigma) ** 2:
-                raise NotApplicable(
-                    "size",
-                    [
-                        f"{self.target.name} stays below {self.target.value:g} "
-                        f"{self.target.unit} even at {LEAST_SIGMA:g} sigma"
-                    ],
-                )
-            return (LEAST_SIGMA * self.sigma) ** 2
-        return following
+        limited = self.target.exceedance is not None
+        least_sigma = LEAST_SIGMA_OF_BURSTS if limited else LEAST_SIGMA
+        least = (least_sigma * self.sigma) ** 2
+        if last[1] < 0.0 and last[0] <= least * (1.0 + CLOSE):
+            raise NotApplicable(
+                "size",
+                [
+                    f"{self.target.name} stays below {self.target.value:g} {self.target.unit} even "
+                    f"at {least_sigma:g} sigma"
+                ],
+            )
+        return max(last[0] + step, least)
 
     def _first_guess(self, wanted: float) -> float:
         """By Rice's rate; for a limit on hits, from where hits are as rare as it is to be."""
@@ -470,17 +473,21 @@ class _Job:
         scene = self.scene
         if scene.impact_pairs:
             scene = at_clearance(scene, clearance)
-        self.warnings += scene_notes(scene.system())
+        if not scene.beyond_one_oscillator():
+            self.warnings += scene_notes(scene.system())
         if not self.scene.impact_pairs:
             self.warnings.append("the scene has no stops, so what a hit leads to is not known")
         for place in (3.0 * self.sigma, clearance):
             tried = self.hits.tried.get(place)
-            if tried and tried.hits_per_burst and tried.hits_per_burst > PUMPED:
+            if not tried or not tried.hits_per_burst:
+                continue
+            over_rice = tried.hit_rate.value / self.curve.rice_rate(place)
+            if tried.hits_per_burst > PUMPED and over_rice > MORE_THAN_RICE:
                 self.warnings.append(
                     f"stops pump this mount: at {1e3 * place:.4g} mm ({place / self.sigma:.3g} "
                     f"sigma) a first hit leads to {tried.hits_per_burst:.3g} hits on average, "
-                    f"{tried.hit_rate.value / self.curve.rice_rate(place):.3g} times what Rice's "
-                    "rate says; the chance of any hit is right all the same"
+                    f"{over_rice:.3g} times what Rice's rate says; the chance of any hit is right "
+                    "all the same"
                 )
 
 

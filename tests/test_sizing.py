@@ -213,7 +213,7 @@ def test_what_cannot_be_kept_says_why() -> None:
         size(ten_hertz(0.05))
     with pytest.raises(ValueError, match="got probability and rate"):
         size(ten_hertz(0.05), probability=0.1, rate=1.0)
-    with pytest.raises(ValueError, match=r"probability must be in \(0, 1\), got 1"):
+    with pytest.raises(ValueError, match=r"probability must be in \(0, 0.999\], got 1"):
         size(ten_hertz(0.05), probability=1.0)
     with pytest.raises(NotApplicable, match="needs an impact_pair"):
         size(ten_hertz(0.05), rate=1.0)
@@ -222,6 +222,8 @@ def test_what_cannot_be_kept_says_why() -> None:
     stiff = Elastic(stiffness=100.0 * (24.0 * math.pi) ** 2)
     with pytest.raises(NotApplicable, match="exceeded without any stop"):
         size(truck(stiff), peak_acceleration=20.0)
+    with pytest.raises(NotApplicable, match=r"impact_speed stays below 5 m/s even at 1.5 sigma"):
+        size(truck(HALF), impact_speed=5.0)
     with pytest.raises(ValueError, match="mission must be"):
         size(ten_hertz(0.05), probability=0.1, mission=0.0)
     still = Scene(
