@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
+    from stochvi.resonance import HarmonicResonance, RandomResonance
     from stochvi.scenes import ImpactPair, Scene, load_scene
     from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 
@@ -83,6 +84,7 @@ _HOME = {
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
+    "resonance": ("HarmonicResonance", "RandomResonance"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
     "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
 }
@@ -98,6 +100,7 @@ __all__ = [
     "Explanation",
     "FilteredNoise",
     "ForceTable",
+    "HarmonicResonance",
     "Hertz",
     "ImpactPair",
     "Isolator",
@@ -107,6 +110,7 @@ __all__ = [
     "NotApplicable",
     "NotConverged",
     "Oscillator",
+    "RandomResonance",
     "Response",
     "Restitution",
     "Scene",

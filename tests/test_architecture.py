@@ -19,6 +19,7 @@ FLOORS = {
         "cut_normal",
         "gibbs_law",
         "collisions",
+        "resonance",
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("averaging", "closed_form", "galerkin", "linearisation", "monte_carlo"),
