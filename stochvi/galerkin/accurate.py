@@ -1,0 +1,174 @@
+"""One scene on strips that are refined until two answers in a row agree."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from stochvi.galerkin.boxes import FARTHEST_STOP
+from stochvi.galerkin.field import Averages, Field
+from stochvi.galerkin.motion import Frame, Motion, Stop, make_frame
+from stochvi.galerkin.patches import Degrees, Patch, Strips, first_patches, graded, refined
+from stochvi.galerkin.strips import solve_strips
+
+FIRST_DEGREES = Degrees(2, 4)
+LAST_DEGREES = Degrees(7, 9)
+"""Polynomials of the first mesh, and the highest; both rise by one from mesh to mesh."""
+
+SLOWEST = (1e-2, 2e-3, 3e-4, 3e-5, 3e-6, 1e-6)
+"""Slowest impacts that the meshes resolve one after another, in units of the weight's velocity."""
+
+MOST_MESHES = 10
+"""In a row; `MOST_UNKNOWNS` ends it before."""
+
+MOST_UNKNOWNS = 400_000
+"""Of a mesh, some seconds of work and a gigabyte."""
+
+SAFETY = 1.5
+"""Of the difference of two meshes as a bound on the error of the finer one."""
+
+SHARED = 0.2
+"""Part of the largest relative difference of motion and impacts that every quantity is granted,
+lest two meshes agree on one of them by chance."""
+
+FLOOR = 2e-9
+"""Relative error that every answer is granted: the ends of the box, and rounding."""
+
+EDGE = 1e-8
+"""Probability beside the ends of the box from which on it is made larger."""
+
+STRETCH = 1.25
+"""Of the box in velocity, each time that it is too small."""
+
+MOST_STRETCHES = 8
+
+
+class Answered(NamedTuple):
+    """What the last mesh found, and bounds on its errors."""
+
+    field: Field
+    averages: Averages
+    errors: Averages
+
+
+def solve_accurately(motion: Motion, rtol: float, threshold: float) -> Answered:
+    """Refine until the relative error of what `rtol` governs is reached, or no more can be had."""
+    frame, stretch = make_frame(motion), 1.0
+    patches = first_patches(frame)
+    makers = Strips()
+    before: Averages | None = None
+    answered: Answered | None = None
+    stage = 0
+    while stage < MOST_MESHES:
+        patches = graded(frame, patches, SLOWEST[min(stage, len(SLOWEST) - 1)])
+        degrees = Degrees(
+            *(min(a + stage, b) for a, b in zip(FIRST_DEGREES, LAST_DEGREES, strict=True))
+        )
+        strips = makers.make(patches, degrees)
+        if answered is not None and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
+            break
+        field = Field(frame, solve_strips(frame.box, strips))
+        if stage == 0 and stretch < STRETCH**MOST_STRETCHES and field.edge() > EDGE * _rarity(frame):
+            stretch *= STRETCH
+            frame = make_frame(motion, stretch)
+            patches = first_patches(frame)
+            continue
+        found = field.averages(threshold)
+        if before is not None:
+            answered = Answered(field, found, _errors(frame, before, found))
+            if worst(answered) <= rtol and not vague(answered):
+                break
+        before = found
+        patches = refined(frame, field.solved, patches)
+        stage += 1
+    assert answered is not None
+    return answered
+
+
+def _rarity(frame: Frame) -> float:
+    """Probability of energies above that of the nearest stop, by the weight."""
+    return math.exp(-frame.stop_energy)
+
+
+MOTION = ("mean", "variance", "velocity_mean_square")
+
+
+def _errors(frame: Frame, coarse: Averages, fine: Averages) -> Averages:
+    """Bounds on the errors of `fine`."""
+    sizes = fine._replace(mean=math.sqrt(fine.variance))
+    change = Averages(*(abs(a - b) for a, b in zip(fine, coarse, strict=True)))
+    shared = max(getattr(change, name) / getattr(sizes, name) for name in MOTION)
+    bounds: dict[str, float] = {}
+    for side in ("lower", "upper"):
+        impacts = [f"{name}_{side}" for name in ("speed_rate", "speed_square_rate")]
+        hits = max([shared, *(_ratio(change, sizes, name) for name in impacts)])
+        names = [name for name in Averages._fields if name.endswith(side)]
+        for name in names:
+            bounds[name] = SAFETY * max(getattr(change, name), SHARED * hits * getattr(sizes, name))
+    for name in (*MOTION, "upcrossing_rate"):
+        bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
+    far = _unreached(frame, fine.upcrossing_rate)
+    return Averages(
+        *(
+            bounds[name] + FLOOR * abs(getattr(sizes, name)) + far.get(name, 0.0)
+            for name in Averages._fields
+        )
+    )
+
+
+def _ratio(change: Averages, sizes: Averages, name: str) -> float:
+    size = getattr(sizes, name)
+    return getattr(change, name) / size if size > 0.0 else 0.0
+
+
+def _unreached(frame: Frame, crossing_rate: float) -> dict[str, float]:
+    """Bounds on what stops see that the box does not reach: Rice's rate at the law's temperature,
+    with Rayleigh's speeds."""
+    motion = frame.motion
+    square, _ = motion.squares
+    found = {}
+    for stop in motion.stops:
+        if stop not in frame.reached:
+            height = float(motion.energy(np.array(stop.position))) - motion.lowest(square)
+            rate = SAFETY * crossing_rate * math.exp(-height / square)
+            found[f"rate_{stop.name}"] = rate
+            found[f"speed_rate_{stop.name}"] = rate * math.sqrt(square * math.pi / 2.0)
+            found[f"speed_square_rate_{stop.name}"] = rate * 2.0 * square
+    return found
+
+
+def worst(answered: Answered) -> float:
+    """Largest relative error of what `rtol` governs: deviations, F1 and F2 of all stops."""
+    found, bounds = answered.averages, answered.errors
+    ratios = [
+        bounds.variance / found.variance / 2.0,
+        bounds.velocity_mean_square / found.velocity_mean_square / 2.0,
+    ]
+    for name in ("speed_rate", "speed_square_rate"):
+        total, bound = (
+            getattr(group, f"{name}_lower") + getattr(group, f"{name}_upper")
+            for group in (found, bounds)
+        )
+        if total > 0.0:
+            ratios.append(bound / total)
+    return max(ratios)
+
+
+WORST_RATE = 0.1
+"""A rate whose relative error may be larger is not given."""
+
+
+def vague(answered: Answered) -> set[str]:
+    """Sides whose rate is not known well enough yet."""
+    return {
+        side
+        for side in ("lower", "upper")
+        if getattr(answered.errors, f"rate_{side}")
+        > WORST_RATE * getattr(answered.averages, f"rate_{side}")
+        > 0.0
+    }
+
+
+__all__ = ["Answered", "Patch", "Stop", "FARTHEST_STOP", "solve_accurately", "vague", "worst"]

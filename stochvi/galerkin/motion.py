@@ -1,0 +1,411 @@
+"""A scene as forces that are functions, and the box of unit speed that it is solved in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from stochvi.contacts import CompliantLaw, ForceTable, Law, Viscoelastic
+from stochvi.errors import NotApplicable
+from stochvi.galerkin.boxes import FARTHEST_STOP
+from stochvi.galerkin.mesh import Array, gauss
+from stochvi.galerkin.strips import Box, Grip
+from stochvi.scenes import System
+
+LAW_DEPTH = 18.0
+"""Energy in units of s^2 at which the law exp(-energy / s^2) is cut where a scale is sought: there
+it is 2e-8 of its peak."""
+
+REACH = 6.6
+"""A box ends at the energy t REACH^2 / 2 above what its nearest stop calls for, and so do its
+velocities: exp(-REACH^2 / 2) is 3e-10."""
+
+WIDENED = 1.2
+"""Speed of the weight exp(-energy / t) in units of s, sqrt(t) = WIDENED s, unless damping alone
+says less: what stops leave of the law is wider than the law that takes up the same power."""
+
+STRIDE = 1.3
+"""Ratio of the distances at which the potential is looked at for where it rises."""
+
+NEAREST, FARTHEST = 1e-7, 1e12
+"""First and last of these distances, in units of a length of the scene."""
+
+NODES = 24
+"""Of Gauss's rule on each of the pieces of a law."""
+
+PIECES = 40
+"""Into which the range of a law is cut, also for a look at its lowest energy."""
+
+SYMMETRIC = 1e-10
+"""Part of the largest force by which those on both sides may differ in a symmetric scene."""
+
+SPEEDS, SPEED_WEIGHTS = (
+    part.ravel() for part in gauss(np.linspace(0.0, 8.0, 9), NODES)
+)  # speeds of a law of unit width, of which 1e-14 lies beyond 8
+
+
+class Stop(NamedTuple):
+    """A stop; `side` is 1 for the upper one."""
+
+    position: float
+    law: Law
+    side: int
+
+    @property
+    def name(self) -> str:
+        """Of its side."""
+        return "upper" if self.side > 0 else "lower"
+
+    def deflection(self, x: Array) -> Array:
+        """Inwards, m."""
+        return self.side * (x - self.position)
+
+    def kept(self, w: Array) -> Array:
+        """The restitution of impacts at the speeds w, m/s."""
+        if isinstance(self.law, CompliantLaw):
+            return np.full(np.shape(w), self.law.restitution)
+        return np.asarray(self.law.restitution_at(w), dtype=float)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """x'' = force(x) - drag(x') + white noise of intensity S0, between stops; per unit mass, SI."""
+
+    system: System
+
+    @cached_property
+    def stops(self) -> tuple[Stop, ...]:
+        """Those that there are, the lower one first."""
+        ends = zip((self.system.lower, self.system.upper), self.system.laws, (-1, 1), strict=True)
+        return tuple(
+            Stop(place, law, side)
+            for place, law, side in ends
+            if place is not None and law is not None
+        )
+
+    @property
+    def power(self) -> float:
+        """That the noise supplies, S0 / 2."""
+        return self.system.intensity / 2.0
+
+    def wall(self, side: int) -> float:
+        """Where a rigid stop ends the space; infinite where none does."""
+        for stop in self.stops:
+            if stop.side == side and stop.law.rigid:
+                return stop.position
+        return math.inf * side
+
+    def force(self, x: Array) -> Array:
+        """Of spring, load and stops that give way, without damping, m/s^2."""
+        x = np.asarray(x, dtype=float)
+        system = self.system
+        pull = system.omega**2 * x if system.restoring is None else system.restoring(x)
+        total = system.load - pull
+        for stop in self.stops:
+            if isinstance(stop.law, CompliantLaw):
+                y = stop.deflection(x)
+                total = total - stop.side * _elastic(stop.law).force_at(y)
+        return np.asarray(total, dtype=float)
+
+    def energy(self, x: Array) -> Array:
+        """Potential energy of that force, m^2/s^2."""
+        x = np.asarray(x, dtype=float)
+        system = self.system
+        spring = system.omega**2 * x**2 / 2.0 if system.potential is None else system.potential(x)
+        total = spring - system.load * x
+        for stop in self.stops:
+            if isinstance(stop.law, CompliantLaw):
+                total = total + stop.law.potential_at(stop.deflection(x))
+        return np.asarray(total, dtype=float)
+
+    def drag(self, v: Array) -> Array:
+        """Of the damper, m/s^2."""
+        v = np.asarray(v, dtype=float)
+        law = self.system.damping_law
+        return self.system.damping_rate * v if law is None else np.asarray(law(v), dtype=float)
+
+    @cached_property
+    def start(self) -> float:
+        """A place between the walls, of low energy where that is known."""
+        system = self.system
+        rest = system.load / system.omega**2 if system.omega else 0.0
+        return min(max(rest, self.wall(-1)), self.wall(1))
+
+    @cached_property
+    def length(self) -> float:
+        """Some length of the scene, to begin a search with."""
+        lengths = [abs(stop.position - self.start) for stop in self.stops]
+        if len(self.stops) == 2:
+            lengths.append(self.stops[1].position - self.stops[0].position)
+        if self.system.omega:
+            lengths.append((self.power / self.system.omega**3) ** 0.5)
+        return min((length for length in lengths if length > 0.0), default=1.0)
+
+    def span(self, height: float) -> tuple[float, float]:
+        """Around all places whose energy is less than `height` above the lowest; within walls."""
+        lowest = float(self.energy(np.array(self.start)))
+        ends = []
+        for side in (-1, 1):
+            end, found = self._rise(side, lowest, height)
+            lowest = min(lowest, found)
+            ends.append(end)
+        # the first side did not know of a lower place on the second
+        ends[0], _ = self._rise(-1, lowest, height)
+        return ends[0], ends[1]
+
+    def _rise(self, side: int, lowest: float, height: float) -> tuple[float, float]:
+        """Where the energy rises above lowest + height for good, and the lowest on the way."""
+        wall, near, far = self.wall(side), 0.0, NEAREST * self.length
+        away = abs(wall - self.start)
+        while True:
+            if far >= away:
+                return wall, min(lowest, float(self.energy(np.array(wall))))
+            if far > FARTHEST * self.length:
+                raise NotApplicable(
+                    "fokker-planck", ["spring and stops must hold the mass on both sides"]
+                )
+            energy = float(self.energy(np.array(self.start + side * far)))
+            if not energy < lowest + height:
+                break
+            lowest = min(lowest, energy)
+            near, far = far, STRIDE * far
+
+        def above(distance: float) -> float:
+            risen = float(self.energy(np.array(self.start + side * distance))) - lowest - height
+            return min(risen, height)  # finite, also at a singular place
+
+        distance = brentq(above, near, far, xtol=1e-6 * far) if above(near) < 0.0 else far
+        return self.start + side * distance, lowest
+
+    def _nodes(self, height: float) -> tuple[Array, Array, Array]:
+        """Places, weights and energies above the lowest for integrals over x."""
+        left, right = self.span(height)
+        edges = np.union1d(np.linspace(left, right, PIECES), self.knots(left, right))
+        x, weights = gauss(edges, NODES)
+        energy = self.energy(x)
+        return x, weights, energy - energy.min()
+
+    def knots(self, left: float, right: float) -> list[float]:
+        """Places where the force has a kink."""
+        found = []
+        for stop in self.stops:
+            if isinstance(stop.law, CompliantLaw):
+                table = isinstance(stop.law, ForceTable)
+                depths = stop.law.pieces[0] if isinstance(stop.law, ForceTable) else [0.0]
+                found += [stop.position + stop.side * float(depth) for depth in depths]
+                found += [stop.position] if table else []
+        return sorted({knot for knot in found if left < knot < right})
+
+    def lowest(self, square: float) -> float:
+        """Lowest energy of all places."""
+        x, _, energy = self._nodes(LAW_DEPTH * square)
+        return float(self.energy(x[[int(np.argmin(energy))]])[0])
+
+    def taken(self, square: float) -> tuple[float, float]:
+        """Power that damper and stops take under the law exp(-energy / square)."""
+        s = math.sqrt(square)
+        law = SPEED_WEIGHTS * np.exp(-(SPEEDS**2) / 2.0) / math.sqrt(2.0 * math.pi)
+        drag = (self.drag(s * SPEEDS) - self.drag(-s * SPEEDS)) * s * SPEEDS
+        damper = float(law @ drag)
+        stops = 0.0
+        if any(not stop.law.conservative for stop in self.stops):
+            _, weights, energy = self._nodes(LAW_DEPTH * square)
+            mass = float(weights @ np.exp(-energy / square))
+            lowest = self.lowest(square)
+            for stop in self.stops:
+                height = float(self.energy(np.array(stop.position))) - lowest
+                loss = (1.0 - stop.kept(s * SPEEDS) ** 2) * (s * SPEEDS) ** 3 / 2.0
+                stops += math.exp(-max(height, 0.0) / square) / mass * float(law @ loss)
+        return damper, stops
+
+    @cached_property
+    def squares(self) -> tuple[float, float]:
+        """s^2 at which the law exp(-energy / s^2) takes up the power of the noise, and t of the
+        weight."""
+
+        def excess(log_square: float, *, stops: bool) -> float:
+            damper, taken = self.taken(math.exp(log_square))
+            total = damper + (taken if stops else 0.0)
+            return min(max(total / self.power, -1e3), 1e3) - 1.0
+
+        guess = math.log((self.power * self.length) ** (2.0 / 3.0))
+        square = math.exp(_root(lambda e: excess(e, stops=True), guess))
+        most = math.inf
+        if self.taken(square)[0] > 1e-12 * self.power:
+            # by the damper alone, which may be too little to be found
+            most = math.exp(_root(lambda e: excess(e, stops=False), math.log(square)))
+        return square, min(most, WIDENED**2 * square)
+
+
+MOST_STEPS = 400
+"""Of a search for a scale, each by a factor e."""
+
+
+def _root(function: Callable[[float], float], start: float) -> float:
+    """Where a rising function is 0."""
+    low = high = start
+    step = 1.0
+    for _ in range(MOST_STEPS):
+        if function(low) <= 0.0:
+            break
+        low, high = low - step, low
+    else:
+        raise NotApplicable("fokker-planck", ["damping must take up the power of the noise"])
+    if low == start:
+        for _ in range(MOST_STEPS):
+            if function(high) >= 0.0:
+                break
+            low, high = high, high + step
+        else:
+            raise NotApplicable("fokker-planck", ["damping must take up the power of the noise"])
+    return float(brentq(function, low, high, xtol=1e-9)) if high > low else low
+
+
+def _elastic(law: CompliantLaw) -> CompliantLaw:
+    """The part of a law that has a potential."""
+    return law.model_copy(update={"damping_ratio": 0.0}) if isinstance(law, Viscoelastic) else law
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """x = centre + length xi, v = speed u, and the box between xi = -1 and 1.
+
+    A `halved` frame holds the upper half of a symmetric scene. `lossy` says of either end whether
+    it is a stop that takes energy, `reach` is the largest u, `knots` are places where the force
+    has a kink, `stop_energy` is that of the nearest stop above the lowest, in units of t;
+    `reached` are the stops that are not out of reach.
+    """
+
+    motion: Motion
+    box: Box
+    left: float
+    right: float
+    length: float
+    speed: float
+    reach: float
+    halved: bool
+    lossy: tuple[bool, bool]
+    knots: tuple[float, ...]
+    stop_energy: float
+    reached: tuple[Stop, ...]
+
+    @property
+    def centre(self) -> float:
+        """Of the box, m."""
+        return (self.left + self.right) / 2.0
+
+
+def make_frame(motion: Motion, stretch: float = 1.0) -> Frame:
+    """The box of a scene, its weight `stretch` times as wide in velocity as expected."""
+    square, weight = motion.squares
+    weight *= stretch**2
+    lowest = motion.lowest(square)
+
+    def height(stop: Stop) -> float:
+        return max(float(motion.energy(np.array(stop.position))) - lowest, 0.0)
+
+    reached = tuple(
+        stop for stop in motion.stops if height(stop) <= square * FARTHEST_STOP**2 / 2.0
+    )
+    nearest = min((height(stop) for stop in reached), default=0.0) / weight
+    farthest = max((height(stop) for stop in reached), default=0.0) / weight
+    reach = math.sqrt(REACH**2 + 2.0 * farthest)
+    left, right = motion.span(weight * reach**2 / 2.0)
+    walls = tuple(
+        any(stop.law.rigid and stop.side == side and stop.position == end for stop in reached)
+        for side, end in ((-1, left), (1, right))
+    )
+    lossy = tuple(
+        any(s.side == side and s.law.rigid and not s.law.conservative for s in reached)
+        for side in (-1, 1)
+    )
+    halved = walls[0] == walls[1] and _is_symmetric(motion, left, right)
+    if halved:
+        left = (left + right) / 2.0
+    centre, length = (left + right) / 2.0, (right - left) / 2.0
+    speed = math.sqrt(weight)
+    leaving = {
+        stop.side: _leaving(stop, speed) for stop in reached if stop.law.rigid
+    }
+    time = length / speed
+    box = Box(
+        force=lambda xi: motion.force(centre + length * xi) * time / speed,
+        energy=lambda xi: (motion.energy(centre + length * xi) - lowest) / weight,
+        damping=lambda u: motion.drag(speed * u) * time / speed,
+        diffusion=motion.power * time / weight,
+        leaving_left=_all if halved or not walls[0] else leaving[-1],
+        leaving_right=leaving[1] if walls[1] else _all,
+        grips=tuple(
+            _grip(stop, centre, length, speed)
+            for stop in reached
+            if isinstance(stop.law, Viscoelastic) and not (halved and stop.side < 0)
+        ),
+    )
+    return Frame(
+        motion=motion,
+        box=box,
+        left=left,
+        right=right,
+        length=length,
+        speed=speed,
+        reach=reach,
+        halved=halved,
+        lossy=(lossy[0] and not halved, lossy[1]),
+        knots=tuple((knot - centre) / length for knot in motion.knots(left, right)),
+        stop_energy=nearest,
+        reached=reached,
+    )
+
+
+def _all(w: Array) -> Array:
+    """An elastic wall."""
+    return w
+
+
+def _leaving(stop: Stop, speed: float) -> Callable[[Array], Array]:
+    return lambda w: stop.kept(speed * w) * w
+
+
+def _grip(stop: Stop, centre: float, length: float, speed: float) -> Grip:
+    """What the damper of a viscoelastic stop adds to the force of its spring."""
+    law = stop.law
+    assert isinstance(law, Viscoelastic)
+    stiffness, damping, side = law.stiffness, law.damping(1.0), stop.side
+    place = (stop.position - centre) / length
+    scale = length / speed**2
+
+    def force(xi: float, u: Array) -> Array:
+        # towards the mass: max(K y + c y', 0) less K y
+        y, rate = side * length * (xi - place), side * speed * u
+        return -side * np.maximum(damping * rate, -stiffness * y) * scale
+
+    def kink(xi: float) -> float:
+        return -stiffness * length * (xi - place) / (damping * speed) if damping else math.inf
+
+    left, right = (place, math.inf) if side > 0 else (-math.inf, place)
+    return Grip(left, right, force, kink)
+
+
+def _is_symmetric(motion: Motion, left: float, right: float) -> bool:
+    middle = (left + right) / 2.0
+    if len(motion.stops) == 1:
+        return False
+    if motion.stops:
+        lower, upper = motion.stops
+        if lower.law != upper.law or abs(lower.position + upper.position - 2.0 * middle) > (
+            SYMMETRIC * (right - left)
+        ):
+            return False
+    y = np.linspace(0.0, (right - left) / 2.0, PIECES)
+    up, down = motion.force(middle + y), motion.force(middle - y)
+    v = math.sqrt(motion.squares[1]) * SPEEDS
+    forward, backward = motion.drag(v), motion.drag(-v)
+    largest = float(np.max(np.abs(up)) + np.max(np.abs(forward)))
+    uneven = max(float(np.max(np.abs(up + down))), float(np.max(np.abs(forward + backward))))
+    return uneven <= SYMMETRIC * largest
