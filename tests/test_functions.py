@@ -15,7 +15,6 @@ from stochvi.crosscheck import check
 from stochvi.errors import NotApplicable, SceneError
 from stochvi.excitations import WhiteNoise
 from stochvi.explanation import explain
-from stochvi.galerkin import fokker_planck
 from stochvi.isolators import screen
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo import prospect, record_path, simulate
@@ -115,7 +114,7 @@ def recorded(case: Scene):
     return record_path(case, duration=1.0)
 
 
-METHODS = [fokker_planck, linearise, simulate, prospect, recorded, screen, cost]
+METHODS = [linearise, simulate, prospect, recorded, screen, cost]
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.__name__)

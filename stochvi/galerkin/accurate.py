@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.galerkin.boxes import FARTHEST_STOP
 from stochvi.galerkin.field import Averages, Field
-from stochvi.galerkin.motion import Frame, Motion, Stop, make_frame
-from stochvi.galerkin.patches import Degrees, Patch, Strips, first_patches, graded, refined
+from stochvi.galerkin.motion import Frame, Motion, make_frame
+from stochvi.galerkin.patches import Degrees, Strips, first_patches, graded, refined
 from stochvi.galerkin.strips import solve_strips
 
 FIRST_DEGREES = Degrees(2, 4)
@@ -46,45 +46,63 @@ MOST_STRETCHES = 8
 
 
 class Answered(NamedTuple):
-    """What the last mesh found, and bounds on its errors."""
+    """What the last mesh found, bounds on its errors, and what the mesh before it found."""
 
     field: Field
     averages: Averages
     errors: Averages
+    coarser: Field
 
 
-def solve_accurately(motion: Motion, rtol: float, threshold: float) -> Answered:
-    """Refine until the relative error of what `rtol` governs is reached, or no more can be had."""
-    frame, stretch = make_frame(motion), 1.0
+def solve_accurately(
+    motion: Motion, rtol: float, threshold: float, rates: Collection[str] = ("lower", "upper")
+) -> Answered:
+    """Refine until the relative error of what `rtol` governs is reached, or no more can be had.
+
+    `rates` are the sides whose rate of impacts faster than `threshold` is wanted too.
+    """
+    frame = _wide_enough(motion)
     patches = first_patches(frame)
     makers = Strips()
-    before: Averages | None = None
+    before: tuple[Field, Averages] | None = None
     answered: Answered | None = None
-    stage = 0
-    while stage < MOST_MESHES:
-        patches = graded(frame, patches, SLOWEST[min(stage, len(SLOWEST) - 1)])
-        degrees = Degrees(
-            *(min(a + stage, b) for a, b in zip(FIRST_DEGREES, LAST_DEGREES, strict=True))
-        )
-        strips = makers.make(patches, degrees)
+    for stage in range(MOST_MESHES):
+        slowest = SLOWEST[min(stage, len(SLOWEST) - 1)]
+        patches = graded(frame, patches, slowest)
+        strips = makers.make(patches, _degrees(stage))
         if answered is not None and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
             break
-        field = Field(frame, solve_strips(frame.box, strips))
-        if stage == 0 and stretch < STRETCH**MOST_STRETCHES and field.edge() > EDGE * _rarity(frame):
-            stretch *= STRETCH
-            frame = make_frame(motion, stretch)
-            patches = first_patches(frame)
-            continue
+        field = Field(frame, solve_strips(frame.box, strips), frame.speed * slowest)
         found = field.averages(threshold)
         if before is not None:
-            answered = Answered(field, found, _errors(frame, before, found))
-            if worst(answered) <= rtol and not vague(answered):
+            errors = _errors(frame, before[1], found)
+            answered = Answered(field, found, errors, before[0])
+            if worst(found, errors) <= rtol and vague(found, errors).isdisjoint(rates):
                 break
-        before = found
+        before = field, found
         patches = refined(frame, field.solved, patches)
-        stage += 1
     assert answered is not None
     return answered
+
+
+def _degrees(stage: int) -> Degrees:
+    place, velocity = (
+        min(first + stage, last) for first, last in zip(FIRST_DEGREES, LAST_DEGREES, strict=True)
+    )
+    return Degrees(place, velocity)
+
+
+def _wide_enough(motion: Motion) -> Frame:
+    """A box beyond which there is next to nothing: a mass that leans on a stop reaches further."""
+    stretch = 1.0
+    for _ in range(MOST_STRETCHES):
+        frame = make_frame(motion, stretch)
+        patches = graded(frame, first_patches(frame), SLOWEST[0])
+        solved = solve_strips(frame.box, Strips().make(patches, FIRST_DEGREES))
+        if Field(frame, solved).edge() <= EDGE * _rarity(frame):
+            break
+        stretch *= STRETCH
+    return frame
 
 
 def _rarity(frame: Frame) -> float:
@@ -139,9 +157,8 @@ def _unreached(frame: Frame, crossing_rate: float) -> dict[str, float]:
     return found
 
 
-def worst(answered: Answered) -> float:
+def worst(found: Averages, bounds: Averages) -> float:
     """Largest relative error of what `rtol` governs: deviations, F1 and F2 of all stops."""
-    found, bounds = answered.averages, answered.errors
     ratios = [
         bounds.variance / found.variance / 2.0,
         bounds.velocity_mean_square / found.velocity_mean_square / 2.0,
@@ -160,15 +177,10 @@ WORST_RATE = 0.1
 """A rate whose relative error may be larger is not given."""
 
 
-def vague(answered: Answered) -> set[str]:
+def vague(found: Averages, bounds: Averages) -> set[str]:
     """Sides whose rate is not known well enough yet."""
     return {
         side
         for side in ("lower", "upper")
-        if getattr(answered.errors, f"rate_{side}")
-        > WORST_RATE * getattr(answered.averages, f"rate_{side}")
-        > 0.0
+        if getattr(bounds, f"rate_{side}") > WORST_RATE * getattr(found, f"rate_{side}") > 0.0
     }
-
-
-__all__ = ["Answered", "Patch", "Stop", "FARTHEST_STOP", "solve_accurately", "vague", "worst"]

@@ -63,14 +63,26 @@ class VelocityCells:
         along = self._pair(np.full_like(self.u, diffusion), slopes, slopes)
         return along + self._pair(drag, slopes, self.local_values)
 
-    def pushed(self, push: Law, kink: float) -> Array:
-        """Integrals of g push(u) N_k' N_l over each cell, where `push` has a kink."""
+    def quadrature(self, kink: float) -> tuple[Array, Array, Indices]:
+        """Places, weights that hold g, and the cell of each, for a function with a kink."""
         edges = np.union1d(self.breaks, np.clip(kink, self.breaks[0], self.breaks[-1]))
         u, weights = gauss(edges, self.degree + EXTRA_NODES)
-        weights = weights * np.exp(-(u**2) / 2.0) * push(u)
-        cell, values, slopes = self._local(u)
-        found = np.zeros((self.cells, self.degree + 1, self.degree + 1))
-        np.add.at(found, cell, weights[:, None, None] * slopes[:, :, None] * values[:, None, :])
+        cell = np.clip(np.searchsorted(self.breaks, u, side="right") - 1, 0, self.cells - 1)
+        return u, weights * np.exp(-(u**2) / 2.0), cell
+
+    def pushed(self, push: Law, kink: float) -> Array:
+        """Integrals of g push(u) N_k' N_l over each cell, where `push` has a kink."""
+        u, weights, cell = self.quadrature(kink)
+        _, values, slopes = self._local(u)
+        weighted = (weights * push(u))[:, None] * slopes
+        products = weighted[:, :, None] * values[:, None, :]
+        found: Array = np.add.reduceat(products, np.searchsorted(cell, np.arange(self.cells)))
+        return found
+
+    def at(self, u: Array, coefficients: Array) -> Array:
+        """The function with these coefficients at places u within the cells."""
+        cell, values, _ = self._local(u)
+        found: Array = np.sum(values * coefficients[self.places()[cell]], axis=-1)
         return found
 
     def _local(self, u: Array) -> tuple[Indices, Array, Array]:

@@ -44,11 +44,12 @@ class Averages(NamedTuple):
 class Field:
     """A solution in its frame; the half that is left out of a symmetric scene is its mirror image.
 
-    All arguments and results are in SI units.
+    All arguments and results are in SI units; `slowest` is the speed of the slowest impacts that
+    the mesh resolves.
     """
 
-    def __init__(self, frame: Frame, solved: Solved) -> None:
-        self.frame, self.solved = frame, solved
+    def __init__(self, frame: Frame, solved: Solved, slowest: float = 0.0) -> None:
+        self.frame, self.solved, self.slowest = frame, solved, slowest
         self._share = 0.5 if frame.halved else 1.0
         strips = solved.strips
         self._from_left = np.array([s.far for s in strips if s.anchor < 0.0])
@@ -92,9 +93,7 @@ class Field:
 
     def _weight(self, x: Array) -> Array:
         energy = self.frame.box.energy((x - self.frame.centre) / self.frame.length)
-        found: Array = (
-            self._share / self.frame.length * np.exp(math.log(self.solved.top) - energy)
-        )
+        found: Array = self._share / self.frame.length * np.exp(math.log(self.solved.top) - energy)
         return found
 
     def density(self, x: ArrayLike, v: ArrayLike) -> Array:
@@ -260,25 +259,20 @@ class Field:
             if deflection.min() < 0.0:
                 continue
             for y, weight, row in zip(deflection, weights, q, strict=True):
-                u, profile = self._profile(strip.cells, law, y, side)
+                u, profile, _ = strip.cells.quadrature(self._release(law, y, side))
                 rate = side * self.frame.speed * u
                 push = _push(law, y, rate)
-                density = weight * profile * (strip.cells.values(u) @ row)
+                density = weight * profile * strip.cells.at(u, row)
                 share += float(density @ (push > 0.0))
                 force += float(density @ push)
                 power += float(density @ (push * rate))
         return {"contact": share, "force": force, "power": power}
 
-    def _profile(
-        self, cells: VelocityCells, law: CompliantLaw, y: float, side: int
-    ) -> tuple[Array, Array]:
-        """Velocities and weights of quadrature, split where the push ends."""
-        edges = cells.breaks
+    def _release(self, law: CompliantLaw, y: float, side: int) -> float:
+        """Velocity, in units of the box, at which a stop ceases to push."""
         if isinstance(law, Viscoelastic) and not law.conservative:
-            end = -side * law.stiffness * y / (law.damping(1.0) * self.frame.speed)
-            edges = np.union1d(edges, np.clip(end, edges[0], edges[-1]))
-        u, weights = gauss(edges, cells.degree + EXTRA_NODES)
-        return u, weights * np.exp(-(u**2) / 2.0)
+            return -side * law.stiffness * y / (law.damping(1.0) * self.frame.speed)
+        return math.inf
 
 
 OF_STOPS = ("rate", "speed_rate", "speed_square_rate", "contact", "force", "power")

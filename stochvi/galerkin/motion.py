@@ -330,9 +330,7 @@ def make_frame(motion: Motion, stretch: float = 1.0) -> Frame:
         left = (left + right) / 2.0
     centre, length = (left + right) / 2.0, (right - left) / 2.0
     speed = math.sqrt(weight)
-    leaving = {
-        stop.side: _leaving(stop, speed) for stop in reached if stop.law.rigid
-    }
+    leaving = {stop.side: _leaving(stop, speed) for stop in reached if stop.law.rigid}
     time = length / speed
     box = Box(
         force=lambda xi: motion.force(centre + length * xi) * time / speed,
@@ -380,16 +378,15 @@ def _grip(stop: Stop, centre: float, length: float, speed: float) -> Grip:
     place = (stop.position - centre) / length
     scale = length / speed**2
 
-    def force(xi: float, u: Array) -> Array:
+    def at(xi: float) -> tuple[Callable[[Array], Array], float]:
         # towards the mass: max(K y + c y', 0) less K y
-        y, rate = side * length * (xi - place), side * speed * u
-        return -side * np.maximum(damping * rate, -stiffness * y) * scale
-
-    def kink(xi: float) -> float:
-        return -stiffness * length * (xi - place) / (damping * speed) if damping else math.inf
+        spring = stiffness * side * length * (xi - place)
+        rate = damping * side * speed
+        kink = -spring / rate if rate else math.inf
+        return lambda u: -side * np.maximum(rate * u, -spring) * scale, kink
 
     left, right = (place, math.inf) if side > 0 else (-math.inf, place)
-    return Grip(left, right, force, kink)
+    return Grip(left, right, at)
 
 
 def _is_symmetric(motion: Motion, left: float, right: float) -> bool:

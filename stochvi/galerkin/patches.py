@@ -8,6 +8,7 @@ highest polynomials of a strip or cell still hold tells where it is split.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -64,13 +65,11 @@ def first_patches(frame: Frame) -> tuple[Patch, ...]:
     """By energies and knots, not yet graded towards the corners."""
     edges = [-1.0, *(knot for knot in frame.knots), 1.0]
     inner = []
-    for left, right in zip(edges[:-1], edges[1:], strict=True):
+    for left, right in itertools.pairwise(edges):
         inner += _cut(frame, left, right, FEWEST_STRIPS)
     ends = [*inner, 1.0]
     breaks = _first_breaks(frame.reach)
-    return tuple(
-        _anchored(left, right, breaks) for left, right in zip(ends[:-1], ends[1:], strict=True)
-    )
+    return tuple(_anchored(left, right, breaks) for left, right in itertools.pairwise(ends))
 
 
 def _anchored(left: float, right: float, breaks: tuple[float, ...]) -> Patch:
@@ -91,7 +90,7 @@ def _cut(frame: Frame, left: float, right: float, pieces: int) -> list[float]:
         edges = np.linspace(left, right, pieces + 1)
         return [
             end
-            for one, two in zip(edges[:-1], edges[1:], strict=True)
+            for one, two in itertools.pairwise(edges)
             for end in _cut(frame, float(one), float(two), 1)
         ]
     energy = frame.box.energy(np.linspace(left, right, 9))
@@ -107,9 +106,7 @@ def graded(frame: Frame, patches: Iterable[Patch], slowest: float) -> tuple[Patc
     found: list[Patch] = []
     for patch in patches:
         found += _narrowed(frame, patch, depth)
-    return tuple(
-        patch._replace(breaks=_slowed(frame, patch, slowest)) for patch in found
-    )
+    return tuple(patch._replace(breaks=_slowed(frame, patch, slowest)) for patch in found)
 
 
 def _narrowed(frame: Frame, patch: Patch, depth: float) -> list[Patch]:
@@ -182,10 +179,7 @@ def refined(
 ) -> tuple[Patch, ...]:
     """Strips and cells split where the highest polynomials hold the most, until the others hold
     `kept` of the whole."""
-    both = [
-        _unresolved(frame, solved, strip, q)
-        for strip, q in zip(solved.strips, solved.q, strict=True)
-    ]
+    both = [_unresolved(frame, strip, q) for strip, q in zip(solved.strips, solved.q, strict=True)]
     across = np.array([row for row, _ in both])
     within = [row for _, row in both]
     everything = np.sort(np.concatenate([across, *within]))
@@ -198,23 +192,20 @@ def refined(
             breaks.append((patch.breaks[cell] + patch.breaks[cell + 1]) / 2.0)
         patch = patch._replace(breaks=tuple(sorted(breaks)))
         middle = (patch.near + patch.far) / 2.0
-        found += [patch._replace(far=middle), patch._replace(near=middle)] if wide >= limit else [
-            patch
-        ]
+        found += (
+            [patch._replace(far=middle), patch._replace(near=middle)] if wide >= limit else [patch]
+        )
     return tuple(found)
 
 
-def _unresolved(
-    frame: Frame, solved: Solved, strip: Strip, q: Array
-) -> tuple[float, Array]:
+def _unresolved(frame: Frame, strip: Strip, q: Array) -> tuple[float, Array]:
     """Probability in the highest polynomials of a strip, and in those of each of its cells.
 
     In units of exp(-energy), from the lowest stop on of exp(-energy of that stop): impacts are
     asked for with a relative error, however rare they are.
     """
     cells = strip.cells
-    xi, weights, values, _ = strip.nodes()
-    energy = frame.box.energy(xi)
+    energy = frame.box.energy(strip.nodes()[0])
     size = np.diff(cells.breaks)
     middle = (cells.breaks[1:] + cells.breaks[:-1]) / 2.0
     height = float(energy.min()) + middle**2 / 2.0

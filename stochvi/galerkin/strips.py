@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from stochvi.galerkin.cells import VelocityCells, given_back, passed_on
@@ -29,13 +28,12 @@ Law = Callable[[Array], Array]
 class Grip(NamedTuple):
     """A force that depends on place and velocity, on the strips from `left` to `right`.
 
-    `kink(xi)` is the velocity at which its slope jumps.
+    `at(xi)` is that force there, a function of velocity, and the velocity at which its slope jumps.
     """
 
     left: float
     right: float
-    force: Callable[[float, Array], Array]
-    kink: Callable[[float], float]
+    at: Callable[[float], tuple[Law, float]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +131,8 @@ def _handed(source: _Piece, target: _Piece, side: int) -> Array:
     """From what leaves one strip to what enters its neighbour, towards `side`."""
     weight = source.weight_right if side > 0 else source.weight_left
     one, other = source.strip.cells, target.strip.cells
-    return weight * (source.flux_matrix(side) if one is other else passed_on(other, one, side))
+    matrix = source.flux_matrix(side) if one is other else passed_on(other, one, side)
+    return np.asarray(weight * matrix, dtype=np.float64)
 
 
 def _reduced(piece: _Piece, wall: Array, side: int = 1) -> tuple[Array, Array]:
@@ -144,7 +143,7 @@ def _reduced(piece: _Piece, wall: Array, side: int = 1) -> tuple[Array, Array]:
     """
     out, through, back, into = piece.through(side)
     inward = np.linalg.solve(np.eye(len(wall)) - wall @ out, wall @ through)
-    return inward, into @ inward + back
+    return np.asarray(inward, dtype=np.float64), into @ inward + back
 
 
 def _closed(piece: _Piece, left_wall: Array, right_wall: Array) -> tuple[Array, Array]:
@@ -200,9 +199,9 @@ class _Piece:
         whole = np.concatenate(parts)
         for grip in box.grips:
             if grip.left <= (strip.left + strip.right) / 2.0 <= grip.right:
-                for place, weight, row in zip(xi, weights, values, strict=True):
-                    push = cells.pushed(lambda u, at=place: grip.force(at, u), grip.kink(place))
-                    whole -= np.einsum("ji,cab->cjaib", weight * np.outer(row, row), push)
+                push = np.array([cells.pushed(*grip.at(float(place))) for place in xi])
+                products = (weights[:, None] * values)[:, :, None] * values[:, None, :]
+                whole -= np.einsum("nji,ncab->cjaib", products, push, optimize=True)
         return whole
 
     def _eliminate(self, whole: Array) -> None:
@@ -319,6 +318,3 @@ class _Piece:
         """Integral of the density over the strip."""
         cells = self.strip.cells
         return float(self.profile @ q @ cells.functional(np.ones_like(cells.u)))
-
-
-Booleans = NDArray[np.bool_]
