@@ -10,7 +10,7 @@ import numpy as np
 
 from stochvi.galerkin.field import Averages, Field
 from stochvi.galerkin.motion import Frame, Motion, make_frame
-from stochvi.galerkin.patches import Degrees, Strips, first_patches, graded, refined
+from stochvi.galerkin.patches import Degrees, Patch, Strips, first_patches, graded, refined
 from stochvi.galerkin.strips import solve_strips
 
 FIRST_DEGREES = Degrees(2, 4)
@@ -61,26 +61,23 @@ def solve_accurately(
 
     `rates` are the sides whose rate of impacts faster than `threshold` is wanted too.
     """
-    frame = _wide_enough(motion)
-    patches = first_patches(frame)
+    frame, patches, field = _first(motion)
     makers = Strips()
-    before: tuple[Field, Averages] | None = None
     answered: Answered | None = None
-    for stage in range(MOST_MESHES):
+    found = field.averages(threshold)
+    for stage in range(1, MOST_MESHES):
+        before, coarser = found, field
         slowest = SLOWEST[min(stage, len(SLOWEST) - 1)]
-        patches = graded(frame, patches, slowest)
+        patches = graded(frame, refined(frame, coarser.solved, patches), slowest)
         strips = makers.make(patches, _degrees(stage))
         if answered is not None and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
             break
         field = Field(frame, solve_strips(frame.box, strips), frame.speed * slowest)
         found = field.averages(threshold)
-        if before is not None:
-            errors = _errors(frame, before[1], found)
-            answered = Answered(field, found, errors, before[0])
-            if worst(found, errors) <= rtol and vague(found, errors).isdisjoint(rates):
-                break
-        before = field, found
-        patches = refined(frame, field.solved, patches)
+        errors = _errors(frame, before, found)
+        answered = Answered(field, found, errors, coarser)
+        if worst(found, errors) <= rtol and vague(found, errors).isdisjoint(rates):
+            break
     assert answered is not None
     return answered
 
@@ -92,17 +89,21 @@ def _degrees(stage: int) -> Degrees:
     return Degrees(place, velocity)
 
 
-def _wide_enough(motion: Motion) -> Frame:
-    """A box beyond which there is next to nothing: a mass that leans on a stop reaches further."""
+def _first(motion: Motion) -> tuple[Frame, tuple[Patch, ...], Field]:
+    """The coarsest mesh, of a box beyond which there is next to nothing.
+
+    A mass that leans on a stop reaches further than the law exp(-energy / s^2).
+    """
     stretch = 1.0
     for _ in range(MOST_STRETCHES):
         frame = make_frame(motion, stretch)
         patches = graded(frame, first_patches(frame), SLOWEST[0])
         solved = solve_strips(frame.box, Strips().make(patches, FIRST_DEGREES))
-        if Field(frame, solved).edge() <= EDGE * _rarity(frame):
+        field = Field(frame, solved, frame.speed * SLOWEST[0])
+        if field.edge() <= EDGE * _rarity(frame):
             break
         stretch *= STRETCH
-    return frame
+    return frame, patches, field
 
 
 def _rarity(frame: Frame) -> float:

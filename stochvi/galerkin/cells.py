@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.galerkin.mesh import EXTRA_NODES, Array, gauss, lobatto
+from stochvi.galerkin.mesh import EXTRA_NODES, Array, gauss, gauss_rule, lobatto
 
 Indices = NDArray[np.intp]
 Law = Callable[[Array], Array]
@@ -35,6 +35,7 @@ class VelocityCells:
         turn = self.vertices + self.zero * self.inner
         self.minus: Indices = np.r_[: self.zero + 1, self.vertices : turn]
         self.plus: Indices = np.r_[self.zero : self.vertices, turn : self.size]
+        self.places = self._places()
         self._tabulate()
 
     def _tabulate(self) -> None:
@@ -43,7 +44,7 @@ class VelocityCells:
         shape = (self.cells, -1)
         self.u = u.reshape(shape)
         self.weights = (weights * np.exp(-(u**2) / 2.0)).reshape(shape)
-        points = np.polynomial.legendre.leggauss(self.degree + EXTRA_NODES)[0]
+        points = gauss_rule(self.degree + EXTRA_NODES)[0]
         values, slopes = lobatto(self.degree, points)
         self.local_values = values
         self.local_slopes = slopes[None] * (2.0 / np.diff(self.breaks))[:, None, None]
@@ -82,7 +83,7 @@ class VelocityCells:
     def at(self, u: Array, coefficients: Array) -> Array:
         """The function with these coefficients at places u within the cells."""
         cell, values, _ = self._local(u)
-        found: Array = np.sum(values * coefficients[self.places()[cell]], axis=-1)
+        found: Array = np.sum(values * coefficients[self.places[cell]], axis=-1)
         return found
 
     def _local(self, u: Array) -> tuple[Indices, Array, Array]:
@@ -92,7 +93,7 @@ class VelocityCells:
         values, slopes = lobatto(self.degree, 2.0 * (u - self.breaks[cell]) / length - 1.0)
         return cell, values, slopes * (2.0 / length)[..., None]
 
-    def places(self) -> Indices:
+    def _places(self) -> Indices:
         """Of the functions of each cell among all: both ends, then those inside."""
         cell = np.arange(self.cells)[:, None]
         inside = self.vertices + cell * self.inner + np.arange(self.inner)
@@ -104,13 +105,13 @@ class VelocityCells:
         cell, values, _ = self._local(u)
         inside = (u >= self.breaks[0]) & (u <= self.breaks[-1])
         found = np.zeros((len(u), self.size))
-        np.put_along_axis(found, self.places()[cell], values * inside[:, None], axis=1)
+        np.put_along_axis(found, self.places[cell], values * inside[:, None], axis=1)
         return found
 
     def functional(self, factor: Array) -> Array:
         """Integral of g factor N_k for each function; `factor` at the nodes, (cell, node)."""
         found = np.zeros(self.size)
-        np.add.at(found, self.places(), (self.weights * factor) @ self.local_values)
+        np.add.at(found, self.places, (self.weights * factor) @ self.local_values)
         return found
 
     def above(self, slowest: float, power: int, side: int) -> Array:

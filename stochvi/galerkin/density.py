@@ -20,7 +20,7 @@ RESOLVED = 5.0
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class StationaryDensity:
-    """p(x, v) of the stationary response, and what follows from it; made by `fokker_planck_density`.
+    """p(x, v) of the stationary response, and what follows from it, by `fokker_planck_density`.
 
     Arguments are in m and m/s, arrays are broadcast, and places beyond rigid stops have density 0.
     At a rigid stop with R < 1 the density is infinite at v = 0: p(stop, v) ~ |v|^-beta

@@ -157,7 +157,7 @@ class Field:
     def _strips(self) -> Iterator[tuple[Strip, Array, Array, Array]]:
         """Each strip with x at its nodes, weights that hold the density's weight, and q there."""
         for strip, q in zip(self.solved.strips, self.solved.q, strict=True):
-            xi, weights, values, _ = strip.nodes()
+            xi, weights, values, _ = strip.nodes
             x = self.frame.centre + self.frame.length * xi
             weights = weights * self.frame.length * self._weight(x)
             yield strip, x, weights, values @ q

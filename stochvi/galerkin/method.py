@@ -30,10 +30,10 @@ energy (never out of F1 and F2)."""
 
 
 COLLAPSES = (
-    "restitution {restitution:g} at the {side} stop is not above exp(-pi / sqrt 3) = 0.163: impacts "
-    "without end bring the mass to rest on the stop in finite time. The answer is the limit as ever "
-    "slower impacts are resolved, in which the noise takes the mass off at once; rates only have "
-    "a meaning above a speed"
+    "restitution {restitution:g} at the {side} stop is not above exp(-pi / sqrt 3) = 0.163: "
+    "impacts without end bring the mass to rest on the stop in finite time. The answer is the "
+    "limit as ever slower impacts are resolved, in which the noise takes the mass off at once; "
+    "rates only have a meaning above a speed"
 )
 """Warning about what the density means there."""
 

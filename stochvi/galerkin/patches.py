@@ -205,12 +205,12 @@ def _unresolved(frame: Frame, strip: Strip, q: Array) -> tuple[float, Array]:
     asked for with a relative error, however rare they are.
     """
     cells = strip.cells
-    energy = frame.box.energy(strip.nodes()[0])
+    energy = frame.box.energy(strip.nodes[0])
     size = np.diff(cells.breaks)
     middle = (cells.breaks[1:] + cells.breaks[:-1]) / 2.0
     height = float(energy.min()) + middle**2 / 2.0
     share = np.exp(-np.maximum(height - frame.stop_energy, 0.0)) * size * strip.length
-    local = q[:, cells.places()]
+    local = q[:, cells.places]
     top = np.sqrt(np.mean((local[-1] @ cells.local_values.T) ** 2, axis=1))
     k = cells.degree
     bubble = math.sqrt((1.0 / (2 * k + 1) + 1.0 / (2 * k - 3)) / (4.0 * k - 2.0))

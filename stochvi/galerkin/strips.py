@@ -14,13 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
 
 from stochvi.galerkin.cells import VelocityCells, given_back, passed_on
-from stochvi.galerkin.mesh import EXTRA_NODES, Array, gauss, legendre
+from stochvi.galerkin.mesh import EXTRA_NODES, Array, gauss, gauss_rule, legendre
 
 Law = Callable[[Array], Array]
 
@@ -79,10 +80,11 @@ class Strip:
         """How many coefficients q has here."""
         return (self.degree + 1) * self.cells.size
 
+    @cached_property
     def nodes(self) -> tuple[Array, Array, Array, Array]:
         """xi, weights, Legendre polynomials and their slopes at the Gauss nodes."""
         offset, weights = gauss([self.near, self.far], self.degree + EXTRA_NODES)
-        local = np.polynomial.legendre.leggauss(self.degree + EXTRA_NODES)[0]
+        local = gauss_rule(self.degree + EXTRA_NODES)[0]
         values, slopes = legendre(self.degree, local)
         return self.anchor + offset, weights, values, slopes * (2.0 / self.length)
 
@@ -97,7 +99,7 @@ class Solved(NamedTuple):
 
 def solve_strips(box: Box, strips: tuple[Strip, ...]) -> Solved:
     """The density, its energies counted from the lowest of all nodes, `top` = exp(-that)."""
-    lowest = min(float(box.energy(strip.nodes()[0]).min()) for strip in strips)
+    lowest = min(float(box.energy(strip.nodes[0]).min()) for strip in strips)
     middle = int(np.argmin([float(box.energy(np.array([s.left])).min()) for s in strips]))
     pieces = [_Piece(box, strip, lowest) for strip in strips]
     last = len(strips) - 1
@@ -182,7 +184,7 @@ class _Piece:
     def _equations(self, box: Box, lowest: float) -> Array:
         """(cell, test Legendre, test function, trial Legendre, trial function)."""
         cells, strip = self.strip.cells, self.strip
-        xi, weights, values, slopes = strip.nodes()
+        xi, weights, values, slopes = strip.nodes
         weights = weights * np.exp(lowest - box.energy(xi))
         self.profile = weights @ values
         products = values.T @ (weights[:, None] * values)
@@ -245,7 +247,7 @@ class _Piece:
         cells = self.strip.cells
         whole = np.zeros((cells.size, cells.size))
         some = slice(cells.zero, None) if side > 0 else slice(cells.zero)
-        places = cells.places()[some]
+        places = cells.places[some]
         np.add.at(whole, (places[:, :, None], places[:, None, :]), side * cells.flux[some])
         rows = cells.plus if side > 0 else cells.minus
         return whole[np.ix_(rows, rows)]
