@@ -33,7 +33,7 @@ SHARED = 0.2
 """Part of the largest relative difference of motion and impacts that every quantity is granted,
 lest two meshes agree on one of them by chance."""
 
-FLOOR = 2e-9
+FLOOR = 1e-9
 """Relative error that every answer is granted: the ends of the box, and rounding."""
 
 EDGE = 1e-8

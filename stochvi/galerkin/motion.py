@@ -9,9 +9,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
-from stochvi.contacts import CompliantLaw, ForceTable, Law, Viscoelastic
+from stochvi.contacts import CompliantLaw, ForceTable, Hertz, Law, Viscoelastic
 from stochvi.errors import NotApplicable
 from stochvi.galerkin.boxes import FARTHEST_STOP
 from stochvi.galerkin.mesh import Array, gauss
@@ -22,9 +22,9 @@ LAW_DEPTH = 18.0
 """Energy in units of s^2 at which the law exp(-energy / s^2) is cut where a scale is sought: there
 it is 2e-8 of its peak."""
 
-REACH = 6.6
-"""A box ends at the energy t REACH^2 / 2 above what its nearest stop calls for, and so do its
-velocities: exp(-REACH^2 / 2) is 3e-10."""
+REACH = 7.2
+"""A box ends at the energy t REACH^2 / 2 above what its farthest stop calls for, and so do its
+velocities: the part of F2 beyond is 2e-10."""
 
 WIDENED = 1.2
 """Speed of the weight exp(-energy / t) in units of s, sqrt(t) = WIDENED s, unless damping alone
@@ -48,6 +48,56 @@ SYMMETRIC = 1e-10
 SPEEDS, SPEED_WEIGHTS = (
     part.ravel() for part in gauss(np.linspace(0.0, 8.0, 9), NODES)
 )  # speeds of a law of unit width, of which 1e-14 lies beyond 8
+
+
+DEEP = 100.0
+"""Energy up to which a place of low energy is sought, in units of (power length)^(2/3)."""
+
+AT_ONCE = 16
+"""Places at which the potential is looked at together."""
+
+
+class _Ray:
+    """The energy at places further and further out from a start; looked at once each."""
+
+    def __init__(self, motion: Motion, start: float, side: int) -> None:
+        self.motion, self.start, self.side = motion, start, side
+        self.places = np.array([start])
+        self.energies = motion.energy(self.places)
+        self.ended = False
+
+    def up_to(self, height: float) -> tuple[Array, Array]:
+        """Places and energies until the energy is `height` above the lowest on the way, or up to
+        a wall."""
+        while True:
+            lowest = np.minimum.accumulate(self.energies)
+            beyond = np.flatnonzero(~(self.energies - lowest < height))
+            if len(beyond):
+                last = int(beyond[0]) + 1
+                return self.places[:last], self.energies[:last]
+            if self.ended:
+                return self.places, self.energies
+            self._on()
+
+    def _on(self) -> None:
+        """Look further out."""
+        motion, taken = self.motion, len(self.places) - 1
+        steps = np.arange(taken, taken + AT_ONCE, dtype=float)
+        away: Array = NEAREST * motion.length * STRIDE**steps
+        wall = abs(motion.wall(self.side) - self.start)
+        if away[0] > FARTHEST * motion.length and wall == math.inf:
+            raise NotApplicable(
+                "fokker-planck", ["spring and stops must hold the mass on both sides"]
+            )
+        places = self.start + self.side * away[away < wall]
+        if len(places) < AT_ONCE:
+            self.ended = True
+            places = np.append(places, motion.wall(self.side))
+        with np.errstate(over="ignore", invalid="ignore"):
+            energies = motion.energy(places)
+        energies = np.where(np.isnan(energies), math.inf, energies)
+        self.places = np.append(self.places, places)
+        self.energies = np.append(self.energies, energies)
 
 
 class Stop(NamedTuple):
@@ -131,57 +181,69 @@ class Motion:
         return self.system.damping_rate * v if law is None else np.asarray(law(v), dtype=float)
 
     @cached_property
-    def start(self) -> float:
-        """A place between the walls, of low energy where that is known."""
-        system = self.system
-        rest = system.load / system.omega**2 if system.omega else 0.0
-        return min(max(rest, self.wall(-1)), self.wall(1))
-
-    @cached_property
     def length(self) -> float:
         """Some length of the scene, to begin a search with."""
-        lengths = [abs(stop.position - self.start) for stop in self.stops]
+        lengths = [abs(stop.position - self._rest) for stop in self.stops]
         if len(self.stops) == 2:
             lengths.append(self.stops[1].position - self.stops[0].position)
         if self.system.omega:
             lengths.append((self.power / self.system.omega**3) ** 0.5)
         return min((length for length in lengths if length > 0.0), default=1.0)
 
+    @property
+    def _rest(self) -> float:
+        """Where spring and load alone balance, if that can be told, within the walls."""
+        system = self.system
+        rest = system.load / system.omega**2 if system.omega else 0.0
+        return min(max(rest, self.wall(-1)), self.wall(1))
+
+    @cached_property
+    def start(self) -> float:
+        """A place of low energy: the lowest that is met on the way out from the rest position."""
+        height = DEEP * (self.power * self.length) ** (2.0 / 3.0)
+        rays = [_Ray(self, self._rest, side) for side in (-1, 1)]
+        places, energies = (
+            np.concatenate(part) for part in zip(*(ray.up_to(height) for ray in rays), strict=True)
+        )
+        order = np.argsort(places)
+        lowest = int(np.argmin(energies[order]))
+        around = places[order][max(lowest - 1, 0) : lowest + 2]
+        found = minimize_scalar(
+            lambda x: float(self.energy(np.array(x))),
+            bounds=(around[0], around[-1]),
+            method="bounded",
+            options={"xatol": 1e-6 * (around[-1] - around[0])},
+        )
+        best = float(places[order][lowest])
+        return float(found.x) if found.fun < energies[order][lowest] else best
+
+    @cached_property
+    def _rays(self) -> tuple[_Ray, _Ray]:
+        return _Ray(self, self.start, -1), _Ray(self, self.start, 1)
+
     def span(self, height: float) -> tuple[float, float]:
         """Around all places whose energy is less than `height` above the lowest; within walls."""
-        lowest = float(self.energy(np.array(self.start)))
-        ends = []
-        for side in (-1, 1):
-            end, found = self._rise(side, lowest, height)
-            lowest = min(lowest, found)
-            ends.append(end)
-        # the first side did not know of a lower place on the second
-        ends[0], _ = self._rise(-1, lowest, height)
-        return ends[0], ends[1]
+        found = [ray.up_to(height) for ray in self._rays]
+        lowest = min(float(energies.min()) for _, energies in found)
+        left, right = (
+            self._border(places, energies, lowest + height) for places, energies in found
+        )
+        return left, right
 
-    def _rise(self, side: int, lowest: float, height: float) -> tuple[float, float]:
-        """Where the energy rises above lowest + height for good, and the lowest on the way."""
-        wall, near, far = self.wall(side), 0.0, NEAREST * self.length
-        away = abs(wall - self.start)
-        while True:
-            if far >= away:
-                return wall, min(lowest, float(self.energy(np.array(wall))))
-            if far > FARTHEST * self.length:
-                raise NotApplicable(
-                    "fokker-planck", ["spring and stops must hold the mass on both sides"]
-                )
-            energy = float(self.energy(np.array(self.start + side * far)))
-            if not energy < lowest + height:
-                break
-            lowest = min(lowest, energy)
-            near, far = far, STRIDE * far
+    def _border(self, places: Array, energies: Array, level: float) -> float:
+        """Beyond the last of places that go outwards at which the energy is below a level."""
+        last = int(np.flatnonzero(energies < level)[-1]) if (energies < level).any() else 0
+        if last + 1 == len(places):
+            return float(places[last])
 
-        def above(distance: float) -> float:
-            risen = float(self.energy(np.array(self.start + side * distance))) - lowest - height
-            return min(risen, height)  # finite, also at a singular place
+        def above(x: float) -> float:
+            energy = float(self.energy(np.array(x)))
+            return min(energy, level + 1.0) - level if not math.isnan(energy) else 1.0
 
-        distance = brentq(above, near, far, xtol=1e-6 * far) if above(near) < 0.0 else far
-        return self.start + side * distance, lowest
+        near, far = float(places[last]), float(places[last + 1])
+        if above(near) >= 0.0:
+            return far
+        return float(brentq(above, near, far, xtol=1e-9 * abs(far - near)))
 
     def _nodes(self, height: float) -> tuple[Array, Array, Array]:
         """Places, weights and energies above the lowest for integrals over x."""
@@ -277,9 +339,10 @@ class Frame:
     """x = centre + length xi, v = speed u, and the box between xi = -1 and 1.
 
     A `halved` frame holds the upper half of a symmetric scene. `lossy` says of either end whether
-    it is a stop that takes energy, `reach` is the largest u, `knots` are places where the force
-    has a kink, `stop_energy` is that of the nearest stop above the lowest, in units of t;
-    `reached` are the stops that are not out of reach.
+    it is a stop that takes energy, `reach` is the largest u. `knots` are places where the force
+    has a kink, `roots` those (and sides) from which on it goes as a broken power. `stop_energy`
+    is that of the nearest stop above the lowest, in units of t; `reached` are the stops that
+    are not out of reach.
     """
 
     motion: Motion
@@ -292,6 +355,7 @@ class Frame:
     halved: bool
     lossy: tuple[bool, bool]
     knots: tuple[float, ...]
+    roots: tuple[tuple[float, int], ...]
     stop_energy: float
     reached: tuple[Stop, ...]
 
@@ -356,6 +420,11 @@ def make_frame(motion: Motion, stretch: float = 1.0) -> Frame:
         halved=halved,
         lossy=(lossy[0] and not halved, lossy[1]),
         knots=tuple((knot - centre) / length for knot in motion.knots(left, right)),
+        roots=tuple(
+            ((stop.position - centre) / length, stop.side)
+            for stop in reached
+            if isinstance(stop.law, Hertz) and left < stop.position < right
+        ),
         stop_energy=nearest,
         reached=reached,
     )

@@ -41,6 +41,10 @@ SLOWING = 0.3
 CORNER_CELL = 0.3
 """Smallest break of a strip in units of (diffusion distance)^(1/3)."""
 
+ROOTED, ROOTED_STRIPS = 0.15, 4
+"""Ratio and number of strips that narrow towards a root of the force: what the smallest leaves of
+an integral of y^(5/2) is 1e-11 of the strip it began with."""
+
 KEPT = 0.1
 """Part of what the highest polynomials hold that is left unrefined."""
 
@@ -67,9 +71,19 @@ def first_patches(frame: Frame) -> tuple[Patch, ...]:
     inner = []
     for left, right in itertools.pairwise(edges):
         inner += _cut(frame, left, right, FEWEST_STRIPS)
-    ends = [*inner, 1.0]
+    ends = _towards_roots(frame, [*inner, 1.0])
     breaks = _first_breaks(frame.reach)
     return tuple(_anchored(left, right, breaks) for left, right in itertools.pairwise(ends))
+
+
+def _towards_roots(frame: Frame, ends: list[float]) -> list[float]:
+    """Strips that narrow towards the first touch of a Hertzian stop, where y^(5/2) is no
+    polynomial and would cost digits of every integral."""
+    added = []
+    for root, side in frame.roots:
+        size = min((abs(end - root) for end in ends if side * (end - root) > 0.0), default=0.0)
+        added += [root + side * size * ROOTED**k for k in range(1, ROOTED_STRIPS + 1)]
+    return sorted({*ends, *added})
 
 
 def _anchored(left: float, right: float, breaks: tuple[float, ...]) -> Patch:
