@@ -123,9 +123,12 @@ def _errors(frame: Frame, coarse: Averages, fine: Averages) -> Averages:
     for side in ("lower", "upper"):
         impacts = [f"{name}_{side}" for name in ("speed_rate", "speed_square_rate")]
         hits = max([shared, *(_ratio(change, sizes, name) for name in impacts)])
-        names = [name for name in Averages._fields if name.endswith(side)]
-        for name in names:
+        for name in (name for name in Averages._fields if name.endswith(side)):
             bounds[name] = SAFETY * max(getattr(change, name), SHARED * hits * getattr(sizes, name))
+        # the share of time hangs on slow contacts, as the rate does, and counts light ones in full
+        contact = f"contact_{side}"
+        slow = max(hits, _ratio(change, sizes, f"rate_{side}"))
+        bounds[contact] = max(bounds[contact], 2.0 * SAFETY * slow * getattr(sizes, contact))
     for name in (*MOTION, "upcrossing_rate"):
         bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
     far = _unreached(frame, fine.upcrossing_rate)

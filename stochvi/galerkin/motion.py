@@ -334,15 +334,25 @@ def _elastic(law: CompliantLaw) -> CompliantLaw:
     return law.model_copy(update={"damping_ratio": 0.0}) if isinstance(law, Viscoelastic) else law
 
 
+class Corner(NamedTuple):
+    """Where, at u = 0, a stop begins to take energy, and the speed up to which noise hides that."""
+
+    place: float
+    slowest: float
+
+
+HIDDEN = 0.1
+"""Speed in units of (diffusion / damping of a stop)^(1/2) up to which the density is smooth."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Frame:
     """x = centre + length xi, v = speed u, and the box between xi = -1 and 1.
 
-    A `halved` frame holds the upper half of a symmetric scene. `lossy` says of either end whether
-    it is a stop that takes energy, `reach` is the largest u. `knots` are places where the force
-    has a kink, `roots` those (and sides) from which on it goes as a broken power. `stop_energy`
-    is that of the nearest stop above the lowest, in units of t; `reached` are the stops that
-    are not out of reach.
+    A `halved` frame holds the upper half of a symmetric scene; `reach` is the largest u. `knots`
+    are places where the force has a kink, `roots` those (and sides) from which on it goes as a
+    broken power. `stop_energy` is that of the nearest stop above the lowest, in units of t;
+    `reached` are the stops that are not out of reach.
     """
 
     motion: Motion
@@ -353,7 +363,7 @@ class Frame:
     speed: float
     reach: float
     halved: bool
-    lossy: tuple[bool, bool]
+    corners: tuple[Corner, ...]
     knots: tuple[float, ...]
     roots: tuple[tuple[float, int], ...]
     stop_energy: float
@@ -370,64 +380,75 @@ def make_frame(motion: Motion, stretch: float = 1.0) -> Frame:
     square, weight = motion.squares
     weight *= stretch**2
     lowest = motion.lowest(square)
-
-    def height(stop: Stop) -> float:
-        return max(float(motion.energy(np.array(stop.position))) - lowest, 0.0)
-
-    reached = tuple(
-        stop for stop in motion.stops if height(stop) <= square * FARTHEST_STOP**2 / 2.0
-    )
-    nearest = min((height(stop) for stop in reached), default=0.0) / weight
-    farthest = max((height(stop) for stop in reached), default=0.0) / weight
-    reach = math.sqrt(REACH**2 + 2.0 * farthest)
+    heights = {
+        stop: max(float(motion.energy(np.array(stop.position))) - lowest, 0.0)
+        for stop in motion.stops
+    }
+    reached = tuple(s for s in motion.stops if heights[s] <= square * FARTHEST_STOP**2 / 2.0)
+    energies = [heights[stop] / weight for stop in reached] or [0.0]
+    reach = math.sqrt(REACH**2 + 2.0 * max(energies))
     left, right = motion.span(weight * reach**2 / 2.0)
-    walls = tuple(
-        any(stop.law.rigid and stop.side == side and stop.position == end for stop in reached)
-        for side, end in ((-1, left), (1, right))
-    )
-    lossy = tuple(
-        any(s.side == side and s.law.rigid and not s.law.conservative for s in reached)
-        for side in (-1, 1)
-    )
-    halved = walls[0] == walls[1] and _is_symmetric(motion, left, right)
-    if halved:
-        left = (left + right) / 2.0
-    centre, length = (left + right) / 2.0, (right - left) / 2.0
-    speed = math.sqrt(weight)
-    leaving = {stop.side: _leaving(stop, speed) for stop in reached if stop.law.rigid}
-    time = length / speed
-    box = Box(
-        force=lambda xi: motion.force(centre + length * xi) * time / speed,
-        energy=lambda xi: (motion.energy(centre + length * xi) - lowest) / weight,
-        damping=lambda u: motion.drag(speed * u) * time / speed,
-        diffusion=motion.power * time / weight,
-        leaving_left=_all if halved or not walls[0] else leaving[-1],
-        leaving_right=leaving[1] if walls[1] else _all,
-        grips=tuple(
-            _grip(stop, centre, length, speed)
-            for stop in reached
-            if isinstance(stop.law, Viscoelastic) and not (halved and stop.side < 0)
-        ),
-    )
+    walls = {stop.side for stop in reached if stop.law.rigid}
+    halved = len(walls) != 1 and _is_symmetric(motion, left, right)
+    left = (left + right) / 2.0 if halved else left
+    units = _Units((left + right) / 2.0, (right - left) / 2.0, math.sqrt(weight))
+    solved = tuple(stop for stop in reached if not halved or stop.side > 0)
+    touched = [stop for stop in solved if not stop.law.rigid]
     return Frame(
         motion=motion,
-        box=box,
+        box=_box(motion, solved, units, lowest),
         left=left,
         right=right,
-        length=length,
-        speed=speed,
+        length=units.length,
+        speed=units.speed,
         reach=reach,
         halved=halved,
-        lossy=(lossy[0] and not halved, lossy[1]),
-        knots=tuple((knot - centre) / length for knot in motion.knots(left, right)),
-        roots=tuple(
-            ((stop.position - centre) / length, stop.side)
-            for stop in reached
-            if isinstance(stop.law, Hertz) and left < stop.position < right
+        corners=tuple(
+            Corner(units.place(stop), _hidden(motion, stop, units))
+            for stop in solved
+            if not stop.law.conservative
         ),
-        stop_energy=nearest,
+        knots=tuple((knot - units.centre) / units.length for knot in motion.knots(left, right)),
+        roots=tuple((units.place(s), s.side) for s in touched if isinstance(s.law, Hertz)),
+        stop_energy=min(energies),
         reached=reached,
     )
+
+
+class _Units(NamedTuple):
+    """Of a box: its centre, m, half its length, m, and the speed of the weight, m/s."""
+
+    centre: float
+    length: float
+    speed: float
+
+    def place(self, stop: Stop) -> float:
+        """Of a stop; a rigid one ends the box."""
+        if stop.law.rigid:
+            return float(stop.side)
+        return (stop.position - self.centre) / self.length
+
+
+def _box(motion: Motion, stops: tuple[Stop, ...], units: _Units, lowest: float) -> Box:
+    centre, length, speed = units
+    leaving = {stop.side: _leaving(stop, speed) for stop in stops if stop.law.rigid}
+    scale = length / speed**2
+    return Box(
+        force=lambda xi: motion.force(centre + length * xi) * scale,
+        energy=lambda xi: (motion.energy(centre + length * xi) - lowest) / speed**2,
+        damping=lambda u: motion.drag(speed * u) * scale,
+        diffusion=motion.power * length / speed**3,
+        leaving_left=leaving.get(-1, _all),
+        leaving_right=leaving.get(1, _all),
+        grips=tuple(_grip(s, units) for s in stops if isinstance(s.law, Viscoelastic)),
+    )
+
+
+def _hidden(motion: Motion, stop: Stop, units: _Units) -> float:
+    """Speed below which noise hides that a stop takes energy; 0 for a rigid one."""
+    if not isinstance(stop.law, Viscoelastic):
+        return 0.0
+    return HIDDEN * math.sqrt(motion.power / stop.law.damping(1.0)) / units.speed
 
 
 def _all(w: Array) -> Array:
@@ -439,12 +460,12 @@ def _leaving(stop: Stop, speed: float) -> Callable[[Array], Array]:
     return lambda w: stop.kept(speed * w) * w
 
 
-def _grip(stop: Stop, centre: float, length: float, speed: float) -> Grip:
+def _grip(stop: Stop, units: _Units) -> Grip:
     """What the damper of a viscoelastic stop adds to the force of its spring."""
-    law = stop.law
+    law, (_, length, speed) = stop.law, units
     assert isinstance(law, Viscoelastic)
     stiffness, damping, side = law.stiffness, law.damping(1.0), stop.side
-    place = (stop.position - centre) / length
+    place = units.place(stop)
     scale = length / speed**2
 
     def at(xi: float) -> tuple[Callable[[Array], Array], float]:

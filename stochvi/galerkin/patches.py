@@ -2,8 +2,9 @@
 
 Near the corner of a lossy stop and zero velocity the density goes as |v|^-beta on the scale
 v^3 ~ S0 times the distance from the stop: strips narrow geometrically towards the stop, and the
-cells of each towards 0 down to that scale. Everything else is left to refinement: what the
-highest polynomials of a strip or cell still hold tells where it is split.
+cells of each towards 0 down to that scale; so they do where a viscoelastic stop is first touched,
+down to the speed below which noise hides its damper. Everything else is left to refinement: what
+the highest polynomials of a strip or cell still hold tells where it is split.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from stochvi.galerkin.cells import VelocityCells
 from stochvi.galerkin.mesh import Array
-from stochvi.galerkin.motion import Frame
+from stochvi.galerkin.motion import Corner, Frame
 from stochvi.galerkin.strips import Solved, Strip
 
 FIRST_BREAKS = (0.45, 1.0, 1.6, 2.3, 3.2)
@@ -33,7 +34,7 @@ FEWEST_STRIPS = 4
 """Of each interval between kinks of the force, however little the energy varies there."""
 
 NARROWING = 0.2
-"""Ratio of the distances of neighbouring strips from a lossy stop."""
+"""Ratio of the distances of neighbouring strips from a corner."""
 
 SLOWING = 0.3
 """Ratio of neighbouring breaks towards u = 0."""
@@ -115,44 +116,36 @@ def _cut(frame: Frame, left: float, right: float, pieces: int) -> list[float]:
 
 
 def graded(frame: Frame, patches: Iterable[Patch], slowest: float) -> tuple[Patch, ...]:
-    """Narrower towards lossy stops until impacts of the speed `slowest` are resolved."""
-    depth = slowest**3 / frame.box.diffusion
-    found: list[Patch] = []
-    for patch in patches:
-        found += _narrowed(frame, patch, depth)
+    """Narrower towards corners until impacts of the speed `slowest` are resolved."""
+    found = list(patches)
+    for corner in frame.corners:
+        depth = max(slowest, corner.slowest) ** 3 / frame.box.diffusion
+        found = [part for patch in found for part in _narrowed(patch, corner, depth)]
     return tuple(patch._replace(breaks=_slowed(frame, patch, slowest)) for patch in found)
 
 
-def _narrowed(frame: Frame, patch: Patch, depth: float) -> list[Patch]:
-    at_right = patch.anchor > 0.0 and patch.far == 0.0 and frame.lossy[1]
-    at_left = patch.anchor < 0.0 and patch.near == 0.0 and frame.lossy[0]
-    size = abs(patch.far - patch.near)
-    if not (at_left or at_right) or size <= depth:
+def _narrowed(patch: Patch, corner: Corner, depth: float) -> list[Patch]:
+    """A patch, cut geometrically if it ends at the corner; offsets keep their digits there."""
+    place, size = corner.place - patch.anchor, patch.far - patch.near
+    if size <= depth or place not in (patch.near, patch.far):
         return [patch]
-    inner = NARROWING * size
-    if at_right:
-        return [
-            patch._replace(far=-inner),
-            *_narrowed(frame, patch._replace(near=-inner), depth),
-        ]
-    return [*_narrowed(frame, patch._replace(far=inner), depth), patch._replace(near=inner)]
+    if patch.far == place:
+        cut = place - NARROWING * size
+        return [patch._replace(far=cut), *_narrowed(patch._replace(near=cut), corner, depth)]
+    cut = place + NARROWING * size
+    return [*_narrowed(patch._replace(far=cut), corner, depth), patch._replace(near=cut)]
 
 
 def _slowed(frame: Frame, patch: Patch, slowest: float) -> tuple[float, ...]:
-    """Breaks that narrow towards 0 as far as the distance from the next lossy stop asks for."""
-    distances = [
-        distance
-        for lossy, distance in (
-            (frame.lossy[0], patch.anchor + 1.0 + patch.far),
-            (frame.lossy[1], 1.0 - patch.anchor - patch.near),
-        )
-        if lossy
-    ]
-    if not distances:
+    """Breaks that narrow towards 0 as far as the distance from the corners asks for."""
+    scales = []
+    for corner in frame.corners:
+        place = corner.place - patch.anchor
+        distance = max(abs(patch.near - place), abs(patch.far - place))
+        scales.append(max((frame.box.diffusion * distance) ** (1.0 / 3.0), slowest, corner.slowest))
+    if not scales:
         return patch.breaks
-    least = CORNER_CELL * max(
-        (frame.box.diffusion * max(min(distances), 0.0)) ** (1.0 / 3.0), slowest
-    )
+    least = CORNER_CELL * min(scales)
     breaks = set(patch.breaks)
     for side in (-1.0, 1.0):
         u = min(side * u for u in patch.breaks if side * u > 0.0)
