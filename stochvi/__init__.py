@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from stochvi.accuracy import WorkPrecision, cost
-    from stochvi.closed_form import displacement_density, exact
+    from stochvi.averaging import average
+    from stochvi.closed_form import (
+        ExactDensity,
+        autocorrelation,
+        displacement_density,
+        exact,
+        exact_density,
+    )
     from stochvi.contacts import (
         Elastic,
         ForceTable,
@@ -41,7 +48,12 @@ if TYPE_CHECKING:
         WhiteNoise,
     )
     from stochvi.explanation import Explanation, explain
-    from stochvi.galerkin import fokker_planck, fokker_planck_many
+    from stochvi.galerkin import (
+        StationaryDensity,
+        fokker_planck,
+        fokker_planck_density,
+        fokker_planck_many,
+    )
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
@@ -50,7 +62,14 @@ if TYPE_CHECKING:
 
 _HOME = {
     "accuracy": ("WorkPrecision", "cost"),
-    "closed_form": ("displacement_density", "exact"),
+    "averaging": ("average",),
+    "closed_form": (
+        "ExactDensity",
+        "autocorrelation",
+        "displacement_density",
+        "exact",
+        "exact_density",
+    ),
     "contacts": (
         "Elastic",
         "ForceTable",
@@ -65,7 +84,12 @@ _HOME = {
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": ("ConstantLoad", "FilteredNoise", "Sine", "TabulatedNoise", "WhiteNoise"),
     "explanation": ("Explanation", "explain"),
-    "galerkin": ("fokker_planck", "fokker_planck_many"),
+    "galerkin": (
+        "StationaryDensity",
+        "fokker_planck",
+        "fokker_planck_density",
+        "fokker_planck_many",
+    ),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
@@ -80,6 +104,7 @@ __all__ = [
     "Cost",
     "Elastic",
     "Estimate",
+    "ExactDensity",
     "Explanation",
     "FilteredNoise",
     "ForceTable",
@@ -99,18 +124,23 @@ __all__ = [
     "Screening",
     "Sine",
     "SpeedRestitution",
+    "StationaryDensity",
     "StochviError",
     "TabulatedNoise",
     "Viscoelastic",
     "WhiteNoise",
     "WorkPrecision",
+    "autocorrelation",
+    "average",
     "check",
     "clearance_curve",
     "cost",
     "displacement_density",
     "exact",
+    "exact_density",
     "explain",
     "fokker_planck",
+    "fokker_planck_density",
     "fokker_planck_many",
     "identify_viscoelastic",
     "linearise",

@@ -189,6 +189,11 @@ class CompliantLaw(Checked):
         """d force / d deflection, N/m."""
         raise NotImplementedError
 
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        """Largest deflection (m) at which the force (N), at rest, is not above the one given;
+        infinite where it never is."""
+        raise NotImplementedError
+
     def impact(self, speed: float, mass: float) -> Impact:
         """The contact of a free mass (of a pair: its reduced mass, kg) that arrives at `speed`."""
         raise NotImplementedError
@@ -227,6 +232,9 @@ class Elastic(CompliantLaw):
 
     def slope_at(self, deflection: ArrayLike) -> Vector:
         return np.where(_inside(deflection) > 0.0, self.stiffness, 0.0)
+
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        return _inside(force) / self.stiffness
 
     def impact(self, speed: float, mass: float) -> Impact:
         return _kelvin_voigt(self.stiffness, 0.0, speed, mass)
@@ -293,6 +301,9 @@ class Viscoelastic(CompliantLaw):
         """Stiffness of the spring alone, N/m."""
         return np.where(_inside(deflection) > 0.0, self.stiffness, 0.0)
 
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        return _inside(force) / self.stiffness
+
     def impact(self, speed: float, mass: float) -> Impact:
         return _kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)
 
@@ -329,6 +340,9 @@ class Hertz(CompliantLaw):
 
     def slope_at(self, deflection: ArrayLike) -> Vector:
         return 1.5 * self.coefficient * np.sqrt(_inside(deflection))
+
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        return np.asarray((_inside(force) / self.coefficient) ** (2.0 / 3.0))
 
     def impact(self, speed: float, mass: float) -> Impact:
         deepest = (1.25 * mass * speed**2 / self.coefficient) ** 0.4
@@ -420,6 +434,16 @@ class ForceTable(CompliantLaw):
     def slope_at(self, deflection: ArrayLike) -> Vector:
         _, _, slope, _ = self._piece(deflection)
         return np.where(np.asarray(deflection) > 0.0, slope, 0.0)
+
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        starts, forces, slopes = self.pieces
+        given = _inside(force)
+        number = np.searchsorted(forces, given, side="right") - 1
+        with np.errstate(divide="ignore", invalid="ignore"):
+            into = np.where(
+                slopes[number] > 0.0, (given - forces[number]) / slopes[number], math.inf
+            )
+        return np.asarray(starts[number] + into)
 
     def impact(self, speed: float, mass: float) -> Impact:
         """Piece by piece, each a part of a harmonic motion.

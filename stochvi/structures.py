@@ -256,6 +256,11 @@ class NonlinearOscillator(Checked):
         return ("x",)
 
     @property
+    def matrices(self) -> tuple[NDArray[np.float64], ...]:
+        """The mass as a matrix of one row: there is no other."""
+        return (np.array([[self.mass]]),)
+
+    @property
     def damping_rate(self) -> float | None:
         """b = c / m, 1/s; None where damping is a function."""
         return None if self.damping is None else self.damping / self.mass
@@ -286,28 +291,49 @@ ABOUT_ZERO = np.array([-1e-9, 0.0, 1e-9])
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
-MOST_PANELS = 256
-"""Of an integral of a function that is not smooth; a kink leaves some 1e-8 of it."""
-
-
-def _integral(function: Function, end: Vector) -> Vector:
-    """Integral from 0 to each end, on twice as many panels until nothing changes."""
-    found = np.full(end.shape, math.nan)
-    panels = 1
-    while panels <= MOST_PANELS:
-        share = ((np.arange(panels)[:, None] + (NODES + 1.0) / 2.0) / panels).ravel()
-        values = evaluated(function, end[..., None] * share)
-        before = found
-        found = np.asarray(end * (values @ np.tile(WEIGHTS / (2.0 * panels), panels)))
-        size = np.abs(end) * np.abs(values).max(axis=-1)
-        if np.all(np.abs(found - before) <= ROUNDING * size):
-            break
-        panels *= 2
-    return found
-
+MOST_HALVINGS = 60
+"""Of an interval about a kink or a jump, until it holds nothing."""
 
 ROUNDING = 1e-14
-"""Relative change of an integral from which on finer panels add nothing but rounding."""
+"""Relative size below which what halving an interval changes of an integral is rounding."""
+
+
+def _integral(function: Function, ends: Vector) -> Vector:
+    """Integral from 0 to each end: from one end to the next, halved where that changes anything."""
+    places = np.unique(np.append(ends.ravel(), 0.0))
+    starts, stops = places[:-1], places[1:]
+    owner = np.arange(len(starts))
+    parts = np.zeros(len(starts))
+    for _ in range(MOST_HALVINGS):
+        middle = (starts + stops) / 2.0
+        whole, size = _panel(function, starts, stops)
+        halves = _panel(function, starts, middle)[0] + _panel(function, middle, stops)[0]
+        scale = np.maximum(np.abs(starts), np.abs(stops)) * size
+        with np.errstate(invalid="ignore"):  # forces that are infinite are integrated as such
+            open_ = np.abs(halves - whole) > ROUNDING * scale
+        np.add.at(parts, owner[~open_], halves[~open_])
+        if not np.any(open_):
+            break
+        starts, middle, stops, owner = starts[open_], middle[open_], stops[open_], owner[open_]
+        last = halves[open_]
+        starts, stops = np.concatenate([starts, middle]), np.concatenate([middle, stops])
+        owner = np.concatenate([owner, owner])
+    else:
+        np.add.at(parts, owner[: len(last)], last)
+    # added up outwards from 0: large energies far out take no digits from small ones
+    zero = int(np.searchsorted(places, 0.0))
+    left, right = -np.cumsum(parts[:zero][::-1])[::-1], np.cumsum(parts[zero:])
+    energy = np.concatenate([left, [0.0], right])
+    return np.asarray(energy[np.searchsorted(places, ends)])
+
+
+def _panel(function: Function, starts: Vector, stops: Vector) -> tuple[Vector, Vector]:
+    """Integral over each interval, and the largest value in it."""
+    half = (stops - starts) / 2.0
+    nodes = ((starts + stops) / 2.0)[:, None] + half[:, None] * NODES
+    values = evaluated(function, nodes)
+    return np.asarray(half * (values @ WEIGHTS)), np.abs(values).max(axis=1)
+
 
 Structure = Oscillator | Isolator | Matrices | NonlinearOscillator
 """Every structure that a scene may hold."""

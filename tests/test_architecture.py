@@ -21,7 +21,7 @@ FLOORS = {
         "collisions",
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
-    3: ("closed_form", "galerkin", "linearisation", "monte_carlo"),
+    3: ("averaging", "closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: ("accuracy", "crosscheck", "explanation"),
     5: ("isolators", "files", "plots", "tables", "demo"),
     6: ("cli", "__main__", "__init__"),

@@ -70,6 +70,8 @@ ANSWERS = [
     (("exact", ELASTIC), "exact"),
     (("fokker-planck", LOSSY), "fokker-planck"),
     (("linearise", LOSSY), "linearise:closure"),
+    (("average", LOSSY), "average:finite jumps"),
+    (("average", LOSSY, "--variant", "continuous"), "average:continuous"),
     (("linearise", ISOLATOR, "--form", "motion", "--variant", "book"), "linearise:motion:book"),
     (("linearise", LOSSY, "--form", "force"), "linearise:force"),
     (("simulate", LOSSY, *QUICK), "simulate"),

@@ -10,6 +10,7 @@ import pytest
 from known import DOCUMENT, changed
 
 from stochvi.accuracy import cost
+from stochvi.averaging import average
 from stochvi.contacts import Elastic, Restitution, SpeedRestitution
 from stochvi.crosscheck import check
 from stochvi.errors import NotApplicable, SceneError
@@ -114,7 +115,7 @@ def recorded(case: Scene):
     return record_path(case, duration=1.0)
 
 
-METHODS = [linearise, simulate, prospect, recorded, screen, cost]
+METHODS = [average, linearise, simulate, prospect, recorded, screen, cost]
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.__name__)

@@ -63,10 +63,29 @@ class StationaryDensity:
         return self.fine.velocity_tail(v)
 
     def impact_speed_density(self, side: str, w: ArrayLike) -> Vector:
+        """Density of the speeds (m/s) of impacts on the "lower" or "upper" stop, s/m.
+
+        Of those faster than the `speed_threshold` of the response: w p(stop, w) over their rate. At
+        a rigid stop it goes as w^(1 - beta) towards w = 0.
+        """
+        threshold = self._threshold()
+        rate = float(self.rate_above(side, threshold))
+        counted = np.asarray(w, dtype=float) > threshold
+        if rate == 0.0:
+            return np.zeros(counted.shape)
+        return np.where(counted, self.impact_flux(side, w) / rate, 0.0)
+
+    def _threshold(self) -> float:
+        for pair in self.response.impact_pairs.values():
+            threshold = pair["speed_threshold"]
+            if isinstance(threshold, float):
+                return threshold
+        return 0.0
+
+    def impact_flux(self, side: str, w: ArrayLike) -> Vector:
         """Impacts on a stop per second and per unit of incident speed, w p(stop, w), in 1/m.
 
-        Its integral above a speed is `rate_above`. It is not divided by the rate of all impacts,
-        which need not be finite: towards w = 0 it goes as w^(1 - beta) at a rigid stop.
+        Its integral above a speed is `rate_above`, finite or not at 0.
         """
         stop = self._stop(side)
         if stop is None:
@@ -107,13 +126,11 @@ class StationaryDensity:
         return counted + below / (2.0 - corner_exponent(restitution))
 
     def _stop(self, side: str) -> Stop | None:
-        """A stop that is not out of reach."""
-        if side not in ("lower", "upper"):
-            raise ValueError(f"side must be 'lower' or 'upper', got {side!r}")
-        for stop in self.fine.frame.reached:
-            if stop.name == side:
-                return stop
-        return None
+        """A stop of the scene; None if it is out of reach."""
+        frame = self.fine.frame
+        if side not in {stop.name for stop in frame.motion.stops}:
+            raise ValueError(f"side must be that of a stop of the scene, got {side!r}")
+        return next((stop for stop in frame.reached if stop.name == side), None)
 
     def __repr__(self) -> str:
         return f"<stationary density of {self.response!r}>"
