@@ -48,7 +48,12 @@ if TYPE_CHECKING:
         WhiteNoise,
     )
     from stochvi.explanation import Explanation, explain
-    from stochvi.galerkin import fokker_planck, fokker_planck_many
+    from stochvi.galerkin import (
+        StationaryDensity,
+        fokker_planck,
+        fokker_planck_density,
+        fokker_planck_many,
+    )
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
@@ -80,7 +85,12 @@ _HOME = {
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": ("ConstantLoad", "FilteredNoise", "Sine", "TabulatedNoise", "WhiteNoise"),
     "explanation": ("Explanation", "explain"),
-    "galerkin": ("fokker_planck", "fokker_planck_many"),
+    "galerkin": (
+        "StationaryDensity",
+        "fokker_planck",
+        "fokker_planck_density",
+        "fokker_planck_many",
+    ),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
@@ -118,6 +128,7 @@ __all__ = [
     "Screening",
     "Sine",
     "SpeedRestitution",
+    "StationaryDensity",
     "StochviError",
     "TabulatedNoise",
     "Viscoelastic",
@@ -133,6 +144,7 @@ __all__ = [
     "exact_density",
     "explain",
     "fokker_planck",
+    "fokker_planck_density",
     "fokker_planck_many",
     "identify_viscoelastic",
     "linearise",

@@ -131,7 +131,10 @@ def exact(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> N
 
 @main.command("fokker-planck")
 @click.argument("scene")
-@click.option("--rtol", type=float, default=0.01, show_default=True, help="Relative error.")
+@click.option(
+    "--rtol", type=float, default=0.01, show_default=True,
+    help="Relative error of deviations, F1 and F2; 1e-6 takes a second or so.",
+)  # fmt: skip
 @click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
 @_options("json", "out", "quiet")
 def fokker_planck(
@@ -142,7 +145,7 @@ def fokker_planck(
     out: Path | None,
     quiet: bool,
 ) -> None:
-    """Fokker-Planck equation: white noise, stops of any restitution."""
+    """Fokker-Planck equation: one oscillator, white noise, stops of any law."""
     from stochvi.errors import NotConverged
     from stochvi.galerkin import fokker_planck as solve
     from stochvi.scenes import load_scene
