@@ -183,8 +183,9 @@ def linearise(
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--variant", type=click.Choice(["finite-jumps", "continuous"]), default="finite-jumps",
-    show_default=True, help="Impacts as jumps of the energy, or spread over a cycle.",
+    "--variant", type=click.Choice(["finite-jumps", "continuous", "unfolded"]),
+    default="finite-jumps", show_default=True,
+    help="Impacts as jumps of the energy, spread over a cycle, or as a damper.",
 )  # fmt: skip
 @_options("json", "out", "quiet")
 def average(scene: str, variant: str, json_file: str | None, out: Path | None, quiet: bool) -> None:

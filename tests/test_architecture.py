@@ -24,7 +24,7 @@ FLOORS = {
     2: ("scenes", "assemblies", "identities", "notes", "answers"),
     3: ("averaging", "closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: ("accuracy", "crosscheck", "explanation"),
-    5: ("isolators", "files", "plots", "tables", "demo"),
+    5: ("density_plots", "isolators", "files", "plots", "tables", "demo"),
     6: ("cli", "__main__", "__init__"),
 }
 METHODS = FLOORS[3]
