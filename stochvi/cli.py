@@ -133,7 +133,10 @@ def exact(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> N
 
 @main.command("fokker-planck")
 @click.argument("scene")
-@click.option("--rtol", type=float, default=0.01, show_default=True, help="Relative error.")
+@click.option(
+    "--rtol", type=float, default=0.01, show_default=True,
+    help="Relative error of deviations, F1 and F2; 1e-6 takes a second or so.",
+)  # fmt: skip
 @click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
 @_options("json", "out", "quiet")
 def fokker_planck(
@@ -144,7 +147,7 @@ def fokker_planck(
     out: Path | None,
     quiet: bool,
 ) -> None:
-    """Fokker-Planck equation: white noise, stops of any restitution."""
+    """Fokker-Planck equation: one oscillator, white noise, stops of any law."""
     from stochvi.errors import NotConverged
     from stochvi.galerkin import fokker_planck as solve
     from stochvi.scenes import load_scene
@@ -270,8 +273,9 @@ def linearise(
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--variant", type=click.Choice(["finite-jumps", "continuous"]), default="finite-jumps",
-    show_default=True, help="Impacts as jumps of the energy, or spread over a cycle.",
+    "--variant", type=click.Choice(["finite-jumps", "continuous", "unfolded"]),
+    default="finite-jumps", show_default=True,
+    help="Impacts as jumps of the energy, spread over a cycle, or as a damper.",
 )  # fmt: skip
 @_options("json", "out", "quiet")
 def average(scene: str, variant: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
