@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 FAILED, BAD_INPUT = 1, 2
 MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+"""Of a mission, for which its first passage is told: the table and the picture of a curve."""
+
 PLAIN_WIDTH = 100
 """Columns of a table that is not written to a terminal, unless COLUMNS says otherwise."""
 

@@ -1,7 +1,6 @@
 """Numerical solution of the Fokker-Planck equation: stationary, in time, until a first passage."""
 
 from stochvi.galerkin.density import StationaryDensity
-from stochvi.galerkin.first_passage import FirstPassage, first_passage
 from stochvi.galerkin.method import (
     Batch,
     fokker_planck,
@@ -9,6 +8,7 @@ from stochvi.galerkin.method import (
     fokker_planck_many,
     unmet_conditions,
 )
+from stochvi.galerkin.passage import FirstPassage, first_passage
 from stochvi.galerkin.starts import Gaussian
 from stochvi.galerkin.transients import Transient, transient
 
