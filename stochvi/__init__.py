@@ -56,15 +56,18 @@ if TYPE_CHECKING:
     from stochvi.galerkin import (
         FirstPassage,
         Gaussian,
+        StationaryDensity,
         Transient,
         first_passage,
         fokker_planck,
+        fokker_planck_density,
         fokker_planck_many,
         transient,
     )
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
+    from stochvi.resonance import HarmonicResonance, RandomResonance
     from stochvi.scenes import ImpactPair, Scene, load_scene
     from stochvi.sizing import size
     from stochvi.sizings import Sizing
@@ -113,10 +116,13 @@ _HOME = {
         "fokker_planck",
         "fokker_planck_many",
         "transient",
+        "StationaryDensity",
+        "fokker_planck_density",
     ),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
+    "resonance": ("HarmonicResonance", "RandomResonance"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
     "sizing": ("size",),
     "sizings": ("Sizing",),
@@ -139,6 +145,7 @@ __all__ = [
     "FirstPassage",
     "ForceTable",
     "Gaussian",
+    "HarmonicResonance",
     "Hertz",
     "ImpactPair",
     "Isolator",
@@ -148,6 +155,7 @@ __all__ = [
     "NotApplicable",
     "NotConverged",
     "Oscillator",
+    "RandomResonance",
     "RecordedNoise",
     "Response",
     "Restitution",
@@ -158,6 +166,7 @@ __all__ = [
     "Sine",
     "Sizing",
     "SpeedRestitution",
+    "StationaryDensity",
     "StochviError",
     "TabulatedNoise",
     "Transient",
@@ -177,6 +186,7 @@ __all__ = [
     "explain",
     "first_passage",
     "fokker_planck",
+    "fokker_planck_density",
     "fokker_planck_many",
     "identify_viscoelastic",
     "linearise",

@@ -53,7 +53,7 @@ class Answer:
         """The answer in the form that every method returns; `bias` holds where `errors` do not."""
 
         system = scene.system()
-        biases = self._biases()
+        biases = self._biases(system)
 
         def estimate(name: str, value: float | None) -> Estimate | None:
             if value is None:
@@ -143,7 +143,7 @@ class Answer:
         rate = _total(self.lower.rate, self.upper.rate)
         return speed_rate / rate if speed_rate is not None and rate else None
 
-    def _biases(self) -> dict[str, float]:
+    def _biases(self, system: System) -> dict[str, float]:
         """Bounds on the errors of the quantities of a response, from those of this answer."""
         errors = self.errors
         if errors is None:
@@ -164,6 +164,7 @@ class Answer:
                 errors.lower.speed_square_rate, errors.upper.speed_square_rate
             ),
         }
+        found |= errors._contacts(system)
         speed = self._speed_mean()
         rate, speed_rate = found["collision_rate"], found["impact_speed_rate"]
         hits = _total(self.lower.rate, self.upper.rate)
@@ -208,7 +209,7 @@ class Answer:
             for side, contact in (("lower", self.contact_lower), ("upper", self.contact_upper)):
                 if contact is not None:
                     moments[pair.name, f"force_{side}"] = contact.force
-                    moments[pair.name, f"loss_{side}"] = 0.0
+                    moments[pair.name, f"loss_{side}"] = contact.power
         return moments
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 FAILED, BAD_INPUT = 1, 2
 MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+"""Of a mission, for which its first passage is told: the table and the picture of a curve."""
+
 PLAIN_WIDTH = 100
 """Columns of a table that is not written to a terminal, unless COLUMNS says otherwise."""
 
@@ -133,7 +135,10 @@ def exact(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> N
 
 @main.command("fokker-planck")
 @click.argument("scene")
-@click.option("--rtol", type=float, default=0.01, show_default=True, help="Relative error.")
+@click.option(
+    "--rtol", type=float, default=0.01, show_default=True,
+    help="Relative error of deviations, F1 and F2; 1e-6 takes a second or so.",
+)  # fmt: skip
 @click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
 @_options("json", "out", "quiet")
 def fokker_planck(
@@ -144,7 +149,7 @@ def fokker_planck(
     out: Path | None,
     quiet: bool,
 ) -> None:
-    """Fokker-Planck equation: white noise, stops of any restitution."""
+    """Fokker-Planck equation: one oscillator, white noise, stops of any law."""
     from stochvi.errors import NotConverged
     from stochvi.galerkin import fokker_planck as solve
     from stochvi.scenes import load_scene
@@ -270,8 +275,9 @@ def linearise(
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--variant", type=click.Choice(["finite-jumps", "continuous"]), default="finite-jumps",
-    show_default=True, help="Impacts as jumps of the energy, or spread over a cycle.",
+    "--variant", type=click.Choice(["finite-jumps", "continuous", "unfolded"]),
+    default="finite-jumps", show_default=True,
+    help="Impacts as jumps of the energy, spread over a cycle, or as a damper.",
 )  # fmt: skip
 @_options("json", "out", "quiet")
 def average(scene: str, variant: str, json_file: str | None, out: Path | None, quiet: bool) -> None:

@@ -16,7 +16,6 @@ from stochvi.crosscheck import check
 from stochvi.errors import NotApplicable, SceneError
 from stochvi.excitations import WhiteNoise
 from stochvi.explanation import explain
-from stochvi.galerkin import fokker_planck
 from stochvi.isolators import screen
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo import prospect, record_path, simulate
@@ -116,7 +115,7 @@ def recorded(case: Scene):
     return record_path(case, duration=1.0)
 
 
-METHODS = [average, fokker_planck, linearise, simulate, prospect, recorded, screen, cost]
+METHODS = [average, linearise, simulate, prospect, recorded, screen, cost]
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.__name__)

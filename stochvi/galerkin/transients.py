@@ -21,7 +21,6 @@ from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, provenance
 from stochvi.galerkin.boxes import Scenes, boxes, speed_scale
 from stochvi.galerkin.evolution import projections, time_groups
-from stochvi.galerkin.first_passage import barriers
 from stochvi.galerkin.layout import (
     LEVELS,
     MOST_UNKNOWNS,
@@ -33,6 +32,7 @@ from stochvi.galerkin.layout import (
 from stochvi.galerkin.mesh import Array
 from stochvi.galerkin.method import SLOW_IMPACTS, unmet_conditions
 from stochvi.galerkin.operators import Factors, Motion, Operator, Walls
+from stochvi.galerkin.passage import barriers
 from stochvi.galerkin.starts import Gaussian, Given, Start, start_of
 from stochvi.scenes import Scene, System
 from stochvi.state_space import step_covariance, transition
@@ -57,6 +57,9 @@ MOST_BEYOND = 1e-6
 
 PROJECTION_SHARE = 0.1
 """Of the relative error allowed, what the projection in time may take."""
+
+SAFETY = 2.5
+"""Of the difference of two levels as a bound on the error of the finer one."""
 
 SHARED = 0.3
 """Part of the largest relative difference of two levels that all quantities are granted."""
@@ -481,7 +484,7 @@ def _worst(values: Moments, errors: Moments) -> float:
 
 def _bounds(coarse: Moments, fine: Moments, projected: Moments) -> Moments:
     differences = Moments(
-        *(np.abs(a - b) + c for a, b, c in zip(coarse, fine, projected, strict=True))
+        *(SAFETY * np.abs(a - b) + c for a, b, c in zip(coarse, fine, projected, strict=True))
     )
     shared = SHARED * _worst(fine, differences)
     sizes = _sizes(fine)

@@ -48,6 +48,9 @@ if TYPE_CHECKING:
 METHOD = "first-passage"
 HOW = "half-range Galerkin in time"
 
+SAFETY = 2.5
+"""Of the difference of two levels as a bound on the error of the finer one."""
+
 SHARED = 0.3
 """Part of the largest relative difference that all numbers of an answer are granted, lest two
 levels agree on one of them by chance."""
@@ -163,8 +166,8 @@ def first_passage(
         "rest" where spring and load balance; "stationary", the law without barriers and stops,
         whose part beyond a barrier has passed at once; a point (m, m/s); or a `Gaussian`.
     rtol
-        Relative error to reach in every number. Probabilities that are still below
-        lambda t are held to rtol lambda t.
+        Relative error to reach in every number. A probability that is still below what lambda
+        gives in t and three natural periods more is held to rtol of that.
 
     Returns
     -------
@@ -226,7 +229,7 @@ def first_passage(
         cost=Cost(wall_time=time.perf_counter() - started),
         provenance=provenance(scene.document()),
     )
-    worst = _worst(values, bounds, moments)
+    worst = _worst(values, bounds)
     if worst > rtol:
         raise NotConverged(
             f"{METHOD} reached a relative error of {worst:.2g} on its finest mesh, not {rtol:g}; "
@@ -301,11 +304,17 @@ def _check_start(start: Start, lower: float, upper: float) -> None:
 
 
 class _Values(NamedTuple):
-    """The numbers of an answer, or their errors; seconds."""
+    """The numbers of an answer, or their errors; seconds. Errors of probabilities are relative to
+    `scale`: themselves, or what the settled rate would give a little later."""
 
     probability: Array
     mean_time: float
     rate: float
+    scale: Array
+
+
+EARLY = 20.0
+"""How much later, in phase of the inner dynamics: three natural periods."""
 
 
 def _refined(
@@ -319,8 +328,9 @@ def _refined(
             break
         fine, projected = _on_level(layout, level, start, lower, upper, times, rtol)
         if coarse is not None:
-            values, bounds = fine, _bounds(coarse, fine, projected, times)
-            if _worst(values, bounds, times) <= rtol:
+            values, bounds = fine, _bounds(coarse, fine, projected)
+            # finer meshes mend no error of the projection
+            if _worst(values, bounds) <= rtol or (projected > rtol * fine.scale).any():
                 break
         coarse = fine
     assert values is not None
@@ -328,36 +338,23 @@ def _refined(
     return values, bounds
 
 
-def _sizes(values: _Values, times: Array) -> _Values:
-    """What errors are relative to; early on, what the settled rate would give."""
-    settled = -np.expm1(-values.rate * times)
-    return values._replace(probability=np.maximum(np.abs(values.probability), settled))
+def _worst(values: _Values, errors: _Values) -> float:
+    """The largest relative error."""
+    ends = max(errors.mean_time / values.mean_time, errors.rate / values.rate)
+    return max(ends, float(np.max(errors.probability / values.scale, initial=0.0)))
 
 
-def _ratios(values: _Values, errors: _Values, times: Array) -> Array:
-    sizes = _sizes(values, times)
-    early = errors.probability[times > 0.0] / sizes.probability[times > 0.0]
-    return np.array(
-        [errors.mean_time / sizes.mean_time, errors.rate / sizes.rate, *early], dtype=float
+def _bounds(coarse: _Values, fine: _Values, projected: Array) -> _Values:
+    differences = fine._replace(
+        probability=SAFETY * np.abs(fine.probability - coarse.probability) + projected,
+        mean_time=SAFETY * abs(fine.mean_time - coarse.mean_time),
+        rate=SAFETY * abs(fine.rate - coarse.rate),
     )
-
-
-def _worst(values: _Values, errors: _Values, times: Array) -> float:
-    return float(_ratios(values, errors, times).max())
-
-
-def _bounds(coarse: _Values, fine: _Values, projected: Array, times: Array) -> _Values:
-    differences = _Values(
-        np.abs(fine.probability - coarse.probability) + projected,
-        abs(fine.mean_time - coarse.mean_time),
-        abs(fine.rate - coarse.rate),
-    )
-    shared = SHARED * _worst(fine, differences, times) + FLOOR
-    sizes = _sizes(fine, times)
-    return _Values(
-        np.maximum(differences.probability, shared * sizes.probability),
-        max(differences.mean_time, shared * sizes.mean_time),
-        max(differences.rate, shared * sizes.rate),
+    shared = SHARED * _worst(fine, differences) + FLOOR
+    return fine._replace(
+        probability=np.maximum(differences.probability, shared * fine.scale),
+        mean_time=max(differences.mean_time, shared * fine.mean_time),
+        rate=max(differences.rate, shared * fine.rate),
     )
 
 
@@ -377,21 +374,22 @@ def _on_level(
     rest = factors.solve_transposed(left)
     rest = rest - mode.backward * float(mode.forward @ (operator.mass @ rest))
     mean_time = (settled / mode.rate + float(weights @ rest)) * second
-    sizes = np.maximum(passed + np.abs(slow), passed - np.expm1(-mode.rate * times / second))
+    later = -np.expm1(-mode.rate * (times / second + EARLY / layout.natural))
     source = operator.outflow - mode.rate * (operator.mass @ mode.backward)
     fast, change = np.zeros(len(times)), np.zeros(len(times))
     for places, shift in time_groups(times / second, layout.natural):
         shifted = operator.factorised(shift)
-        allowed = PROJECTION_SHARE * rtol * sizes[places]
+        allowed = PROJECTION_SHARE * rtol * np.maximum(passed, later[places])
         for projection in projections(operator.mass, shifted.solve_transposed, source, shift):
             found = projection.accumulated(times[places] / second) @ (projection.basis.T @ weights)
             # a space too small may hold modes that grow
             good = np.abs(found) < PLAUSIBLE
-            change[places] = np.where(good, np.abs(found - fast[places]), np.inf)
+            change[places] = np.where(good, np.abs(found - fast[places]), 1.0)
             fast[places] = np.where(good, found, fast[places])
             if (change[places] <= allowed).all():
                 break
-    return _Values(passed + slow + fast, mean_time, mode.rate / second), change
+    found = passed + slow + fast
+    return _Values(found, mean_time, mode.rate / second, np.maximum(found, later)), change
 
 
 def _start_functional(
