@@ -32,7 +32,9 @@ kind = "isolator"            # "oscillator": on a fixed base, "isolator": on a m
 frequency_hz = 12.0          # with exactly one of zeta and Q
 zeta = 0.1
 # mass = 2.5                 # kg; needed if a force acts on the mass
-# or: mass (kg), damping (N s/m) and stiffness (N/m)
+# or: mass (kg), damping (N s/m) and stiffness (N/m); mounts = 4 if these are those of one of four
+# gravity = true             # towards -x; left out, stops are measured from where the mass hangs
+# frequency_tolerance = 0.1  # relative, and damping_tolerance: for the sensitivity in reports
 # several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],
 # damping = .., stiffness = ..; then say on = or between = in every entry below, on = "base" for
 # an acceleration of the base
@@ -41,21 +43,25 @@ zeta = 0.1
 lower = -0.004               # m from the position of the unloaded spring; leave out for none
 upper = 0.004
 law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
-# stops that give way, under white noise (N/m): { kind = "elastic", stiffness = 1e5 },
+# stops that give way (N/m): { kind = "elastic", stiffness = 1e5 },
 # { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 }, { kind = "hertz",
-# coefficient = 1e6 }, { kind = "table", deflection = [..], force = [..] } (m, N)
+# coefficient = 1e6 }, { kind = "table", deflection = [..], force = [..] } (m, N), or a measured
+# one: { kind = "table", file = "bumper.csv", unit = "mm,N" }
 # on = "absorber", or between = ["absorber", "box"] (first minus second)
 
 [[excitation]]
 kind = "psd"                 # or "white", "filtered", "sine", "constant"; several add up
 profile = "mil-std-810h-truck-vertical-5hz"          # see: stochvi profiles
 level_db = 0.0
-# or: file = "my.csv" (two columns), or frequency_hz = [..] and density = [..], with a unit:
+# or: file = "my.csv" (two columns; also .uff, .mat), or frequency_hz = [..] and density = [..],
+# with a unit:
 # unit = "g2/Hz"             # "g2/Hz", "(m/s2)2/Hz" or "N2/Hz"; one-sided per hertz
 # white: intensity = S0 (two-sided, SI), or density = .. with unit = ..
 # filtered: the same, of the white noise before it passes a resonance of frequency_hz and zeta
 # (which raises a density to its 1 / (4 zeta^2)-fold at the peak)
 # sine: amplitude (N, or m/s^2 of the base) and frequency_hz
+# road: road = "C" (ISO 8608) and speed_kmh
+# record: file = "run.csv" (time, acceleration) and unit = "g"
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
 """
 

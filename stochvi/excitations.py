@@ -291,6 +291,7 @@ class RoadNoise(DensityNoise):
     """
 
     kind: Literal["road"] = "road"
+    on: str | None = BASE
     road: Literal["A", "B", "C", "D", "E", "F", "G", "H"] | None = None
     roughness: Positive | None = None
     speed: Positive | None = None
@@ -304,7 +305,7 @@ class RoadNoise(DensityNoise):
                 raise ValueError(
                     f"needs exactly one of {names[0]} and {names[1]}, got {given(self, *names)}"
                 )
-        if self.on not in (None, BASE):
+        if self.on != BASE:
             raise ValueError(f"moves the base, on = 'base', got on = {self.on!r}")
         low, high = self.band_hz or tuple(n * self.metres_per_second for n in WAVENUMBERS)
         roughness = ROUGHNESS[self.road] if self.road is not None else self.roughness

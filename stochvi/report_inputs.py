@@ -38,7 +38,8 @@ def environment(scene: Scene) -> Section:
     for excitation in scene.excitations:
         facts += _excitation_facts(scene, excitation)
     system = scene.system()
-    if system.tables and not system.intensity:
+    shaken_base = system.moving_base and not system.noise_on_mass
+    if shaken_base and system.tables and not system.intensity:
         area = sum(table.mean_square() for table in system.tables)
         per = (2.0 * math.pi) ** 2
         velocity = sum(table.moment(-2.0) for table in system.tables) / per
@@ -57,7 +58,7 @@ def environment(scene: Scene) -> Section:
             ),
         ]
     pictures = []
-    if system.moving_base and (system.tables or system.intensity):
+    if shaken_base and (system.tables or system.intensity):
         pictures = [
             shown(
                 plot_input(scene),
@@ -120,15 +121,16 @@ def _excitation_facts(scene: Scene, excitation: Excitation) -> list[Fact]:
         case RecordedNoise():
             return _record_facts(excitation, where, raised)
         case WhiteNoise() | FilteredNoise():
-            words = "White noise" if isinstance(excitation, WhiteNoise) else "Filtered noise"
-            unit = "(m/s²)²/Hz" if where == "base" else "N²/Hz"
-            return [
-                Fact(
-                    f"{words} on {where}",
-                    f"{2.0 * excitation.si_intensity:.4g} {unit}",
-                    "one-sided; intensity S0 is half of it",
+            words, remark = "White noise", "one-sided; intensity S0 is half of it"
+            if isinstance(excitation, FilteredNoise):
+                words = "Filtered noise"
+                remark += (
+                    f"; that is before a resonance at {excitation.frequency_hz:.4g} Hz with a "
+                    f"damping ratio of {excitation.zeta:.3g}"
                 )
-            ]
+            unit = "(m/s²)²/Hz" if where == "base" else "N²/Hz"
+            strength = f"{2.0 * excitation.si_intensity:.4g} {unit}"
+            return [Fact(f"{words} on {where}", strength, remark)]
         case Sine():
             unit = "m/s² peak" if where == "base" else "N peak"
             return [
@@ -254,10 +256,13 @@ def gap(sizing: Sizing) -> Section:
                 )
             )
         chance = probability_of_stops(sizing)
+        words = UNKNOWN if chance is None else spoken_percent(chance)
+        if chance == 0.0:  # beyond the curve
+            words = f"under {spoken_percent(sizing.curve['probability'].iloc[-1])}"
         facts.append(
             Fact(
                 "Any hit with the stops of the scene",
-                UNKNOWN if chance is None else spoken_percent(chance),
+                words,
                 f"chance in {spoken_mission(sizing.mission)}, each side by its own distance",
             )
         )

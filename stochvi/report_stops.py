@@ -94,7 +94,9 @@ def _pictures(
                 "Impacts faster than a speed, per second, with stops at 3 sigma.",
             )
         )
-    if scene.system().moving_base:
+    system = scene.system()
+    shaken_base = system.moving_base and not system.noise_on_mass
+    if shaken_base and (system.tables or system.intensity):
         found.append(
             shown(
                 plot_transmissibility(scene, path),

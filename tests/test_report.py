@@ -20,7 +20,15 @@ import pytest
 from matplotlib.axes import Axes
 from sized import BUMPER, MOUNT, TRUCK, scene_between_stops, sizing_of
 
-from stochvi import ConstantLoad, Isolator, Restitution, RoadNoise, WhiteNoise, screen
+from stochvi import (
+    ConstantLoad,
+    FilteredNoise,
+    Isolator,
+    Restitution,
+    RoadNoise,
+    WhiteNoise,
+    screen,
+)
 from stochvi.contacts import ForceTable, Law, Viscoelastic
 from stochvi.pages import Fact, Grid, Page, Picture, Section, shown
 from stochvi.report import clearance_page, write_report
@@ -29,7 +37,7 @@ from stochvi.report_plots import frequencies, input_density, plot_input, transmi
 from stochvi.report_stops import hit_on_mount, probability_at, probability_of_stops
 from stochvi.scenes import System
 from stochvi.sensitivity import variations
-from stochvi.sizings import Sizing
+from stochvi.sizings import Sizing, spoken_percent
 from stochvi.tolerances import within_tolerances
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
@@ -303,6 +311,22 @@ def test_sag_moves_the_stops_and_is_told(sizing: Sizing) -> None:
 
 
 @pytest.mark.usefixtures("no_pictures")
+def test_stops_beyond_the_curve_have_a_chance_under_its_end(sizing: Sizing) -> None:
+    far = sizing.scene.impact_pairs[0].model_copy(update={"lower": -1.0, "upper": 1.0})
+    moved = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": (far,)}))
+    last = sizing.curve["probability"].iloc[-1]
+    told = facts(gap(moved))["Any hit with the stops of the scene"][0]
+    assert told == f"under {spoken_percent(last)}"
+
+
+def test_filtered_noise_on_a_base_is_told_before_its_resonance() -> None:
+    noise = FilteredNoise(density=2.0, unit="(m/s2)2/Hz", frequency_hz=8.0, zeta=0.2)
+    scene = scene_between_stops(law=None, noise=noise)
+    value, remark = facts(environment(scene))["Filtered noise on base"]
+    assert value == "2 (m/s²)²/Hz"
+    assert "before a resonance at 8 Hz with a damping ratio of 0.2" in remark
+
+
 def test_other_excitations_are_told_with_their_units() -> None:
     scene = scene_between_stops(law=None)
     more = scene.model_copy(update={"excitations": (*scene.excitations, ConstantLoad(force=-3.0))})
