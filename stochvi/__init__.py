@@ -17,12 +17,20 @@ if TYPE_CHECKING:
     from stochvi.absorbers import AbsorberReport, absorber
     from stochvi.accuracy import WorkPrecision, cost
     from stochvi.attachments import Absorber
-    from stochvi.closed_form import displacement_density, exact
+    from stochvi.averaging import average
+    from stochvi.closed_form import (
+        ExactDensity,
+        autocorrelation,
+        displacement_density,
+        exact,
+        exact_density,
+    )
     from stochvi.contacts import (
         Elastic,
         ForceTable,
         Hertz,
         Restitution,
+        SpeedRestitution,
         Viscoelastic,
         identify_viscoelastic,
     )
@@ -38,43 +46,87 @@ if TYPE_CHECKING:
     from stochvi.excitations import (
         ConstantLoad,
         FilteredNoise,
+        RecordedNoise,
+        RoadNoise,
         Sine,
         TabulatedNoise,
         WhiteNoise,
     )
     from stochvi.explanation import Explanation, explain
-    from stochvi.galerkin import fokker_planck, fokker_planck_many
+    from stochvi.galerkin import (
+        FirstPassage,
+        Gaussian,
+        StationaryDensity,
+        Transient,
+        first_passage,
+        fokker_planck,
+        fokker_planck_density,
+        fokker_planck_many,
+        transient,
+    )
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
+    from stochvi.resonance import HarmonicResonance, RandomResonance
     from stochvi.scenes import ImpactPair, Scene, load_scene
-    from stochvi.structures import Isolator, Matrices, Oscillator
+    from stochvi.sizing import size
+    from stochvi.sizings import Sizing
+    from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 
 _HOME = {
     "absorber_design": ("Design", "design_absorber"),
     "absorbers": ("AbsorberReport", "absorber"),
     "accuracy": ("WorkPrecision", "cost"),
     "attachments": ("Absorber",),
-    "closed_form": ("displacement_density", "exact"),
+    "averaging": ("average",),
+    "closed_form": (
+        "ExactDensity",
+        "autocorrelation",
+        "displacement_density",
+        "exact",
+        "exact_density",
+    ),
     "contacts": (
         "Elastic",
         "ForceTable",
         "Hertz",
         "Restitution",
+        "SpeedRestitution",
         "Viscoelastic",
         "identify_viscoelastic",
     ),
     "crosscheck": ("Check", "check"),
     "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
     "estimates": ("Cost", "Estimate", "Response"),
-    "excitations": ("ConstantLoad", "FilteredNoise", "Sine", "TabulatedNoise", "WhiteNoise"),
+    "excitations": (
+        "ConstantLoad",
+        "FilteredNoise",
+        "RecordedNoise",
+        "RoadNoise",
+        "Sine",
+        "TabulatedNoise",
+        "WhiteNoise",
+    ),
     "explanation": ("Explanation", "explain"),
-    "galerkin": ("fokker_planck", "fokker_planck_many"),
+    "galerkin": (
+        "FirstPassage",
+        "Gaussian",
+        "Transient",
+        "first_passage",
+        "fokker_planck",
+        "fokker_planck_many",
+        "transient",
+        "StationaryDensity",
+        "fokker_planck_density",
+    ),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
+    "resonance": ("HarmonicResonance", "RandomResonance"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
-    "structures": ("Isolator", "Matrices", "Oscillator"),
+    "sizing": ("size",),
+    "sizings": ("Sizing",),
+    "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -87,37 +139,54 @@ __all__ = [
     "Design",
     "Elastic",
     "Estimate",
+    "ExactDensity",
     "Explanation",
     "FilteredNoise",
+    "FirstPassage",
     "ForceTable",
+    "Gaussian",
+    "HarmonicResonance",
     "Hertz",
     "ImpactPair",
     "Isolator",
     "Matrices",
     "NoExactSolution",
+    "NonlinearOscillator",
     "NotApplicable",
     "NotConverged",
     "Oscillator",
+    "RandomResonance",
+    "RecordedNoise",
     "Response",
     "Restitution",
+    "RoadNoise",
     "Scene",
     "SceneError",
     "Screening",
     "Sine",
+    "Sizing",
+    "SpeedRestitution",
+    "StationaryDensity",
     "StochviError",
     "TabulatedNoise",
+    "Transient",
     "Viscoelastic",
     "WhiteNoise",
     "WorkPrecision",
     "absorber",
+    "autocorrelation",
+    "average",
     "check",
     "clearance_curve",
     "cost",
     "design_absorber",
     "displacement_density",
     "exact",
+    "exact_density",
     "explain",
+    "first_passage",
     "fokker_planck",
+    "fokker_planck_density",
     "fokker_planck_many",
     "identify_viscoelastic",
     "linearise",
@@ -125,6 +194,8 @@ __all__ = [
     "record_path",
     "screen",
     "simulate",
+    "size",
+    "transient",
 ]
 
 

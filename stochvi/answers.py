@@ -53,7 +53,7 @@ class Answer:
         """The answer in the form that every method returns; `bias` holds where `errors` do not."""
 
         system = scene.system()
-        biases = self._biases()
+        biases = self._biases(system)
 
         def estimate(name: str, value: float | None) -> Estimate | None:
             if value is None:
@@ -123,14 +123,14 @@ class Answer:
         found = []
         for stop, stop_rate, contact in ends:
             if stop is not None:
-                if stop_rate is None or contact is None:
+                if stop_rate is None or contact is None or contact.peak_force is None:
                     return None
-                found.append((stop_rate, contact))
-        rate = sum(each for each, _ in found)
+                found.append((stop_rate, contact.peak_force, contact.probability))
+        rate = sum(each for each, _, _ in found)
         if not rate:
             return None
-        peak = sum(each * contact.peak_force for each, contact in found) / rate
-        duration = sum(contact.probability for _, contact in found) / rate
+        peak = sum(each * force for each, force, _ in found) / rate
+        duration = sum(share for _, _, share in found) / rate
         change = system.damping_rate * duration
         if change > MOST_ENERGY_CHANGE:
             return None
@@ -143,7 +143,7 @@ class Answer:
         rate = _total(self.lower.rate, self.upper.rate)
         return speed_rate / rate if speed_rate is not None and rate else None
 
-    def _biases(self) -> dict[str, float]:
+    def _biases(self, system: System) -> dict[str, float]:
         """Bounds on the errors of the quantities of a response, from those of this answer."""
         errors = self.errors
         if errors is None:
@@ -164,6 +164,7 @@ class Answer:
                 errors.lower.speed_square_rate, errors.upper.speed_square_rate
             ),
         }
+        found |= errors._contacts(system)
         speed = self._speed_mean()
         rate, speed_rate = found["collision_rate"], found["impact_speed_rate"]
         hits = _total(self.lower.rate, self.upper.rate)
@@ -172,10 +173,10 @@ class Answer:
         return {name: error for name, error in found.items() if error is not None}
 
     def _identities(self, scene: Scene, how: str) -> dict[str, Estimate]:
-        assembly = assemble(scene)
         moments = self._moments(scene)
-        if moments is None:
+        if moments is None or scene.beyond_numbers():
             return {}
+        assembly = assemble(scene)
         found = residuals(assembly, moments, (self.mean,))
         bounds = dict.fromkeys(found, 0.0)
         errors = self.errors._moments(scene) if self.errors is not None else None
@@ -208,7 +209,7 @@ class Answer:
             for side, contact in (("lower", self.contact_lower), ("upper", self.contact_upper)):
                 if contact is not None:
                     moments[pair.name, f"force_{side}"] = contact.force
-                    moments[pair.name, f"loss_{side}"] = 0.0
+                    moments[pair.name, f"loss_{side}"] = contact.power
         return moments
 
 

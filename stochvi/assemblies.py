@@ -12,14 +12,15 @@ from stochvi.contacts import Law, not_rigid
 from stochvi.excitations import (
     BASE,
     ConstantLoad,
+    DensityNoise,
     Excitation,
     FilteredNoise,
     Sine,
-    TabulatedNoise,
     WhiteNoise,
 )
 from stochvi.scenes import ImpactPair, Scene
 from stochvi.spectra import Table
+from stochvi.structures import NonlinearOscillator, Oscillator
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -109,7 +110,7 @@ MATCHED = 1e-12
 
 
 def assemble(scene: Scene) -> Assembly:
-    """The matrices of any scene.
+    """The matrices of any scene that says everything in numbers (`Scene.beyond_numbers`).
 
     Examples
     --------
@@ -122,10 +123,13 @@ def assemble(scene: Scene) -> Assembly:
     >>> assemble(shaken).white, assemble(shaken).temperature
     (array([[0.2]]), 1.0)
     """
+    assert not isinstance(scene.structure, NonlinearOscillator)
     mass, damping, stiffness = scene.structure.matrices
     white, load = np.zeros_like(mass), np.zeros(len(mass))
     signals: list[Signal] = []
     tables: list[tuple[Table, Vector]] = []
+    if isinstance(scene.structure, Oscillator):
+        load += scene.structure.gravity_load * mass[0]
     for excitation in scene.excitations:
         direction = _direction(scene, excitation, mass)
         match excitation:
@@ -140,8 +144,8 @@ def assemble(scene: Scene) -> Assembly:
             case Sine():
                 omega = 2.0 * math.pi * excitation.frequency_hz
                 signals.append(Signal(omega, 0.0, 0.0, excitation.amplitude, direction))
-            case TabulatedNoise():
-                tables.append((excitation.table, direction))
+            case DensityNoise():
+                tables.append((scene.table_of(excitation), direction))
     return Assembly(
         coordinates=scene.structure.coordinates,
         mass=mass,

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+)
 
 from stochvi.errors import SceneError
 
@@ -32,8 +42,63 @@ NonNegatives = Annotated[tuple[NonNegative, ...], BeforeValidator(_plain_numbers
 """A column of a table that may hold zeros."""
 
 
+Count = Annotated[int, Field(strict=True, ge=1)]
+"""A whole number from 1 on."""
+
+Names = Annotated[tuple[str, ...], BeforeValidator(_plain_numbers), Field(min_length=1)]
+"""Names of variables in a file."""
+
+
+def _rising(band: tuple[float, float]) -> tuple[float, float]:
+    if band[0] >= band[1]:
+        raise ValueError(f"must rise, got [{band[0]:g}, {band[1]:g}]")
+    return band
+
+
+Band = Annotated[
+    tuple[Positive, Positive], BeforeValidator(_plain_numbers), AfterValidator(_rising)
+]
+"""A lowest and a highest frequency."""
+
 Matrix = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(_plain_numbers)]
 """A matrix, row by row."""
+
+
+def _name_of(function: Any) -> str:
+    """Module and name of a function; of an object that can be called, those of its class."""
+    named = function if hasattr(function, "__qualname__") else type(function)
+    return f"{named.__module__}.{named.__qualname__}"
+
+
+Function = Annotated[Callable[..., Any], PlainSerializer(_name_of, return_type=str)]
+"""A function from an array to an array of the same shape, which only Python can give; in the
+document of a scene it is its name."""
+
+
+def evaluated(function: Callable[..., Any], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values at `places`; of a function that returns one number for all, that number at each."""
+    values = np.asarray(function(places), dtype=float)
+    return np.array(np.broadcast_to(values, places.shape))
+
+
+def check_values(
+    name: str, function: Callable[..., Any], places: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The values of a function that is given as `name`; ValueError unless they are finite numbers,
+    one for each place."""
+    try:
+        values = evaluated(function, places)
+    except Exception as error:
+        raise ValueError(
+            f"needs {name} that takes an array and returns one of the same shape, got "
+            f"{type(error).__name__}: {error}"
+        ) from None
+    wrong = ~np.isfinite(values)
+    if wrong.any():
+        raise ValueError(
+            f"needs {name} with finite values, got {values[wrong][0]:g} at {places[wrong][0]:g}"
+        )
+    return values
 
 
 class Checked(BaseModel):
@@ -99,10 +164,16 @@ def _sentence(detail: Any) -> str:
             return f"must be greater than {limits['gt']:g}, got {got}"
         case "greater_than_equal":
             return f"must be at least {limits['ge']:g}, got {got}"
+        case "less_than":
+            return f"must be less than {limits['lt']:g}, got {got}"
         case "less_than_equal":
             return f"must be at most {limits['le']:g}, got {got}"
         case "float_type" | "finite_number":
             return f"must be a finite number, got {got}"
+        case "int_type":
+            return f"must be a whole number, got {got}"
+        case "bool_type":
+            return f"must be true or false, got {got}"
         case "literal_error":
             return f"must be {limits['expected']}, got {got}"
         case "union_tag_invalid":
@@ -115,6 +186,8 @@ def _sentence(detail: Any) -> str:
             return f"must be a table of keys, got {got}"
         case "string_type":
             return f"must be a text, got {got}"
+        case "callable_type":
+            return f"must be a function, got {got}"
         case "value_error":
             return str(limits["error"])
         case _:

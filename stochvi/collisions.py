@@ -26,11 +26,13 @@ NO_STOP = StopStatistics(0.0, 0.0, 0.0)
 
 class ContactStatistics(NamedTuple):
     """What a stop that gives way sees beyond its onsets: the share of time in contact, the mean
-    force over all time, and the mean over contacts of their largest force."""
+    force over all time, the mean over contacts of their largest force (None where a method has no
+    law for it), and the mean power that the stop takes."""
 
     probability: float
     force: float
-    peak_force: float
+    peak_force: float | None
+    power: float = 0.0
 
 
 def gaussian_stop(density: float, velocity_mean_square: float) -> StopStatistics:

@@ -5,13 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Discriminator, Tag, field_validator, model_validator
 
-from stochvi.checked import Checked, NonNegative, NonNegatives, Number, Positive
+from stochvi.checked import (
+    Checked,
+    Function,
+    NonNegative,
+    NonNegatives,
+    Number,
+    Positive,
+    check_values,
+    evaluated,
+)
+from stochvi.datasets import read_table
+from stochvi.errors import SceneError
 
 Vector = NDArray[np.float64]
 
@@ -68,6 +80,10 @@ class Restitution(Checked):
         """R; of a stop that gives way, what a free mass sees."""
         return self.coefficient
 
+    def restitution_at(self, speed: ArrayLike) -> Vector:
+        """R of impacts at the given speeds (m/s): the same for all."""
+        return np.full(np.shape(speed), self.coefficient)
+
     def per_unit_mass(self, mass: float) -> Self:
         """The same law: it knows no force."""
         return self
@@ -75,6 +91,74 @@ class Restitution(Checked):
     def strengths(self) -> tuple[float, ...]:
         """Numbers with a unit that the law holds: none."""
         return ()
+
+
+class SpeedRestitution(Checked):
+    """A rigid stop whose restitution depends on the speed of the impact, v+ = -R(|v-|) v-.
+
+    A function cannot be written in a scene file: this law is for Python only, and for methods that
+    take functions.
+
+    Parameters
+    ----------
+    coefficient
+        R, in [0, 1], as a function of an array of incident speeds (m/s, above 0) that returns an
+        array of the same shape, or one number for all.
+
+    Raises
+    ------
+    SceneError
+        If the function is not in [0, 1] at speeds from 1 um/s to 1 km/s.
+
+    Examples
+    --------
+    >>> steel = SpeedRestitution(coefficient=lambda w: 1.0 / (1.0 + 0.1 * w**0.25))
+    >>> steel.restitution_at([1e-4, 1.0]).round(3).tolist()
+    [0.99, 0.909]
+    """
+
+    word: ClassVar[str] = "rigid"
+    rigid: ClassVar[bool] = True
+
+    kind: Literal["speed-restitution"] = "speed-restitution"
+    coefficient: Function
+
+    @field_validator("coefficient")
+    @classmethod
+    def _between_nothing_and_all(cls, function: Any) -> Any:
+        values = check_values("coefficient", function, SAMPLE_SPEEDS)
+        wrong = (values < 0.0) | (values > 1.0)
+        if wrong.any():
+            raise ValueError(
+                f"must be in [0, 1], got {values[wrong][0]:g} at {SAMPLE_SPEEDS[wrong][0]:g} m/s"
+            )
+        return function
+
+    @property
+    def conservative(self) -> bool:
+        """Whether no impact loses energy."""
+        return bool(np.all(self.restitution_at(SAMPLE_SPEEDS) == 1.0))
+
+    @property
+    def restitution(self) -> float:
+        """There is no single one."""
+        raise ValueError("a restitution that is a function of speed has no single value")
+
+    def restitution_at(self, speed: ArrayLike) -> Vector:
+        """R of impacts at the given speeds, m/s."""
+        return evaluated(self.coefficient, np.asarray(speed, dtype=float))
+
+    def per_unit_mass(self, mass: float) -> Self:
+        """The same law: it knows no force."""
+        return self
+
+    def strengths(self) -> tuple[float, ...]:
+        """Numbers with a unit that the law holds: none that can be told."""
+        return ()
+
+
+SAMPLE_SPEEDS = np.geomspace(1e-6, 1e3, 181)
+"""Where a restitution that depends on speed is looked at once, m/s: twenty speeds a decade."""
 
 
 class CompliantLaw(Checked):
@@ -106,6 +190,11 @@ class CompliantLaw(Checked):
 
     def slope_at(self, deflection: ArrayLike) -> Vector:
         """d force / d deflection, N/m."""
+        raise NotImplementedError
+
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        """Largest deflection (m) at which the force (N), at rest, is not above the one given;
+        infinite where it never is."""
         raise NotImplementedError
 
     def impact(self, speed: float, mass: float) -> Impact:
@@ -146,6 +235,9 @@ class Elastic(CompliantLaw):
 
     def slope_at(self, deflection: ArrayLike) -> Vector:
         return np.where(_inside(deflection) > 0.0, self.stiffness, 0.0)
+
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        return _inside(force) / self.stiffness
 
     def impact(self, speed: float, mass: float) -> Impact:
         return _kelvin_voigt(self.stiffness, 0.0, speed, mass)
@@ -212,6 +304,9 @@ class Viscoelastic(CompliantLaw):
         """Stiffness of the spring alone, N/m."""
         return np.where(_inside(deflection) > 0.0, self.stiffness, 0.0)
 
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        return _inside(force) / self.stiffness
+
     def impact(self, speed: float, mass: float) -> Impact:
         return _kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)
 
@@ -249,6 +344,9 @@ class Hertz(CompliantLaw):
     def slope_at(self, deflection: ArrayLike) -> Vector:
         return 1.5 * self.coefficient * np.sqrt(_inside(deflection))
 
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        return np.asarray((_inside(force) / self.coefficient) ** (2.0 / 3.0))
+
     def impact(self, speed: float, mass: float) -> Impact:
         deepest = (1.25 * mass * speed**2 / self.coefficient) ** 0.4
         time = 0.8 * deepest / speed * math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9)
@@ -273,6 +371,10 @@ class ForceTable(CompliantLaw):
         Increasing, m, from 0 on.
     force
         Never decreasing, N, 0 at the deflection 0.
+    file, unit
+        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N".
+    source
+        Where the numbers come from; the name of the file, if they were read.
 
     Examples
     --------
@@ -288,9 +390,41 @@ class ForceTable(CompliantLaw):
     kind: Literal["table"] = "table"
     deflection: NonNegatives
     force: NonNegatives
+    file: str | None = None
+    unit: Literal["m,N", "mm,N"] | None = None
+    source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, keys: Any) -> Any:
+        """A law read from a file is one with the numbers in it: it needs the file no more."""
+        if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
+            return keys
+        given = [name for name in ("deflection", "force") if keys.get(name) is not None]
+        if given:
+            raise ValueError(f"takes file, or deflection and force, got file and {given[0]}")
+        unit = keys.get("unit")
+        if not isinstance(unit, str) or unit not in DEFLECTION_UNITS:
+            choices = " or ".join(repr(name) for name in DEFLECTION_UNITS)
+            raise SceneError([("unit", f"must be {choices} for the columns of file, got {unit!r}")])
+        try:
+            deflection, force = read_table(Path(keys["file"]), ("deflection", "force"))
+        except SceneError as error:
+            raise SceneError([("file", str(error))]) from None
+        kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}
+        return (
+            {"source": Path(keys["file"]).name}
+            | kept
+            | {
+                "deflection": (deflection * DEFLECTION_UNITS[unit]).tolist(),
+                "force": force.tolist(),
+            }
+        )
 
     @model_validator(mode="after")
     def _grows(self) -> Self:
+        if self.unit is not None:
+            raise ValueError("takes unit with a file only: deflection is in m, force in N")
         if len(self.deflection) != len(self.force):
             raise ValueError(
                 f"needs as many entries in force as in deflection, got {len(self.force)} and "
@@ -340,6 +474,16 @@ class ForceTable(CompliantLaw):
         _, _, slope, _ = self._piece(deflection)
         return np.where(np.asarray(deflection) > 0.0, slope, 0.0)
 
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        starts, forces, slopes = self.pieces
+        given = _inside(force)
+        number = np.searchsorted(forces, given, side="right") - 1
+        with np.errstate(divide="ignore", invalid="ignore"):
+            into = np.where(
+                slopes[number] > 0.0, (given - forces[number]) / slopes[number], math.inf
+            )
+        return np.asarray(starts[number] + into)
+
     def impact(self, speed: float, mass: float) -> Impact:
         """Piece by piece, each a part of a harmonic motion.
 
@@ -370,6 +514,10 @@ class ForceTable(CompliantLaw):
 
     def strengths(self) -> tuple[float, ...]:
         return (*self.deflection, *self.force)
+
+
+DEFLECTION_UNITS = {"m,N": 1.0, "mm,N": 1e-3}
+"""Units of the columns of a file of forces: unit -> factor of the deflection to m."""
 
 
 def _inside(deflection: ArrayLike) -> Vector:
@@ -459,6 +607,7 @@ def not_rigid(stops: Iterable[tuple[str, Law]]) -> list[str]:
 
 Law = Annotated[
     Annotated[Restitution, Tag("restitution")]
+    | Annotated[SpeedRestitution, Tag("speed-restitution")]
     | Annotated[Elastic, Tag("elastic")]
     | Annotated[Viscoelastic, Tag("viscoelastic")]
     | Annotated[Hertz, Tag("hertz")]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from scipy.special import ndtri
 
+from stochvi.averaging import average
 from stochvi.closed_form import exact
 from stochvi.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.estimates import Estimate, Response
@@ -136,7 +137,7 @@ def check(
     the stated bias of mesh and step, and the energy, virial and force residuals must vanish
     within theirs; z is set so that all these comparisons together raise a false alarm with
     probability `FAMILY_ALARM_RATE` (Sidak). A quantity whose bias a method cannot tell is not
-    judged. Linearisation is an approximation: its error is shown, not judged.
+    judged. Averaging and linearisation are approximations: their errors are shown, not judged.
 
     Examples
     --------
@@ -202,8 +203,13 @@ def _solved(
 
 
 def approximations(scene: Scene, left_out: list[str]) -> list[Response]:
-    """Every form of linearisation that covers a scene; the reasons of others go to `left_out`."""
+    """Averaging and every form of linearisation that cover a scene; the reasons of others go to
+    `left_out`."""
     found = []
+    try:
+        found.append(average(scene))
+    except NotApplicable as reason:
+        left_out.append(str(reason))
     for form in ("closure", "motion", "force") if scene.impact_pairs else ("closure",):
         try:
             found.append(linearise(scene, form=form))

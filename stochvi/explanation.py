@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from stochvi.averaging import unmet_conditions as unmet_by_averaging
 from stochvi.closed_form import unmet_conditions
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.galerkin import unmet_conditions as unmet_by_fokker_planck
@@ -65,6 +66,7 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
     methods = {
         "exact": "; ".join(unmet_conditions(scene)) or APPLIES,
         "fokker-planck": "; ".join(unmet_by_fokker_planck(scene)) or APPLIES,
+        "average": "; ".join(unmet_by_averaging(scene)) or APPLIES,
         "linearise": APPLIES,
     }
     try:

@@ -2,7 +2,8 @@
 
 U(x) = omega^2 x^2 / 2 - load x + V_u(x - upper) + V_l(lower - x), all per unit mass; a rigid stop
 cuts the density instead. U is convex, so the density has one peak, and everything is computed
-relative to it.
+relative to it. A spring that is a function takes the place of omega^2 x^2 / 2: its U may have
+several wells, which are searched for, and its integrals are refined until they stand.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 from stochvi.collisions import ContactStatistics
 from stochvi.contacts import CompliantLaw, ForceTable, Law
@@ -25,6 +27,35 @@ Vector = NDArray[np.float64]
 
 MOST_DOUBLINGS = 2000
 """Of a bracket: from any length that a floating-point number holds to any other."""
+
+
+MOST_HALVINGS = 30
+"""Of a panel about a kink of a function, until it holds nothing."""
+
+SETTLED = 1e-13
+"""Share of an integral by which halving a panel may change it."""
+
+SHORTEST = 1e-40
+"""A length, in metres, on which no energy changes; doubled until one does."""
+
+LONGEST = 1e40
+"""A length, in metres, at which an energy that has not changed never does."""
+
+SMALL_SHARE, SMALL_RISE = 1e-6, 0.01
+"""Of the distance to a rigid stop, and of theta: where a look at a function begins."""
+
+LOOKED_AT = 512
+"""Places between a distance and its double at which a spring that is a function is looked at."""
+
+BEYOND = 3
+"""Doublings of a distance over which the energy must stay high for nothing more to be expected."""
+
+
+class Spring(NamedTuple):
+    """Force (m/s^2) and energy (m^2/s^2) per unit mass of a spring that is a function of x (m)."""
+
+    force: Callable[[ArrayLike], Vector]
+    energy: Callable[[ArrayLike], Vector]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +72,10 @@ class GibbsLaw:
         Positions of the stops, m; None for none.
     law_lower, law_upper
         Their laws for forces per unit mass; of a viscoelastic stop the spring alone counts.
+    spring
+        A function in the place of omega^2 x; omega is then 0. Its wells are looked for outwards
+        from 0 until the energy has stayed 50 theta above the deepest one over an eightfold
+        distance.
 
     Raises
     ------
@@ -62,6 +97,7 @@ class GibbsLaw:
     stop_upper: float | None = None
     law_lower: Law | None = None
     law_upper: Law | None = None
+    spring: Spring | None = None
 
     def __post_init__(self) -> None:
         if not self.holds("lower") or not self.holds("upper"):
@@ -83,6 +119,8 @@ class GibbsLaw:
 
     def holds(self, side: str) -> bool:
         """Whether the mass cannot be lost on this side."""
+        if self.spring is not None:
+            return math.isfinite(self._outer(0.0, 1.0 if side == "upper" else -1.0))
         if self.omega > 0.0:
             return True
         outward = self.load if side == "upper" else -self.load
@@ -107,7 +145,8 @@ class GibbsLaw:
 
     def _pull(self, x: ArrayLike) -> Vector:
         """U'(x)."""
-        spring = self.omega**2 * np.asarray(x, dtype=float) - self.load
+        x = np.asarray(x, dtype=float)
+        spring = (self.spring.force(x) if self.spring else self.omega**2 * x) - self.load
         stops = [sign * law.force_at(y) for law, sign, y in self._deflections(x)]
         return np.asarray(sum(stops, spring))
 
@@ -115,6 +154,8 @@ class GibbsLaw:
         """U(origin + offset) - U(origin)."""
         offset = np.asarray(offset, dtype=float)
         spring = offset * (self.omega**2 * (origin + offset / 2.0) - self.load)
+        if self.spring is not None:
+            spring = spring + self.spring.energy(origin + offset) - self.spring.energy(origin)
         there, here = self._deflections(origin + offset), self._deflections(origin)
         stops = [
             law.potential_at(y) - law.potential_at(before)
@@ -138,6 +179,8 @@ class GibbsLaw:
     @cached_property
     def peak(self) -> float:
         """Where the density is largest: U' = 0, or a rigid stop."""
+        if self.spring is not None:
+            return self._deepest_well()
         start = self.load / self.omega**2 if self.omega else 0.0
         stops = [stop for stop in (self.stop_lower, self.stop_upper) if stop is not None]
         if self.omega == 0.0 or any(float(self._pull(stop)) == 0.0 for stop in stops):
@@ -154,6 +197,63 @@ class GibbsLaw:
         if distance >= abs(end - start):
             return end
         return start + away * distance
+
+    def _within(self, x: ArrayLike) -> Vector:
+        """x, on the near side of rigid stops."""
+        low = -math.inf if self.lower is None else self.lower
+        high = math.inf if self.upper is None else self.upper
+        return np.asarray(np.clip(np.asarray(x, dtype=float), low, high))
+
+    def _outer(self, origin: float, away: float) -> float:
+        """Where, away from `origin`, a spring that is a function leaves no more of the density; a
+        rigid stop, or infinity where nothing holds the mass."""
+        end = self.upper if away > 0.0 else self.lower
+        most = math.inf if end is None else (end - origin) * away
+        distance, lowest, high = self._near(origin, away, most), 0.0, 0
+        for _ in range(MOST_DOUBLINGS):
+            if distance >= most:
+                assert end is not None
+                return end
+            ring = origin + away * distance * np.linspace(1.0, 2.0, LOOKED_AT)
+            with np.errstate(over="ignore", invalid="ignore"):
+                rise = self._rise(ring - origin, origin) / self.theta
+            if not np.any(rise < math.inf):
+                return float(ring[0])
+            lowest = min(lowest, float(np.nanmin(rise)))
+            high = high + 1 if np.all(rise > lowest + CUT) else 0
+            if high == BEYOND:
+                return float(origin + away * distance)
+            distance *= 2.0
+            if distance > LONGEST:
+                break
+        return math.inf
+
+    def _near(self, origin: float, away: float, most: float) -> float:
+        """A distance over which the energy hardly changes."""
+        distance = SHORTEST
+        while distance < min(most * SMALL_SHARE, LONGEST):
+            if abs(float(self._rise(2.0 * away * distance, origin))) > SMALL_RISE * self.theta:
+                break
+            distance *= 2.0
+        return distance
+
+    def _deepest_well(self) -> float:
+        """The lowest energy of a spring that is a function, between its outer ends."""
+        start = float(self._within(0.0))
+        ends = [self._outer(start, away) for away in (-1.0, 1.0)]
+        # as many places about each end of the scale as far out: a well may be narrow
+        steps = [np.geomspace(SHORTEST, 1.0, 8 * LOOKED_AT) * (end - start) for end in ends]
+        places = np.sort(np.concatenate([[start], start + steps[0], start + steps[1]]))
+        near = np.linspace(ends[0], ends[1], 8 * LOOKED_AT)
+        places = np.unique(np.concatenate([places, near]))
+        rise = self._rise(places - start, start)
+        best = int(np.argmin(rise))
+        around = float(places[max(best - 1, 0)]), float(places[min(best + 1, len(places) - 1)])
+        found = minimize_scalar(
+            lambda x: float(self._rise(x - start, start)), bounds=around, method="bounded",
+            options={"xatol": 1e-10 * (around[1] - around[0])},
+        )  # fmt: skip
+        return float(found.x if found.fun < rise[best] else places[best])
 
     def _first(self, function: Callable[[float], float], origin: float, away: float) -> float:
         """Distance at which a function that starts below 0 comes to 0; up to a rigid stop."""
@@ -213,19 +313,45 @@ class GibbsLaw:
 
     def _reach(self, origin: float, away: float) -> float:
         """How far from `origin`, where the potential rises, the density has fallen by e^-CUT."""
+        if self.spring is not None:
+            return abs(self._outer(origin, away) - origin)
         return self._first(
             lambda d: float(self._rise(away * d, origin)) - CUT * self.theta, origin, away
         )
+
+    def _weighed(self, start: float, end: float, origin: float) -> tuple[Vector, Vector]:
+        """Offsets from `origin` of nodes from `start` to `end`, and weights that hold the density
+        in units of that at `origin`."""
+        edges = sorted({*self._edges(start, end), min(max(origin, start), end)})
+        if self.spring is None:
+            return self._weights(edges, origin)
+        for _ in range(MOST_HALVINGS):
+            halved = sorted({*edges, *((one + two) / 2.0 for one, two in pairwise(edges))})
+            whole = self._panels(edges, origin)
+            parts = self._panels(halved, origin)
+            moved = np.abs(parts[0::2] + parts[1::2] - whole) > SETTLED * float(parts.sum())
+            if not np.any(moved):
+                break
+            middles = [(one + two) / 2.0 for one, two in pairwise(edges)]
+            edges = sorted({*edges, *np.array(middles)[moved].tolist()})
+        return self._weights(halved, origin)
+
+    def _panels(self, edges: list[float], origin: float) -> Vector:
+        """Integral over each panel."""
+        return np.asarray(self._weights(edges, origin)[1].reshape(-1, len(NODES)).sum(axis=1))
+
+    def _weights(self, edges: list[float], origin: float) -> tuple[Vector, Vector]:
+        places, weights = self._nodes(edges)
+        offset = places - origin
+        with np.errstate(under="ignore", over="ignore"):
+            return offset, weights * np.exp(-self._rise(offset, origin) / self.theta)
 
     @cached_property
     def _quadrature(self) -> tuple[Vector, Vector]:
         """Offsets from the peak, and weights that hold the density there."""
         left = self.peak - self._reach(self.peak, -1.0)
         right = self.peak + self._reach(self.peak, 1.0)
-        edges = sorted({*self._edges(left, right), self.peak})
-        places, weights = self._nodes(edges)
-        offset = places - self.peak
-        return offset, weights * np.exp(-self._rise(offset, self.peak) / self.theta)
+        return self._weighed(left, right, self.peak)
 
     @cached_property
     def _mass(self) -> float:
@@ -248,16 +374,43 @@ class GibbsLaw:
         offset = self._quadrature[0]
         return self.expect((offset - self.expect(offset)) ** 2)
 
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of x, m."""
+        return math.sqrt(self.variance)
+
+    def log_density(self, x: ArrayLike) -> Vector:
+        """Logarithm of the density at x (1/m); minus infinity beyond rigid stops."""
+        x = np.asarray(x, dtype=float)
+        inside = self._within(x)
+        relative = -self._rise(inside - self.peak, self.peak) / self.theta
+        return np.where(inside == x, relative - math.log(self._mass), -math.inf)
+
     def density(self, x: ArrayLike) -> Vector:
         """Probability density at x, 1/m; zero beyond rigid stops."""
-        x = np.asarray(x, dtype=float)
-        low = -math.inf if self.lower is None else self.lower
-        high = math.inf if self.upper is None else self.upper
-        inside = (x >= low) & (x <= high)
-        offset = np.where(inside, x, self.peak) - self.peak
         with np.errstate(under="ignore"):
-            relative = np.exp(-self._rise(offset, self.peak) / self.theta)
-        return np.where(inside, relative / self._mass, 0.0)
+            return np.asarray(np.exp(self.log_density(x)))
+
+    def log_tail(self, x: ArrayLike) -> Vector:
+        """log P(X > x), from the side of x where there is less."""
+        return np.asarray(np.vectorize(self._log_tail, otypes=[float])(x))
+
+    def _log_tail(self, x: float) -> float:
+        if x >= self.peak:
+            return self._log_beyond(x, 1.0)
+        below = self._log_beyond(x, -1.0)
+        return math.log(-math.expm1(below)) if below < 0.0 else -math.inf
+
+    def _log_beyond(self, x: float, away: float) -> float:
+        """log of the probability on the far side of x as seen from the peak."""
+        if float(self._within(x)) != x:
+            return -math.inf
+        end = x + away * self._reach(x, away)
+        share = float(self._weighed(min(x, end), max(x, end), x)[1].sum()) / self._mass
+        if share == 0.0:
+            return -math.inf
+        # rounding must not make the whole more than 1
+        return min(math.log(share) - float(self._rise(x - self.peak, self.peak)) / self.theta, 0.0)
 
     def density_at(self, x: float | None) -> float:
         """Density at one place; 0 for the place of a stop that does not exist."""
@@ -275,6 +428,35 @@ class GibbsLaw:
             force=self.expect(law.force_at(y)),
             peak_force=self._peak_force(side, law, sign),
         )
+
+    def peak_force_exceedance(self, side: str, force: ArrayLike) -> Vector:
+        """P(largest force of a contact > force), force per unit mass, noise and damping neglected.
+
+        The mass turns where U = U(stop) + w^2 / 2, w the Rayleigh speed that it comes with:
+        P = exp(-(U(y_f) - U(stop)) / theta), y_f the deflection of that force; 1 as long as it is
+        reached without speed.
+        """
+        law = self._compliant(side)
+        if law is None:
+            raise ValueError(f"the {side} stop does not give way: its force has no law")
+        sign, stop = (1.0 if side == "upper" else -1.0), getattr(self, f"stop_{side}")
+        y = law.deflection_at(force)
+        reached = np.isfinite(y)
+        rise = self._rise(sign * np.where(reached, y, 0.0), stop) / self.theta
+        with np.errstate(under="ignore"):
+            return np.where(reached, np.exp(-np.maximum(rise, 0.0)), 0.0)
+
+    def peak_force_density(self, side: str, force: ArrayLike) -> Vector:
+        """Minus the derivative of `peak_force_exceedance`, U'(y) P / (theta dF/dy)."""
+        law = self._compliant(side)
+        exceedance = self.peak_force_exceedance(side, force)
+        assert law is not None
+        sign, stop = (1.0 if side == "upper" else -1.0), getattr(self, f"stop_{side}")
+        y = law.deflection_at(force)
+        y = np.where(exceedance > 0.0, y, 0.0)
+        slope = np.where(y > 0.0, law.slope_at(y), math.inf)
+        density = sign * self._pull(stop + sign * y) * exceedance / slope / self.theta
+        return np.where(exceedance < 1.0, density, 0.0)
 
     def _peak_force(self, side: str, law: CompliantLaw, sign: float) -> float:
         """Mean of the largest force of a contact without noise and damping while it lasts.

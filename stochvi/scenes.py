@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stochvi.attachments import Absorber, built
 from stochvi.checked import Checked, Number
-from stochvi.contacts import Law, Restitution, not_rigid
+from stochvi.contacts import Law, Restitution, SpeedRestitution, not_rigid
 from stochvi.datasets import read_text
 from stochvi.errors import SceneError
 from stochvi.excitations import (
     BASE,
     ConstantLoad,
+    DensityNoise,
     Excitation,
     Sine,
-    TabulatedNoise,
     WhiteNoise,
     check_unit,
 )
 from stochvi.spectra import Table
-from stochvi.structures import Isolator, Matrices, Structure
+from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
+
+PerUnitMass = Callable[[ArrayLike], NDArray[np.float64]]
+"""A force per unit mass (m/s^2), or an energy (m^2/s^2), as a function of x (m) or v (m/s)."""
 
 
 class ImpactPair(Checked):
@@ -98,7 +103,10 @@ class System(NamedTuple):
     """A scene as numbers, per unit mass: x'' + b x' + omega^2 x = f(t) + load, stops in metres.
 
     `intensity` is S0 of the white part of f; `tables` are one-sided acceleration densities.
-    What the scene does not have is None or empty; a stop that is not rigid has no restitution.
+    What the scene does not have is None or empty; a stop that is not rigid has no restitution, nor
+    has one whose law says R by speed (`law.restitution_at(speed)`). A spring that is a function has
+    omega = 0, and `restoring` and `potential` stand for omega^2 x and its integral; a damper
+    that is one has damping_rate = 0, and `damping_law` stands for b v.
     """
 
     mass: float
@@ -115,6 +123,9 @@ class System(NamedTuple):
     restitution_upper: float | None
     law_lower: Law | None = None
     law_upper: Law | None = None
+    restoring: PerUnitMass | None = None
+    potential: PerUnitMass | None = None
+    damping_law: PerUnitMass | None = None
 
     @property
     def laws(self) -> tuple[Law | None, Law | None]:
@@ -124,10 +135,7 @@ class System(NamedTuple):
     @property
     def elastic(self) -> bool:
         """Whether no stop loses energy."""
-        lossless = (self.restitution_lower, self.restitution_upper)
-        return all(r in (None, 1.0) for r in lossless) and all(
-            law is None or law.rigid or law.conservative for law in self.laws
-        )
+        return all(law is None or law.conservative for law in self.laws)
 
     def not_rigid(self) -> list[str]:
         """What stands in the way of a method that needs rigid stops."""
@@ -187,6 +195,7 @@ class Scene(Checked):
             sentence = self._misplaced(pair)
             if names.index(pair.name) < index:
                 sentence = f"needs a name of its own (name = ...), got {pair.name!r} again"
+            sentence = sentence or self._unheld(pair)
             if sentence:
                 problems.append((f"impact_pair.{index}", sentence))
         for index, excitation in enumerate(self.excitations):
@@ -224,6 +233,16 @@ class Scene(Checked):
             for name in names
             if name not in known
         ]
+
+    def _unheld(self, pair: ImpactPair) -> str:
+        """Whether a stop stands where a spring that is a function has no force; empty if not."""
+        if not isinstance(self.structure, NonlinearOscillator):
+            return ""
+        for stop in (pair.lower, pair.upper):
+            force = 0.0 if stop is None else float(self.structure.force_at(stop))
+            if not np.isfinite(force):
+                return f"has a stop at {stop:g}, where structure.restoring_force is {force:g}"
+        return ""
 
     def _out_of_range(self) -> list[tuple[str, str]]:
         """Numbers whose products and squares would not fit a floating-point number."""
@@ -292,10 +311,9 @@ class Scene(Checked):
         if isinstance(excitation, ConstantLoad) and (where == BASE) != (excitation.force is None):
             return "takes force on a coordinate and acceleration on the base"
         if not isinstance(excitation, ConstantLoad | Sine):
-            unit = "g2/Hz" if getattr(excitation, "profile", None) else excitation.unit
             try:
-                if unit is not None:
-                    check_unit(unit, where)
+                if excitation.density_unit is not None:
+                    check_unit(excitation.density_unit, where)
             except ValueError as error:
                 return str(error)
         return ""
@@ -312,16 +330,36 @@ class Scene(Checked):
         coordinates = self.structure.coordinates
         return coordinates[0] if len(coordinates) == 1 else ""
 
-    def beyond_one_oscillator(self) -> list[str]:
-        """What the methods for a single oscillator do not cover here; `system()` needs none."""
+    def beyond_numbers(self) -> list[str]:
+        """What is given as a function, for the methods that take numbers only."""
         found = []
+        if isinstance(self.structure, NonlinearOscillator):
+            found.append(
+                "structure.kind must not be 'nonlinear' (a restoring force that is a function)"
+            )
+        found += [
+            "law.coefficient must be a number, got a function of speed "
+            f"at the {side} stop of {pair.name}"
+            for pair in self.impact_pairs
+            for side, law in pair.stops()
+            if isinstance(law, SpeedRestitution)
+        ]
+        return found
+
+    def beyond_one_oscillator(self, *, functions: bool = False) -> list[str]:
+        """What the methods for a single oscillator do not cover here; `system()` needs none.
+
+        With `functions` for a method that takes forces and restitution as functions too.
+        """
+        found = [] if functions else self.beyond_numbers()
         if isinstance(self.structure, Matrices):
             found.append("structure.kind must be 'oscillator' or 'isolator', got 'matrices'")
         if len(self.impact_pairs) > 1:
             found.append(f"the scene must have one impact pair, got {len(self.impact_pairs)}")
         kinds = {excitation.kind for excitation in self.excitations} & {"filtered", "sine"}
         found += [
-            f"excitation must be white, psd or constant, got {kind}" for kind in sorted(kinds)
+            f"excitation must be white, psd, road, record or constant, got {kind}"
+            for kind in sorted(kinds)
         ]
         return found
 
@@ -333,10 +371,14 @@ class Scene(Checked):
                 "filtered": "filtered noise on {}",
                 "sine": "sine on {}",
                 "psd": "tabulated noise on {}",
+                "road": "tabulated noise of a road on {}",
+                "record": "tabulated noise of a record on {}",
                 "constant": "constant load on {}",
             }[excitation.kind].format(self.place(excitation))
             for excitation in self.excitations
         ]
+        if getattr(self.structure, "gravity", False):
+            found.append("constant load of gravity")
         for pair in self.impact_pairs:
             of = f" of {pair.name}" if len(self.impact_pairs) > 1 else ""
             found += [f"{law.word} stop {side}{of}" for side, law in pair.stops()]
@@ -356,23 +398,43 @@ class Scene(Checked):
                 "contact with a viscoelastic stop ends at zero force; the limiter has no mass and "
                 "recovers at once"
             )
+        if any("of speed" in sentence for sentence in self.beyond_numbers()):
+            found.append("restitution depends on the speed of the impact alone")
         if any(isinstance(excitation, Sine) for excitation in self.excitations):
             found.append("the phase of a sine is random, uniform, in each path")
+        for excitation in self.excitations:
+            if isinstance(excitation, DensityNoise):
+                found += excitation.said(*self._resonance())
         return tuple(found)
+
+    def table_of(self, excitation: DensityNoise) -> Table:
+        """The density of an excitation as this structure needs it, one-sided, SI units."""
+        omega, damping_rate = self._resonance()
+        return excitation.table_for(omega, damping_rate)
+
+    def _resonance(self) -> tuple[float, float]:
+        """omega (rad/s) and b (1/s) of a single linear oscillator, zeros of anything else."""
+        if not isinstance(self.structure, Oscillator):
+            return 0.0, 0.0
+        return self.structure.omega, self.structure.damping_rate
 
     def system(self) -> System:
         """A scene of a single oscillator per unit mass, as numbers that a method computes with."""
         assert not isinstance(self.structure, Matrices)
         mass = self.structure.mass or 1.0
-        intensity, load, tables, noise_on_mass = 0.0, 0.0, [], False
+        load = 0.0
+        if isinstance(self.structure, Oscillator):
+            load = self.structure.gravity_load
+        intensity, tables, noise_on_mass = 0.0, [], False
         for excitation in self.excitations:
             on_mass = self.place(excitation) != BASE
             noise_on_mass |= on_mass and not isinstance(excitation, ConstantLoad)
             match excitation:
                 case WhiteNoise():
                     intensity += excitation.si_intensity / (mass**2 if on_mass else 1.0)
-                case TabulatedNoise():
-                    tables.append(excitation.table.scaled(mass**-2 if on_mass else 1.0))
+                case DensityNoise():
+                    table = self.table_of(excitation)
+                    tables.append(table.scaled(mass**-2 if on_mass else 1.0))
                 case ConstantLoad():
                     load += excitation.magnitude / mass if on_mass else -excitation.magnitude
         pair = self.impact_pairs[0] if self.impact_pairs else None
@@ -383,8 +445,7 @@ class Scene(Checked):
         )
         return System(
             mass=mass,
-            omega=self.structure.omega,
-            damping_rate=self.structure.damping_rate,
+            **self._spring_and_damper(mass),
             moving_base=isinstance(self.structure, Isolator),
             noise_on_mass=noise_on_mass,
             intensity=intensity,
@@ -398,8 +459,24 @@ class Scene(Checked):
             law_upper=law_upper,
         )
 
+    def _spring_and_damper(self, mass: float) -> dict[str, Any]:
+        """Natural frequency and damping per unit mass, or the functions in their places."""
+        assert not isinstance(self.structure, Matrices)
+        structure = self.structure
+        if not isinstance(structure, NonlinearOscillator):
+            return {"omega": structure.omega, "damping_rate": structure.damping_rate}
+        return {
+            "omega": 0.0,
+            "damping_rate": structure.damping_rate or 0.0,
+            "restoring": lambda x: structure.force_at(x) / mass,
+            "potential": lambda x: structure.potential_at(x) / mass,
+            "damping_law": None
+            if structure.damping_force is None
+            else lambda v: structure.damping_at(v) / mass,
+        }
+
     def document(self) -> dict[str, Any]:
-        """The scene as plain types, in the keys of a scene file."""
+        """The scene as plain types, in the keys of a scene file; functions by their names."""
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
@@ -450,13 +527,46 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
     for name, field in Scene.model_fields.items():
         if field.alias is not None and name in document:
             raise SceneError([(name, f"is not a known key; did you mean {field.alias!r}?")])
-    entries = document.get("excitation")
-    if isinstance(entries, list):
-        entries = [
-            entry | {"file": str(folder / entry["file"])}
-            if isinstance(entry, dict) and isinstance(entry.get("file"), str)
-            else entry
-            for entry in entries
-        ]
-        document = {**document, "excitation": entries}
+    _refuse_functions(document)
+    document = dict(document)
+    for key in ("excitation", "impact_pair"):
+        if isinstance(entries := document.get(key), list):
+            document[key] = [_files_from(folder, entry) for entry in entries]
     return Scene(**document)
+
+
+def _files_from(folder: Path, entry: Any) -> Any:
+    """The same entry, its file names and those of its laws starting at `folder`."""
+    if not isinstance(entry, dict):
+        return entry
+    found = {
+        key: _files_from(folder, value) if key.endswith("law") else value
+        for key, value in entry.items()
+    }
+    if isinstance(entry.get("file"), str):
+        found["file"] = str(folder / entry["file"])
+    return found
+
+
+PYTHON_ONLY = ("nonlinear", "speed-restitution")
+"""Kinds that hold functions, which a scene file cannot say."""
+
+
+def _refuse_functions(document: Mapping[str, Any]) -> None:
+    """SceneError for every part of a scene file that would need a function."""
+    parts = {"structure": document.get("structure")}
+    pairs = document.get("impact_pair")
+    for index, pair in enumerate(pairs if isinstance(pairs, list) else []):
+        if isinstance(pair, dict):
+            laws = ("law", "lower_law", "upper_law")
+            parts |= {f"impact_pair.{index}.{law}": pair.get(law) for law in laws}
+    kinds = {key: part.get("kind") for key, part in parts.items() if isinstance(part, dict)}
+    if problems := [
+        (
+            f"{key}.kind",
+            f"{kind!r} takes a function, which only Python can give: build the Scene there",
+        )
+        for key, kind in kinds.items()
+        if kind in PYTHON_ONLY
+    ]:
+        raise SceneError(problems)

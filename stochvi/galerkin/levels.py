@@ -24,7 +24,7 @@ class Level(NamedTuple):
     two_stops: Mesh
 
 
-def _level(
+def make_level(
     right: tuple[float, ...], both: tuple[float, ...], x_degree: int,
     u_breaks: tuple[float, ...], u_degree: int,
 ) -> Level:  # fmt: skip
@@ -39,24 +39,14 @@ def _level(
 
 
 LEVELS = (
-    _level((0.3, 0.85, 0.97, 0.995), (0.7, 0.95, 0.995), 2, (0.0, 5.0), 7),
-    _level((0.3, 0.85, 0.97, 0.995), (0.7, 0.95, 0.995), 3, (0.0, 6.0), 11),
-    _level(
+    make_level((0.3, 0.85, 0.97, 0.995), (0.7, 0.95, 0.995), 2, (0.0, 5.0), 7),
+    make_level((0.3, 0.85, 0.97, 0.995), (0.7, 0.95, 0.995), 3, (0.0, 6.0), 11),
+    make_level(
         (0.0, 0.4, 0.7, 0.88, 0.96, 0.99, 0.998), (0.3, 0.7, 0.9, 0.97, 0.995), 3,
         (0.0, 0.4, 1.5, 3.0, 6.5), 5,
     ),
-    _level(
-        (-0.45, 0.0, 0.3, 0.5, 0.7, 0.84, 0.93, 0.975, 0.993, 0.999),
-        (0.3, 0.6, 0.82, 0.93, 0.98, 0.996, 0.9993), 4,
-        (0.0, 0.1, 0.4, 0.9, 1.5, 2.1, 2.8, 3.8, 7.0), 5,
-    ),
-    _level(
-        (-0.6, -0.3, 0.0, 0.25, 0.5, 0.7, 0.82, 0.91, 0.96, 0.985, 0.995, 0.999, 0.9998),
-        (0.3, 0.6, 0.8, 0.91, 0.96, 0.985, 0.997, 0.9995), 5,
-        (0.0, 0.03, 0.1, 0.25, 0.5, 0.9, 1.4, 1.9, 2.4, 3.0, 3.8, 5.0, 7.5), 5,
-    ),
 )  # fmt: skip
-"""From about half a millisecond a scene, by factors of two to ten, to about a second."""
+"""From about half a millisecond a scene to some ten; what they do not reach is left to strips."""
 
 
 class Moments(NamedTuple):

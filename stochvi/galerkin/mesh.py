@@ -86,14 +86,15 @@ def lobatto(degree: int, x: Array) -> tuple[Array, Array]:
 
 
 @cache
-def _gauss_rule(nodes: int) -> tuple[Array, Array]:
+def gauss_rule(nodes: int) -> tuple[Array, Array]:
+    """Nodes and weights of Gauss's rule from -1 to 1."""
     points, weights = np.polynomial.legendre.leggauss(nodes)
     return points, weights
 
 
 def gauss(breaks: ArrayLike, nodes: int) -> tuple[Array, Array]:
     """Nodes and weights of Gauss's rule on each interval between breaks (last axis), joined."""
-    points, weights = _gauss_rule(nodes)
+    points, weights = gauss_rule(nodes)
     ends = np.asarray(breaks, dtype=float)
     half = np.diff(ends)[..., None] / 2.0
     centre = (ends[..., 1:] + ends[..., :-1])[..., None] / 2.0

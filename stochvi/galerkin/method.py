@@ -11,48 +11,62 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.answers import Answer
-from stochvi.collisions import StopStatistics
+from stochvi.collisions import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
+from stochvi.contacts import SpeedRestitution
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Response
+from stochvi.galerkin.accurate import solve_accurately, vague, worst
 from stochvi.galerkin.boxes import Scenes, speed_scale
+from stochvi.galerkin.density import StationaryDensity
+from stochvi.galerkin.field import Averages
 from stochvi.galerkin.levels import LEVELS, Level, Moments, errors, solve, unreached
 from stochvi.galerkin.mesh import Array
+from stochvi.galerkin.motion import Motion
 from stochvi.scenes import Scene, System
 
 SLOW_IMPACTS = 0.05
 """Impacts slower than this, in units of the speed scale, are left out of rates where a stop loses
 energy (never out of F1 and F2)."""
 
-WORST_RATE = 0.1
-"""A rate whose relative error may be larger is not given."""
+
+COLLAPSES = (
+    "restitution {restitution:g} at the {side} stop is not above exp(-pi / sqrt 3) = 0.163: "
+    "impacts without end bring the mass to rest on the stop in finite time. The answer is the "
+    "limit as ever slower impacts are resolved, in which the noise takes the mass off at once; "
+    "rates only have a meaning above a speed"
+)
+"""Warning about what the density means there."""
 
 
 def fokker_planck(
     scene: Scene, *, rtol: float = 0.01, speed_threshold: float | None = None
 ) -> Response:
-    """Stationary response between rigid stops of any restitution, by half-range Galerkin.
+    """Stationary response of one oscillator with stops under white noise, by Galerkin's method.
 
-    Solves -v p_x + [(b v + omega^2 x - load) p]_v + S0 / 2 p_vv = 0 (B 13.34) with
-    v p(c, v) dv = -R v p(c, -R v) d(R v) at a stop c, on meshes of growing fineness until two of
-    them agree.
+    Solves -v p_x + [(b(v) + g(x) - load) p]_v + S0 / 2 p_vv = 0 (B 13.34) with
+    v p(c, v) dv = -R v p(c, -R v) d(R v) at a rigid stop c; stops that give way are part of g. Two
+    agreeing meshes of the whole range are tried first; where they do not reach rtol, strips of
+    velocity cells are refined until two meshes in a row agree.
 
     Parameters
     ----------
     scene
-        White noise, any constant load, no stop or one or two rigid ones, also different ones.
+        White noise, any constant load, no stop or one or two of any law, also different ones;
+        springs, dampers and restitution may be functions.
     rtol
-        Relative error to reach in the deviations of displacement and velocity, F1 and F2. Rates
-        are brought to 10 % where a finer mesh can do that.
+        Relative error to reach in the deviations of displacement and velocity, F1 and F2; down
+        to some 1e-8. Rates are brought to 10 % where a finer mesh can do that.
     speed_threshold
-        Slowest impact that a rate counts, m/s. Default: 0 between elastic stops, else 5 % of
-        the rms velocity that a law exp(-energy / s^2) would have, as in `simulate`.
+        Slowest impact that a rate counts, m/s. Default: 0 between stops that lose nothing, else
+        5 % of the rms velocity that a law exp(-energy / s^2) would have, as in `simulate`.
 
     Returns
     -------
     Response
         SI units; `bias` bounds the error of each quantity by the difference of the two finest
-        meshes. A rate that is known to no better than 10 %, or that counts all impacts of a stop
-        that loses energy (for R <= exp(-pi / sqrt 3) there is no end to them), is None.
+        meshes. A rate that is known to no better than 10 %, or that counts all impacts of a rigid
+        stop that loses energy, is None (for R <= exp(-pi / sqrt 3) there is no end to them, and
+        the rest is the limit in which the mass, brought to rest by them, leaves at once).
 
     Raises
     ------
@@ -71,42 +85,142 @@ def fokker_planck(
     ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
     ...     excitations=[WhiteNoise(intensity=0.2)],
     ... )
-    >>> print(f"{fokker_planck(scene).coordinates['x']['displacement_std'].value:.3f} m")
-    0.532 m
+    >>> print(f"{fokker_planck(scene, rtol=1e-6).coordinates['x']['displacement_std'].value:.7f} m")
+    0.5320907 m
     """
     started = time.perf_counter()
+    motion = _motion(scene, rtol, speed_threshold)
+    system = motion.system
+    if speed_threshold is None:
+        speed_threshold = _slow(motion)
+    found = None
+    if _all_numbers(scene):
+        found = _quickly(system, rtol, speed_threshold)
+    how = "half-range Galerkin"
+    if found is None:
+        answered = solve_accurately(motion, rtol, speed_threshold, _told(system, speed_threshold))
+        found, how = (answered.averages, answered.errors), "refined Galerkin"
+    return _response(scene, found, rtol, speed_threshold, how, started)
+
+
+def fokker_planck_density(
+    scene: Scene, *, rtol: float = 1e-4, speed_threshold: float | None = None
+) -> StationaryDensity:
+    """The stationary density itself, with its response; arguments and errors of `fokker_planck`.
+
+    Examples
+    --------
+    >>> from stochvi.contacts import Restitution
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.scenes import ImpactPair
+    >>> from stochvi.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> found = fokker_planck_density(scene)
+    >>> print(f"{found.density(0.0, 0.5):.4f} {found.tail(0.9):.4f}")
+    0.2382 0.0353
+    >>> print(f"{found.limit_rate('upper').value:.4f} impacts per second")
+    0.0966 impacts per second
+    """
+    started = time.perf_counter()
+    motion = _motion(scene, rtol, speed_threshold)
+    if speed_threshold is None:
+        speed_threshold = _slow(motion)
+    told = _told(motion.system, speed_threshold)
+    answered = solve_accurately(motion, rtol, speed_threshold, told)
+    found = answered.averages, answered.errors
+    response = _response(scene, found, rtol, speed_threshold, "refined Galerkin", started)
+    return StationaryDensity(response=response, fine=answered.field, coarse=answered.coarser)
+
+
+def _motion(scene: Scene, rtol: float, speed_threshold: float | None) -> Motion:
     _check_arguments(rtol, speed_threshold)
     unmet = unmet_conditions(scene)
     if unmet:
         raise NotApplicable("fokker-planck", unmet)
-    system = scene.system()
+    return Motion(system=scene.system())
+
+
+def _slow(motion: Motion) -> float:
+    """The threshold of rates where none is given, m/s."""
+    system = motion.system
+    if system.elastic:
+        return 0.0
+    if system.not_rigid() or system.restoring or _by_speed(system):
+        return SLOW_IMPACTS * math.sqrt(motion.squares[0])
+    return SLOW_IMPACTS * float(speed_scale(_as_scenes(system))[0])
+
+
+def _by_speed(system: System) -> bool:
+    """Whether a restitution is a function."""
+    return any(isinstance(law, SpeedRestitution) for law in system.laws)
+
+
+def _all_numbers(scene: Scene) -> bool:
+    """Whether the meshes of the whole range cover a scene: rigid stops, no functions."""
+    return not scene.beyond_one_oscillator() and not scene.system().not_rigid()
+
+
+def _quickly(
+    system: System, rtol: float, speed_threshold: float
+) -> tuple[Averages, Averages] | None:
+    """Averages and bounds on their errors within rtol, by meshes of the whole range, if these
+    have them."""
     scenes = _as_scenes(system)
-    speed = speed_scale(scenes)
-    if speed_threshold is None:
-        speed_threshold = 0.0 if system.elastic else SLOW_IMPACTS * float(speed[0])
-    threshold = np.array([speed_threshold])
-    coarse, worst = solve(scenes, speed, LEVELS[0], threshold).moments, math.inf
+    speed, threshold = speed_scale(scenes), np.array([speed_threshold])
+    coarse = solve(scenes, speed, LEVELS[0], threshold).moments
     for level in LEVELS[1:]:
         fine, bounds = _refine(scenes, speed, level, threshold, coarse)
-        worst = _worst(fine, bounds)
-        if worst <= rtol and not any(_vague(system, fine, bounds, speed_threshold).values()):
-            break
+        found = _averages(_physical(fine)), _averages(bounds)
+        if worst(*found) <= rtol and vague(*found).isdisjoint(_told(system, speed_threshold)):
+            return found
         coarse = fine
-    answer = _answer(system, _physical(fine), bounds, speed_threshold)
+    return None
+
+
+def _averages(found: Moments) -> Averages:
+    """Of one rigid scene."""
+    numbers = {name: float(column[0]) for name, column in found._asdict().items()}
+    rest = dict.fromkeys(set(Averages._fields) - numbers.keys(), 0.0)
+    return Averages(**numbers, **rest)
+
+
+def _response(
+    scene: Scene,
+    found: tuple[Averages, Averages],
+    rtol: float,
+    speed_threshold: float,
+    how: str,
+    started: float,
+) -> Response:
+    """What was found, or `NotConverged` with it."""
+    system = scene.system()
+    answer = _answer(system, *found, speed_threshold)
     response = answer.response(
-        "fokker-planck",
-        scene,
-        how="half-range Galerkin",
-        started=started,
-        speed_threshold=speed_threshold,
+        "fokker-planck", scene, how=how, started=started, speed_threshold=speed_threshold
     )
-    if worst > rtol:
+    response = replace(response, warnings=[*response.warnings, *_collapses(system)])
+    reached = worst(*found)
+    if reached > rtol:
         raise NotConverged(
-            f"fokker-planck reached a relative error of {worst:.2g} on its finest mesh, not "
-            f"{rtol:g}; simulate, or allow more. Rare hits of a lightly damped mass are its worst.",
+            f"fokker-planck reached a relative error of {reached:.2g} on its finest mesh, not "
+            f"{rtol:g}; simulate, or allow more. Rare hits of a lightly damped mass, and stiff "
+            "dampers in stops, are its worst.",
             response,
         )
     return response
+
+
+def _collapses(system: System) -> list[str]:
+    return [
+        COLLAPSES.format(restitution=restitution, side=side)
+        for side in ("lower", "upper")
+        if (restitution := getattr(system, f"restitution_{side}")) is not None
+        and restitution <= COLLAPSE_RESTITUTION
+    ]
 
 
 def _refine(
@@ -233,22 +347,34 @@ def _check_arrays(scenes: Scenes) -> None:
 
 def unmet_conditions(scene: Scene) -> list[str]:
     """What keeps a scene from being solved; empty where nothing does."""
-    unmet = scene.beyond_one_oscillator()
+    unmet = scene.beyond_one_oscillator(functions=True)
     if unmet:
         return unmet
     system = scene.system()
-    unmet = system.not_rigid()
     if system.tables:
         unmet.append("excitation must be white noise, got a tabulated density")
     elif system.intensity == 0.0:
         unmet.append("excitation must contain noise, got a constant load alone")
-    if system.damping_rate == 0.0 and system.elastic:
+    if system.damping_rate == 0.0 and system.damping_law is None and system.elastic:
         unmet.append("damping must be positive where no stop takes energy, got 0")
-    held_left = system.lower is not None or system.load > 0.0
-    held_right = system.upper is not None or system.load < 0.0
-    if system.omega == 0.0 and not (held_left and held_right):
-        unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
+    if not _held(system):
+        unmet.append(
+            "stiffness must be positive where stops do not hold the mass, got 0"
+            if system.restoring is None
+            else "restoring_force must hold the mass where stops do not"
+        )
     return unmet
+
+
+def _held(system: System) -> bool:
+    """Whether spring, load and stops keep the mass from leaving on either side."""
+    if system.omega > 0.0:
+        return True
+    try:
+        Motion(system=system).span(system.intensity or 1.0)
+    except NotApplicable:
+        return False
+    return True
 
 
 def _as_scenes(system: System) -> Scenes:
@@ -265,65 +391,51 @@ def _as_scenes(system: System) -> Scenes:
     return Scenes(*(np.array([number]) for number in numbers))
 
 
-def _worst(found: Moments, bounds: Moments) -> float:
-    """Largest relative error of what `rtol` governs."""
-    ratios = [
-        bounds.variance[0] / found.variance[0] / 2.0,
-        bounds.velocity_mean_square[0] / found.velocity_mean_square[0] / 2.0,
-    ]
-    for name in ("speed_rate", "speed_square_rate"):
-        total = sum(getattr(found, f"{name}_{side}")[0] for side in ("lower", "upper"))
-        bound = sum(getattr(bounds, f"{name}_{side}")[0] for side in ("lower", "upper"))
-        if total > 0.0:
-            ratios.append(bound / total)
-    return float(max(ratios))
-
-
 def _endless(system: System, side: str, threshold: float) -> bool:
-    """Whether a rate would count the slowest impacts of a stop that loses energy."""
-    return getattr(system, f"restitution_{side}") not in (None, 1.0) and threshold == 0.0
+    """Whether a rate would count the slowest impacts of a rigid stop that loses energy."""
+    law = getattr(system, f"law_{side}")
+    return law is not None and law.rigid and not law.conservative and threshold == 0.0
 
 
-def _vague(system: System, found: Moments, bounds: Moments, threshold: float) -> dict[str, bool]:
-    """For each stop, whether its rate is not known well enough yet to be given."""
-    return {
-        side: not _endless(system, side, threshold)
-        and bool(getattr(bounds, f"rate_{side}")[0] > WORST_RATE * value > 0.0)
-        for side in ("lower", "upper")
-        for value in getattr(found, f"rate_{side}")
-    }
+def _told(system: System, threshold: float) -> set[str]:
+    """The sides whose rate can be given."""
+    return {side for side in ("lower", "upper") if not _endless(system, side, threshold)}
 
 
-def _answer(system: System, found: Moments, bounds: Moments, threshold: float) -> Answer:
-    value, bound = (
-        {name: float(column[0]) for name, column in group._asdict().items()}
-        for group in (found, bounds)
-    )
-    sides: dict[str, tuple[StopStatistics, StopStatistics]] = {}
-    vague = _vague(system, found, bounds, threshold)
-    for side in ("lower", "upper"):
-        told = not (vague[side] or _endless(system, side, threshold))
-        sides[side] = (
-            _stop(value, side, value[f"rate_{side}"] if told else None),
-            _stop(bound, side, bound[f"rate_{side}"] if told else None),
-        )
+def _answer(system: System, found: Averages, bounds: Averages, threshold: float) -> Answer:
+    untold = ({"lower", "upper"} - _told(system, threshold)) | vague(found, bounds)
     answer, limits = (
         Answer(
-            mean=group["mean"],
-            variance=group["variance"],
-            velocity_mean_square=group["velocity_mean_square"],
-            upcrossing_rate=group["upcrossing_rate"],
-            lower=sides["lower"][place],
-            upper=sides["upper"][place],
+            mean=group.mean,
+            variance=group.variance,
+            velocity_mean_square=group.velocity_mean_square,
+            upcrossing_rate=group.upcrossing_rate,
+            lower=_stop(group, "lower", untold),
+            upper=_stop(group, "upper", untold),
+            contact_lower=_contact(system, group, "lower"),
+            contact_upper=_contact(system, group, "upper"),
         )
-        for place, group in enumerate((value, bound))
+        for group in (found, bounds)
     )
     return replace(answer, errors=limits)
 
 
-def _stop(group: dict[str, float], side: str, rate: float | None) -> StopStatistics:
+def _stop(group: Averages, side: str, untold: set[str]) -> StopStatistics:
+    rate = None if side in untold else getattr(group, f"rate_{side}")
     return StopStatistics(
         rate,  # type: ignore[arg-type]
-        group[f"speed_rate_{side}"],
-        group[f"speed_square_rate_{side}"],
+        getattr(group, f"speed_rate_{side}"),
+        getattr(group, f"speed_square_rate_{side}"),
+    )
+
+
+def _contact(system: System, group: Averages, side: str) -> ContactStatistics | None:
+    law = getattr(system, f"law_{side}")
+    if law is None or law.rigid:
+        return None
+    return ContactStatistics(
+        probability=getattr(group, f"contact_{side}"),
+        force=getattr(group, f"force_{side}"),
+        peak_force=None,
+        power=getattr(group, f"power_{side}"),
     )

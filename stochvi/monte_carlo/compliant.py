@@ -102,6 +102,7 @@ def _stop(position: float, law: Law) -> tuple[float, int, NDArray[np.float64]]:
             return position, PIECES, np.ascontiguousarray(law.pieces.T)
         case Hertz():
             return position, HERTZ, np.array([[law.coefficient]])
+    raise TypeError(f"no kernel knows a stop of the kind {law.kind!r}")
 
 
 def _gibbs_law(system: System, speed: float, rest: float = 0.0) -> GibbsLaw:

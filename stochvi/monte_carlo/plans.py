@@ -23,6 +23,8 @@ def make_plan(
     slow_impacts: bool = False,
 ) -> Plan:
     """Choose the method that the scene's excitation calls for, its step and its lengths."""
+    if unmet := scene.beyond_numbers():
+        raise NotApplicable("simulate", unmet)
     assembly = assemble(scene)
     single = len(assembly.coordinates) == 1 and len(assembly.contacts) <= 1
     coloured = any(signal.intensity > 0.0 for signal in assembly.signals)

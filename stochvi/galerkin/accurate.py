@@ -1,0 +1,190 @@
+"""One scene on strips that are refined until two answers in a row agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from stochvi.galerkin.field import Averages, Field
+from stochvi.galerkin.motion import Frame, Motion, make_frame
+from stochvi.galerkin.patches import Degrees, Patch, Strips, first_patches, graded, refined
+from stochvi.galerkin.strips import solve_strips
+
+FIRST_DEGREES = Degrees(2, 4)
+LAST_DEGREES = Degrees(7, 9)
+"""Polynomials of the first mesh, and the highest; both rise by one from mesh to mesh."""
+
+SLOWEST = (1e-2, 2e-3, 3e-4, 3e-5, 3e-6, 1e-6)
+"""Slowest impacts that the meshes resolve one after another, in units of the weight's velocity."""
+
+MOST_MESHES = 10
+"""In a row; `MOST_UNKNOWNS` ends it before."""
+
+MOST_UNKNOWNS = 400_000
+"""Of a mesh, some seconds of work and a gigabyte."""
+
+SAFETY = 1.5
+"""Of the difference of two meshes as a bound on the error of the finer one."""
+
+SHARED = 0.2
+"""Part of the largest relative difference of motion and impacts that every quantity is granted,
+lest two meshes agree on one of them by chance."""
+
+FLOOR = 1e-9
+"""Relative error that every answer is granted: the ends of the box, and rounding."""
+
+EDGE = 1e-8
+"""Probability beside the ends of the box from which on it is made larger."""
+
+STRETCH = 1.25
+"""Of the box in velocity, each time that it is too small."""
+
+MOST_STRETCHES = 8
+
+
+class Answered(NamedTuple):
+    """What the last mesh found, bounds on its errors, and what the mesh before it found."""
+
+    field: Field
+    averages: Averages
+    errors: Averages
+    coarser: Field
+
+
+def solve_accurately(
+    motion: Motion, rtol: float, threshold: float, rates: Collection[str] = ("lower", "upper")
+) -> Answered:
+    """Refine until the relative error of what `rtol` governs is reached, or no more can be had.
+
+    `rates` are the sides whose rate of impacts faster than `threshold` is wanted too.
+    """
+    frame, patches, field = _first(motion)
+    makers = Strips()
+    answered: Answered | None = None
+    found = field.averages(threshold)
+    for stage in range(1, MOST_MESHES):
+        before, coarser = found, field
+        slowest = SLOWEST[min(stage, len(SLOWEST) - 1)]
+        patches = graded(frame, refined(frame, coarser.solved, patches), slowest)
+        strips = makers.make(patches, _degrees(stage))
+        if answered is not None and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
+            break
+        field = Field(frame, solve_strips(frame.box, strips), frame.speed * slowest)
+        found = field.averages(threshold)
+        errors = _errors(frame, before, found)
+        answered = Answered(field, found, errors, coarser)
+        if worst(found, errors) <= rtol and vague(found, errors).isdisjoint(rates):
+            break
+    assert answered is not None
+    return answered
+
+
+def _degrees(stage: int) -> Degrees:
+    place, velocity = (
+        min(first + stage, last) for first, last in zip(FIRST_DEGREES, LAST_DEGREES, strict=True)
+    )
+    return Degrees(place, velocity)
+
+
+def _first(motion: Motion) -> tuple[Frame, tuple[Patch, ...], Field]:
+    """The coarsest mesh, of a box beyond which there is next to nothing.
+
+    A mass that leans on a stop reaches further than the law exp(-energy / s^2).
+    """
+    stretch = 1.0
+    for _ in range(MOST_STRETCHES):
+        frame = make_frame(motion, stretch)
+        patches = graded(frame, first_patches(frame), SLOWEST[0])
+        solved = solve_strips(frame.box, Strips().make(patches, FIRST_DEGREES))
+        field = Field(frame, solved, frame.speed * SLOWEST[0])
+        if field.edge() <= EDGE * _rarity(frame):
+            break
+        stretch *= STRETCH
+    return frame, patches, field
+
+
+def _rarity(frame: Frame) -> float:
+    """Probability of energies above that of the nearest stop, by the weight."""
+    return math.exp(-frame.stop_energy)
+
+
+MOTION = ("mean", "variance", "velocity_mean_square")
+
+
+def _errors(frame: Frame, coarse: Averages, fine: Averages) -> Averages:
+    """Bounds on the errors of `fine`."""
+    sizes = fine._replace(mean=math.sqrt(fine.variance))
+    change = Averages(*(abs(a - b) for a, b in zip(fine, coarse, strict=True)))
+    shared = max(getattr(change, name) / getattr(sizes, name) for name in MOTION)
+    bounds: dict[str, float] = {}
+    for side in ("lower", "upper"):
+        impacts = [f"{name}_{side}" for name in ("speed_rate", "speed_square_rate")]
+        hits = max([shared, *(_ratio(change, sizes, name) for name in impacts)])
+        for name in (name for name in Averages._fields if name.endswith(side)):
+            bounds[name] = SAFETY * max(getattr(change, name), SHARED * hits * getattr(sizes, name))
+        # the share of time hangs on slow contacts, as the rate does, and counts light ones in full
+        contact = f"contact_{side}"
+        slow = max(hits, _ratio(change, sizes, f"rate_{side}"))
+        bounds[contact] = max(bounds[contact], 2.0 * SAFETY * slow * getattr(sizes, contact))
+    for name in (*MOTION, "upcrossing_rate"):
+        bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
+    far = _unreached(frame, fine.upcrossing_rate)
+    return Averages(
+        *(
+            bounds[name] + FLOOR * abs(getattr(sizes, name)) + far.get(name, 0.0)
+            for name in Averages._fields
+        )
+    )
+
+
+def _ratio(change: Averages, sizes: Averages, name: str) -> float:
+    size = getattr(sizes, name)
+    return getattr(change, name) / size if size > 0.0 else 0.0
+
+
+def _unreached(frame: Frame, crossing_rate: float) -> dict[str, float]:
+    """Bounds on what stops see that the box does not reach: Rice's rate at the law's temperature,
+    with Rayleigh's speeds."""
+    motion = frame.motion
+    square, _ = motion.squares
+    found = {}
+    for stop in motion.stops:
+        if stop not in frame.reached:
+            height = float(motion.energy(np.array(stop.position))) - motion.lowest(square)
+            rate = SAFETY * crossing_rate * math.exp(-height / square)
+            found[f"rate_{stop.name}"] = rate
+            found[f"speed_rate_{stop.name}"] = rate * math.sqrt(square * math.pi / 2.0)
+            found[f"speed_square_rate_{stop.name}"] = rate * 2.0 * square
+    return found
+
+
+def worst(found: Averages, bounds: Averages) -> float:
+    """Largest relative error of what `rtol` governs: deviations, F1 and F2 of all stops."""
+    ratios = [
+        bounds.variance / found.variance / 2.0,
+        bounds.velocity_mean_square / found.velocity_mean_square / 2.0,
+    ]
+    for name in ("speed_rate", "speed_square_rate"):
+        total, bound = (
+            getattr(group, f"{name}_lower") + getattr(group, f"{name}_upper")
+            for group in (found, bounds)
+        )
+        if total > 0.0:
+            ratios.append(bound / total)
+    return max(ratios)
+
+
+WORST_RATE = 0.1
+"""A rate whose relative error may be larger is not given."""
+
+
+def vague(found: Averages, bounds: Averages) -> set[str]:
+    """Sides whose rate is not known well enough yet."""
+    return {
+        side
+        for side in ("lower", "upper")
+        if getattr(bounds, f"rate_{side}") > WORST_RATE * getattr(found, f"rate_{side}") > 0.0
+    }
