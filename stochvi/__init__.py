@@ -13,8 +13,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stochvi.absorber_design import Design, design_absorber
-    from stochvi.absorbers import AbsorberReport, absorber
+    from stochvi.absorbers import AbsorberReport, Design, absorber, design_absorber
     from stochvi.accuracy import WorkPrecision, cost
     from stochvi.attachments import Absorber
     from stochvi.averaging import average
@@ -74,8 +73,7 @@ if TYPE_CHECKING:
     from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 
 _HOME = {
-    "absorber_design": ("Design", "design_absorber"),
-    "absorbers": ("AbsorberReport", "absorber"),
+    "absorbers": ("AbsorberReport", "Design", "absorber", "design_absorber"),
     "accuracy": ("WorkPrecision", "cost"),
     "attachments": ("Absorber",),
     "averaging": ("average",),

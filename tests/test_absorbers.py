@@ -27,8 +27,8 @@ from stochvi import (
     load_scene,
     simulate,
 )
-from stochvi.absorber_design import _best_box
-from stochvi.absorbers import at_level, linear_rms, without_absorber
+from stochvi.absorbers.design import _best_box
+from stochvi.absorbers.performance import at_level, linear_rms, without_absorber
 from stochvi.cli import main
 from stochvi.excitations import ConstantLoad, FilteredNoise
 from stochvi.structures import Matrices

@@ -18,7 +18,7 @@ from stochvi import (
     WhiteNoise,
     linearise,
 )
-from stochvi.absorbers import linear_rms
+from stochvi.absorbers.performance import linear_rms
 from stochvi.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.structures import Matrices
 

@@ -30,15 +30,15 @@ from stochvi import (
     screen,
 )
 from stochvi.contacts import ForceTable, Law, Viscoelastic
-from stochvi.pages import Fact, Grid, Page, Picture, Section, shown
-from stochvi.report import clearance_page, write_report
-from stochvi.report_inputs import environment, gap, mount
-from stochvi.report_plots import frequencies, input_density, plot_input, transmissibility
-from stochvi.report_stops import hit_on_mount, probability_at, probability_of_stops
+from stochvi.report.inputs import environment, gap, mount
+from stochvi.report.pages import Fact, Grid, Page, Picture, Section, shown
+from stochvi.report.plots import frequencies, input_density, plot_input, transmissibility
+from stochvi.report.stops import hit_on_mount, probability_at, probability_of_stops
+from stochvi.report.tolerances import within_tolerances
+from stochvi.report.write import clearance_page, write_report
 from stochvi.scenes import System
 from stochvi.sensitivity import variations
 from stochvi.sizings import Sizing, spoken_percent
-from stochvi.tolerances import within_tolerances
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
@@ -91,9 +91,9 @@ def sizing() -> Sizing:
 def folder(sizing: Sizing, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report") / "new"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stochvi.report_peaks.MULTIPLES", (3.0, 4.0))
-        patch.setattr("stochvi.report_peaks.STIFFNESS_RATIOS", (1000.0,))
-        patch.setattr("stochvi.report_peaks.PEAK_SECONDS", 0.1)
+        patch.setattr("stochvi.report.peaks.MULTIPLES", (3.0, 4.0))
+        patch.setattr("stochvi.report.peaks.STIFFNESS_RATIOS", (1000.0,))
+        patch.setattr("stochvi.report.peaks.PEAK_SECONDS", 0.1)
         assert write_report(sizing, folder) == folder / "report.html"
     return folder
 

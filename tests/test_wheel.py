@@ -13,7 +13,7 @@ PROBE = """
 import stochvi, stochvi.datasets as d
 print(stochvi.__file__)
 print(len(d.profiles()), d.shipped_scene("isolator-truck").is_file(), d.data_folder())
-from stochvi.pages import Page
+from stochvi.report.pages import Page
 page = Page(title="t", subtitle="s", verdict="v", cards=[], sections=[])
 print("<html" in page.html(), len(d.scene_files("isolator-bumper")))
 """

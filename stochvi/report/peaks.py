@@ -8,9 +8,9 @@ import pandas as pd
 
 from stochvi.clatter import clatter
 from stochvi.errors import NotApplicable
-from stochvi.pages import Grid, Section, shown
-from stochvi.report_plots import plot_peaks
-from stochvi.words import MM, G, four_digits
+from stochvi.report.pages import Grid, Section, shown
+from stochvi.report.plots import plot_peaks
+from stochvi.report.words import MM, G, four_digits
 
 if TYPE_CHECKING:
     from stochvi.sizings import Sizing

@@ -100,7 +100,7 @@ class Page:
         from jinja2 import Environment, PackageLoader, StrictUndefined
 
         environment = Environment(
-            loader=PackageLoader("stochvi"),
+            loader=PackageLoader("stochvi.report"),
             autoescape=True,
             undefined=StrictUndefined,
             finalize=_tied,

@@ -16,8 +16,8 @@ from scipy.stats import norm
 
 from stochvi.conventions import STANDARD_GRAVITY, density_from_intensity, power_ratio
 from stochvi.plots import COLOURS, draw_stops, length_unit
+from stochvi.report.words import count_of
 from stochvi.spectra import squared_gain
-from stochvi.words import count_of
 
 if TYPE_CHECKING:
     import pandas as pd

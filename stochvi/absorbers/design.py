@@ -13,7 +13,7 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from stochvi.absorbers import GAUSSIAN_95, linear_rms
+from stochvi.absorbers.performance import GAUSSIAN_95, linear_rms
 from stochvi.attachments import Absorber
 from stochvi.contacts import Restitution
 from stochvi.errors import NotApplicable

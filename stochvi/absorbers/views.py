@@ -16,8 +16,8 @@ from stochvi.tables import print_frame
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from stochvi.absorber_design import Design
-    from stochvi.absorbers import AbsorberReport, Performance
+    from stochvi.absorbers.design import Design
+    from stochvi.absorbers.performance import AbsorberReport, Performance
 
 RATIO_LABEL = "rms displacement with / without absorber"
 

@@ -13,20 +13,18 @@ from stochvi.estimates import Response
 from stochvi.excitations import DensityNoise
 from stochvi.files import write_sizing, write_table, write_text
 from stochvi.isolators import predicted_rates
-from stochvi.pages import Fact, Grid, Page, Section, shown
-from stochvi.report_inputs import environment, gap, mount
-from stochvi.report_peaks import peaks_of, peaks_section
-from stochvi.report_plots import (
+from stochvi.report.inputs import environment, gap, mount
+from stochvi.report.pages import Fact, Grid, Page, Section, shown
+from stochvi.report.peaks import peaks_of, peaks_section
+from stochvi.report.plots import (
     new_axes,
     plot_cumulative,
     plot_hit_rate,
     plot_sensitivity,
 )
-from stochvi.report_stops import NAMES, probability_at, seed_of, two_sided, with_stops
-from stochvi.sizing_plots import plot_risk
-from stochvi.sizings import spoken_mission, spoken_percent
-from stochvi.tolerances import within_tolerances
-from stochvi.words import (
+from stochvi.report.stops import NAMES, probability_at, seed_of, two_sided, with_stops
+from stochvi.report.tolerances import within_tolerances
+from stochvi.report.words import (
     MM,
     UNKNOWN,
     G,
@@ -36,6 +34,8 @@ from stochvi.words import (
     millimetres,
     with_interval,
 )
+from stochvi.sizing_plots import plot_risk
+from stochvi.sizings import spoken_mission, spoken_percent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,10 +12,10 @@ from stochvi.contacts import CompliantLaw
 from stochvi.estimates import Estimate, Response
 from stochvi.hits import at_clearance
 from stochvi.monte_carlo import record_path
-from stochvi.pages import Grid, Picture, Section, shown
-from stochvi.report_plots import plot_histogram, plot_impact_speeds, plot_transmissibility
+from stochvi.report.pages import Grid, Picture, Section, shown
+from stochvi.report.plots import plot_histogram, plot_impact_speeds, plot_transmissibility
+from stochvi.report.words import MM, UNKNOWN, G, count_of, with_interval
 from stochvi.sizings import spoken_percent
-from stochvi.words import MM, UNKNOWN, G, count_of, with_interval
 
 if TYPE_CHECKING:
     import pandas as pd

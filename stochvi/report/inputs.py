@@ -19,12 +19,12 @@ from stochvi.excitations import (
     TabulatedNoise,
     WhiteNoise,
 )
-from stochvi.pages import Fact, Section, shown
-from stochvi.report_plots import plot_input, plot_response
-from stochvi.report_stops import probability_of_stops
+from stochvi.report.pages import Fact, Section, shown
+from stochvi.report.plots import plot_input, plot_response
+from stochvi.report.stops import probability_of_stops
+from stochvi.report.words import UNKNOWN, G, millimetres
 from stochvi.sizings import spoken_mission, spoken_percent
 from stochvi.structures import Isolator, Oscillator
-from stochvi.words import UNKNOWN, G, millimetres
 
 if TYPE_CHECKING:
     from stochvi.scenes import Scene

@@ -1,0 +1,245 @@
+"""Commands of the users' jobs: isolators and absorbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from stochvi.cli.shared import (
+    console_for,
+    main,
+    numbers,
+    options,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+@main.command()
+@click.argument("scene")
+@options("json", "out", "quiet")
+def screen(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
+    """Linear screening of an isolator: rms, Miles, 3 sigma, Rice."""
+    from stochvi.files import write_json, write_table
+    from stochvi.isolators import screen as solve
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_screening
+
+    linear = solve(load_scene(scene))
+    if not quiet:
+        print_screening(console_for(json_file), linear)
+    if json_file is not None:
+        write_json({"method": "screen", **vars(linear)}, json_file)
+    if out is not None:
+        write_table(linear.to_frame(), out / "screening.csv")
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--gaps", default="1,1.5,2,2.5,3,3.5,4", show_default=True, metavar="LIST",
+    help="Clearances per side, in rms displacements without stops.",
+)  # fmt: skip
+@click.option("--rel-error", type=float, default=0.02, show_default=True, help="Of Monte Carlo.")
+@options("budget", "seed", "threads", "out", "quiet")
+def clearance(
+    scene: str,
+    gaps: str,
+    rel_error: float,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Hit rate of an isolator against clearance: Rice, closure, Monte Carlo."""
+    from stochvi.files import write_clearance
+    from stochvi.isolators import clearance_curve
+    from stochvi.isolators import screen as solve
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_clearance
+
+    multiples = numbers("--gaps", gaps)
+    loaded = load_scene(scene)
+    sigma = solve(loaded).displacement_std
+    with progress_bar(quiet, "clearance") as report:
+        curve = clearance_curve(
+            loaded, [multiple * sigma for multiple in multiples], rel_error=rel_error,
+            budget=budget, seed=seed, threads=threads, progress=report,
+        )  # fmt: skip
+    if not quiet:
+        print_clearance(console_for(None), curve)
+    if out is not None:
+        write_clearance(loaded, curve, out)
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--probability", type=float, metavar="P", help="Chance of any hit in the mission.")
+@click.option("--rate", type=float, metavar="F", help="Or: hits per second on all stops.")
+@click.option(
+    "--impact-speed", type=float, metavar="V", help="Or: largest impact speed of the mission, m/s."
+)
+@click.option(
+    "--peak-acceleration",
+    metavar="A[g]",
+    help="Or: largest absolute acceleration of the mission by a hit, m/s^2 or g (80g).",
+)
+@click.option(
+    "--exceedance",
+    type=float,
+    default=0.01,
+    show_default=True,
+    metavar="P",
+    help="Accepted chance that a speed or acceleration is exceeded.",
+)
+@click.option(
+    "--mission",
+    type=float,
+    default=3600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time of exposure.",
+)
+@click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
+@click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")
+@options("budget", "seed", "threads", "json", "out", "quiet")
+def size(
+    scene: str,
+    probability: float | None,
+    rate: float | None,
+    impact_speed: float | None,
+    peak_acceleration: str | None,
+    exceedance: float,
+    mission: float,
+    rel_error: float,
+    sensitivity: bool,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """The clearance that is really needed, with a stated risk."""
+    from stochvi.files import write_json
+    from stochvi.scenes import load_scene
+    from stochvi.sizing import size as solve
+    from stochvi.tables import print_sizing
+
+    loaded = load_scene(scene)
+    with progress_bar(quiet, "sizing") as report:
+        found = solve(
+            loaded,
+            probability=probability,
+            rate=rate,
+            impact_speed=impact_speed,
+            peak_acceleration=_acceleration(peak_acceleration),
+            exceedance=exceedance,
+            mission=mission,
+            rel_error=rel_error,
+            seed=seed,
+            threads=threads,
+            budget=budget,
+            progress=report,
+        )
+    table = None
+    if sensitivity:
+        from stochvi.sensitivity import sensitivity as vary
+
+        table = vary(found, seed=seed, threads=threads)
+    if not quiet:
+        print_sizing(console_for(json_file), found, table)
+    if json_file is not None:
+        changes = {} if table is None else {"sensitivity": table.to_dict("records")}
+        write_json(found.to_dict() | changes, json_file)
+    if out is not None:
+        from stochvi.report.write import write_report
+
+        write_report(found, out, table)
+
+
+def _acceleration(text: str | None) -> float | None:
+    """m/s^2 from "150" or "15.3g"."""
+    from stochvi.conventions import STANDARD_GRAVITY
+
+    if text is None:
+        return None
+    number, factor = text.strip(), 1.0
+    if number.endswith("g"):
+        number, factor = number[:-1], STANDARD_GRAVITY
+    try:
+        return float(number) * factor
+    except ValueError:
+        raise ValueError(
+            f"--peak-acceleration must be a number of m/s^2 or of g (80g), got {text!r}"
+        ) from None
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--levels", default="-6,-3,0,3,6", show_default=True, metavar="LIST",
+    help="Levels of the excitation, dB about the scene's own.",
+)  # fmt: skip
+@click.option("--mass-budget", type=float, metavar="KG", help="Instead: design the best box.")
+@click.option(
+    "--restitutions", default="0.3,0.5,0.7", show_default=True, metavar="LIST",
+    help="What a design may choose from.",
+)  # fmt: skip
+@click.option(
+    "--units", default="1", show_default=True, metavar="LIST",
+    help="Numbers of equal masses that a design may choose from.",
+)  # fmt: skip
+@click.option("--rel-error", type=float, default=0.01, show_default=True, help="Of Monte Carlo.")
+@options("budget", "seed", "threads", "json", "out", "quiet")
+def absorber(
+    scene: str,
+    levels: str,
+    mass_budget: float | None,
+    restitutions: str,
+    units: str,
+    rel_error: float,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Does a loose mass in a box help: with, without, over levels; or the best box."""
+    from stochvi.absorbers.design import design_absorber
+    from stochvi.absorbers.performance import absorber as perform
+    from stochvi.absorbers.views import draw_design, draw_levels, print_absorber, print_design
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.scenes import load_scene
+
+    loaded = load_scene(scene)
+    common: dict[str, Any] = {
+        "rel_error": rel_error, "seed": seed, "threads": threads, "budget": budget,
+    }  # fmt: skip
+    with progress_bar(quiet, "absorber") as report:
+        if mass_budget is None:
+            found: Any = perform(
+                loaded, levels_db=numbers("--levels", levels), progress=report, **common
+            )
+        else:
+            found = design_absorber(
+                loaded, mass_budget=mass_budget, progress=report,
+                restitutions=numbers("--restitutions", restitutions),
+                units=[round(n) for n in numbers("--units", units)], **common,
+            )  # fmt: skip
+    if not quiet:
+        (print_absorber if mass_budget is None else print_design)(console_for(json_file), found)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        name, draw = (
+            ("absorber", draw_levels) if mass_budget is None else ("absorber-design", draw_design)
+        )
+        write_table(found.to_frame() if mass_budget is None else found.curve, out / f"{name}.csv")
+        write_picture(draw(found), out / f"{name}.png")

@@ -1,0 +1,235 @@
+"""Commands of the methods: a scene in, a response out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from stochvi.cli.shared import (
+    console_for,
+    finish,
+    main,
+    numbers,
+    options,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    from stochvi.galerkin import FirstPassage
+
+MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+"""Of a mission, for which its first passage is told: the table and the picture of a curve."""
+
+
+@main.command()
+@click.argument("scene")
+@options("json", "out", "quiet")
+def exact(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
+    """Closed form, where there is one: white noise, elastic stops."""
+    from stochvi.closed_form import exact as solve
+    from stochvi.scenes import load_scene
+
+    finish(solve(load_scene(scene)), json_file, out, quiet)
+
+
+@main.command("fokker-planck")
+@click.argument("scene")
+@click.option(
+    "--rtol", type=float, default=0.01, show_default=True,
+    help="Relative error of deviations, F1 and F2; 1e-6 takes a second or so.",
+)  # fmt: skip
+@click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
+@options("json", "out", "quiet")
+def fokker_planck(
+    scene: str,
+    rtol: float,
+    speed_threshold: float | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Fokker-Planck equation: one oscillator, white noise, stops of any law."""
+    from stochvi.errors import NotConverged
+    from stochvi.galerkin import fokker_planck as solve
+    from stochvi.scenes import load_scene
+
+    try:
+        response = solve(load_scene(scene), rtol=rtol, speed_threshold=speed_threshold)
+    except NotConverged as reason:
+        if reason.response is not None:
+            finish(reason.response, json_file, out, quiet)
+        raise
+    finish(response, json_file, out, quiet)
+
+
+@main.command("first-passage")
+@click.argument("scene")
+@click.option(
+    "--barrier", metavar="LO,HI",
+    help="Metres from the unloaded spring; leave one empty for none. Default: the stops.",
+)  # fmt: skip
+@click.option("--times", metavar="LIST", help="Seconds, with commas ...")
+@click.option(
+    "--mission", type=float, metavar="SECONDS", help="... or a duration, and parts of it."
+)
+@click.option(
+    "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
+    help="At rest, or in the stationary law without barriers.",
+)  # fmt: skip
+@click.option("--rtol", type=float, default=1e-4, show_default=True, help="Relative error.")
+@options("json", "out", "quiet")
+def first_passage(
+    scene: str,
+    barrier: str | None,
+    times: str | None,
+    mission: float | None,
+    start: str,
+    rtol: float,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """P(first impact, or first passage of a barrier, before t): white noise."""
+    from stochvi.errors import NotConverged
+    from stochvi.galerkin import first_passage as solve
+    from stochvi.scenes import load_scene
+
+    if (times is None) == (mission is None):
+        raise ValueError("give --times or --mission, one of them")
+    if mission is None:
+        moments = numbers("--times", times or "")
+    else:
+        moments = [part * mission for part in MISSION_PARTS]
+    lower, upper = _barrier(barrier)
+    loaded = load_scene(scene)
+    try:
+        found = solve(
+            loaded, lower, upper,
+            times=moments, start="rest" if start == "rest" else "stationary", rtol=rtol,
+        )  # fmt: skip
+    except NotConverged as reason:
+        _finish_passage(reason.response, loaded.title, json_file, out, quiet)
+        raise
+    _finish_passage(found, loaded.title, json_file, out, quiet)
+
+
+def _barrier(text: str | None) -> tuple[float | None, float | None]:
+    if text is None:
+        return None, None
+    words = [word.strip() for word in text.split(",")]
+    if len(words) != 2 or not any(words):
+        raise ValueError(f"--barrier must be LO,HI with at least one of them, got {text!r}")
+    lower, upper = (numbers("--barrier", word)[0] if word else None for word in words)
+    return lower, upper
+
+
+def _finish_passage(
+    found: FirstPassage, title: str, json_file: str | None, out: Path | None, quiet: bool
+) -> None:
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.tables import print_first_passage
+
+    if not quiet:
+        print_first_passage(console_for(json_file), found)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        from stochvi.plots import plot_first_passage
+
+        write_table(found.to_frame(), out / "first_passage.csv")
+        ax = plot_first_passage(found)
+        ax.set_title(title)
+        write_picture(ax, out / "first_passage.png")
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--form", type=click.Choice(["closure", "motion", "force"]), default="closure",
+    show_default=True, help="What is linearised, and with which law.",
+)  # fmt: skip
+@click.option(
+    "--variant", type=click.Choice(["consistent", "book"]), default="consistent",
+    show_default=True, help="Coefficients that obey the balances, or as printed in the book.",
+)  # fmt: skip
+@options("json", "out", "quiet")
+def linearise(
+    scene: str, form: str, variant: str, json_file: str | None, out: Path | None, quiet: bool
+) -> None:
+    """Statistical linearisation: milliseconds, approximate."""
+    from stochvi.linearisation import linearise as solve
+    from stochvi.scenes import load_scene
+
+    finish(solve(load_scene(scene), form=form, variant=variant), json_file, out, quiet)
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--variant", type=click.Choice(["finite-jumps", "continuous", "unfolded"]),
+    default="finite-jumps", show_default=True,
+    help="Impacts as jumps of the energy, spread over a cycle, or as a damper.",
+)  # fmt: skip
+@options("json", "out", "quiet")
+def average(scene: str, variant: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
+    """Averaging of the energy: milliseconds, approximate, for light damping."""
+    from stochvi.averaging import average as solve
+    from stochvi.scenes import load_scene
+
+    finish(solve(load_scene(scene), variant=variant.replace("-", " ")), json_file, out, quiet)
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--rel-error", type=float, help="Relative standard error to reach [0.01].")
+@click.option("--paths", type=int, help="Instead: this many paths ...")
+@click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
+@click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
+@click.option("--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R < 0.5.")
+@options("budget", "seed", "threads", "json", "out", "quiet")
+def simulate(
+    scene: str,
+    rel_error: float | None,
+    paths: int | None,
+    duration: float | None,
+    speed_threshold: float | None,
+    slow_impacts: bool,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Monte Carlo, with standard errors and the bias of the step."""
+    from stochvi.errors import NotConverged
+    from stochvi.monte_carlo import simulate as solve
+    from stochvi.scenes import load_scene
+
+    loaded = load_scene(scene)
+    try:
+        with progress_bar(quiet, "simulating") as report:
+            response = solve(
+                loaded,
+                rel_error=rel_error,
+                paths=paths,
+                duration=duration,
+                speed_threshold=speed_threshold,
+                slow_impacts=slow_impacts,
+                budget=budget,
+                seed=seed,
+                threads=threads,
+                progress=report,
+            )
+    except NotConverged as reason:
+        if reason.response is not None:
+            finish(reason.response, json_file, out, quiet)
+        raise
+    finish(response, json_file, out, quiet)
+    if out is not None and not loaded.beyond_one_oscillator() and loaded.system().omega > 0.0:
+        from stochvi.files import write_picture
+        from stochvi.plots import draw_overview
+
+        write_picture(draw_overview(loaded, loaded.title), out / "overview.png")

@@ -1,0 +1,131 @@
+"""Commands to start from: a demonstration, shipped profiles, a scene file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from stochvi.cli.shared import (
+    BAD_INPUT,
+    FAILED,
+    console_for,
+    main,
+    options,
+    progress_bar,
+    stop,
+)
+
+if TYPE_CHECKING:
+    pass
+
+TEMPLATE = """\
+title = "isolated box on a truck"
+
+[structure]
+kind = "isolator"            # "oscillator": on a fixed base, "isolator": on a moving one
+frequency_hz = 12.0          # with exactly one of zeta and Q
+zeta = 0.1
+# mass = 2.5                 # kg; needed if a force acts on the mass
+# or: mass (kg), damping (N s/m) and stiffness (N/m); mounts = 4 if these are those of one of four
+# gravity = true             # towards -x; left out, stops are measured from where the mass hangs
+# frequency_tolerance = 0.1  # relative, and damping_tolerance: for the sensitivity in reports
+# several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],
+# damping = .., stiffness = ..; then say on = or between = in every entry below, on = "base" for
+# an acceleration of the base
+
+[[impact_pair]]              # leave the section out for no stops
+lower = -0.004               # m from the position of the unloaded spring; leave out for none
+upper = 0.004
+law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
+# stops that give way (N/m): { kind = "elastic", stiffness = 1e5 },
+# { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 }, { kind = "hertz",
+# coefficient = 1e6 }, { kind = "table", deflection = [..], force = [..] } (m, N), or a measured
+# one: { kind = "table", file = "bumper.csv", unit = "mm,N" }
+# on = "absorber", or between = ["absorber", "box"] (first minus second)
+
+[[excitation]]
+kind = "psd"                 # or "white", "filtered", "sine", "constant"; several add up
+profile = "mil-std-810h-truck-vertical-5hz"          # see: stochvi profiles
+level_db = 0.0
+# or: file = "my.csv" (two columns; also .uff, .mat), or frequency_hz = [..] and density = [..],
+# with a unit:
+# unit = "g2/Hz"             # "g2/Hz", "(m/s2)2/Hz" or "N2/Hz"; one-sided per hertz
+# white: intensity = S0 (two-sided, SI), or density = .. with unit = ..
+# filtered: the same, of the white noise before it passes a resonance of frequency_hz and zeta
+# (which raises a density to its 1 / (4 zeta^2)-fold at the peak)
+# sine: amplitude (N, or m/s^2 of the base) and frequency_hz
+# road: road = "C" (ISO 8608) and speed_kmh
+# record: file = "run.csv" (time, acceleration) and unit = "g"
+# constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
+"""
+
+
+@main.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+    metavar="DIR", help="Where tables and pictures go.",
+)  # fmt: skip
+@options("seed", "threads", "quiet")
+def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
+    """A textbook oscillator and a truck isolator, by every method, with pictures."""
+    from stochvi.demo import run_demo
+
+    console = console_for(None)
+    console.quiet = quiet
+    with progress_bar(quiet, "demo", console) as report:
+        agreed = run_demo(out, console, report, seed=seed, threads=threads)
+    console.print(f"\ntables and pictures are in {out}/", highlight=False)
+    if not agreed:
+        stop("the methods disagree, see above", FAILED)
+
+
+@main.command()
+def profiles() -> None:
+    """The tabulated environments that ship."""
+    import pandas as pd
+
+    from stochvi.conventions import STANDARD_GRAVITY
+    from stochvi.datasets import profiles as shipped
+    from stochvi.excitations import TabulatedNoise
+    from stochvi.tables import print_frame
+
+    rows = [
+        {
+            "profile": profile.name,
+            "from Hz": profile.frequency_hz[0],
+            "to Hz": profile.frequency_hz[-1],
+            "stated g": profile.stated_g_rms,
+            "g rms": TabulatedNoise(profile=profile.name).table.mean_square() ** 0.5
+            / STANDARD_GRAVITY,
+        }
+        for profile in shipped().values()
+    ]
+    print_frame(console_for(None), pd.DataFrame(rows), "profiles, g rms as stated and recomputed")
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--kind", type=click.Choice(["any", "bumper", "road", "record"]), default="any",
+    show_default=True, help="A scene with every key, or an isolator of this kind with its tables.",
+)  # fmt: skip
+def new(file: Path, kind: str) -> None:
+    """Write a commented scene file to start from."""
+    import shutil
+
+    from stochvi.datasets import scene_files
+
+    shipped = [] if kind == "any" else scene_files(f"isolator-{kind}")
+    tables = shipped[1:]
+    for target in (file, *(file.parent / table.name for table in tables)):
+        if target.exists():
+            stop(f"{target} exists already; choose another name", BAD_INPUT)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(shipped[0].read_text("utf-8") if shipped else TEMPLATE, encoding="utf-8")
+    for table in tables:
+        shutil.copy(table, file.parent)
+    written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))
+    try_it = f"check {file}" if kind == "any" else f"size {file} --probability 0.01 --out out"
+    click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)
