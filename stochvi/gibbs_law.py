@@ -36,10 +36,13 @@ SETTLED = 1e-13
 """Share of an integral by which halving a panel may change it."""
 
 SHORTEST = 1e-40
-"""A length, in metres, on which no energy changes; doubled until one does."""
+"""A length, in metres, on which no energy changes; made longer until one does."""
 
 LONGEST = 1e40
 """A length, in metres, at which an energy that has not changed never does."""
+
+STRIDE = 16.0
+"""From one such length to the next."""
 
 SMALL_SHARE, SMALL_RISE = 1e-6, 0.01
 """Of the distance to a rigid stop, and of theta: where a look at a function begins."""
@@ -232,9 +235,9 @@ class GibbsLaw:
         """A distance over which the energy hardly changes."""
         distance = SHORTEST
         while distance < min(most * SMALL_SHARE, LONGEST):
-            if abs(float(self._rise(2.0 * away * distance, origin))) > SMALL_RISE * self.theta:
+            if abs(float(self._rise(STRIDE * away * distance, origin))) > SMALL_RISE * self.theta:
                 break
-            distance *= 2.0
+            distance *= STRIDE
         return distance
 
     def _deepest_well(self) -> float:
