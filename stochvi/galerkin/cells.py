@@ -64,27 +64,19 @@ class VelocityCells:
         along = self._pair(np.full_like(self.u, diffusion), slopes, slopes)
         return along + self._pair(drag, slopes, self.local_values)
 
-    def quadrature(self, kink: float) -> tuple[Array, Array, Indices]:
-        """Places, weights that hold g, and the cell of each, for a function with a kink."""
-        edges = np.union1d(self.breaks, np.clip(kink, self.breaks[0], self.breaks[-1]))
+    def split(self, kinks: Array) -> tuple[Array, Array, Array, Array]:
+        """Quadrature for functions with a kink each, every cell split where the kink is in it.
+
+        Places u and weights that hold g, (kink, cell, node), values and slopes of the functions of
+        the cell there, (kink, cell, node, function).
+        """
+        left, right = self.breaks[:-1], self.breaks[1:]
+        middle = np.clip(kinks[:, None], left, right)
+        edges = np.stack(np.broadcast_arrays(left, middle, right), axis=-1)
         u, weights = gauss(edges, self.degree + EXTRA_NODES)
-        cell = np.clip(np.searchsorted(self.breaks, u, side="right") - 1, 0, self.cells - 1)
-        return u, weights * np.exp(-(u**2) / 2.0), cell
-
-    def pushed(self, push: Law, kink: float) -> Array:
-        """Integrals of g push(u) N_k' N_l over each cell, where `push` has a kink."""
-        u, weights, cell = self.quadrature(kink)
-        _, values, slopes = self._local(u)
-        weighted = (weights * push(u))[:, None] * slopes
-        products = weighted[:, :, None] * values[:, None, :]
-        found: Array = np.add.reduceat(products, np.searchsorted(cell, np.arange(self.cells)))
-        return found
-
-    def at(self, u: Array, coefficients: Array) -> Array:
-        """The function with these coefficients at places u within the cells."""
-        cell, values, _ = self._local(u)
-        found: Array = np.sum(values * coefficients[self.places[cell]], axis=-1)
-        return found
+        length = (right - left)[:, None]
+        values, slopes = lobatto(self.degree, 2.0 * (u - left[:, None]) / length - 1.0)
+        return u, weights * np.exp(-(u**2) / 2.0), values, slopes * (2.0 / length[..., None])
 
     def _local(self, u: Array) -> tuple[Indices, Array, Array]:
         """The cell of each u, and values and slopes of its functions there."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.collisions import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.estimates import Estimate, Response
+from stochvi.galerkin.accurate import SAFETY
 from stochvi.galerkin.field import Field
 from stochvi.galerkin.motion import Stop
 
 Vector = NDArray[np.float64]
 
-RESOLVED = 5.0
+RESOLVED = 10.0
 """Of the slowest impacts that a mesh resolves, those that it has the right density of."""
 
 
@@ -103,13 +105,31 @@ class StationaryDensity:
         """Impacts of any speed on a stop, 1/s; None where the rate has no limit.
 
         Below a speed w that is small to everything else the density of impact speeds goes as
-        w^(1 - beta), which adds w^2 p(stop, w) / (2 - beta) to the rate above w. `bias` is the
-        difference of the two meshes, which resolve different speeds.
+        w^(1 - beta), which adds w^2 p(stop, w) / (2 - beta) to the rate above w. `bias` is SAFETY
+        times the difference of the two meshes, which resolve different speeds.
         """
         fine, coarse = self._all_impacts(self.fine, side), self._all_impacts(self.coarse, side)
         if fine is None or coarse is None:
             return None
-        return Estimate(value=fine, bias=abs(fine - coarse), how="refined Galerkin")
+        return Estimate(value=fine, bias=SAFETY * abs(fine - coarse), how="refined Galerkin")
+
+    def slow_impact_exponent(self, side: str) -> Estimate:
+        """beta of p(stop, v) ~ |v|^-beta at a rigid stop, as the solution has it.
+
+        From the slowest impacts that the mesh resolves; `bias` is SAFETY times the difference of
+        the two meshes, which resolve different speeds. What it should be is
+        `collisions.corner_exponent`.
+        """
+        fine, coarse = self._exponent(self.fine, side), self._exponent(self.coarse, side)
+        return Estimate(value=fine, bias=SAFETY * abs(fine - coarse), how="refined Galerkin")
+
+    def _exponent(self, solution: Field, side: str) -> float:
+        stop = self._stop(side)
+        if stop is None or not stop.law.rigid:
+            raise ValueError(f"needs a rigid stop within reach, got none at the {side} side")
+        w = RESOLVED * solution.slowest * np.array([1.0, 2.0])
+        slower, faster = solution.flux_density(stop.position, stop.side, w) / w
+        return float(math.log(slower / faster) / math.log(2.0))
 
     def _all_impacts(self, solution: Field, side: str) -> float | None:
         stop = self._stop(side)

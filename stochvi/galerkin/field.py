@@ -225,8 +225,9 @@ class Field:
         mean = frame.left if frame.halved else sum(float(x @ w) for x, w, _, _ in parts)
         both = 1.0 / self._share
         stops = {f"{name}_{side}": 0.0 for name in OF_STOPS for side in ("lower", "upper")}
-        for stop in frame.reached:
-            found = self._stop(stop, slowest)
+        for stop in reversed(frame.reached):  # of a symmetric scene the lower one is like the upper
+            if stop.side > 0 or not frame.halved:
+                found = self._stop(stop, slowest)
             stops |= {f"{name}_{stop.name}": value for name, value in found.items()}
         up, down = (float(self.flux(mean, side, 1)) for side in (1, -1))
         return Averages(
@@ -252,35 +253,29 @@ class Field:
         """Share of time in which a stop pushes, its mean force, and the power that it takes."""
         share = force = power = 0.0
         side = stop.side
-        if self.frame.halved and side < 0:
-            side, stop = 1, self.frame.reached[-1]
         for strip, x, weights, q in self._strips():
             deflection = stop.deflection(x)
             if deflection.min() < 0.0:
                 continue
-            for y, weight, row in zip(deflection, weights, q, strict=True):
-                u, profile, _ = strip.cells.quadrature(self._release(law, y, side))
-                rate = side * self.frame.speed * u
-                push = _push(law, y, rate)
-                density = weight * profile * strip.cells.at(u, row)
-                share += float(density @ (push > 0.0))
-                force += float(density @ push)
-                power += float(density @ (push * rate))
+            u, profile, values, _ = strip.cells.split(self._release(law, deflection, side))
+            found = np.sum(values * q[:, strip.cells.places][:, :, None, :], axis=-1)
+            density = weights[:, None, None] * profile * found
+            rate = side * self.frame.speed * u
+            y = np.broadcast_to(deflection[:, None, None], u.shape)
+            push = np.asarray(law.force_at(y, rate), dtype=float)
+            share += float(np.sum(density * (push > 0.0)))
+            force += float(np.sum(density * push))
+            power += float(np.sum(density * push * rate))
         return {"contact": share, "force": force, "power": power}
 
-    def _release(self, law: CompliantLaw, y: float, side: int) -> float:
-        """Velocity, in units of the box, at which a stop ceases to push."""
+    def _release(self, law: CompliantLaw, deflection: Array, side: int) -> Array:
+        """Velocities, in units of the box, at which a stop ceases to push."""
         if isinstance(law, Viscoelastic) and not law.conservative:
-            return -side * law.stiffness * y / (law.damping(1.0) * self.frame.speed)
-        return math.inf
+            return -side * law.stiffness * deflection / (law.damping(1.0) * self.frame.speed)
+        return np.full_like(deflection, math.inf)
 
 
 OF_STOPS = ("rate", "speed_rate", "speed_square_rate", "contact", "force", "power")
-
-
-def _push(law: CompliantLaw, deflection: float, rate: Array) -> Array:
-    """Force of the stop, which for all laws but the viscoelastic one knows no rate."""
-    return np.asarray(law.force_at(np.full_like(rate, deflection), rate), dtype=float)
 
 
 def _one(cells: VelocityCells) -> Array:

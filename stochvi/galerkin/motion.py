@@ -468,15 +468,21 @@ def _grip(stop: Stop, units: _Units) -> Grip:
     place = units.place(stop)
     scale = length / speed**2
 
-    def at(xi: float) -> tuple[Callable[[Array], Array], float]:
+    def spring(xi: Array) -> Array:
+        return np.asarray(stiffness * side * length * (xi - place), dtype=float)
+
+    def force(xi: Array, u: Array) -> Array:
         # towards the mass: max(K y + c y', 0) less K y
-        spring = stiffness * side * length * (xi - place)
-        rate = damping * side * speed
-        kink = -spring / rate if rate else math.inf
-        return lambda u: -side * np.maximum(rate * u, -spring) * scale, kink
+        push = np.maximum(damping * side * speed * u, -spring(xi))
+        return np.asarray(-side * scale * push, dtype=float)
+
+    def kink(xi: Array) -> Array:
+        if damping == 0.0:
+            return np.full_like(xi, math.inf)
+        return np.asarray(-side * spring(xi) / (damping * speed), dtype=float)
 
     left, right = (place, math.inf) if side > 0 else (-math.inf, place)
-    return Grip(left, right, at)
+    return Grip(left, right, force, kink)
 
 
 def _is_symmetric(motion: Motion, left: float, right: float) -> bool:

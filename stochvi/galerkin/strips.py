@@ -29,12 +29,13 @@ Law = Callable[[Array], Array]
 class Grip(NamedTuple):
     """A force that depends on place and velocity, on the strips from `left` to `right`.
 
-    `at(xi)` is that force there, a function of velocity, and the velocity at which its slope jumps.
+    `force(xi, u)` is broadcast; `kink(xi)` is the velocity at which its slope jumps.
     """
 
     left: float
     right: float
-    at: Callable[[float], tuple[Law, float]]
+    force: Callable[[Array, Array], Array]
+    kink: Law
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +202,9 @@ class _Piece:
         whole = np.concatenate(parts)
         for grip in box.grips:
             if grip.left <= (strip.left + strip.right) / 2.0 <= grip.right:
-                push = np.array([cells.pushed(*grip.at(float(place))) for place in xi])
+                u, inner, functions, rises = cells.split(grip.kink(xi))
+                inner = inner * grip.force(xi[:, None, None], u)
+                push = np.swapaxes(rises * inner[..., None], 2, 3) @ functions
                 products = (weights[:, None] * values)[:, :, None] * values[:, None, :]
                 whole -= np.einsum("nji,ncab->cjaib", products, push, optimize=True)
         return whole
