@@ -461,16 +461,19 @@ class GibbsLaw:
         density = sign * self._pull(stop + sign * y) * exceedance / slope / self.theta
         return np.where(exceedance < 1.0, density, 0.0)
 
-    def _peak_force(self, side: str, law: CompliantLaw, sign: float) -> float:
+    def _peak_force(self, side: str, law: CompliantLaw, sign: float) -> float | None:
         """Mean of the largest force of a contact without noise and damping while it lasts.
 
         The force F turns a mass that came with the speed w where U = U(stop) + w^2 / 2. Over the
         Rayleigh law of w that is F(y_0) + int F'(y) exp(-(U - U(stop)) / theta) dy, from y_0 on,
-        where w = 0: the stop itself, unless the mass is pressed into it.
+        where w = 0: the stop itself, unless the mass is pressed into it. None where a spring that
+        is a function makes U fall again further in, so that a faster mass may turn elsewhere.
         """
         stop = getattr(self, f"stop_{side}")
         start = stop
         if sign * float(self._pull(stop)) < 0.0:
+            if sign * (self.peak - stop) < 0.0:
+                return None
             bottom = sign * (self.peak - stop)
             start = stop + sign * (bottom + self._first(
                 lambda d: float(self._rise(sign * (bottom + d), stop)), self.peak, sign
@@ -482,6 +485,8 @@ class GibbsLaw:
         )
         edges = self._edges(min(start, end), max(start, end))
         places, weights = self._nodes(edges)
+        if np.any(sign * self._pull(places) < 0.0):
+            return None
         shape = np.exp(-self._rise(places - stop, stop) / self.theta)
         y = sign * (places - stop)
         first = float(law.force_at(sign * (start - stop)))

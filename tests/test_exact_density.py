@@ -235,6 +235,19 @@ def test_what_a_spring_that_is_a_function_lacks_is_said():
     assert exact(scene(spring(lambda x: x, potential=lambda x: 5 + x**2 / 2)))
 
 
+@pytest.mark.parametrize(("upper", "told"), [(0.6, True), (-1.3, False), (-0.3, False)])
+def test_the_peak_force_is_left_out_where_the_potential_falls_behind_the_stop(upper, told):
+    """A stop before, in and behind the left of two wells; the right one is the deeper."""
+    wells = spring(lambda x: 8.0 * (x**3 - x))
+    case = scene(wells, load=0.05, upper=upper, law=Elastic(stiffness=0.5))
+    contact = exact_density(case).law.contact("upper")
+    assert (contact.peak_force is not None) == told
+    if told:
+        f = np.linspace(0.0, 10.0, 20_001)
+        mean = np.trapezoid(exact_density(case).peak_force_exceedance("upper", f), f)
+        assert 2.0 * contact.peak_force == pytest.approx(mean, abs=f[1])
+
+
 def test_filtered_noise_without_stops_has_a_gaussian_density():
     noise = FilteredNoise(intensity=0.4, frequency_hz=0.2, zeta=0.3)
     case = Scene(structure=LINEAR, excitations=[noise, ConstantLoad(force=1.0)])
