@@ -123,7 +123,7 @@ class GibbsLaw:
     def holds(self, side: str) -> bool:
         """Whether the mass cannot be lost on this side."""
         if self.spring is not None:
-            return math.isfinite(self._outer(0.0, 1.0 if side == "upper" else -1.0))
+            return math.isfinite(self._ends[0 if side == "lower" else 1])
         if self.omega > 0.0:
             return True
         outward = self.load if side == "upper" else -self.load
@@ -231,6 +231,12 @@ class GibbsLaw:
                 break
         return math.inf
 
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        """Between which a spring that is a function keeps all of the density."""
+        start = float(self._within(0.0))
+        return self._outer(start, -1.0), self._outer(start, 1.0)
+
     def _near(self, origin: float, away: float, most: float) -> float:
         """A distance over which the energy hardly changes."""
         distance = SHORTEST
@@ -242,8 +248,7 @@ class GibbsLaw:
 
     def _deepest_well(self) -> float:
         """The lowest energy of a spring that is a function, between its outer ends."""
-        start = float(self._within(0.0))
-        ends = [self._outer(start, away) for away in (-1.0, 1.0)]
+        start, ends = float(self._within(0.0)), self._ends
         # as many places about each end of the scale as far out: a well may be narrow
         steps = [np.geomspace(SHORTEST, 1.0, 8 * LOOKED_AT) * (end - start) for end in ends]
         places = np.sort(np.concatenate([[start], start + steps[0], start + steps[1]]))

@@ -102,9 +102,9 @@ def test_marginals_tail_and_rates_are_integrals_of_the_joint_density(case):
     assert np.trapezoid(law.velocity_density(v), v) == pytest.approx(1.0, rel=1e-12)
     side = "lower" if case is WALL else "upper"
     stop = getattr(case.impact_pairs[0], side)
-    w = np.linspace(0.0, 12.0, 4001)
+    w = np.linspace(0.0, 12.0, 2001)
     flux = np.trapezoid(np.where(w >= 0.5, w * law.density(stop, w), 0.0), w)
-    assert law.rate_above(side, 0.5) == pytest.approx(flux, rel=2e-3)
+    assert law.rate_above(side, 0.5) == pytest.approx(flux, rel=4e-3)
     rate = exact(case).estimates()["stops", f"collision_rate_{side}"].value
     assert law.rate_above(side, 0.0) == pytest.approx(rate, rel=1e-12)
     shape = w * law.density(stop, w) / rate
@@ -177,7 +177,6 @@ def test_a_linear_spring_as_a_function_is_the_linear_spring():
 
 
 FORCES = {
-    "double well": lambda x: 8.0 * (x**3 - x),
     "deep double well": lambda x: 240.0 * (x**3 - x),
     "soft, with a kink": lambda x: np.where(x < 0.3, 2.0 * x, 0.6 + 40.0 * (x - 0.3)),
     "dry": lambda x: 6.0 * np.sign(x),
@@ -240,11 +239,12 @@ def test_the_peak_force_is_left_out_where_the_potential_falls_behind_the_stop(up
     """A stop before, in and behind the left of two wells; the right one is the deeper."""
     wells = spring(lambda x: 8.0 * (x**3 - x))
     case = scene(wells, load=0.05, upper=upper, law=Elastic(stiffness=0.5))
-    contact = exact_density(case).law.contact("upper")
+    law = exact_density(case)
+    contact = law.law.contact("upper")
     assert (contact.peak_force is not None) == told
     if told:
-        f = np.linspace(0.0, 10.0, 20_001)
-        mean = np.trapezoid(exact_density(case).peak_force_exceedance("upper", f), f)
+        f = np.linspace(0.0, 5.0, 1001)
+        mean = np.trapezoid(law.peak_force_exceedance("upper", f), f)
         assert 2.0 * contact.peak_force == pytest.approx(mean, abs=f[1])
 
 
@@ -289,7 +289,7 @@ def test_the_linear_autocorrelation_solves_the_equation_of_motion(damping):
 def test_recorded_paths_have_the_autocorrelation(case, lag):
     """Products of one displacement and a later one, averaged over stretches long apart."""
     # a step of kick-flow-kick leaves the law as it is, and the time as far as h^2 goes
-    path = record_path(case, duration=15_000.0, seed=5, step=0.05)
+    path = record_path(case, duration=8_000.0, seed=5, step=0.05)
     time, x = path["time"].to_numpy(), path["displacement"].to_numpy()
     step = time[1] - time[0]
     shift = round(lag / step)
