@@ -31,7 +31,6 @@ if TYPE_CHECKING:
         Restitution,
         SpeedRestitution,
         Viscoelastic,
-        identify_viscoelastic,
     )
     from stochvi.crosscheck import Check, check
     from stochvi.errors import (
@@ -64,6 +63,7 @@ if TYPE_CHECKING:
         transient,
     )
     from stochvi.isolators import Screening, clearance_curve, screen
+    from stochvi.kelvin_voigt import identify_viscoelastic
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.resonance import HarmonicResonance, RandomResonance
@@ -91,7 +91,6 @@ _HOME = {
         "Restitution",
         "SpeedRestitution",
         "Viscoelastic",
-        "identify_viscoelastic",
     ),
     "crosscheck": ("Check", "check"),
     "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
@@ -118,6 +117,7 @@ _HOME = {
         "fokker_planck_density",
     ),
     "isolators": ("Screening", "clearance_curve", "screen"),
+    "kelvin_voigt": ("identify_viscoelastic",),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
     "resonance": ("HarmonicResonance", "RandomResonance"),

@@ -12,6 +12,7 @@ FLOORS = {
     0: ("conventions", "errors", "estimates", "datasets", "readers", "checked"),
     1: (
         "contacts",
+        "kelvin_voigt",
         "structures",
         "excitations",
         "records",

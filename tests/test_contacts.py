@@ -14,9 +14,9 @@ from stochvi.contacts import (
     ForceTable,
     Hertz,
     Viscoelastic,
-    identify_viscoelastic,
 )
 from stochvi.errors import SceneError
+from stochvi.kelvin_voigt import identify_viscoelastic
 from stochvi.scenes import load_scene, scene_from
 
 TABLE = ForceTable(deflection=[0.02, 0.05, 0.06], force=[1.0, 1.0, 9.0])
@@ -186,6 +186,21 @@ def test_a_table_that_is_none_gives_a_sentence(columns, words):
     with pytest.raises(SceneError) as failure:
         ForceTable(**columns)
     assert words in str(failure.value)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_deflection_of_a_force_is_the_largest_without_a_larger_one(name):
+    """The inverse of the force at rest; on a plateau its far end, beyond the last one nowhere."""
+    law = LAWS[name]
+    force = np.array([-1.0, 0.0, 0.3, 1.0, 2.0, 50.0])
+    y = law.deflection_at(force)
+    assert law.force_at(y) == pytest.approx(np.maximum(force, 0.0), rel=1e-12)
+    assert np.all(law.force_at(y * (1.0 + 1e-6) + 1e-12) > force)
+
+
+def test_a_stop_that_yields_never_reaches_more_than_its_largest_force():
+    law = ForceTable(deflection=[0.01, 0.02], force=[1.0, 1.0])
+    assert law.deflection_at([0.5, 1.0, 2.0]).tolist() == [0.005, math.inf, math.inf]
 
 
 # A table from a file ----------------------------------------------------------------------

@@ -64,7 +64,7 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     """
     started = time.perf_counter()
     _check_words(form, variant)
-    if form == "closure" and scene.beyond_one_oscillator():
+    if form == "closure" and scene.beyond_one_oscillator() and not scene.beyond_numbers():
         return closure(scene)
     unmet = scene.beyond_one_oscillator() or _unmet_conditions(scene.system(), form)
     if unmet:

@@ -13,16 +13,15 @@ import stochvi as sv
 from stochvi.collisions import corner_exponent
 
 QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
-SLOW, FAST = 1e-3, 2e-2  # m/s, of some 0.7 m/s rms: where the exponent is measured
-RUNS = 16  # of the paths whose spread gives its standard error
+SLOW, FAST, RUNS = 1e-3, 2e-2, 16  # m/s, where beta is measured, and runs for its standard error
 
 
 def scene(restitution: float, damping: float) -> sv.Scene:
     """omega = 1, stops at +-1, theta = 1."""
     mount = sv.Oscillator(mass=1.0, damping=damping, stiffness=1.0)
-    stops = sv.ImpactPair(lower=-1.0, upper=1.0, law=sv.Restitution(coefficient=restitution))
-    noise = sv.WhiteNoise(intensity=2.0 * damping)
-    return sv.Scene(structure=mount, impact_pairs=[stops], excitations=[noise])
+    pair = sv.ImpactPair(lower=-1.0, upper=1.0, law=sv.Restitution(coefficient=restitution))
+    noise = [sv.WhiteNoise(intensity=2.0 * damping)]
+    return sv.Scene(structure=mount, impact_pairs=[pair], excitations=noise)
 
 
 def moments(restitution: float, damping: float, rel_error: float) -> list[dict]:
