@@ -43,6 +43,9 @@ UNFINISHED = 0.05
 LOOK = 4
 """Times FEWEST_PATHS: where nothing was seen in so many paths, nothing more is tried."""
 
+FEWEST_WITH_BURSTS = 8
+"""Paths of which some crossing must be a first hit, for a standard error."""
+
 FLOWN_TOGETHER = 128
 """Bursts in one call of the engine."""
 
@@ -60,7 +63,8 @@ class Bursts:
     path
         (bursts,) number of the path that each comes from: paths are independent.
     weight
-        (bursts,): chance of its slope, over the chance with which it was drawn.
+        (bursts,): chance of its slope, over the chance with which it was drawn, times Rice's rate
+        of crossings of the stop that it begins at.
     hits, early_hits, speeds
         (bursts,): hits above the speed threshold, those in the first half of the window, and the
         sum of all impact speeds (m/s).
@@ -89,6 +93,8 @@ class Bursts:
     def unfinished(self) -> float:
         """Share of the hits in the second half of the window, beyond those of new bursts."""
         total = float(np.sum(self.weight * self.hits))
+        if total == 0.0:
+            return 0.0
         late = 1.0 - float(np.sum(self.weight * self.early_hits)) / total
         return max(late - 0.5 * self.first_rate.value * self.window, 0.0)
 
@@ -284,7 +290,7 @@ def _join(records: Records, parts: list[_Part]) -> Bursts:
     """All bursts so far."""
     found = records.found(np.concatenate([part.ages for part in parts], axis=3))
     columns = np.concatenate([part.bursts for part in parts], axis=1)
-    if columns.shape[1] == 0:
+    if len(np.unique(columns[0])) < FEWEST_WITH_BURSTS:
         raise NotApplicable("bursts", ["stops as near as these are hit without a pause"])
     named = dict(zip(COLUMNS, columns, strict=True))
     return Bursts(
