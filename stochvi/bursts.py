@@ -43,6 +43,9 @@ UNFINISHED = 0.05
 LOOK = 4
 """Times FEWEST_PATHS: where nothing was seen in so many paths, nothing more is tried."""
 
+FAR, DOUBT = 2.0, 4.0
+"""A factor, and standard errors: so far from what is searched for, a value is known well enough."""
+
 FEWEST_WITH_BURSTS = 8
 """Paths of which some crossing must be a first hit, for a standard error."""
 
@@ -166,6 +169,7 @@ def bursts(
     rel_error: float = 0.05,
     wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate,
     widening: float = 1.0,
+    far_from: float | None = None,
     seed: int = 0,
     threads: int | None = None,
     budget: float | None = 60.0,
@@ -179,6 +183,9 @@ def bursts(
     widening
         Half of the first hits are drawn this many times faster, and weighted with what that makes
         of their chance: for exceedances of speeds that few hits reach.
+    far_from
+        A value of `wanted` that is searched for: where what is found lies beyond doubt more than a
+        factor FAR away from it, no more accuracy is needed.
 
     Raises
     ------
@@ -206,9 +213,17 @@ def bursts(
             error = estimate.standard_error / estimate.value if estimate.value else math.inf
             late = budget is not None and time.perf_counter() - started > budget
             unseen = estimate.value == 0.0 and len(parts) * plan.block >= LOOK * FEWEST_PATHS
-            if error <= rel_error or late or unseen:
+            if error <= rel_error or late or unseen or _far(estimate, far_from):
                 return found
             blocks = math.ceil(len(parts) * min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0))
+
+
+def _far(estimate: Estimate, place: float | None) -> bool:
+    """Whether an estimate lies beyond doubt more than a factor FAR from a place."""
+    if place is None or not estimate.value:
+        return False
+    doubt = DOUBT * estimate.standard_error
+    return estimate.value + doubt < place / FAR or estimate.value - doubt > place * FAR
 
 
 class _Part(NamedTuple):

@@ -417,9 +417,11 @@ class _Job:
         """Rate of bursts with a hit beyond the limit of the target."""
         name, limit = self.target.name, self.target.value
         scene = at_clearance(self.scene, clearance)
+        assert self.target.exceedance is not None
         found = bursts(
             scene,
             rel_error=rel_error,
+            far_from=-math.log1p(-self.target.exceedance) / self.mission,
             wanted=lambda some: some.exceedance_rate(name, limit),
             widening=_widening(scene, self.target, self.curve.crossings.velocity_std, clearance),
             seed=self.seed,
