@@ -43,6 +43,12 @@ UNFINISHED = 0.05
 LOOK = 4
 """Times FEWEST_PATHS: where nothing was seen in so many paths, nothing more is tried."""
 
+FAR, DOUBT = 2.0, 4.0
+"""A factor, and standard errors: so far from what is searched for, a value is known well enough."""
+
+FEWEST_WITH_BURSTS = 8
+"""Paths of which some crossing must be a first hit, for a standard error."""
+
 FLOWN_TOGETHER = 128
 """Bursts in one call of the engine."""
 
@@ -60,7 +66,8 @@ class Bursts:
     path
         (bursts,) number of the path that each comes from: paths are independent.
     weight
-        (bursts,): chance of its slope, over the chance with which it was drawn.
+        (bursts,): chance of its slope, over the chance with which it was drawn, times Rice's rate
+        of crossings of the stop that it begins at.
     hits, early_hits, speeds
         (bursts,): hits above the speed threshold, those in the first half of the window, and the
         sum of all impact speeds (m/s).
@@ -89,6 +96,8 @@ class Bursts:
     def unfinished(self) -> float:
         """Share of the hits in the second half of the window, beyond those of new bursts."""
         total = float(np.sum(self.weight * self.hits))
+        if total == 0.0:
+            return 0.0
         late = 1.0 - float(np.sum(self.weight * self.early_hits)) / total
         return max(late - 0.5 * self.first_rate.value * self.window, 0.0)
 
@@ -160,6 +169,7 @@ def bursts(
     rel_error: float = 0.05,
     wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate,
     widening: float = 1.0,
+    far_from: float | None = None,
     seed: int = 0,
     threads: int | None = None,
     budget: float | None = 60.0,
@@ -173,6 +183,9 @@ def bursts(
     widening
         Half of the first hits are drawn this many times faster, and weighted with what that makes
         of their chance: for exceedances of speeds that few hits reach.
+    far_from
+        A value of `wanted` that is searched for: where what is found lies beyond doubt more than a
+        factor FAR away from it, no more accuracy is needed.
 
     Raises
     ------
@@ -200,9 +213,17 @@ def bursts(
             error = estimate.standard_error / estimate.value if estimate.value else math.inf
             late = budget is not None and time.perf_counter() - started > budget
             unseen = estimate.value == 0.0 and len(parts) * plan.block >= LOOK * FEWEST_PATHS
-            if error <= rel_error or late or unseen:
+            if error <= rel_error or late or unseen or _far(estimate, far_from):
                 return found
             blocks = math.ceil(len(parts) * min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0))
+
+
+def _far(estimate: Estimate, place: float | None) -> bool:
+    """Whether an estimate lies beyond doubt more than a factor FAR from a place."""
+    if place is None or not estimate.value:
+        return False
+    doubt = DOUBT * estimate.standard_error
+    return estimate.value + doubt < place / FAR or estimate.value - doubt > place * FAR
 
 
 class _Part(NamedTuple):
@@ -284,7 +305,7 @@ def _join(records: Records, parts: list[_Part]) -> Bursts:
     """All bursts so far."""
     found = records.found(np.concatenate([part.ages for part in parts], axis=3))
     columns = np.concatenate([part.bursts for part in parts], axis=1)
-    if columns.shape[1] == 0:
+    if len(np.unique(columns[0])) < FEWEST_WITH_BURSTS:
         raise NotApplicable("bursts", ["stops as near as these are hit without a pause"])
     named = dict(zip(COLUMNS, columns, strict=True))
     return Bursts(

@@ -55,9 +55,9 @@ MEMORY_CORRELATIONS = 24.0
 FEWEST_PATHS = 64
 """For a standard error between paths; each holds some 20 crossings."""
 
-FEWEST_SURVIVORS = 0.01
-"""Share of missions that must outlast the horizon for a limiting rate; where fewer do, they are
-taken for so many, which leaves an error of less than this in the chance of a hit."""
+FEWEST_SURVIVORS = 0.05
+"""Share of motions that must outlast the horizon for a limiting rate: beyond the noise of 64 paths.
+Where fewer do, they are taken for so many, which changes the chance of a hit by less than this."""
 
 STRIDES = (1, 2)
 """Every sample, and every second one: what the cubics between samples may miss."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,13 +42,13 @@ class RiskCurve:
 
     @classmethod
     def of(cls, crossings: FirstCrossings, mission: float) -> RiskCurve:
-        """From first crossings of pairs of levels at equal distances."""
+        """From first crossings of pairs of levels at equal, increasing distances."""
         return cls(
             crossings=crossings,
             mission=mission,
             clearances=np.minimum(crossings.lower, crossings.upper),
             probabilities=crossings.probability(mission),
-            first_rates=crossings.first_rate(),
+            first_rates=_falling(crossings.first_rate()),
         )
 
     def clearance(self, probability: float) -> Clearance:
@@ -122,6 +122,16 @@ class RiskCurve:
             columns[f"{name}_low"] = [max(e.value - half_width(e), 0.0) for e in estimates]
             columns[f"{name}_high"] = [min(e.value + half_width(e), most) for e in estimates]
         return pd.DataFrame(columns)
+
+
+def _falling(rates: Sequence[Estimate]) -> list[Estimate]:
+    """Rates of which none is below that of a farther stop: where hardly any motion outlasts the
+    memory, what is left of it is noise."""
+    found: list[Estimate] = []
+    for rate in reversed(rates):
+        least = found[-1].value if found else 0.0
+        found.append(replace(rate, value=max(rate.value, least)))
+    return found[::-1]
 
 
 def half_width(estimate: Estimate) -> float:

@@ -12,6 +12,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,9 +46,11 @@ ACCEPTED = 0.01
 MOST_CLEARANCES = 12
 """Tried for a target that needs impacts."""
 
-LEAST_SIGMA, LEAST_SIGMA_OF_BURSTS = 0.2, 1.5
-"""The smallest clearance that is tried, in sigma; nearer stops are hit without the pauses that part
-bursts."""
+LEAST_SIGMA = 0.2
+"""The smallest clearance that is tried for a rate, in sigma."""
+
+MOST_OVERLAP = 0.5
+"""First hits in the time of a burst up to which bursts are told apart."""
 
 ROUGHLY = 3.0
 """Times the accuracy asked for, until the clearance is nearly found."""
@@ -343,6 +346,8 @@ class _Job:
             above, below = (point, below) if excess > 0.0 else (above, point)
             if above and below and math.isfinite(below[1]):
                 slope = (below[1] - above[1]) / (below[0] - above[0])
+            if excess < 0.0 and place <= self._least * (1.0 + CLOSE):
+                return self._already_kept(place)
             place = math.sqrt(self._next(above, below, point))
         else:
             raise NotConverged(
@@ -372,23 +377,35 @@ class _Job:
             # not too near an end, which would move the other one too slowly
             return above[0] + min(max(share, 0.1), 0.9) * (below[0] - above[0])
         step = 2.0 * self.sigma**2 * max(min(last[1], 8.0), -8.0)
-        limited = self.target.exceedance is not None
-        least_sigma = LEAST_SIGMA_OF_BURSTS if limited else LEAST_SIGMA
-        least = (least_sigma * self.sigma) ** 2
-        if last[1] < 0.0 and last[0] <= least * (1.0 + CLOSE):
+        return max(last[0] + step, self._least**2)
+
+    @cached_property
+    def _least(self) -> float:
+        """The smallest clearance that is tried: where bursts are needed, they must not meet."""
+        if self.target.exceedance is None:
+            return LEAST_SIGMA * self.sigma
+        clearances = self.curve.clearances
+        meet = [self.curve.first_rate(c) * self.hits.window > MOST_OVERLAP for c in clearances]
+        return float(clearances[int(np.flatnonzero(meet)[-1]) + 1] if any(meet) else clearances[0])
+
+    def _already_kept(self, place: float) -> Clearance:
+        """Where the smallest clearance that is tried keeps the target with a margin."""
+        target = self.target
+        if target.exceedance is None:
             raise NotApplicable(
                 "size",
-                [
-                    f"{self.target.name} stays below {self.target.value:g} {self.target.unit} even "
-                    f"at {least_sigma:g} sigma"
-                ],
+                [f"the {target.name} stays below {target.value:g} {target.unit} at any clearance"],
             )
-        return max(last[0] + step, least)
+        self.warnings.append(
+            f"a clearance below {1e3 * place:.4g} mm may do as well: there hits come without the "
+            "pauses by which bursts are told apart, and no chance can be calculated"
+        )
+        return Clearance(value=place, lower=0.0, upper=place)
 
     def _first_guess(self, wanted: float) -> float:
         """By Rice's rate; for a limit on hits, from where hits are as rare as it is to be."""
         if self.target.exceedance is not None:
-            return 0.9 * self.curve.clearance(self.target.exceedance).value
+            return max(0.9 * self.curve.clearance(self.target.exceedance).value, self._least)
         crossings = self.curve.crossings
         zero = crossings.rice_rate[0] * math.exp(0.5 * (self.curve.clearances[0] / self.sigma) ** 2)
         return self.sigma * math.sqrt(2.0 * math.log(max(zero / wanted, 1.2)))
@@ -400,9 +417,11 @@ class _Job:
         """Rate of bursts with a hit beyond the limit of the target."""
         name, limit = self.target.name, self.target.value
         scene = at_clearance(self.scene, clearance)
+        assert self.target.exceedance is not None
         found = bursts(
             scene,
             rel_error=rel_error,
+            far_from=-math.log1p(-self.target.exceedance) / self.mission,
             wanted=lambda some: some.exceedance_rate(name, limit),
             widening=_widening(scene, self.target, self.curve.crossings.velocity_std, clearance),
             seed=self.seed,

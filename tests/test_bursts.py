@@ -128,6 +128,16 @@ def test_faster_first_hits_are_weighted_back() -> None:
         assert_agrees(wide._mean(wide.fastest), unweighted)
 
 
+def test_what_is_far_from_the_wanted_value_takes_few_bursts() -> None:
+    scene = truck(4.5, Restitution(coefficient=0.5))
+    exact_one = bursts(scene, rel_error=0.01, seed=1)
+    rate = exact_one.hit_rate().value
+    far, near = (
+        bursts(scene, rel_error=0.01, far_from=factor * rate, seed=1) for factor in (10.0, 1.5)
+    )
+    assert len(far.path) < len(near.path) == len(exact_one.path)
+
+
 def test_chance_of_a_sharp_hit_against_whole_missions() -> None:
     """Largest absolute acceleration in 6 s, from paths with everything simulated."""
     scene = truck(3.6, Elastic(stiffness=100.0 * (24.0 * math.pi) ** 2))
