@@ -68,8 +68,7 @@ if TYPE_CHECKING:
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.resonance import HarmonicResonance, RandomResonance
     from stochvi.scenes import ImpactPair, Scene, load_scene
-    from stochvi.sizing import size
-    from stochvi.sizings import Sizing
+    from stochvi.sizing import Sizing, size
     from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 
 _HOME = {
@@ -122,8 +121,7 @@ _HOME = {
     "monte_carlo": ("record_path", "simulate"),
     "resonance": ("HarmonicResonance", "RandomResonance"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
-    "sizing": ("size",),
-    "sizings": ("Sizing",),
+    "sizing": ("Sizing", "size"),
     "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

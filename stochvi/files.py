@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stochvi.scenes import Scene
-    from stochvi.sizings import Sizing
+    from stochvi.sizing.answer import Sizing
 
 
 def to_json(document: Mapping[str, Any]) -> str:
@@ -99,7 +99,7 @@ def write_clearance(scene: Scene, curve: pd.DataFrame, folder: Path) -> None:
 
 def write_sizing(sizing: Sizing, folder: Path, sensitivity: pd.DataFrame | None = None) -> None:
     """The answer as `size.json` and `risk.png`, its tables as CSV."""
-    from stochvi.sizing_plots import draw_sizing
+    from stochvi.sizing.plots import draw_sizing
 
     write_text(to_json(sizing.to_dict()) + "\n", folder / "size.json")
     write_table(sizing.curve, folder / "risk.csv")

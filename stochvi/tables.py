@@ -11,7 +11,7 @@ from rich.table import Table
 from stochvi.accuracy import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
 from stochvi.crosscheck import APPROXIMATE, BALANCE, DISAGREES, ROUNDING, Check, Comparison
 from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
-from stochvi.sizings import spoken_mission, spoken_percent
+from stochvi.sizing.answer import spoken_mission, spoken_percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from stochvi.explanation import Explanation
     from stochvi.galerkin import FirstPassage
     from stochvi.isolators import Screening
-    from stochvi.sizings import Sizing
+    from stochvi.sizing.answer import Sizing
 
 QUANTITY_NAMES = {
     "displacement_mean": "mean displacement",

@@ -12,7 +12,7 @@ from stochvi.contacts import Law, Viscoelastic
 from stochvi.estimates import Cost, Estimate, provenance
 from stochvi.excitations import Excitation
 from stochvi.isolators import with_clearance
-from stochvi.sizings import Clearance, Sizing, Target, ThreeSigma
+from stochvi.sizing.answer import Clearance, Sizing, Target, ThreeSigma
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
 MOUNT = Isolator(

@@ -8,13 +8,13 @@ from statistical import assert_agrees
 from test_sizing import truck
 
 from stochvi import ConstantLoad, Elastic, Isolator, NotApplicable, Restitution, Viscoelastic
-from stochvi.clatter import clatter
 from stochvi.contacts import CompliantLaw, Hertz
 from stochvi.conventions import STANDARD_GRAVITY
 from stochvi.estimates import Estimate
-from stochvi.hits import at_clearance
 from stochvi.isolators import screen
 from stochvi.monte_carlo.tabulated import plan_tabulated
+from stochvi.sizing.clatter import clatter
+from stochvi.sizing.hits import at_clearance
 
 SPRING = (24.0 * math.pi) ** 2
 """N/m, of 1 kg at 12 Hz."""

@@ -9,9 +9,9 @@ import pytest
 from test_cli import ISOLATOR, Run, one_document, stochvi  # noqa: F401
 
 from stochvi.scenes import load_scene
-from stochvi.sizing import size
-from stochvi.sizing_plots import plot_risk
-from stochvi.sizings import spoken_percent
+from stochvi.sizing.answer import spoken_percent
+from stochvi.sizing.method import size
+from stochvi.sizing.plots import plot_risk
 
 ROUGH = ("--rel-error", "0.2", "--threads", "1", "--mission", "600")
 

@@ -37,8 +37,8 @@ from stochvi.report.stops import hit_on_mount, probability_at, probability_of_st
 from stochvi.report.tolerances import within_tolerances
 from stochvi.report.write import clearance_page, write_report
 from stochvi.scenes import System
-from stochvi.sensitivity import variations
-from stochvi.sizings import Sizing, spoken_percent
+from stochvi.sizing.answer import Sizing, spoken_percent
+from stochvi.sizing.sensitivity import variations
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
@@ -111,8 +111,8 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
         plt.close("all")
         return Picture(uri="data:image/svg+xml;base64,", caption=caption)
 
-    for module in ("report", "report_inputs", "report_stops"):
-        monkeypatch.setattr(f"stochvi.{module}.shown", blank)
+    for module in ("write", "inputs", "stops"):
+        monkeypatch.setattr(f"stochvi.report.{module}.shown", blank)
 
 
 # The page ---------------------------------------------------------------------------------

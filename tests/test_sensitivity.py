@@ -9,10 +9,17 @@ from statistical import Z
 from test_sizing import HOUR, ten_hertz, truck
 
 from stochvi import Elastic, Isolator, NotApplicable, Restitution, TabulatedNoise
-from stochvi.risk_curve import RiskCurve
-from stochvi.sensitivity import KURTOSIS, Hermite, fast_peaks, sensitivity, slow_bursts, variations
-from stochvi.sizing import risk_curve, size
-from stochvi.sizings import Sizing, Target
+from stochvi.sizing.answer import Sizing, Target
+from stochvi.sizing.method import risk_curve, size
+from stochvi.sizing.risk_curve import RiskCurve
+from stochvi.sizing.sensitivity import (
+    KURTOSIS,
+    Hermite,
+    fast_peaks,
+    sensitivity,
+    slow_bursts,
+    variations,
+)
 
 ONE_PER_CENT = Target(name="probability", value=0.01, unit="1")
 

@@ -27,7 +27,7 @@ from stochvi.first_crossings import first_crossings
 from stochvi.isolators import GAUSSIAN_95
 from stochvi.monte_carlo.kernels.compliant_response import EXTREMES, FASTEST
 from stochvi.monte_carlo.tabulated import plan_tabulated
-from stochvi.sizing import Sizing, at_clearance, size
+from stochvi.sizing.method import Sizing, at_clearance, size
 
 HOUR = 3600.0
 HALF = Restitution(coefficient=0.5)

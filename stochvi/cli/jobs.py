@@ -128,7 +128,7 @@ def size(
     """The clearance that is really needed, with a stated risk."""
     from stochvi.files import write_json
     from stochvi.scenes import load_scene
-    from stochvi.sizing import size as solve
+    from stochvi.sizing.method import size as solve
     from stochvi.tables import print_sizing
 
     loaded = load_scene(scene)
@@ -149,7 +149,7 @@ def size(
         )
     table = None
     if sensitivity:
-        from stochvi.sensitivity import sensitivity as vary
+        from stochvi.sizing.sensitivity import sensitivity as vary
 
         table = vary(found, seed=seed, threads=threads)
     if not quiet:

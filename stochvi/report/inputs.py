@@ -23,12 +23,12 @@ from stochvi.report.pages import Fact, Section, shown
 from stochvi.report.plots import plot_input, plot_response
 from stochvi.report.stops import probability_of_stops
 from stochvi.report.words import UNKNOWN, G, millimetres
-from stochvi.sizings import spoken_mission, spoken_percent
+from stochvi.sizing.answer import spoken_mission, spoken_percent
 from stochvi.structures import Isolator, Oscillator
 
 if TYPE_CHECKING:
     from stochvi.scenes import Scene
-    from stochvi.sizings import Sizing
+    from stochvi.sizing.answer import Sizing
 
 LAW_UNITS = {"stiffness": "N/m", "coefficient": "N/m^1.5"}
 

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from stochvi.clatter import clatter
 from stochvi.errors import NotApplicable
 from stochvi.report.pages import Grid, Section, shown
 from stochvi.report.plots import plot_peaks
 from stochvi.report.words import MM, G, four_digits
+from stochvi.sizing.clatter import clatter
 
 if TYPE_CHECKING:
-    from stochvi.sizings import Sizing
+    from stochvi.sizing.answer import Sizing
 
 WINDOW = 18.0
 """Seconds of which the largest acceleration is taken: some hundred cycles of a usual mount."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.scenes import Scene, System
-    from stochvi.sizings import Sizing
+    from stochvi.sizing.answer import Sizing
 
 Vector = NDArray[np.float64]
 

@@ -10,18 +10,18 @@ import numpy as np
 
 from stochvi.contacts import CompliantLaw
 from stochvi.estimates import Estimate, Response
-from stochvi.hits import at_clearance
 from stochvi.monte_carlo import record_path
 from stochvi.report.pages import Grid, Picture, Section, shown
 from stochvi.report.plots import plot_histogram, plot_impact_speeds, plot_transmissibility
 from stochvi.report.words import MM, UNKNOWN, G, count_of, with_interval
-from stochvi.sizings import spoken_percent
+from stochvi.sizing.answer import spoken_percent
+from stochvi.sizing.hits import at_clearance
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.scenes import Scene, System
-    from stochvi.sizings import Sizing
+    from stochvi.sizing.answer import Sizing
 
 PATH_PERIODS = 20_000.0
 """Natural periods of the path behind histogram and impact speeds: seconds to make, and at 3 sigma

@@ -34,13 +34,13 @@ from stochvi.report.words import (
     millimetres,
     with_interval,
 )
-from stochvi.sizing_plots import plot_risk
-from stochvi.sizings import spoken_mission, spoken_percent
+from stochvi.sizing.answer import spoken_mission, spoken_percent
+from stochvi.sizing.plots import plot_risk
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stochvi.sizings import Sizing
+    from stochvi.sizing.answer import Sizing
 
 CLOSURE_POINTS = 41
 

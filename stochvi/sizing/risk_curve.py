@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from stochvi.estimates import Estimate
 from stochvi.first_crossings import FirstCrossings
 from stochvi.isolators import GAUSSIAN_95
-from stochvi.sizings import Clearance
+from stochvi.sizing.answer import Clearance
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -23,13 +23,13 @@ from stochvi.contacts import CompliantLaw
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, provenance
 from stochvi.first_crossings import deviations, first_crossings, largest_error
-from stochvi.hits import Hits, at_clearance, compile_kernels
 from stochvi.isolators import Screening, screen
 from stochvi.monte_carlo.runs import Progress
 from stochvi.notes import scene_notes
-from stochvi.risk_curve import CERTAIN, RiskCurve, half_width
 from stochvi.scenes import LARGEST_NUMBER, Scene
-from stochvi.sizings import Clearance, Sizing, Target, ThreeSigma
+from stochvi.sizing.answer import Clearance, Sizing, Target, ThreeSigma
+from stochvi.sizing.hits import Hits, at_clearance, compile_kernels
+from stochvi.sizing.risk_curve import CERTAIN, RiskCurve, half_width
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from stochvi.contacts import Elastic, Viscoelastic
 from stochvi.errors import NotApplicable
-from stochvi.hits import at_clearance
 from stochvi.monte_carlo.kernels.compliant_response import (
     EXTREMES,
     FORCE_SQUARE,
@@ -30,6 +29,7 @@ from stochvi.monte_carlo.kernels.contact import CONTACT_LOWER, CONTACT_UPPER, LO
 from stochvi.monte_carlo.kernels.flight import N_LOWER, N_UPPER, VV, XX
 from stochvi.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.scenes import Scene
+from stochvi.sizing.hits import at_clearance
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,15 +14,15 @@ from scipy.special import gammaln, roots_genlaguerre
 from stochvi.contacts import Law, Restitution
 from stochvi.errors import NotApplicable
 from stochvi.excitations import Excitation, RecordedNoise, RoadNoise, TabulatedNoise
-from stochvi.risk_curve import RiskCurve
 from stochvi.scenes import Scene
-from stochvi.sizing import risk_curve, size
+from stochvi.sizing.method import risk_curve, size
+from stochvi.sizing.risk_curve import RiskCurve
 from stochvi.spectra import Table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stochvi.sizings import Sizing
+    from stochvi.sizing.answer import Sizing
 
 Vector = NDArray[np.float64]
 
@@ -366,7 +366,7 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
     ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
     ...     excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
     ... )
-    >>> from stochvi.sizings import Target
+    >>> from stochvi.sizing.answer import Target
     >>> target = Target(name="probability", value=0.01, unit="1")
     >>> curve = risk_curve(scene, target, 3600.0)
     >>> level = 5.6 * curve.crossings.displacement_std

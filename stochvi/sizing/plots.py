@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from stochvi.plots import COLOURS, length_unit
-from stochvi.sizings import spoken_mission, spoken_percent
+from stochvi.sizing.answer import spoken_mission, spoken_percent
 
 if TYPE_CHECKING:
-    from stochvi.sizings import Sizing
+    from stochvi.sizing.answer import Sizing
 
 LEAST_PROBABILITY = 1e-5
 """Lower end of the picture, unless the target lies lower."""

@@ -13,8 +13,8 @@ from stochvi.estimates import Estimate, Response
 from stochvi.first_crossings import MEMORY_RELAXATIONS, crossing_plan
 from stochvi.monte_carlo import simulate
 from stochvi.monte_carlo.kernels.compliant_response import EXTREMES
-from stochvi.risk_curve import RiskCurve
 from stochvi.scenes import ImpactPair, Scene
+from stochvi.sizing.risk_curve import RiskCurve
 
 
 def at_clearance(scene: Scene, clearance: float) -> Scene:
