@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from known import BENCH, oscillator
 from scipy.special import gamma, hyp2f1, ndtr
@@ -27,10 +28,13 @@ from stochvi import (
     TabulatedNoise,
     first_passage,
 )
-from stochvi.galerkin import layout
+from stochvi.cli import main
+from stochvi.datasets import shipped_scene
+from stochvi.galerkin import layout, passage
 from stochvi.galerkin.evolution import time_groups
 from stochvi.galerkin.mesh import gauss
 from stochvi.galerkin.operators import Motion
+from stochvi.scenes import load_scene
 from stochvi.state_space import step_covariance, transition
 
 PERIOD = 2.0 * math.pi
@@ -111,7 +115,7 @@ def test_the_wrong_closed_form_is_caught() -> None:
 def test_a_stationary_start_leaves_at_rices_rate_at_first_and_never_faster() -> None:
     """d/dt P = Rice's rate at t = 0; then it falls: some crossings are not the first."""
     times = [0.0, 0.01, 0.3, 3.0, 30.0]
-    found = first_passage(lightly_damped(), -2.0, 2.0, times=times, start="stationary")
+    found = first_passage(lightly_damped(), -2.0, 2.0, times=times, start="stationary", rtol=1e-3)
     assert found.rice_rate is not None
     rice = math.exp(-2.0) / math.pi
     assert found.rice_rate.value == pytest.approx(rice, rel=1e-14)
@@ -148,7 +152,7 @@ def test_the_mean_time_is_the_integral_of_survival() -> None:
     """By Gauss's rule up to 15 s, and from there at the decay rate."""
     times, weights = gauss([0.0, 0.1, 1.0, 5.0, 15.0], 6)
     scene = lightly_damped(0.3)
-    found = first_passage(scene, -1.5, 1.5, times=[*times, 15.0], rtol=1e-4, start="stationary")
+    found = first_passage(scene, -1.5, 1.5, times=[*times, 15.0], rtol=3e-4, start="stationary")
     survival = np.array([1.0 - estimate.value for estimate in found.probability])
     bounds = np.array([estimate.bias for estimate in found.probability])
     shares = np.append(weights, 1.0 / found.decay_rate.value)
@@ -202,16 +206,12 @@ def test_a_point_that_flies_for_a_while_is_the_gaussian_it_becomes() -> None:
     spread = step_covariance(generator, np.diag([0.0, 0.2]), early)
     mean = transition(generator, early) @ np.array([0.2, -0.4])
     law = Gaussian(mean=tuple(mean), covariance=tuple(map(tuple, spread)))
-    point = first_passage(
-        lightly_damped(), -1.5, 1.5, times=[2.0, 9.0], start=(0.2, -0.4), rtol=1e-4
-    )
-    after = first_passage(
-        lightly_damped(), -1.5, 1.5, times=[2.0 - early, 9.0 - early], start=law, rtol=1e-4
-    )
+    point = first_passage(lightly_damped(), -1.5, 1.5, times=[9.0], start=(0.2, -0.4), rtol=1e-3)
+    after = first_passage(lightly_damped(), -1.5, 1.5, times=[9.0 - early], start=law, rtol=1e-3)
     for one, two in zip(point.probability, after.probability, strict=True):
         assert one.bias is not None and two.bias is not None
         assert_agrees(replace(one, bias=one.bias + two.bias), two.value)
-    assert after.mean_time.value == pytest.approx(point.mean_time.value - early, rel=2e-4)
+    assert after.mean_time.value == pytest.approx(point.mean_time.value - early, rel=2e-3)
 
 
 def test_the_stops_are_the_barriers_whatever_their_law() -> None:
@@ -226,13 +226,15 @@ def test_the_stops_are_the_barriers_whatever_their_law() -> None:
     assert nearer.probability[0].value > bare.probability[0].value
 
 
+LONG = pytest.mark.verify
 HARD = [
     (lightly_damped(0.01), (-2.0, 2.0), "rest"),
-    (lightly_damped(2.0), (-1.5, 3.0), "stationary"),
     (lightly_damped(), (-0.05, 0.05), "rest"),
-    (lightly_damped(load=-2.0), (None, -1.0), "rest"),
-    (lightly_damped(), (None, -0.5), (-1.0, 0.5)),
-    (oscillator(damping=0.0, intensity=0.02), (None, 1.0), "rest"),
+    pytest.param(lightly_damped(2.0), (-1.5, 3.0), "stationary", marks=LONG),
+    pytest.param(lightly_damped(load=-2.0), (None, -1.0), "rest", marks=LONG),
+    pytest.param(lightly_damped(), (None, -0.5), (-1.0, 0.5), marks=LONG),
+    pytest.param(oscillator(damping=0.0, intensity=0.02), (None, 1.0), "rest", marks=LONG),
+    pytest.param(lightly_damped(0.003), (-2.5, 2.5), "stationary", marks=LONG),
 ]
 
 
@@ -377,7 +379,7 @@ def test_a_covariance_that_is_none_is_refused(covariance) -> None:
 
 
 def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch) -> None:
-    monkeypatch.setattr("stochvi.galerkin.passage.LEVELS", layout.LEVELS[:2])
+    monkeypatch.setattr(passage, "LEVELS", layout.LEVELS[:2])
     with pytest.raises(NotConverged, match="reached a relative error of") as reason:
         first_passage(lightly_damped(0.002), -2.0, 2.0, rtol=1e-7)
     reached = reason.value.response
@@ -390,3 +392,74 @@ def test_the_lowest_place_is_that_of_the_potential() -> None:
     falling = Motion(0.0, 0.0, 1.0, 1.0)
     assert layout.lowest(falling, -1.0, 2.0) == 2.0
     assert layout.rise(falling, -1.0, 2.0) == 3.0
+
+
+# The command --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def stochvi(capsys: pytest.CaptureFixture[str]):
+    """The command first-passage with these options: exit code, stdout, stderr."""
+
+    def run(*options: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as stop:
+            main(["first-passage", LOSSY, *options], prog_name="stochvi")
+        return (int(stop.value.code or 0), *capsys.readouterr())
+
+    return run
+
+
+LOSSY = str(shipped_scene("oscillator-lossy"))
+
+
+def test_the_command_answers_with_a_table_a_document_and_a_picture(stochvi, tmp_path) -> None:
+    options = ("--mission", "50", "--rtol", "0.05", "--json", "-", "--out", str(tmp_path))
+    code, out, err = stochvi(*options)
+    document = json.loads(out)
+    assert code == 0
+    assert document["barriers"] == {"lower": -1.0, "upper": 1.0}
+    assert document["times"][-1] == 50.0
+    assert "P(first passage before t)" in err and "mean time to the first passage" in err
+    assert len(pd.read_csv(tmp_path / "first_passage.csv")) == len(document["times"])
+    assert (tmp_path / "first_passage.png").stat().st_size > 10_000
+
+
+def test_barriers_on_the_command_line_are_those_of_python(stochvi) -> None:
+    options = ("--barrier", "-0.9,0.5", "--times", "20,40", "--start", "stationary")
+    code, out, err = stochvi(*options, "--rtol", "0.05", "--json", "-", "--quiet")
+    found = first_passage(
+        load_scene(LOSSY), -0.9, 0.5, times=[20.0, 40.0], start="stationary", rtol=0.05
+    )
+    assert (code, err) == (0, "")
+    assert json.loads(out)["probability"] == found.to_dict()["probability"]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ((), "give --times or --mission, one of them"),
+        (("--times", "1", "--mission", "1"), "give --times or --mission, one of them"),
+        (("--times", "1,x"), "--times must be numbers with commas, got '1,x'"),
+        (("--mission", "1", "--barrier", "3"), "--barrier must be LO,HI with at least one"),
+        (("--mission", "1", "--barrier", ","), "--barrier must be LO,HI with at least one"),
+        (("--mission", "1", "--barrier", "-3,3"), "barriers must not lie beyond a stop"),
+        (("--mission", "1", "--barrier", ",0.5"), "got lower left out and a stop at -1 m"),
+        (("--mission", "nan"), "times must be finite and at least 0 s"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_an_option_out_of_range_is_one_sentence(stochvi, options, sentence) -> None:
+    code, out, err = stochvi(*options)
+    assert (code, out) == (2, "")
+    assert sentence in err
+    assert err.startswith("stochvi: ")
+
+
+def test_an_accuracy_that_was_not_reached_exits_with_1_and_tells_what_was(
+    stochvi, monkeypatch
+) -> None:
+    monkeypatch.setattr(passage, "LEVELS", layout.LEVELS[:2])
+    code, out, err = stochvi("--times", "20", "--rtol", "1e-9", "--json", "-", "--quiet")
+    assert code == 1
+    assert err.startswith("stochvi: first-passage reached a relative error of")
+    assert json.loads(out)["decay_rate"]["value"] > 0.0

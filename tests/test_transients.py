@@ -75,7 +75,7 @@ def test_a_free_mass_between_elastic_stops_is_a_sum_of_mirror_images() -> None:
     damping, intensity, start = 0.5, 1.0, (0.3, 0.5)
     scene = oscillator(-1.0, 1.0, omega=0.0, damping=damping, intensity=intensity)
     times = [0.7, 2.0]
-    found = transient(scene, times, start, rtol=1e-3)
+    found = transient(scene, times, start, rtol=3e-3)
     generator = np.array([[0.0, 1.0], [0.0, -damping]])
     x = np.linspace(-1.0, 1.0, 21)
     for index, seconds in enumerate(times):
@@ -114,15 +114,15 @@ def assert_stationary(scene: Scene, found: Transient, index: int) -> None:
 
 
 ENDED = [
-    (oscillator(-0.6, 1.1, 0.7, load=-0.2), "rest"),
-    (oscillator(None, -0.3, 0.6), (-1.0, 0.0)),
-    (oscillator(-1.0, 1.0, 0.1), "rest"),
+    (oscillator(-0.6, 1.1, 0.7, load=-0.2), "rest", 5e-3),
+    (oscillator(None, -0.3, 0.6), (-1.0, 0.0), 2e-2),
+    (oscillator(-1.0, 1.0, 0.1), "rest", 5e-3),
 ]
 
 
-@pytest.mark.parametrize(("scene", "start"), ENDED, ids=range(len(ENDED)))
-def test_in_the_end_the_answer_is_stationary(scene: Scene, start) -> None:
-    found = transient(scene, [1.0, 300.0], start, rtol=5e-3)
+@pytest.mark.parametrize(("scene", "start", "rtol"), ENDED, ids=range(len(ENDED)))
+def test_in_the_end_the_answer_is_stationary(scene: Scene, start, rtol: float) -> None:
+    found = transient(scene, [1.0, 300.0], start, rtol=rtol)
     assert_stationary(scene, found, 1)
     with pytest.raises(AssertionError, match="differs from"):
         assert_stationary(scene, found, 0)
@@ -130,7 +130,7 @@ def test_in_the_end_the_answer_is_stationary(scene: Scene, start) -> None:
 
 @pytest.mark.parametrize("row", RIGID_STOPS, ids=lambda row: f"R={row.restitution}")
 def test_the_near_exact_table_is_met_in_the_end(row) -> None:
-    found = transient(oscillator(-1.0, 1.0, row.restitution), [400.0], rtol=1e-3)
+    found = transient(oscillator(-1.0, 1.0, row.restitution), [400.0], rtol=3e-3)
     names = {
         "displacement_std": ("variance", 0.5),
         "velocity_std": ("velocity_mean_square", 0.5),
@@ -169,7 +169,7 @@ def energy(group: Moments, index: int) -> float:
     )
 
 
-@pytest.mark.parametrize("restitution", [0.8, 0.3])
+@pytest.mark.parametrize("restitution", [0.3, pytest.param(0.8, marks=pytest.mark.verify)])
 def test_energy_is_gained_and_lost_as_noise_damping_and_impacts_say(restitution: float) -> None:
     """d/dt E (v^2 + x^2) / 2 = S0 / 2 - b E v^2 - (1 - R^2) / 2 sum of F2 (section identities)."""
     inner, weights = gauss([1.0, 2.0, 4.0], 6)
@@ -194,7 +194,9 @@ def test_energy_is_gained_and_lost_as_noise_damping_and_impacts_say(restitution:
 
 def test_the_density_holds_what_the_averages_say() -> None:
     found = transient(oscillator(-1.0, 1.0, 0.5), [2.0], (0.2, 0.6), rtol=2e-3)
-    x, weights = gauss(np.linspace(-1.0, 1.0, 9), 20)
+    # elements meet with small jumps
+    operator = found._states[0].operator
+    x, weights = gauss(operator.mesh.x_breaks, 12)
     profile = found.displacement_density(x, 0)
     mean = float(weights @ (x * profile))
     assert float(weights @ profile) == pytest.approx(1.0, rel=1e-9)
@@ -202,9 +204,10 @@ def test_the_density_holds_what_the_averages_say() -> None:
     assert float(weights @ (x**2 * profile)) - mean**2 == pytest.approx(
         found.values.variance[0], rel=1e-9
     )
-    v, v_weights = gauss(np.linspace(-6.0, 6.0, 41), 8)
-    again = found.density(x[::15, None], v, 0) @ v_weights
-    assert again == pytest.approx(profile[::15], abs=1e-4)
+    half = operator.frame.speed * np.array(operator.mesh.u_breaks)
+    v, v_weights = gauss(np.union1d(-half, half), 12)
+    again = found.density(x[5::12, None], v, 0) @ v_weights
+    assert again == pytest.approx(profile[5::12], rel=1e-9)
 
 
 def test_before_the_stops_are_felt_the_law_is_that_without_them() -> None:
@@ -218,7 +221,7 @@ def test_before_the_stops_are_felt_the_law_is_that_without_them() -> None:
 
 def test_a_mirrored_start_is_a_mirrored_answer() -> None:
     one, other = (
-        transient(oscillator(-0.9, 0.9, 0.6), [1.5], (side * 0.3, side * 0.8), rtol=5e-3)
+        transient(oscillator(-0.9, 0.9, 0.6), [1.5], (side * 0.3, side * 0.8), rtol=5e-2)
         for side in (1.0, -1.0)
     )
     assert one.values.mean[0] == pytest.approx(-other.values.mean[0], rel=1e-6)
@@ -226,8 +229,8 @@ def test_a_mirrored_start_is_a_mirrored_answer() -> None:
 
 
 def test_units_are_only_units() -> None:
-    natural = transient(oscillator(-1.0, 1.0, 0.8), [3.0], rtol=5e-3)
-    bench = transient(oscillator(-1.0, 1.0, 0.8, units=BENCH), [3.0 / BENCH.omega], rtol=5e-3)
+    natural = transient(oscillator(-1.0, 1.0, 0.8), [3.0], rtol=2e-2)
+    bench = transient(oscillator(-1.0, 1.0, 0.8, units=BENCH), [3.0 / BENCH.omega], rtol=2e-2)
     scale = BENCH.length**2
     assert bench.values.variance[0] == pytest.approx(scale * natural.values.variance[0], rel=1e-8)
     scale = BENCH.length * BENCH.omega**2
