@@ -223,7 +223,7 @@ def _end(motion: Motion, base: float, speed: float, side: float) -> float:
 def mesh(layout: Layout, level: Level) -> Mesh:
     """A mesh of some fineness, with narrow elements where slow paths meet a wall that takes."""
     size = level.size * layout.finest
-    count = max(math.ceil(FEWEST_ELEMENTS / level.size), math.ceil(layout.length / size))
+    count = max(_whole(FEWEST_ELEMENTS / level.size), _whole(layout.length / size))
     ends = np.linspace(-1.0, 1.0, count + 1)
     inner = ends[1:-1].tolist()
     layers = (ends[1] - ends[0]) * X_RATIO ** np.arange(1, level.x_layers + 1)
@@ -239,8 +239,13 @@ def mesh(layout: Layout, level: Level) -> Mesh:
     )
 
 
+def _whole(number: float) -> int:
+    """The next whole number; the same in any units, where rounding differs."""
+    return math.ceil(number - 1e-9)
+
+
 def _velocities(layout: Layout, level: Level, size: float) -> tuple[float, ...]:
-    count = max(1, math.ceil(min(layout.core, layout.reach) / size))
+    count = max(1, _whole(min(layout.core, layout.reach) / size))
     step = min(layout.core, layout.reach) / count
     breaks = [0.0, *(step * U_RATIO**k for k in range(level.u_layers, 0, -1))]
     breaks += [step * k for k in range(1, count + 1)]

@@ -376,7 +376,7 @@ def _on_level(
     mean_time = (settled / mode.rate + float(weights @ rest)) * second
     later = -np.expm1(-mode.rate * (times / second + EARLY / layout.natural))
     source = operator.outflow - mode.rate * (operator.mass @ mode.backward)
-    fast, change = np.zeros(len(times)), np.zeros(len(times))
+    fast, change, doubt = np.zeros((3, len(times)))
     for places, shift in time_groups(times / second, layout.natural):
         shifted = operator.factorised(shift)
         allowed = PROJECTION_SHARE * rtol * np.maximum(passed, later[places])
@@ -384,12 +384,15 @@ def _on_level(
             found = projection.accumulated(times[places] / second) @ (projection.basis.T @ weights)
             # a space too small may hold modes that grow
             good = np.abs(found) < PLAUSIBLE
+            before = change[places]
             change[places] = np.where(good, np.abs(found - fast[places]), 1.0)
+            # two sizes may agree by chance, three do not
+            doubt[places] = np.maximum(change[places], before)
             fast[places] = np.where(good, found, fast[places])
-            if (change[places] <= allowed).all():
+            if (doubt[places] <= allowed).all():
                 break
-    found = passed + slow + fast
-    return _Values(found, mean_time, mode.rate / second, np.maximum(found, later)), change
+    chances = passed + slow + fast
+    return _Values(chances, mean_time, mode.rate / second, np.maximum(chances, later)), doubt
 
 
 def _start_functional(
