@@ -503,15 +503,16 @@ def random_lossy(count: int, seed: int) -> list[Scene]:
 @pytest.mark.verify
 @pytest.mark.parametrize("scene", random_lossy(30, seed=9), ids=range(30))
 def test_simulation_agrees_on_random_scenes(scene: Scene) -> None:
+    """To 0.05 %; rates of impacts faster than 0.3: of slower ones the steps of a path miss some."""
     try:
-        simulated = simulate(scene, rel_error=0.0005, seed=2, budget=20.0, threads=1)
+        simulated = simulate(
+            scene, rel_error=0.0005, seed=2, budget=20.0, threads=1, speed_threshold=0.3
+        )
     except NotConverged as reason:
         if reason.response is None:
             raise
         simulated = reason.response
-    threshold = simulated.impact_pairs["stops"]["speed_threshold"]
-    assert isinstance(threshold, float)
-    solved = fokker_planck(scene, rtol=1e-5, speed_threshold=threshold).estimates()
+    solved = fokker_planck(scene, rtol=1e-5, speed_threshold=0.3).estimates()
     for key, estimate in simulated.estimates().items():
         if key in solved and estimate.bias is not None:
             agrees(estimate, solved[key])

@@ -23,8 +23,8 @@ SLOWEST = (1e-2, 2e-3, 3e-4, 3e-5, 3e-6, 1e-6)
 MOST_MESHES = 10
 """In a row; `MOST_UNKNOWNS` ends it before."""
 
-MOST_UNKNOWNS = 400_000
-"""Of a mesh, some seconds of work and a gigabyte."""
+MOST_UNKNOWNS = 800_000
+"""Of a mesh, some ten seconds of work and half a gigabyte."""
 
 SAFETY = 1.5
 """Of the difference of two meshes as a bound on the error of the finer one."""
