@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,8 +15,8 @@ from stochvi.answers import Answer
 from stochvi.collisions import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
 from stochvi.contacts import SpeedRestitution
 from stochvi.errors import NotApplicable, NotConverged
-from stochvi.estimates import Response
-from stochvi.galerkin.accurate import solve_accurately, vague, worst
+from stochvi.estimates import Estimate, Response
+from stochvi.galerkin.accurate import Answered, solve_accurately, vague, worst
 from stochvi.galerkin.boxes import Scenes, speed_scale
 from stochvi.galerkin.density import StationaryDensity
 from stochvi.galerkin.field import Averages
@@ -93,14 +94,16 @@ def fokker_planck(
     system = motion.system
     if speed_threshold is None:
         speed_threshold = _slow(motion)
-    found = None
+    found, balances = None, None
     if _all_numbers(scene):
         found = _quickly(system, rtol, speed_threshold)
     how = "half-range Galerkin"
     if found is None:
         answered = solve_accurately(motion, rtol, speed_threshold, _told(system, speed_threshold))
         found, how = (answered.averages, answered.errors), "refined Galerkin"
-    return _response(scene, found, rtol, speed_threshold, how, started)
+        if scene.beyond_numbers():
+            balances = _balances(answered)
+    return _response(scene, found, rtol, speed_threshold, how, started, balances)
 
 
 def fokker_planck_density(
@@ -132,7 +135,8 @@ def fokker_planck_density(
     told = _told(motion.system, speed_threshold)
     answered = solve_accurately(motion, rtol, speed_threshold, told)
     found = answered.averages, answered.errors
-    response = _response(scene, found, rtol, speed_threshold, "refined Galerkin", started)
+    balances = _balances(answered) if scene.beyond_numbers() else None
+    response = _response(scene, found, rtol, speed_threshold, "refined Galerkin", started, balances)
     return StationaryDensity(response=response, fine=answered.field, coarse=answered.coarser)
 
 
@@ -195,14 +199,17 @@ def _response(
     speed_threshold: float,
     how: str,
     started: float,
+    balances: Mapping[str, Estimate] | None = None,
 ) -> Response:
-    """What was found, or `NotConverged` with it."""
+    """What was found, or `NotConverged` with it; `balances` where numbers do not say them."""
     system = scene.system()
     answer = _answer(system, *found, speed_threshold)
     response = answer.response(
         "fokker-planck", scene, how=how, started=started, speed_threshold=speed_threshold
     )
     response = replace(response, warnings=[*response.warnings, *_collapses(system)])
+    if balances is not None:
+        response = replace(response, identities=balances)
     reached = worst(*found)
     if reached > rtol:
         raise NotConverged(
@@ -212,6 +219,16 @@ def _response(
             response,
         )
     return response
+
+
+def _balances(answered: Answered) -> dict[str, Estimate]:
+    """Residuals of the balances, granted what the largest of their terms may be wrong by."""
+    bias = 2.0 * worst(answered.averages, answered.errors)
+    residuals = answered.field.balances()
+    return {
+        name: Estimate(value=value, bias=bias, how="refined Galerkin")
+        for name, value in residuals.items()
+    }
 
 
 def _collapses(system: System) -> list[str]:
