@@ -228,6 +228,32 @@ def test_a_restitution_by_speed_keeps_energy_and_momentum() -> None:
     assert virial == pytest.approx(moments["velocity_mean_square"], rel=1e-6)
 
 
+def uneven() -> Scene:
+    """A stiffening spring, a damper of the second power, and restitution by speed; no symmetry."""
+    scene = nonlinear(
+        duffing,
+        SpeedRestitution(coefficient=steel),
+        damping_force=lambda v: 0.1 * v + 0.2 * v * np.abs(v),
+    )
+    pair = scene.impact_pairs[0].model_copy(update={"lower": -0.6})
+    return scene.model_copy(update={"impact_pairs": (pair,)})
+
+
+def test_scenes_of_functions_tell_their_balances(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = fokker_planck(uneven(), rtol=1e-4).identities
+    assert found.keys() == {"energy", "virial", "force"}
+    for residual in found.values():
+        assert_agrees(residual, 0.0)
+    monkeypatch.setattr(
+        strips,
+        "given_back",
+        lambda cells, leaving, side: given_back(cells, lambda w: 0.9 * w, side),
+    )
+    wrong = fokker_planck(uneven(), rtol=1e-4).identities["energy"]
+    with pytest.raises(AssertionError, match="differs from"):
+        assert_agrees(wrong, 0.0)
+
+
 @pytest.mark.parametrize("leaving", [lambda w: 0.0 * w, lambda w: 0.35 * w, lambda w: steel(w) * w])
 def test_what_a_stop_gives_back_against_adaptive_quadrature(leaving: Callable[..., Any]) -> None:
     cells = VelocityCells((-5.0, -1.0, -0.2, 0.0, 0.3, 1.4, 5.0), 3)

@@ -45,9 +45,8 @@ def fokker_planck(
     """Stationary response of one oscillator with stops under white noise, by Galerkin's method.
 
     Solves -v p_x + [(b(v) + g(x) - load) p]_v + S0 / 2 p_vv = 0 (B 13.34) with
-    v p(c, v) dv = -R v p(c, -R v) d(R v) at a rigid stop c; stops that give way are part of g. Two
-    agreeing meshes of the whole range are tried first; where they do not reach rtol, strips of
-    velocity cells are refined until two meshes in a row agree.
+    v p(c, v) dv = -R v p(c, -R v) d(R v) at a rigid stop c; other stops are part of g. Meshes of
+    the whole range come first; where they do not reach rtol, strips of velocity cells.
 
     Parameters
     ----------
@@ -55,8 +54,8 @@ def fokker_planck(
         White noise, any constant load, no stop or one or two of any law, also different ones;
         springs, dampers and restitution may be functions.
     rtol
-        Relative error to reach in the deviations of displacement and velocity, F1 and F2; down
-        to some 1e-8. Rates are brought to 10 % where a finer mesh can do that.
+        Relative error to reach in the deviations of displacement and velocity, F1 and F2, down
+        to some 1e-8; rates are brought to 10 %.
     speed_threshold
         Slowest impact that a rate counts, m/s. Default: 0 between stops that lose nothing, else
         5 % of the rms velocity that a law exp(-energy / s^2) would have, as in `simulate`.
@@ -65,22 +64,18 @@ def fokker_planck(
     -------
     Response
         SI units; `bias` bounds the error of each quantity by the difference of the two finest
-        meshes. A rate that is known to no better than 10 %, or that counts all impacts of a rigid
-        stop that loses energy, is None (for R <= exp(-pi / sqrt 3) there is no end to them, and
-        the rest is the limit in which the mass, brought to rest by them, leaves at once).
+        meshes. A rate known to no better than 10 %, or of all impacts of a rigid stop that loses
+        energy, is None (for R <= exp(-pi / sqrt 3) there is no end to them, and the rest is the
+        limit in which the mass that they bring to rest leaves at once).
 
     Raises
     ------
     NotApplicable, NotConverged
-        With every condition that the scene does not meet; if the finest mesh does not reach
-        rtol (`response` holds what it reached).
+        With every unmet condition; if the finest mesh does not reach rtol, with its `response`.
 
     Examples
     --------
-    >>> from stochvi.contacts import Restitution
-    >>> from stochvi.excitations import WhiteNoise
-    >>> from stochvi.scenes import ImpactPair
-    >>> from stochvi.structures import Oscillator
+    >>> from stochvi import ImpactPair, Oscillator, Restitution, Scene, WhiteNoise
     >>> scene = Scene(
     ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
     ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
