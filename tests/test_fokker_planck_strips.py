@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from known import BENCH, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
 from scipy.integrate import quad
 from statistical import assert_agrees
@@ -35,6 +38,7 @@ from stochvi import (
     fokker_planck_density,
     simulate,
 )
+from stochvi.cli import main
 from stochvi.collisions import corner_exponent
 from stochvi.contacts import Law
 from stochvi.galerkin import accurate, strips
@@ -397,6 +401,36 @@ def test_what_cannot_be_reached_is_refused_with_what_was(
     assert refused.value.response is not None
     for key, estimate in refused.value.response.estimates().items():
         agrees(estimate, soft.estimates()[key])
+
+
+def test_equations_without_a_finite_solution_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(*arguments: Any) -> Any:
+        found = strips.solve_strips(*arguments)
+        return found._replace(q=(found.q[0] * math.nan, *found.q[1:]))
+
+    monkeypatch.setattr(accurate, "solve_strips", lost)
+    with pytest.raises(NotConverged, match="scales too far apart"):
+        fokker_planck(SOFT)
+
+
+def test_the_command_line_takes_what_gives_way_and_six_digits(tmp_path: Path) -> None:
+    scene = tmp_path / "soft.toml"
+    scene.write_text(
+        """
+        structure = { kind = "oscillator", mass = 1.0, damping = 0.1, stiffness = 1.0 }
+        [[impact_pair]]
+        upper = 1.0
+        law = { kind = "elastic", stiffness = 100.0 }
+        [[excitation]]
+        kind = "white"
+        intensity = 0.2
+        """
+    )
+    arguments = ["fokker-planck", str(scene), "--rtol", "1e-6", "--json", "-", "--quiet"]
+    document = json.loads(CliRunner().invoke(main, arguments).stdout)
+    share = document["impact_pairs"]["stops"]["contact_probability"]
+    assert share["value"] == pytest.approx(0.032121450803, rel=1e-6)
+    assert 0.0 < share["bias"] < 1e-6
 
 
 @pytest.mark.parametrize(

@@ -146,9 +146,9 @@ class Field:
 
     def _leaving(self, x: Array, side: int) -> tuple[Strip, Array]:
         """Strip that a place is reached through towards `side`, and q there."""
-        if side < 0:
-            # of a border, the strip above
-            x = np.nextafter(x, math.inf) if x[0] < self.frame.right else x
+        if self.frame.left < x[0] < self.frame.right:
+            # of a border, the strip before it
+            x = x - side * BORDER * self.frame.length
         ((strip, _, q),) = self._groups(x)
         return strip, q[0]
 
@@ -328,6 +328,9 @@ class Field:
         kept = stop.kept(w)
         return float(rate @ ((1.0 - kept**2) * w**2)) / 2.0, float(rate @ ((1.0 + kept) * w))
 
+
+BORDER = 1e-12
+"""Part of a box within which a place is taken for a border of its strips."""
 
 NODES = 24
 """Of Gauss's rule in each cell, for a restitution that depends on speed."""
