@@ -13,7 +13,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from stochvi.absorber_design import Design, design_absorber
+    from stochvi.absorbers import AbsorberReport, absorber
     from stochvi.accuracy import WorkPrecision, cost
+    from stochvi.attachments import Absorber
     from stochvi.averaging import average
     from stochvi.closed_form import (
         ExactDensity,
@@ -29,7 +32,6 @@ if TYPE_CHECKING:
         Restitution,
         SpeedRestitution,
         Viscoelastic,
-        identify_viscoelastic,
     )
     from stochvi.crosscheck import Check, check
     from stochvi.errors import (
@@ -43,25 +45,39 @@ if TYPE_CHECKING:
     from stochvi.excitations import (
         ConstantLoad,
         FilteredNoise,
+        RecordedNoise,
+        RoadNoise,
         Sine,
         TabulatedNoise,
         WhiteNoise,
     )
     from stochvi.explanation import Explanation, explain
     from stochvi.galerkin import (
+        FirstPassage,
+        Gaussian,
         StationaryDensity,
+        Transient,
+        first_passage,
         fokker_planck,
         fokker_planck_density,
         fokker_planck_many,
+        transient,
     )
     from stochvi.isolators import Screening, clearance_curve, screen
+    from stochvi.kelvin_voigt import identify_viscoelastic
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
+    from stochvi.resonance import HarmonicResonance, RandomResonance
     from stochvi.scenes import ImpactPair, Scene, load_scene
+    from stochvi.sizing import size
+    from stochvi.sizings import Sizing
     from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 
 _HOME = {
+    "absorber_design": ("Design", "design_absorber"),
+    "absorbers": ("AbsorberReport", "absorber"),
     "accuracy": ("WorkPrecision", "cost"),
+    "attachments": ("Absorber",),
     "averaging": ("average",),
     "closed_form": (
         "ExactDensity",
@@ -77,37 +93,59 @@ _HOME = {
         "Restitution",
         "SpeedRestitution",
         "Viscoelastic",
-        "identify_viscoelastic",
     ),
     "crosscheck": ("Check", "check"),
     "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
     "estimates": ("Cost", "Estimate", "Response"),
-    "excitations": ("ConstantLoad", "FilteredNoise", "Sine", "TabulatedNoise", "WhiteNoise"),
+    "excitations": (
+        "ConstantLoad",
+        "FilteredNoise",
+        "RecordedNoise",
+        "RoadNoise",
+        "Sine",
+        "TabulatedNoise",
+        "WhiteNoise",
+    ),
     "explanation": ("Explanation", "explain"),
     "galerkin": (
-        "StationaryDensity",
+        "FirstPassage",
+        "Gaussian",
+        "Transient",
+        "first_passage",
         "fokker_planck",
-        "fokker_planck_density",
         "fokker_planck_many",
+        "transient",
+        "StationaryDensity",
+        "fokker_planck_density",
     ),
     "isolators": ("Screening", "clearance_curve", "screen"),
+    "kelvin_voigt": ("identify_viscoelastic",),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
+    "resonance": ("HarmonicResonance", "RandomResonance"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
+    "sizing": ("size",),
+    "sizings": ("Sizing",),
     "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "Absorber",
+    "AbsorberReport",
     "Check",
     "ConstantLoad",
     "Cost",
+    "Design",
     "Elastic",
     "Estimate",
     "ExactDensity",
     "Explanation",
     "FilteredNoise",
+    "FirstPassage",
     "ForceTable",
+    "Gaussian",
+    "HarmonicResonance",
     "Hertz",
     "ImpactPair",
     "Isolator",
@@ -117,28 +155,36 @@ __all__ = [
     "NotApplicable",
     "NotConverged",
     "Oscillator",
+    "RandomResonance",
+    "RecordedNoise",
     "Response",
     "Restitution",
+    "RoadNoise",
     "Scene",
     "SceneError",
     "Screening",
     "Sine",
+    "Sizing",
     "SpeedRestitution",
     "StationaryDensity",
     "StochviError",
     "TabulatedNoise",
+    "Transient",
     "Viscoelastic",
     "WhiteNoise",
     "WorkPrecision",
+    "absorber",
     "autocorrelation",
     "average",
     "check",
     "clearance_curve",
     "cost",
+    "design_absorber",
     "displacement_density",
     "exact",
     "exact_density",
     "explain",
+    "first_passage",
     "fokker_planck",
     "fokker_planck_density",
     "fokker_planck_many",
@@ -148,6 +194,8 @@ __all__ = [
     "record_path",
     "screen",
     "simulate",
+    "size",
+    "transient",
 ]
 
 

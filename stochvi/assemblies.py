@@ -12,15 +12,15 @@ from stochvi.contacts import Law, not_rigid
 from stochvi.excitations import (
     BASE,
     ConstantLoad,
+    DensityNoise,
     Excitation,
     FilteredNoise,
     Sine,
-    TabulatedNoise,
     WhiteNoise,
 )
 from stochvi.scenes import ImpactPair, Scene
 from stochvi.spectra import Table
-from stochvi.structures import NonlinearOscillator
+from stochvi.structures import NonlinearOscillator, Oscillator
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -128,6 +128,8 @@ def assemble(scene: Scene) -> Assembly:
     white, load = np.zeros_like(mass), np.zeros(len(mass))
     signals: list[Signal] = []
     tables: list[tuple[Table, Vector]] = []
+    if isinstance(scene.structure, Oscillator):
+        load += scene.structure.gravity_load * mass[0]
     for excitation in scene.excitations:
         direction = _direction(scene, excitation, mass)
         match excitation:
@@ -142,8 +144,8 @@ def assemble(scene: Scene) -> Assembly:
             case Sine():
                 omega = 2.0 * math.pi * excitation.frequency_hz
                 signals.append(Signal(omega, 0.0, 0.0, excitation.amplitude, direction))
-            case TabulatedNoise():
-                tables.append((excitation.table, direction))
+            case DensityNoise():
+                tables.append((scene.table_of(excitation), direction))
     return Assembly(
         coordinates=scene.structure.coordinates,
         mass=mass,

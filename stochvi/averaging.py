@@ -28,15 +28,15 @@ from stochvi.scenes import Scene, System
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-CONTINUOUS, FINITE_JUMPS = "continuous", "finite jumps"
-VARIANTS = (CONTINUOUS, FINITE_JUMPS)
+CONTINUOUS, FINITE_JUMPS, UNFOLDED = "continuous", "finite jumps", "unfolded"
+VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 INTEGRATED = np.polynomial.legendre.Legendre.basis
 """Of a Legendre polynomial, by its degree."""
 
-PANELS = 24
-"""Between two stops' energies, and above the last; half of them give the same eight digits."""
+PANELS = 14
+"""Between two stops' energies, and above the last; twice as many change the ninth digit."""
 
 CUT = 40.0
 """The energy ends where G has fallen by e^-CUT, some 4e-18, from what it is at the last stop."""
@@ -61,13 +61,17 @@ def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
 
         D J G' + b J G + sum over E_i < E of integral of G from E to E_i + (E - E_i) / R_i^2 = 0,
 
-    which goes over into the first for R near 1. Within an orbit the mass is found in proportion
+    which goes over into the first for R near 1. The variant "unfolded" is that of V. F. Zhuravlev's
+    transformation (Mech. Solids 11 (1976) 23): mirrored at its stops the motion is smooth but for
+    a jump (1 - R) v at each passage of one, which is taken for a damper (1 - R) v |v| delta(x - c)
+    in the place of the stop; then L = sum_i 2 (1 - R_i)(E - E_i), which is too much by the factor
+    2 / (1 + R). Within an orbit the mass is found in proportion
     to the time spent, and each cycle hits each reached stop once.
 
     Parameters
     ----------
     variant
-        "finite jumps" or "continuous".
+        "finite jumps", "continuous" or "unfolded".
 
     Returns
     -------
@@ -302,7 +306,8 @@ class EnergyLaw:
         loss = np.zeros_like(energy)
         for stop in self.stops.values():
             above = np.maximum(energy - stop.energy, 0.0)
-            loss += (1.0 - stop.restitution**2) * above
+            kept = 2.0 * stop.restitution - 1.0 if self.variant == UNFOLDED else stop.restitution**2
+            loss += (1.0 - kept) * above
         rate = (self.damping + loss / self.orbits.action) / self.diffusion
         below = self.integrals_above(energy) @ rate
         return np.asarray(np.exp(below - below.max()))

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -40,6 +41,24 @@ Column = Annotated[tuple[Positive, ...], BeforeValidator(_plain_numbers)]
 NonNegatives = Annotated[tuple[NonNegative, ...], BeforeValidator(_plain_numbers)]
 """A column of a table that may hold zeros."""
 
+
+Count = Annotated[int, Field(strict=True, ge=1)]
+"""A whole number from 1 on."""
+
+Names = Annotated[tuple[str, ...], BeforeValidator(_plain_numbers), Field(min_length=1)]
+"""Names of variables in a file."""
+
+
+def _rising(band: tuple[float, float]) -> tuple[float, float]:
+    if band[0] >= band[1]:
+        raise ValueError(f"must rise, got [{band[0]:g}, {band[1]:g}]")
+    return band
+
+
+Band = Annotated[
+    tuple[Positive, Positive], BeforeValidator(_plain_numbers), AfterValidator(_rising)
+]
+"""A lowest and a highest frequency."""
 
 Matrix = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(_plain_numbers)]
 """A matrix, row by row."""
@@ -145,10 +164,16 @@ def _sentence(detail: Any) -> str:
             return f"must be greater than {limits['gt']:g}, got {got}"
         case "greater_than_equal":
             return f"must be at least {limits['ge']:g}, got {got}"
+        case "less_than":
+            return f"must be less than {limits['lt']:g}, got {got}"
         case "less_than_equal":
             return f"must be at most {limits['le']:g}, got {got}"
         case "float_type" | "finite_number":
             return f"must be a finite number, got {got}"
+        case "int_type":
+            return f"must be a whole number, got {got}"
+        case "bool_type":
+            return f"must be true or false, got {got}"
         case "literal_error":
             return f"must be {limits['expected']}, got {got}"
         case "union_tag_invalid":

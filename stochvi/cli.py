@@ -15,8 +15,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.estimates import Response
+    from stochvi.galerkin import FirstPassage
 
 FAILED, BAD_INPUT = 1, 2
+MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+"""Of a mission, for which its first passage is told: the table and the picture of a curve."""
+
 PLAIN_WIDTH = 100
 """Columns of a table that is not written to a terminal, unless COLUMNS says otherwise."""
 
@@ -159,6 +163,94 @@ def fokker_planck(
     _finish(response, json_file, out, quiet)
 
 
+@main.command("first-passage")
+@click.argument("scene")
+@click.option(
+    "--barrier", metavar="LO,HI",
+    help="Metres from the unloaded spring; leave one empty for none. Default: the stops.",
+)  # fmt: skip
+@click.option("--times", metavar="LIST", help="Seconds, with commas ...")
+@click.option(
+    "--mission", type=float, metavar="SECONDS", help="... or a duration, and parts of it."
+)
+@click.option(
+    "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
+    help="At rest, or in the stationary law without barriers.",
+)  # fmt: skip
+@click.option("--rtol", type=float, default=1e-4, show_default=True, help="Relative error.")
+@_options("json", "out", "quiet")
+def first_passage(
+    scene: str,
+    barrier: str | None,
+    times: str | None,
+    mission: float | None,
+    start: str,
+    rtol: float,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """P(first impact, or first passage of a barrier, before t): white noise."""
+    from stochvi.errors import NotConverged
+    from stochvi.galerkin import first_passage as solve
+    from stochvi.scenes import load_scene
+
+    if (times is None) == (mission is None):
+        raise ValueError("give --times or --mission, one of them")
+    if mission is None:
+        moments = _numbers("--times", times or "")
+    else:
+        moments = [part * mission for part in MISSION_PARTS]
+    lower, upper = _barrier(barrier)
+    loaded = load_scene(scene)
+    try:
+        found = solve(
+            loaded, lower, upper,
+            times=moments, start="rest" if start == "rest" else "stationary", rtol=rtol,
+        )  # fmt: skip
+    except NotConverged as reason:
+        _finish_passage(reason.response, loaded.title, json_file, out, quiet)
+        raise
+    _finish_passage(found, loaded.title, json_file, out, quiet)
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    """A list of numbers with commas between them."""
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise ValueError(f"{option} must be numbers with commas, got {text!r}") from None
+
+
+def _barrier(text: str | None) -> tuple[float | None, float | None]:
+    if text is None:
+        return None, None
+    words = [word.strip() for word in text.split(",")]
+    if len(words) != 2 or not any(words):
+        raise ValueError(f"--barrier must be LO,HI with at least one of them, got {text!r}")
+    lower, upper = (_numbers("--barrier", word)[0] if word else None for word in words)
+    return lower, upper
+
+
+def _finish_passage(
+    found: FirstPassage, title: str, json_file: str | None, out: Path | None, quiet: bool
+) -> None:
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.tables import print_first_passage
+
+    if not quiet:
+        print_first_passage(_console(json_file), found)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        from stochvi.plots import plot_first_passage
+
+        write_table(found.to_frame(), out / "first_passage.csv")
+        ax = plot_first_passage(found)
+        ax.set_title(title)
+        write_picture(ax, out / "first_passage.png")
+
+
 @main.command()
 @click.argument("scene")
 @click.option(
@@ -183,8 +275,9 @@ def linearise(
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--variant", type=click.Choice(["finite-jumps", "continuous"]), default="finite-jumps",
-    show_default=True, help="Impacts as jumps of the energy, or spread over a cycle.",
+    "--variant", type=click.Choice(["finite-jumps", "continuous", "unfolded"]),
+    default="finite-jumps", show_default=True,
+    help="Impacts as jumps of the energy, spread over a cycle, or as a damper.",
 )  # fmt: skip
 @_options("json", "out", "quiet")
 def average(scene: str, variant: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
@@ -382,10 +475,7 @@ def clearance(
     from stochvi.scenes import load_scene
     from stochvi.tables import print_clearance
 
-    try:
-        multiples = [float(gap) for gap in gaps.split(",")]
-    except ValueError:
-        raise ValueError(f"--gaps must be numbers with commas, got {gaps!r}") from None
+    multiples = _numbers("--gaps", gaps)
     loaded = load_scene(scene)
     sigma = solve(loaded).displacement_std
     with _progress(quiet, "clearance") as report:
@@ -397,6 +487,174 @@ def clearance(
         print_clearance(_console(None), curve)
     if out is not None:
         write_clearance(loaded, curve, out)
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--probability", type=float, metavar="P", help="Chance of any hit in the mission.")
+@click.option("--rate", type=float, metavar="F", help="Or: hits per second on all stops.")
+@click.option(
+    "--impact-speed", type=float, metavar="V", help="Or: largest impact speed of the mission, m/s."
+)
+@click.option(
+    "--peak-acceleration",
+    metavar="A[g]",
+    help="Or: largest absolute acceleration of the mission by a hit, m/s^2 or g (80g).",
+)
+@click.option(
+    "--exceedance",
+    type=float,
+    default=0.01,
+    show_default=True,
+    metavar="P",
+    help="Accepted chance that a speed or acceleration is exceeded.",
+)
+@click.option(
+    "--mission",
+    type=float,
+    default=3600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time of exposure.",
+)
+@click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
+@click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")
+@_options("budget", "seed", "threads", "json", "out", "quiet")
+def size(
+    scene: str,
+    probability: float | None,
+    rate: float | None,
+    impact_speed: float | None,
+    peak_acceleration: str | None,
+    exceedance: float,
+    mission: float,
+    rel_error: float,
+    sensitivity: bool,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """The clearance that is really needed, with a stated risk."""
+    from stochvi.files import write_json
+    from stochvi.scenes import load_scene
+    from stochvi.sizing import size as solve
+    from stochvi.tables import print_sizing
+
+    loaded = load_scene(scene)
+    with _progress(quiet, "sizing") as report:
+        found = solve(
+            loaded,
+            probability=probability,
+            rate=rate,
+            impact_speed=impact_speed,
+            peak_acceleration=_acceleration(peak_acceleration),
+            exceedance=exceedance,
+            mission=mission,
+            rel_error=rel_error,
+            seed=seed,
+            threads=threads,
+            budget=budget,
+            progress=report,
+        )
+    table = None
+    if sensitivity:
+        from stochvi.sensitivity import sensitivity as vary
+
+        table = vary(found, seed=seed, threads=threads)
+    if not quiet:
+        print_sizing(_console(json_file), found, table)
+    if json_file is not None:
+        changes = {} if table is None else {"sensitivity": table.to_dict("records")}
+        write_json(found.to_dict() | changes, json_file)
+    if out is not None:
+        from stochvi.report import write_report
+
+        write_report(found, out, table)
+
+
+def _acceleration(text: str | None) -> float | None:
+    """m/s^2 from "150" or "15.3g"."""
+    from stochvi.conventions import STANDARD_GRAVITY
+
+    if text is None:
+        return None
+    number, factor = text.strip(), 1.0
+    if number.endswith("g"):
+        number, factor = number[:-1], STANDARD_GRAVITY
+    try:
+        return float(number) * factor
+    except ValueError:
+        raise ValueError(
+            f"--peak-acceleration must be a number of m/s^2 or of g (80g), got {text!r}"
+        ) from None
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--levels", default="-6,-3,0,3,6", show_default=True, metavar="LIST",
+    help="Levels of the excitation, dB about the scene's own.",
+)  # fmt: skip
+@click.option("--mass-budget", type=float, metavar="KG", help="Instead: design the best box.")
+@click.option(
+    "--restitutions", default="0.3,0.5,0.7", show_default=True, metavar="LIST",
+    help="What a design may choose from.",
+)  # fmt: skip
+@click.option(
+    "--units", default="1", show_default=True, metavar="LIST",
+    help="Numbers of equal masses that a design may choose from.",
+)  # fmt: skip
+@click.option("--rel-error", type=float, default=0.01, show_default=True, help="Of Monte Carlo.")
+@_options("budget", "seed", "threads", "json", "out", "quiet")
+def absorber(
+    scene: str,
+    levels: str,
+    mass_budget: float | None,
+    restitutions: str,
+    units: str,
+    rel_error: float,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Does a loose mass in a box help: with, without, over levels; or the best box."""
+    from stochvi.absorber_design import design_absorber
+    from stochvi.absorber_views import draw_design, draw_levels, print_absorber, print_design
+    from stochvi.absorbers import absorber as perform
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.scenes import load_scene
+
+    loaded = load_scene(scene)
+    common: dict[str, Any] = {
+        "rel_error": rel_error, "seed": seed, "threads": threads, "budget": budget,
+    }  # fmt: skip
+    with _progress(quiet, "absorber") as report:
+        if mass_budget is None:
+            found: Any = perform(
+                loaded, levels_db=_numbers("--levels", levels), progress=report, **common
+            )
+        else:
+            found = design_absorber(
+                loaded, mass_budget=mass_budget, progress=report,
+                restitutions=_numbers("--restitutions", restitutions),
+                units=[round(n) for n in _numbers("--units", units)], **common,
+            )  # fmt: skip
+    if not quiet:
+        (print_absorber if mass_budget is None else print_design)(_console(json_file), found)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        name, draw = (
+            ("absorber", draw_levels) if mass_budget is None else ("absorber-design", draw_design)
+        )
+        write_table(found.to_frame() if mass_budget is None else found.curve, out / f"{name}.csv")
+        write_picture(draw(found), out / f"{name}.png")
 
 
 @main.command()
@@ -444,13 +702,28 @@ def profiles() -> None:
 
 @main.command()
 @click.argument("file", type=click.Path(path_type=Path))
-def new(file: Path) -> None:
+@click.option(
+    "--kind", type=click.Choice(["any", "bumper", "road", "record"]), default="any",
+    show_default=True, help="A scene with every key, or an isolator of this kind with its tables.",
+)  # fmt: skip
+def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
-    if file.exists():
-        _stop(f"{file} exists already; choose another name", BAD_INPUT)
+    import shutil
+
+    from stochvi.datasets import scene_files
+
+    shipped = [] if kind == "any" else scene_files(f"isolator-{kind}")
+    tables = shipped[1:]
+    for target in (file, *(file.parent / table.name for table in tables)):
+        if target.exists():
+            _stop(f"{target} exists already; choose another name", BAD_INPUT)
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(TEMPLATE, encoding="utf-8")
-    click.echo(f"wrote {file}; try: stochvi check {file}", err=True)
+    file.write_text(shipped[0].read_text("utf-8") if shipped else TEMPLATE, encoding="utf-8")
+    for table in tables:
+        shutil.copy(table, file.parent)
+    written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))
+    try_it = f"check {file}" if kind == "any" else f"size {file} --probability 0.01 --out out"
+    click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)
 
 
 def _finish(response: Response, json_file: str | None, out: Path | None, quiet: bool) -> None:

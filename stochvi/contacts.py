@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,22 +22,11 @@ from stochvi.checked import (
     check_values,
     evaluated,
 )
+from stochvi.datasets import read_table
+from stochvi.errors import SceneError
+from stochvi.kelvin_voigt import Impact, half_contact, kelvin_voigt
 
 Vector = NDArray[np.float64]
-
-
-class Impact(NamedTuple):
-    """One contact of a free mass with a stop, from its first touch on (SI units).
-
-    The mass leaves with `restitution` times the speed it came with; `time_to_peak` is that of the
-    peak force, counted from the first touch.
-    """
-
-    contact_time: float
-    time_to_peak: float
-    restitution: float
-    peak_deflection: float
-    peak_force: float
 
 
 class Restitution(Checked):
@@ -237,7 +227,7 @@ class Elastic(CompliantLaw):
         return _inside(force) / self.stiffness
 
     def impact(self, speed: float, mass: float) -> Impact:
-        return _kelvin_voigt(self.stiffness, 0.0, speed, mass)
+        return kelvin_voigt(self.stiffness, 0.0, speed, mass)
 
     def per_unit_mass(self, mass: float) -> Self:
         return self.model_copy(update={"stiffness": self.stiffness / mass})
@@ -281,7 +271,7 @@ class Viscoelastic(CompliantLaw):
     @property
     def restitution(self) -> float:
         """Restitution of a free mass, R = exp(-2 z arccos z / sqrt(1 - z^2)) (B App. I)."""
-        return math.exp(-2.0 * self.damping_ratio * _half_contact(self.damping_ratio))
+        return math.exp(-2.0 * self.damping_ratio * half_contact(self.damping_ratio))
 
     def damping(self, mass: float) -> float:
         """c = 2 z sqrt(K M), N s/m."""
@@ -305,7 +295,7 @@ class Viscoelastic(CompliantLaw):
         return _inside(force) / self.stiffness
 
     def impact(self, speed: float, mass: float) -> Impact:
-        return _kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)
+        return kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)
 
     def per_unit_mass(self, mass: float) -> Self:
         return self.model_copy(update={"stiffness": self.stiffness / mass})
@@ -368,6 +358,10 @@ class ForceTable(CompliantLaw):
         Increasing, m, from 0 on.
     force
         Never decreasing, N, 0 at the deflection 0.
+    file, unit
+        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N".
+    source
+        Where the numbers come from; the name of the file, if they were read.
 
     Examples
     --------
@@ -383,9 +377,41 @@ class ForceTable(CompliantLaw):
     kind: Literal["table"] = "table"
     deflection: NonNegatives
     force: NonNegatives
+    file: str | None = None
+    unit: Literal["m,N", "mm,N"] | None = None
+    source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, keys: Any) -> Any:
+        """A law read from a file is one with the numbers in it: it needs the file no more."""
+        if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
+            return keys
+        given = [name for name in ("deflection", "force") if keys.get(name) is not None]
+        if given:
+            raise ValueError(f"takes file, or deflection and force, got file and {given[0]}")
+        unit = keys.get("unit")
+        if not isinstance(unit, str) or unit not in DEFLECTION_UNITS:
+            choices = " or ".join(repr(name) for name in DEFLECTION_UNITS)
+            raise SceneError([("unit", f"must be {choices} for the columns of file, got {unit!r}")])
+        try:
+            deflection, force = read_table(Path(keys["file"]), ("deflection", "force"))
+        except SceneError as error:
+            raise SceneError([("file", str(error))]) from None
+        kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}
+        return (
+            {"source": Path(keys["file"]).name}
+            | kept
+            | {
+                "deflection": (deflection * DEFLECTION_UNITS[unit]).tolist(),
+                "force": force.tolist(),
+            }
+        )
 
     @model_validator(mode="after")
     def _grows(self) -> Self:
+        if self.unit is not None:
+            raise ValueError("takes unit with a file only: deflection is in m, force in N")
         if len(self.deflection) != len(self.force):
             raise ValueError(
                 f"needs as many entries in force as in deflection, got {len(self.force)} and "
@@ -477,74 +503,13 @@ class ForceTable(CompliantLaw):
         return (*self.deflection, *self.force)
 
 
+DEFLECTION_UNITS = {"m,N": 1.0, "mm,N": 1e-3}
+"""Units of the columns of a file of forces: unit -> factor of the deflection to m."""
+
+
 def _inside(deflection: ArrayLike) -> Vector:
     """The deflection, 0 for a mass that does not touch the stop."""
     return np.asarray(np.maximum(np.asarray(deflection, dtype=float), 0.0))
-
-
-def _half_contact(z: float) -> float:
-    """arccos z / sqrt(1 - z^2), and what it goes over into for z >= 1."""
-    if z == 1.0:
-        return 1.0
-    if z < 1.0:
-        return math.acos(z) / math.sqrt((1.0 - z) * (1.0 + z))
-    return math.acosh(z) / math.sqrt((z - 1.0) * (z + 1.0))
-
-
-def _kelvin_voigt(stiffness: float, z: float, speed: float, mass: float) -> Impact:
-    """Contact with a spring and damper until the force is zero (B App. I).
-
-    With W = sqrt(K / M) and a = arccos z / sqrt(1 - z^2): contact time 2 a / W, restitution
-    exp(-2 z a), deflection (w / W) exp(-z a). The force is largest at the time t W =
-    3 a - pi / sqrt(1 - z^2), w W M exp(-z t W), or for z >= 1/2 at the first touch, 2 z w W M.
-    """
-    frequency = math.sqrt(stiffness / mass)
-    half = _half_contact(z)
-    time, peak = 0.0, 2.0 * z
-    if z < 0.5:
-        time = 3.0 * half - math.pi / math.sqrt(1.0 - z * z)
-        peak = math.exp(-z * time)
-    return Impact(
-        contact_time=2.0 * half / frequency,
-        time_to_peak=time / frequency,
-        restitution=math.exp(-2.0 * z * half),
-        peak_deflection=speed / frequency * math.exp(-z * half),
-        peak_force=mass * speed * frequency * peak,
-    )
-
-
-def identify_viscoelastic(contact_time: float, time_to_peak: float) -> tuple[float, float]:
-    """Damping ratio and contact frequency (rad/s) of a stop from the record of one impact.
-
-    By the two times of B App. I, contact_time / time_to_peak = 2 a / (3 a - pi), a = arccos z;
-    the frequency is sqrt(stiffness / mass).
-
-    Parameters
-    ----------
-    contact_time, time_to_peak
-        From the first touch until the force is back at zero, and until it is largest, s.
-
-    Raises
-    ------
-    ValueError
-        Unless 0 < 2 time_to_peak <= contact_time: damping brings the peak forward, and from
-        z = 1/2 on the force is largest at the first touch, which tells z no more.
-
-    Examples
-    --------
-    >>> z, omega = identify_viscoelastic(contact_time=3.83e-3, time_to_peak=1.54e-3)
-    >>> round(z, 11), round(omega, 6)
-    (0.13962520968, 754.499594)
-    """
-    if not 0.0 < 2.0 * time_to_peak <= contact_time < math.inf:
-        raise ValueError(
-            "needs 0 < 2 time_to_peak <= contact_time, got "
-            f"time_to_peak = {time_to_peak:g} and contact_time = {contact_time:g}"
-        )
-    ratio = contact_time / time_to_peak
-    angle = math.pi * ratio / (3.0 * ratio - 2.0)
-    z = math.cos(angle) if ratio > 2.0 else 0.0
-    return z, 2.0 * _half_contact(z) / contact_time
 
 
 def _kind(value: Any) -> str:

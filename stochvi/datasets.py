@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -68,8 +69,29 @@ def shipped_scene(name: str) -> Path:
     return path
 
 
-def read_text(path: Path) -> str:
-    """The text of a small UTF-8 file; a sentence for everything that it may be instead."""
+def scene_files(name: str) -> list[Path]:
+    """A scene that ships, and the tables beside it that it names."""
+    path = shipped_scene(name)
+    text = path.read_text(encoding="utf-8")
+    return [path, *(table for table in sorted(path.parent.glob("*.csv")) if table.name in text)]
+
+
+def read_text(path: Path, largest: int | None = None) -> str:
+    """The text of a small UTF-8 file; a sentence for everything that it may be instead.
+
+    `largest` is the size in bytes from which a file is refused, by default `LARGEST_TEXT_FILE`.
+    """
+    check_file(path, largest or LARGEST_TEXT_FILE)
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise SceneError(f"{path} is not text: expected UTF-8, got binary data") from None
+    except OSError as error:
+        raise _unreadable(path, error) from None
+
+
+def check_file(path: Path, largest: int) -> None:
+    """Raise `SceneError` unless `path` is a file of at most `largest` bytes."""
     try:
         if "\0" in str(path):
             raise SceneError(f"{str(path)!r} cannot be read: a file name holds no null character")
@@ -77,43 +99,47 @@ def read_text(path: Path) -> str:
         if not path.is_file():
             got = "a folder" if path.is_dir() else "a device or a pipe"
             raise SceneError(f"{path} cannot be read: expected a text file, got {got}")
-        if size > LARGEST_TEXT_FILE:
-            raise SceneError(
-                f"{path} holds {size} bytes, expected a text of at most {LARGEST_TEXT_FILE}"
-            )
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise SceneError(f"{path} is not text: expected UTF-8, got binary data") from None
+        if size > largest:
+            raise SceneError(f"{path} holds {size} bytes, expected a text of at most {largest}")
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise SceneError(f"{path} cannot be read: {reason}") from None
+        raise _unreadable(path, error) from None
 
 
-def read_table(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Two columns, frequency in hertz and density, from comma- or space-separated text.
+def _unreadable(path: Path, error: OSError) -> SceneError:
+    return SceneError(f"{path} cannot be read: {(error.strerror or str(error)).lower()}")
+
+
+def read_table(
+    path: Path,
+    names: Sequence[str] = ("frequency_hz", "density"),
+    largest: int | None = None,
+) -> tuple[NDArray[np.float64], ...]:
+    """Columns of numbers, one for each of `names`, from comma- or space-separated text.
 
     Lines that start with #, and lines without numbers before the first row, are passed over. Raises
-    `SceneError` for anything else that is not two numbers.
+    `SceneError` for anything else that is not that many numbers.
     """
-    rows: list[tuple[float, float]] = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    wanted = f"{_COUNTS.get(len(names), len(names))} ({', '.join(names)})"
+    rows: list[list[float]] = []
+    for number, line in enumerate(read_text(path, largest).splitlines(), start=1):
         cells = line.split("#")[0].replace(",", " ").replace(";", " ").split()
         if not cells:
             continue
         try:
-            frequency, density = (float(cell) for cell in cells)
+            row = [float(cell) for cell in cells]
         except ValueError:
+            row = []
+        if len(row) != len(names):
             if not rows and not any(map(_is_number, cells)):
                 continue  # names and units of the columns
-            raise SceneError(
-                f"{path}, line {number}: expected two numbers (frequency_hz, density), "
-                f"got {line.strip()[:60]!r}"
-            ) from None
-        rows.append((frequency, density))
+            raise SceneError(f"{path}, line {number}: expected {wanted}, got {line.strip()[:60]!r}")
+        rows.append(row)
     if not rows:
-        raise SceneError(f"{path} holds no rows of two numbers (frequency_hz, density)")
-    table = np.array(rows)
-    return table[:, 0], table[:, 1]
+        raise SceneError(f"{path} holds no rows of {wanted}")
+    return tuple(np.array(rows).T)
+
+
+_COUNTS = {1: "one number", 2: "two numbers"}
 
 
 def _is_number(cell: str) -> bool:

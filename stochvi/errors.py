@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from stochvi.estimates import Response
+from typing import Any
 
 
 class StochviError(Exception):
@@ -41,8 +38,8 @@ class NoExactSolution(NotApplicable):
 
 
 class NotConverged(StochviError):
-    """The accuracy asked for was not reached; `response` holds what was."""
+    """The accuracy asked for was not reached; `response` holds what the method got to."""
 
-    def __init__(self, message: str, response: Response | None = None) -> None:
+    def __init__(self, message: str, response: Any = None) -> None:
         self.response = response
         super().__init__(message)

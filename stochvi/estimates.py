@@ -30,10 +30,14 @@ QUANTITY_UNITS = {
     "contact_probability": "1",
     "contact_force_lower": "N",
     "contact_force_upper": "N",
+    "relative_displacement_mean": "m",
+    "relative_displacement_std": "m",
+    "relative_velocity_std": "m/s",
 }
 """Units of every quantity: of a coordinate (accelerations are absolute, up-crossings are of the
 mean), then of an impact pair (the rates of w and w^2 are F1 and F2; of stops that give way, the
-mean over contacts of the largest force, the share of time in contact, the mean force)."""
+mean over contacts of the largest force, the share of time in contact, the mean force; of a pair of
+two coordinates, the motion of the first relative to the second)."""
 
 
 @dataclass(frozen=True, kw_only=True)

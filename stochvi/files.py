@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stochvi.scenes import Scene
+    from stochvi.sizings import Sizing
 
 
 def to_json(document: Mapping[str, Any]) -> str:
@@ -94,3 +95,16 @@ def write_clearance(scene: Scene, curve: pd.DataFrame, folder: Path) -> None:
     grid = np.linspace(curve["clearance"].min(), curve["clearance"].max(), 61)
     ax = draw_clearance(curve, predicted_rates(scene, list(grid)), scene.title)
     write_picture(ax, folder / "clearance.png")
+
+
+def write_sizing(sizing: Sizing, folder: Path, sensitivity: pd.DataFrame | None = None) -> None:
+    """The answer as `size.json` and `risk.png`, its tables as CSV."""
+    from stochvi.sizing_plots import draw_sizing
+
+    write_text(to_json(sizing.to_dict()) + "\n", folder / "size.json")
+    write_table(sizing.curve, folder / "risk.csv")
+    write_table(sizing.required, folder / "required.csv")
+    write_table(sizing.simulated, folder / "hits.csv")
+    write_picture(draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
+    if sensitivity is not None:
+        write_table(sensitivity, folder / "sensitivity.csv")

@@ -36,10 +36,13 @@ SETTLED = 1e-13
 """Share of an integral by which halving a panel may change it."""
 
 SHORTEST = 1e-40
-"""A length, in metres, on which no energy changes; doubled until one does."""
+"""A length, in metres, on which no energy changes; made longer until one does."""
 
 LONGEST = 1e40
 """A length, in metres, at which an energy that has not changed never does."""
+
+STRIDE = 16.0
+"""From one such length to the next."""
 
 SMALL_SHARE, SMALL_RISE = 1e-6, 0.01
 """Of the distance to a rigid stop, and of theta: where a look at a function begins."""
@@ -120,7 +123,7 @@ class GibbsLaw:
     def holds(self, side: str) -> bool:
         """Whether the mass cannot be lost on this side."""
         if self.spring is not None:
-            return math.isfinite(self._outer(0.0, 1.0 if side == "upper" else -1.0))
+            return math.isfinite(self._ends[0 if side == "lower" else 1])
         if self.omega > 0.0:
             return True
         outward = self.load if side == "upper" else -self.load
@@ -228,19 +231,24 @@ class GibbsLaw:
                 break
         return math.inf
 
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        """Between which a spring that is a function keeps all of the density."""
+        start = float(self._within(0.0))
+        return self._outer(start, -1.0), self._outer(start, 1.0)
+
     def _near(self, origin: float, away: float, most: float) -> float:
         """A distance over which the energy hardly changes."""
         distance = SHORTEST
         while distance < min(most * SMALL_SHARE, LONGEST):
-            if abs(float(self._rise(2.0 * away * distance, origin))) > SMALL_RISE * self.theta:
+            if abs(float(self._rise(STRIDE * away * distance, origin))) > SMALL_RISE * self.theta:
                 break
-            distance *= 2.0
+            distance *= STRIDE
         return distance
 
     def _deepest_well(self) -> float:
         """The lowest energy of a spring that is a function, between its outer ends."""
-        start = float(self._within(0.0))
-        ends = [self._outer(start, away) for away in (-1.0, 1.0)]
+        start, ends = float(self._within(0.0)), self._ends
         # as many places about each end of the scale as far out: a well may be narrow
         steps = [np.geomspace(SHORTEST, 1.0, 8 * LOOKED_AT) * (end - start) for end in ends]
         places = np.sort(np.concatenate([[start], start + steps[0], start + steps[1]]))
@@ -458,16 +466,19 @@ class GibbsLaw:
         density = sign * self._pull(stop + sign * y) * exceedance / slope / self.theta
         return np.where(exceedance < 1.0, density, 0.0)
 
-    def _peak_force(self, side: str, law: CompliantLaw, sign: float) -> float:
+    def _peak_force(self, side: str, law: CompliantLaw, sign: float) -> float | None:
         """Mean of the largest force of a contact without noise and damping while it lasts.
 
         The force F turns a mass that came with the speed w where U = U(stop) + w^2 / 2. Over the
         Rayleigh law of w that is F(y_0) + int F'(y) exp(-(U - U(stop)) / theta) dy, from y_0 on,
-        where w = 0: the stop itself, unless the mass is pressed into it.
+        where w = 0: the stop itself, unless the mass is pressed into it. None where a spring that
+        is a function makes U fall again further in, so that a faster mass may turn elsewhere.
         """
         stop = getattr(self, f"stop_{side}")
         start = stop
         if sign * float(self._pull(stop)) < 0.0:
+            if sign * (self.peak - stop) < 0.0:
+                return None
             bottom = sign * (self.peak - stop)
             start = stop + sign * (bottom + self._first(
                 lambda d: float(self._rise(sign * (bottom + d), stop)), self.peak, sign
@@ -479,6 +490,8 @@ class GibbsLaw:
         )
         edges = self._edges(min(start, end), max(start, end))
         places, weights = self._nodes(edges)
+        if np.any(sign * self._pull(places) < 0.0):
+            return None
         shape = np.exp(-self._rise(places - stop, stop) / self.theta)
         y = sign * (places - stop)
         first = float(law.force_at(sign * (start - stop)))

@@ -17,6 +17,7 @@ from stochvi.monte_carlo import record_path
 
 if TYPE_CHECKING:
     from stochvi.accuracy import WorkPrecision
+    from stochvi.galerkin import FirstPassage
     from stochvi.scenes import Scene
 
 COLOURS = {
@@ -228,6 +229,55 @@ def plot_clearance_ratio(
     ax.set_ylabel("rate / Rice")
     ax.grid(which="major", color="#dddddd", linewidth=0.6)
     return ax
+
+
+def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
+    """P(first passage before t) against time, beside what constant rates would give.
+
+    Both axes are logarithmic. `found` shows its own times as marks; the line between them is
+    drawn where there are many.
+    """
+    ax = _axes(ax)
+    times = np.array(found.times)
+    chances = np.array([estimate.value for estimate in found.probability])
+    order = np.argsort(times)
+    shown = order[(times[order] > 0.0) & (chances[order] > 0.0)]
+    if not len(shown):
+        raise ValueError("a picture needs a time with a probability above 0")
+    last = times[shown[-1]]
+    first = times[shown[0]] if len(shown) > 1 else last / PASSAGE_SPAN
+    grid = np.geomspace(first, last, 201)
+    rates = [("rate in the end, from the first moment", found.decay_rate, "-")]
+    if found.rice_rate is not None:
+        rates.append(("Rice, no memory", found.rice_rate, "--"))
+    for label, rate, style in rates:
+        ax.plot(
+            grid, -np.expm1(-rate.value * grid), color=COLOURS["stop"], linestyle=style,
+            linewidth=1.3, label=label,
+        )  # fmt: skip
+    ax.plot(
+        times[shown], chances[shown], "o-", color=COLOURS["fokker-planck"], linewidth=1.8,
+        markersize=3.0 if len(shown) > MANY_TIMES else 5.5, label=f"start: {found.start}",
+    )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    low = min(chances[shown].min(), -np.expm1(-found.decay_rate.value * grid[0]))
+    ax.set_ylim(bottom=max(low / 2.0, FAINTEST * chances[shown].max()))
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel("P(first passage before t)")
+    ax.grid(which="major", color="#dddddd", linewidth=0.6)
+    ax.legend(frameon=False)
+    return ax
+
+
+PASSAGE_SPAN = 1000.0
+"""What a picture of a single time spans before it."""
+
+MANY_TIMES = 15
+"""Times whose marks are drawn small."""
+
+FAINTEST = 1e-8
+"""Smallest probability that a picture shows, of its largest."""
 
 
 def draw_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str) -> Axes:

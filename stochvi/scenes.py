@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from stochvi.attachments import Absorber, built
 from stochvi.checked import Checked, Number
 from stochvi.contacts import Law, Restitution, SpeedRestitution, not_rigid
 from stochvi.datasets import read_text
@@ -18,14 +19,14 @@ from stochvi.errors import SceneError
 from stochvi.excitations import (
     BASE,
     ConstantLoad,
+    DensityNoise,
     Excitation,
     Sine,
-    TabulatedNoise,
     WhiteNoise,
     check_unit,
 )
 from stochvi.spectra import Table
-from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Structure
+from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
 
 PerUnitMass = Callable[[ArrayLike], NDArray[np.float64]]
 """A force per unit mass (m/s^2), or an energy (m^2/s^2), as a function of x (m) or v (m/s)."""
@@ -164,6 +165,14 @@ class Scene(Checked):
     excitations: tuple[Annotated[Excitation, Field(discriminator="kind")], ...] = Field(
         alias="excitation"
     )
+    absorber: Absorber | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_boxes(cls, document: Any) -> Any:
+        """The short form of an absorber, written out."""
+        short = isinstance(document, dict) and document.get("absorber") is not None
+        return built(document) if short else document
 
     @field_validator("impact_pairs", "excitations", mode="before")
     @classmethod
@@ -193,6 +202,7 @@ class Scene(Checked):
             sentence = self._misfit(excitation)
             if sentence:
                 problems.append((f"excitation.{index}", sentence))
+        problems += self._unknown_absorbers()
         if problems := problems or self._out_of_range():
             raise SceneError(problems)
         return self
@@ -212,6 +222,17 @@ class Scene(Checked):
         if pair.between is not None and pair.between[0] == pair.between[1]:
             return f"needs two different coordinates in between, got {pair.between[0]!r} twice"
         return ""
+
+    def _unknown_absorbers(self) -> list[tuple[str, str]]:
+        known = self.structure.coordinates
+        names = self.absorber.mass_on if self.absorber else ()
+        if names and len(set(names)) >= len(known):
+            return [("absorber.mass_on", "leaves no coordinate for the structure that carries it")]
+        return [
+            ("absorber.mass_on", f"must name {_one_of(known)}, got {name!r}")
+            for name in names
+            if name not in known
+        ]
 
     def _unheld(self, pair: ImpactPair) -> str:
         """Whether a stop stands where a spring that is a function has no force; empty if not."""
@@ -290,10 +311,9 @@ class Scene(Checked):
         if isinstance(excitation, ConstantLoad) and (where == BASE) != (excitation.force is None):
             return "takes force on a coordinate and acceleration on the base"
         if not isinstance(excitation, ConstantLoad | Sine):
-            unit = "g2/Hz" if getattr(excitation, "profile", None) else excitation.unit
             try:
-                if unit is not None:
-                    check_unit(unit, where)
+                if excitation.density_unit is not None:
+                    check_unit(excitation.density_unit, where)
             except ValueError as error:
                 return str(error)
         return ""
@@ -338,7 +358,8 @@ class Scene(Checked):
             found.append(f"the scene must have one impact pair, got {len(self.impact_pairs)}")
         kinds = {excitation.kind for excitation in self.excitations} & {"filtered", "sine"}
         found += [
-            f"excitation must be white, psd or constant, got {kind}" for kind in sorted(kinds)
+            f"excitation must be white, psd, road, record or constant, got {kind}"
+            for kind in sorted(kinds)
         ]
         return found
 
@@ -350,10 +371,14 @@ class Scene(Checked):
                 "filtered": "filtered noise on {}",
                 "sine": "sine on {}",
                 "psd": "tabulated noise on {}",
+                "road": "tabulated noise of a road on {}",
+                "record": "tabulated noise of a record on {}",
                 "constant": "constant load on {}",
             }[excitation.kind].format(self.place(excitation))
             for excitation in self.excitations
         ]
+        if getattr(self.structure, "gravity", False):
+            found.append("constant load of gravity")
         for pair in self.impact_pairs:
             of = f" of {pair.name}" if len(self.impact_pairs) > 1 else ""
             found += [f"{law.word} stop {side}{of}" for side, law in pair.stops()]
@@ -377,21 +402,39 @@ class Scene(Checked):
             found.append("restitution depends on the speed of the impact alone")
         if any(isinstance(excitation, Sine) for excitation in self.excitations):
             found.append("the phase of a sine is random, uniform, in each path")
+        for excitation in self.excitations:
+            if isinstance(excitation, DensityNoise):
+                found += excitation.said(*self._resonance())
         return tuple(found)
+
+    def table_of(self, excitation: DensityNoise) -> Table:
+        """The density of an excitation as this structure needs it, one-sided, SI units."""
+        omega, damping_rate = self._resonance()
+        return excitation.table_for(omega, damping_rate)
+
+    def _resonance(self) -> tuple[float, float]:
+        """omega (rad/s) and b (1/s) of a single linear oscillator, zeros of anything else."""
+        if not isinstance(self.structure, Oscillator):
+            return 0.0, 0.0
+        return self.structure.omega, self.structure.damping_rate
 
     def system(self) -> System:
         """A scene of a single oscillator per unit mass, as numbers that a method computes with."""
         assert not isinstance(self.structure, Matrices)
         mass = self.structure.mass or 1.0
-        intensity, load, tables, noise_on_mass = 0.0, 0.0, [], False
+        load = 0.0
+        if isinstance(self.structure, Oscillator):
+            load = self.structure.gravity_load
+        intensity, tables, noise_on_mass = 0.0, [], False
         for excitation in self.excitations:
             on_mass = self.place(excitation) != BASE
             noise_on_mass |= on_mass and not isinstance(excitation, ConstantLoad)
             match excitation:
                 case WhiteNoise():
                     intensity += excitation.si_intensity / (mass**2 if on_mass else 1.0)
-                case TabulatedNoise():
-                    tables.append(excitation.table.scaled(mass**-2 if on_mass else 1.0))
+                case DensityNoise():
+                    table = self.table_of(excitation)
+                    tables.append(table.scaled(mass**-2 if on_mass else 1.0))
                 case ConstantLoad():
                     load += excitation.magnitude / mass if on_mass else -excitation.magnitude
         pair = self.impact_pairs[0] if self.impact_pairs else None
@@ -485,16 +528,24 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
         if field.alias is not None and name in document:
             raise SceneError([(name, f"is not a known key; did you mean {field.alias!r}?")])
     _refuse_functions(document)
-    entries = document.get("excitation")
-    if isinstance(entries, list):
-        entries = [
-            entry | {"file": str(folder / entry["file"])}
-            if isinstance(entry, dict) and isinstance(entry.get("file"), str)
-            else entry
-            for entry in entries
-        ]
-        document = {**document, "excitation": entries}
+    document = dict(document)
+    for key in ("excitation", "impact_pair"):
+        if isinstance(entries := document.get(key), list):
+            document[key] = [_files_from(folder, entry) for entry in entries]
     return Scene(**document)
+
+
+def _files_from(folder: Path, entry: Any) -> Any:
+    """The same entry, its file names and those of its laws starting at `folder`."""
+    if not isinstance(entry, dict):
+        return entry
+    found = {
+        key: _files_from(folder, value) if key.endswith("law") else value
+        for key, value in entry.items()
+    }
+    if isinstance(entry.get("file"), str):
+        found["file"] = str(folder / entry["file"])
+    return found
 
 
 PYTHON_ONLY = ("nonlinear", "speed-restitution")

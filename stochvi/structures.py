@@ -4,14 +4,15 @@ with a damping force c(x') and a restoring force g(x)."""
 from __future__ import annotations
 
 import math
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from stochvi.checked import (
     Checked,
+    Count,
     Function,
     Matrix,
     NonNegative,
@@ -20,8 +21,12 @@ from stochvi.checked import (
     evaluated,
     given,
 )
+from stochvi.conventions import STANDARD_GRAVITY
 
 Vector = NDArray[np.float64]
+
+Tolerance = Annotated[NonNegative, Field(lt=1)]
+"""A relative tolerance; at 1 the quantity could vanish."""
 
 
 class Oscillator(Checked):
@@ -67,6 +72,16 @@ class Oscillator(Checked):
         return self
 
     @property
+    def in_parallel(self) -> int:
+        """How many springs and dampers of the stated size carry the mass."""
+        return 1
+
+    @property
+    def gravity_load(self) -> float:
+        """Constant acceleration of gravity, m/s^2, where the scene counts it."""
+        return 0.0
+
+    @property
     def coordinates(self) -> tuple[str, ...]:
         """The displacements that move: of an oscillator, x."""
         return ("x",)
@@ -84,14 +99,14 @@ class Oscillator(Checked):
         if self.frequency_hz is not None:
             return 2.0 * math.pi * self.frequency_hz
         assert self.stiffness is not None and self.mass is not None
-        return math.sqrt(self.stiffness / self.mass)
+        return math.sqrt(self.in_parallel * self.stiffness / self.mass)
 
     @property
     def damping_rate(self) -> float:
         """b = c / m = 2 zeta omega, 1/s."""
         if self.damping is not None:
             assert self.mass is not None
-            return self.damping / self.mass
+            return self.in_parallel * self.damping / self.mass
         zeta = self.zeta if self.Q is None else 0.5 / self.Q
         assert zeta is not None
         return 2.0 * zeta * self.omega
@@ -103,13 +118,58 @@ class Isolator(Oscillator):
     x'' + b x' + omega^2 x = -a_base(t); the absolute acceleration of the mass between
     impacts is -(b x' + omega^2 x).
 
+    Parameters
+    ----------
+    mounts
+        How many equal mounts carry the mass side by side; `stiffness` and `damping` are then those
+        of one of them.
+    gravity
+        Whether gravity pulls the mass towards negative x: it then hangs at -g / omega^2, and
+        stops, which are measured from the unloaded spring, lie closer below than above. Leave it
+        out where clearances are measured from where the mass hangs.
+    frequency_tolerance, damping_tolerance
+        Relative tolerances of the natural frequency and of the damping ratio, as 0.1 for 10 %.
+        Nothing simulated depends on them: they say how far a sensitivity reaches.
+
     Examples
     --------
-    >>> Isolator(frequency_hz=12.0, zeta=0.1).kind
-    'isolator'
+    >>> four = Isolator(mass=10.0, mounts=4, stiffness=14212.0, damping=37.7, gravity=True)
+    >>> round(four.omega / (2 * math.pi), 3), round(1e3 * four.sag, 3), round(four.gravity_load, 3)
+    (12.0, 1.725, -9.807)
     """
 
     kind: Literal["isolator"] = "isolator"  # type: ignore[assignment]
+    mounts: Count | None = None
+    gravity: Annotated[bool, Field(strict=True)] = False
+    frequency_tolerance: Tolerance | None = None
+    damping_tolerance: Tolerance | None = None
+
+    @model_validator(mode="after")
+    def _mounts_have_a_stiffness(self) -> Self:
+        if self.mounts is not None and self.frequency_hz is not None:
+            raise ValueError(
+                "takes mounts with the mass, and the stiffness and damping of one mount, got "
+                "mounts with frequency_hz, which is that of all"
+            )
+        if self.gravity and self.omega == 0.0:
+            raise ValueError("needs a stiffness that carries the mass under gravity, got 0")
+        return self
+
+    @property
+    def in_parallel(self) -> int:
+        return self.mounts or 1
+
+    @property
+    def gravity_load(self) -> float:
+        return -STANDARD_GRAVITY if self.gravity else 0.0
+
+    @property
+    def sag(self) -> float:
+        """How far a spring gives way under the weight it carries, g / omega^2, m.
+
+        That of the dynamic stiffness; an elastomer is softer at rest, and creeps.
+        """
+        return STANDARD_GRAVITY / self.omega**2
 
 
 class Matrices(Checked):

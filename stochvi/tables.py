@@ -11,12 +11,15 @@ from rich.table import Table
 from stochvi.accuracy import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
 from stochvi.crosscheck import APPROXIMATE, BALANCE, DISAGREES, ROUNDING, Check, Comparison
 from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
+from stochvi.sizings import spoken_mission, spoken_percent
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.explanation import Explanation
+    from stochvi.galerkin import FirstPassage
     from stochvi.isolators import Screening
+    from stochvi.sizings import Sizing
 
 QUANTITY_NAMES = {
     "displacement_mean": "mean displacement",
@@ -36,6 +39,9 @@ QUANTITY_NAMES = {
     "contact_probability": "share of time in contact",
     "contact_force_lower": "mean force, lower stop",
     "contact_force_upper": "mean force, upper stop",
+    "relative_displacement_mean": "mean relative displ.",
+    "relative_displacement_std": "rms relative displ.",
+    "relative_velocity_std": "rms relative velocity",
 }
 """Short names for people; w is the speed of an impact, rms is about the mean."""
 
@@ -82,6 +88,26 @@ def print_response(console: Console, response: Response) -> None:
     _say(console, price)
     for warning in response.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def print_first_passage(console: Console, found: FirstPassage) -> None:
+    """P(first passage before t) at each time, then its mean time and rates."""
+    table = _table("P(first passage before t)", ["t (s)", "probability", "rel. bias"])
+    for moment, estimate in zip(found.times, found.probability, strict=True):
+        table.add_row(f"{moment:g}", _value(estimate), _relative_bias(estimate))
+    console.print(table)
+    ends = [f"{x:g} m" for x in (found.lower, found.upper) if x is not None]
+    _say(console, f"barriers at {' and '.join(ends)}; start: {found.start}")
+    rates = [
+        f"mean time to the first passage {_value(found.mean_time)} s",
+        f"rate in the end {_value(found.decay_rate)} 1/s",
+    ]
+    if found.rice_rate is not None:
+        rates.append(f"Rice {found.rice_rate.value:.4g} 1/s")
+    console.print("; ".join(rates), highlight=False)
+    _say(console, f"simulated effects: {'; '.join(found.effects)}")
+    _say(console, f"assumptions: {'; '.join(found.assumptions)}")
+    _say(console, f"cost: {found.cost.wall_time:.3g} s")
 
 
 def print_check(console: Console, verdict: Check) -> None:
@@ -209,6 +235,79 @@ def print_clearance(console: Console, curve: pd.DataFrame) -> None:
     )
 
 
+def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
+    """The clearance and what three sigma buys, first; then what both rest on."""
+    console.print(sizing.verdict(), style="bold", highlight=False)
+    three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
+    table = _table(
+        f"at 3 sigma = {1e3 * three.clearance:.4g} mm, in {mission}", ["quantity", "value"]
+    )
+    table.add_row("chance of any hit", spoken_percent(three.probability.value))
+    table.add_row("hits by Rice", f"{three.rice_hits:.4g}")
+    table.add_row("first hits (bursts)", _value(three.first_hits))
+    if three.hits is not None:
+        table.add_row("hits, simulated", _value(three.hits))
+    if three.impact_speed_mean is not None:
+        table.add_row("mean impact speed (m/s)", _value(three.impact_speed_mean))
+    console.print(table)
+    limits = zip(sizing.required["clearance_low"], sizing.required["clearance_high"], strict=True)
+    print_frame(
+        console,
+        sizing.required.assign(
+            probability=[spoken_percent(chance) for chance in sizing.required["probability"]],
+            clearance=1e3 * sizing.required["clearance"],
+            interval=[f"{1e3 * low:.4g} to {1e3 * high:.4g}" for low, high in limits],
+        )[list(REQUIRED_COLUMNS)].rename(columns=REQUIRED_COLUMNS),
+        f"chance of any hit in {mission}",
+    )
+    if len(sizing.simulated):
+        print_frame(
+            console,
+            sizing.simulated.assign(clearance=1e3 * sizing.simulated["clearance"])[
+                list(HIT_COLUMNS)
+            ].rename(columns=HIT_COLUMNS),
+            "hits on all stops, with the stop law",
+        )
+    if sensitivity is not None:
+        print_frame(
+            console,
+            sensitivity.assign(
+                clearance=1e3 * sensitivity["clearance"],
+                clearance_change=[f"{100.0 * c:+.1f} %" for c in sensitivity["clearance_change"]],
+                probability=[spoken_percent(chance) for chance in sensitivity["probability"]],
+            )[list(CHANGE_COLUMNS)].rename(columns=CHANGE_COLUMNS),
+            "for the same target, and at the old clearance",
+        )
+    _say(console, f"method: {sizing.method}")
+    _say(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
+    for warning in sizing.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+REQUIRED_COLUMNS = {
+    "probability": "chance",
+    "clearance": "clearance (mm)",
+    "interval": "95 % interval",
+    "clearance_in_sigma": "in sigma",
+}
+
+CHANGE_COLUMNS = {
+    "change": "change",
+    "clearance": "clearance (mm)",
+    "clearance_change": "by",
+    "probability": "chance of any hit",
+}
+
+HIT_COLUMNS = {
+    "clearance": "clearance (mm)",
+    "clearance_in_sigma": "in sigma",
+    "hit_rate": "hits (1/s)",
+    "hits_per_first_hit": "hits per first hit",
+    "impact_speed_mean": "mean speed (m/s)",
+    "by": "by",
+}
+
+
 def print_cost(console: Console, found: WorkPrecision) -> None:
     """Bias and statistical error at each step, the prices that follow, and errors of models."""
     steps = [f"{step:.3g} s" for step in found.steps]
@@ -330,7 +429,7 @@ def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-WORDS = ("of", "quantity", "unit", "verdict", "methods")
+WORDS = ("of", "quantity", "unit", "verdict", "methods", "by", "change")
 
 
 def _table(title: str, headings: Sequence[str], words: Sequence[str] = WORDS) -> Table:

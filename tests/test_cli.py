@@ -396,6 +396,31 @@ def test_new_refuses_to_overwrite(stochvi: Run, tmp_path: Path):
     assert file.read_text("utf-8") == "mine"
 
 
+@pytest.mark.parametrize(
+    ("kind", "tables"),
+    [("bumper", {"bumper.csv"}), ("road", set()), ("record", {"truck-bed.csv"})],
+)
+def test_new_writes_an_isolator_of_a_kind_with_its_tables(tmp_path, stochvi, kind, tables):
+    file = tmp_path / "desk" / "mine.toml"
+    code, _, err = stochvi("new", file, "--kind", kind)
+    assert code == 0
+    assert {path.name for path in file.parent.iterdir()} == {"mine.toml"} | tables
+    assert all(name in err for name in {"mine.toml"} | tables)
+    assert load_scene(file).system().tables
+    if tables:
+        file.unlink()
+        assert "exists already" in refused(stochvi("new", file, "--kind", kind))
+
+
+def test_size_writes_a_report_of_a_record(tmp_path, stochvi):
+    file = tmp_path / "mine.toml"
+    stochvi("new", file, "--kind", "record")
+    options = ("--probability", "0.1", "--mission", "600", "--rel-error", "0.2", "--quiet")
+    assert stochvi("size", file, *options, "--out", tmp_path / "out").code == 0
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "Kurtosis of the record" in page and "the record tells the rms response" in page
+
+
 # The installed command --------------------------------------------------------------------
 
 

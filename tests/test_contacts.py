@@ -14,9 +14,10 @@ from stochvi.contacts import (
     ForceTable,
     Hertz,
     Viscoelastic,
-    identify_viscoelastic,
 )
 from stochvi.errors import SceneError
+from stochvi.kelvin_voigt import identify_viscoelastic
+from stochvi.scenes import load_scene, scene_from
 
 TABLE = ForceTable(deflection=[0.02, 0.05, 0.06], force=[1.0, 1.0, 9.0])
 """A straight rise, a plateau, and a steep end."""
@@ -185,3 +186,71 @@ def test_a_table_that_is_none_gives_a_sentence(columns, words):
     with pytest.raises(SceneError) as failure:
         ForceTable(**columns)
     assert words in str(failure.value)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_deflection_of_a_force_is_the_largest_without_a_larger_one(name):
+    """The inverse of the force at rest; on a plateau its far end, beyond the last one nowhere."""
+    law = LAWS[name]
+    force = np.array([-1.0, 0.0, 0.3, 1.0, 2.0, 50.0])
+    y = law.deflection_at(force)
+    assert law.force_at(y) == pytest.approx(np.maximum(force, 0.0), rel=1e-12)
+    assert np.all(law.force_at(y * (1.0 + 1e-6) + 1e-12) > force)
+
+
+def test_a_stop_that_yields_never_reaches_more_than_its_largest_force():
+    law = ForceTable(deflection=[0.01, 0.02], force=[1.0, 1.0])
+    assert law.deflection_at([0.5, 1.0, 2.0]).tolist() == [0.005, math.inf, math.inf]
+
+
+# A table from a file ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m,N", 1.0), ("mm,N", 1e-3)])
+def test_a_bumper_from_a_file_is_the_same_as_its_numbers(tmp_path, unit, factor):
+    (tmp_path / "bumper.csv").write_text("deflection,force\n0,0\n2,40\n5,400\n")
+    law = ForceTable(file=str(tmp_path / "bumper.csv"), unit=unit)
+    same = ForceTable(deflection=[0.0, 2.0 * factor, 5.0 * factor], force=[0.0, 40.0, 400.0])
+    assert (law.deflection, law.force) == (same.deflection, same.force)
+    assert law.source == "bumper.csv" and law.file is None
+    assert ForceTable(**law.model_dump()) == law
+    assert law.per_unit_mass(2.0).force == (0.0, 20.0, 200.0)
+
+
+def test_a_bumper_is_looked_for_beside_its_scene(tmp_path):
+    (tmp_path / "bumper.csv").write_text("0 0\n2 40\n")
+    law = '{ kind = "table", file = "bumper.csv", unit = "mm,N" }'
+    (tmp_path / "scene.toml").write_text(
+        '[structure]\nkind = "isolator"\nmass = 2.0\nfrequency_hz = 12.0\nzeta = 0.1\n'
+        f"[[impact_pair]]\nlower = -4e-3\nupper = 5e-3\nlower_law = {law}\n"
+        'upper_law = { kind = "restitution", coefficient = 0.5 }\n'
+        '[[excitation]]\nkind = "white"\nintensity = 1.0\n'
+    )
+    scene = load_scene(tmp_path / "scene.toml")
+    assert scene.impact_pairs[0].law_of("lower").deflection == (0.0, 0.002)
+    assert scene_from(scene.document()) == scene  # the numbers are in it: the file may go
+
+
+@pytest.mark.parametrize(
+    ("keys", "content", "key", "words"),
+    [
+        ({}, "0 0\n2 40\n", "unit", "must be 'm,N' or 'mm,N' for the columns of file, got None"),
+        ({"unit": "in,lbf"}, "0 0\n2 40\n", "unit", "got 'in,lbf'"),
+        ({"unit": "m,N"}, "", "file", "holds no rows of two numbers (deflection, force)"),
+        ({"unit": "m,N"}, "0 0\n2 x\n", "file", "line 2: expected two numbers"),
+        ({"unit": "m,N"}, "0 0\n2 -4\n", "force.1", "must be at least 0"),
+        ({"unit": "m,N"}, "0 0\n2 4\n3 2\n", "", "force that never decreases, got 2 after 4"),
+        ({"unit": "m,N", "force": [1.0]}, "0 0\n2 4\n", "", "takes file, or deflection and force"),
+    ],
+)
+def test_a_bad_bumper_gives_a_sentence(tmp_path, keys, content, key, words):
+    (tmp_path / "bumper.csv").write_text(content)
+    with pytest.raises(SceneError) as failure:
+        ForceTable(file=str(tmp_path / "bumper.csv"), **keys)
+    assert failure.value.problems[0][0] == key
+    assert words in str(failure.value)
+
+
+def test_a_unit_without_a_file_is_refused():
+    with pytest.raises(SceneError, match="takes unit with a file only"):
+        ForceTable(deflection=[2.0], force=[40.0], unit="mm,N")

@@ -102,9 +102,9 @@ def test_marginals_tail_and_rates_are_integrals_of_the_joint_density(case):
     assert np.trapezoid(law.velocity_density(v), v) == pytest.approx(1.0, rel=1e-12)
     side = "lower" if case is WALL else "upper"
     stop = getattr(case.impact_pairs[0], side)
-    w = np.linspace(0.0, 12.0, 4001)
+    w = np.linspace(0.0, 12.0, 2001)
     flux = np.trapezoid(np.where(w >= 0.5, w * law.density(stop, w), 0.0), w)
-    assert law.rate_above(side, 0.5) == pytest.approx(flux, rel=2e-3)
+    assert law.rate_above(side, 0.5) == pytest.approx(flux, rel=4e-3)
     rate = exact(case).estimates()["stops", f"collision_rate_{side}"].value
     assert law.rate_above(side, 0.0) == pytest.approx(rate, rel=1e-12)
     shape = w * law.density(stop, w) / rate
@@ -117,11 +117,12 @@ def test_marginals_tail_and_rates_are_integrals_of_the_joint_density(case):
 def test_the_law_of_peak_forces_has_the_mean_that_the_response_states(case):
     """Mean = int P(F > f) df; and its density the derivative."""
     law = exact_density(case)
-    f = np.linspace(0.0, 200.0, 100_001)
+    f = np.linspace(0.0, 200.0, 20_001)
     exceedance = law.peak_force_exceedance("upper", f)
-    mean = np.trapezoid(exceedance, f)
+    mean, coarse = np.trapezoid(exceedance, f), np.trapezoid(exceedance[::2], f[::2])
     contact = law.law.contact("upper")
-    assert mean == pytest.approx(2.0 * contact.peak_force, rel=1e-5)
+    # a force at which the stop yields is a jump within a cell
+    assert mean == pytest.approx(2.0 * contact.peak_force, abs=2.0 * abs(mean - coarse) + 1e-8)
     middle = (f[1:] + f[:-1]) / 2.0
     slope = -np.diff(exceedance) / np.diff(f)
     # a Hertzian stop starts with an infinite second derivative
@@ -132,7 +133,7 @@ def test_the_law_of_peak_forces_has_the_mean_that_the_response_states(case):
         & (exceedance[1:] > 1e-12)
     )
     density = law.peak_force_density("upper", middle)[smooth]
-    assert density == pytest.approx(slope[smooth], rel=1e-3)
+    assert density == pytest.approx(slope[smooth], rel=4e-3)
     if case is TABLE:  # it yields at 2 N: that force has a probability of its own
         assert law.peak_force_exceedance("upper", 1.999) > 1.1 * law.peak_force_exceedance(
             "upper", 2.0
@@ -176,10 +177,9 @@ def test_a_linear_spring_as_a_function_is_the_linear_spring():
 
 
 FORCES = {
-    "double well": lambda x: 8.0 * (x**3 - x),
     "deep double well": lambda x: 240.0 * (x**3 - x),
     "soft, with a kink": lambda x: np.where(x < 0.3, 2.0 * x, 0.6 + 40.0 * (x - 0.3)),
-    "dry": lambda x: 3.0 * np.sign(x),
+    "dry": lambda x: 6.0 * np.sign(x),
     "hard": np.sinh,
 }
 
@@ -189,24 +189,31 @@ FORCES = {
 def test_any_potential_gives_the_integrals_of_its_gibbs_density(name, stops):
     structure = spring(FORCES[name])
     values = exact(scene(structure, load=0.05, **stops)).estimates()
-    x, dx = np.linspace(-15.0, 12.0, 1_000_001, retstep=True)
-    force = FORCES[name](x) - 0.05
-    if stops:
-        force = force + 30.0 * np.maximum(x - 1.1, 0.0)
-    with np.errstate(over="ignore"):
-        energy = np.concatenate([[0.0], np.cumsum((force[1:] + force[:-1]) * dx / 2.0)]) / 2.0
+    coarse, fine = (by_sums(FORCES[name], bool(stops), count) for count in (100_001, 200_001))
+    for key, value in fine.items():
+        # halving the cells halves the error of a kink or a jump within one, or better
+        allowed = 2.0 * abs(value - coarse[key]) + 1e-8
+        assert abs(values[key].value - value) <= allowed, key
+        assert allowed < 1e-3
+    assert values["x", "velocity_mean_square"].value == pytest.approx(1.0)
+
+
+def by_sums(force, stop: bool, count: int) -> dict[tuple[str, str], float]:
+    """Moments and rate of exp(-U) by trapezoids; the load 0.05, a stop of 30 N/m from 1.1 on."""
+    x, dx = np.linspace(-15.0, 12.0, count, retstep=True)
+    pull = force(x) - 0.05 + (30.0 * np.maximum(x - 1.1, 0.0) if stop else 0.0)
+    energy = np.concatenate([[0.0], np.cumsum((pull[1:] + pull[:-1]) * dx / 2.0)]) / 2.0
     p = np.exp(-(energy - energy.min()))
     mass = p.sum()
-    mean = (p @ x) / mass
-    error = 1e-5  # of the sums: a kink or a jump of the force within a cell of 2.7e-5
-    assert values["x", "displacement_mean"].value == pytest.approx(mean, rel=error, abs=error)
-    square = (p @ (x - mean) ** 2) / mass
-    assert values["x", "displacement_std"].value ** 2 == pytest.approx(square, rel=3 * error)
-    if stops:
+    mean = float(p @ x / mass)
+    found = {
+        ("x", "displacement_mean"): mean,
+        ("x", "displacement_std"): math.sqrt(float(p @ (x - mean) ** 2 / mass)),
+    }
+    if stop:
         rate = np.interp(1.1, x, p) / mass / dx / math.sqrt(2.0 * math.pi)
-        found = values["stops", "collision_rate_upper"].value
-        assert found == pytest.approx(rate, rel=3 * error)
-    assert values["x", "velocity_mean_square"].value == pytest.approx(1.0)
+        found["stops", "collision_rate_upper"] = float(rate)
+    return found
 
 
 def test_what_a_spring_that_is_a_function_lacks_is_said():
@@ -225,6 +232,20 @@ def test_what_a_spring_that_is_a_function_lacks_is_said():
     with pytest.raises(SceneError, match="potential whose derivative is restoring_force"):
         exact(scene(spring(lambda x: x, potential=lambda x: x**2)))
     assert exact(scene(spring(lambda x: x, potential=lambda x: 5 + x**2 / 2)))
+
+
+@pytest.mark.parametrize(("upper", "told"), [(0.6, True), (-1.3, False), (-0.3, False)])
+def test_the_peak_force_is_left_out_where_the_potential_falls_behind_the_stop(upper, told):
+    """A stop before, in and behind the left of two wells; the right one is the deeper."""
+    wells = spring(lambda x: 8.0 * (x**3 - x))
+    case = scene(wells, load=0.05, upper=upper, law=Elastic(stiffness=0.5))
+    law = exact_density(case)
+    contact = law.law.contact("upper")
+    assert (contact.peak_force is not None) == told
+    if told:
+        f = np.linspace(0.0, 5.0, 1001)
+        mean = np.trapezoid(law.peak_force_exceedance("upper", f), f)
+        assert 2.0 * contact.peak_force == pytest.approx(mean, abs=f[1])
 
 
 def test_filtered_noise_without_stops_has_a_gaussian_density():
@@ -268,7 +289,7 @@ def test_the_linear_autocorrelation_solves_the_equation_of_motion(damping):
 def test_recorded_paths_have_the_autocorrelation(case, lag):
     """Products of one displacement and a later one, averaged over stretches long apart."""
     # a step of kick-flow-kick leaves the law as it is, and the time as far as h^2 goes
-    path = record_path(case, duration=30_000.0, seed=5, step=0.05)
+    path = record_path(case, duration=8_000.0, seed=5, step=0.05)
     time, x = path["time"].to_numpy(), path["displacement"].to_numpy()
     step = time[1] - time[0]
     shift = round(lag / step)

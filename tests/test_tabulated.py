@@ -61,7 +61,7 @@ def true_moments(plan: TabulatedPlan) -> tuple[float, float]:
 
 def frequencies(plan: TabulatedPlan) -> np.ndarray:
     """Of the bins that are synthesised, rad/s."""
-    return 2.0 * np.pi / plan.block_length * np.arange(1, len(plan._amplitudes) + 1)
+    return 2.0 * np.pi / plan.block_length * np.arange(1, len(plan.amplitudes) + 1)
 
 
 def crossing_rate(xx: float, xv: float, vv: float, level: float) -> float:
@@ -74,7 +74,7 @@ def crossing_rate(xx: float, xv: float, vv: float, level: float) -> float:
 def interpolated_crossing_rate(plan: TabulatedPlan, level: float) -> float:
     """Of the cubics through the samples and their slopes: a mean over the place in the interval,
     where x and x' are sums over bins of what the cubic makes of each e^(i w t)."""
-    variances, turn = plan._amplitudes**2, 1j * frequencies(plan) * plan.step
+    variances, turn = plan.amplitudes**2, 1j * frequencies(plan) * plan.step
     end = np.exp(turn)
     places, weights = np.polynomial.legendre.leggauss(12)
     rate = 0.0
@@ -94,7 +94,7 @@ def interpolated_crossing_rate(plan: TabulatedPlan, level: float) -> float:
 def test_synthesised_variances_are_those_of_the_table(profile: str, frequency_hz: float) -> None:
     plan = plan_of(mount(frequency_hz, profile, 3.0, 0.5))
     xx, vv = true_moments(plan)
-    variances, omega = plan._amplitudes**2, frequencies(plan)
+    variances, omega = plan.amplitudes**2, frequencies(plan)
     assert abs(np.sum(omega**2 * variances) / vv - 1.0) <= BIN_ERROR
     # what lies beyond the cut, and what takes its place, moves at least this fast
     slowest = FOLD_FROM * omega[-1]
@@ -139,7 +139,7 @@ def coefficients(plan: TabulatedPlan, path: int, deviations: np.ndarray) -> np.n
 def test_common_bins_of_two_sampling_rates_have_common_amplitudes() -> None:
     plan = plan_of(isolator(0.004))
     for which in (plan, plan.coarser(), plan.finer()):
-        free = which._free_response(SEED, 7, 2, 0)
+        free = which.free_response(SEED, 7, 2, 0)
         spectrum = np.fft.rfft(free[:, 2], axis=0)[1:] / (which.samples / 2.0)  # y of path 8
         unfolded = int(FOLD_FROM * (plan.coarser().samples // 2 - 1))
         expected = coefficients(plan, 8, np.sqrt(plan.bins[:unfolded]))
@@ -172,7 +172,7 @@ def test_a_path_equals_its_plain_twin(case: tuple[float | None, float | None, fl
         # y and y' as sums of cosines, from one sample before the first
         when = plan.step * np.arange(-1, plan.recorded_samples)
         omega = frequencies(plan)
-        wave = coefficients(plan, path, plan._amplitudes) * np.exp(1j * when[:, None] * omega)
+        wave = coefficients(plan, path, plan.amplitudes) * np.exp(1j * when[:, None] * omega)
         free = np.stack([wave.real.sum(axis=1), (1j * omega * wave).real.sum(axis=1)], axis=1)
         if any(side * free[0, 0] > side * u for u, _, side in stops):
             continue  # the twin begins inside

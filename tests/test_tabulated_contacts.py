@@ -37,7 +37,9 @@ from stochvi.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.monte_carlo.compliant import CONTACT_ROWS, _stop
 from stochvi.monte_carlo.kernels.compliant_response import (
     CONTACT_ERROR,
+    EXTREMES,
     KINK_ERROR,
+    TALLY,
     cross_contacts,
     cubic_at,
     cubic_between,
@@ -109,8 +111,9 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
         x, v = 0.0, side * SPEED
         for _ in range(parts):
             x, v = cross_contacts(
-                x, v, x + h * v, v, h, (0.0, 0.0), *stops, 0.0, 1.0, np.zeros(5), peaks, sums
-            )
+                x, v, x + h * v, v, h, (0.0, 0.0), *stops, 0.0, 1.0, np.zeros(TALLY), peaks,
+                np.zeros(EXTREMES), sums,
+            )  # fmt: skip
         found = sums[row:]
         assert (sums[count], found[ENDED]) == (1.0, 1.0)
         assert sums[count + 1] == pytest.approx(SPEED, rel=1e-12)
@@ -127,9 +130,7 @@ def test_the_sub_stepper_is_of_fourth_order() -> None:
     def end(steps: int) -> np.ndarray:
         d, r, q = 0.0, 0.0, (0.01, 1.0, -2.0, 3.0)
         for step in range(steps):
-            d, r, _, _ = sub_step(
-                step * 0.2 / steps, d, r, 0.2 / steps, q, (1.0, 0.1), PIECES, data
-            )
+            d, r, *_ = sub_step(step * 0.2 / steps, d, r, 0.2 / steps, q, (1.0, 0.1), PIECES, data)
         return np.array([d, r])
 
     truth = end(1024)
@@ -174,8 +175,8 @@ def test_an_interval_equals_that_of_a_general_solver(law: Law) -> None:
         x1 = x0 + 0.5 * span * (v0 + v1)
         sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
         x, v = cross_contacts(
-            x0, v0, x1, v1, span, (1.0, 0.1), None, _stop(stop, law), 0.0, 1.0, np.zeros(5),
-            peaks, sums,
+            x0, v0, x1, v1, span, (1.0, 0.1), None, _stop(stop, law), 0.0, 1.0, np.zeros(TALLY),
+            peaks, np.zeros(EXTREMES), sums,
         )  # fmt: skip
         q = cubic_between(x0, v0, x1, v1, span)
         expected = interval_by_a_general_solver((x0, v0), q, span, law, stop)
@@ -505,8 +506,9 @@ def test_any_interval_ends_and_gains_no_energy_from_a_stop() -> None:
         sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
         for _ in range(3):
             x, u = cross_contacts(
-                x, u, x + h * u, u, h, (0.0, 0.0), *stops, 0.0, v, np.zeros(5), peaks, sums
-            )
+                x, u, x + h * u, u, h, (0.0, 0.0), *stops, 0.0, v, np.zeros(TALLY), peaks,
+                np.zeros(EXTREMES), sums,
+            )  # fmt: skip
             assert math.isfinite(x) and np.isfinite(sums).all() and np.isfinite(peaks).all()
             # every contact may add the error of tables of any slopes
             contacts = 1.0 + sums[N_LOWER] + sums[N_UPPER]

@@ -13,6 +13,9 @@ PROBE = """
 import stochvi, stochvi.datasets as d
 print(stochvi.__file__)
 print(len(d.profiles()), d.shipped_scene("isolator-truck").is_file(), d.data_folder())
+from stochvi.pages import Page
+page = Page(title="t", subtitle="s", verdict="v", cards=[], sections=[])
+print("<html" in page.html(), len(d.scene_files("isolator-bumper")))
 """
 
 
@@ -34,3 +37,4 @@ def test_wheel_in_a_fresh_environment_finds_its_data(tmp_path: Path) -> None:
     assert Path(told[0]).is_relative_to(fresh)
     assert told[1].startswith("8 True")
     assert str(fresh) in told[1]
+    assert told[2] == "True 2"

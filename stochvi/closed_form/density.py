@@ -67,6 +67,11 @@ class ExactDensity:
         theta = self.law.theta
         return np.asarray(speed / theta * _exp(-(speed**2) / (2.0 * theta)))
 
+    def impact_flux(self, side: str, w: ArrayLike) -> Vector:
+        """Impacts on one stop per second and per unit of incident speed, w p(stop, w), 1/m."""
+        rate = self.rate_above(side, 0.0)
+        return np.asarray(rate * self.impact_speed_density(side, w))
+
     def rate_above(self, side: str, speed: ArrayLike) -> Vector:
         """Impacts per second on one stop that are faster than `speed` (m/s), 1/s."""
         return _exp(self.log_rate_above(side, speed))

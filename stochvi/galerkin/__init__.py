@@ -1,4 +1,4 @@
-"""Numerical solution of the stationary Fokker-Planck equation of one oscillator with stops."""
+"""Numerical solution of the Fokker-Planck equation: stationary, in time, until a first passage."""
 
 from stochvi.galerkin.density import StationaryDensity
 from stochvi.galerkin.method import (
@@ -8,12 +8,20 @@ from stochvi.galerkin.method import (
     fokker_planck_many,
     unmet_conditions,
 )
+from stochvi.galerkin.passage import FirstPassage, first_passage
+from stochvi.galerkin.starts import Gaussian
+from stochvi.galerkin.transients import Transient, transient
 
 __all__ = [
     "Batch",
+    "FirstPassage",
+    "Gaussian",
     "StationaryDensity",
+    "Transient",
+    "first_passage",
     "fokker_planck",
     "fokker_planck_density",
     "fokker_planck_many",
+    "transient",
     "unmet_conditions",
 ]

@@ -12,6 +12,7 @@ from stochvi.errors import NotApplicable
 from stochvi.estimates import Response
 from stochvi.linearisation.forms import ROOT_TWO_PI, Trial, choose, restitutions
 from stochvi.linearisation.scales import linear_moments
+from stochvi.linearisation.several import closure
 from stochvi.linearisation.solver import solve
 from stochvi.scenes import Scene, System
 
@@ -25,7 +26,8 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     Parameters
     ----------
     scene
-        White and tabulated noise, any constant load, no stop or one or two rigid ones.
+        White and tabulated noise, any constant load, no stop or one or two rigid ones; by the
+        closure also several coordinates, pairs, filtered noise and sines (without tables).
     form
         "closure" (the best of the three), "motion" or "force", as `stochvi.linearisation` says.
     variant
@@ -62,6 +64,8 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     """
     started = time.perf_counter()
     _check_words(form, variant)
+    if form == "closure" and scene.beyond_one_oscillator() and not scene.beyond_numbers():
+        return closure(scene)
     unmet = scene.beyond_one_oscillator() or _unmet_conditions(scene.system(), form)
     if unmet:
         raise NotApplicable("linearise", unmet)

@@ -38,7 +38,7 @@ def solve(system: System, form: Form, method: str) -> Trial:
     for factor in START_SPEEDS:
         frame = Frame.of(system, factor * speed)
         target = frame.shrink(system)
-        unknowns = _root(_problem(form, target), form.start(target))
+        unknowns = root(_problem(form, target), form.start(target))
         if unknowns is not None:
             return frame.grow(form.trial(target, unknowns))
     raise NotConverged(
@@ -71,8 +71,8 @@ def _problem(form: Form, system: System) -> Problem:
     return imbalance
 
 
-def _root(problem: Problem, start: Unknowns) -> Unknowns | None:
-    """The root near `start`, or None."""
+def root(problem: Problem, start: Unknowns) -> Unknowns | None:
+    """The root near `start`, whose entries are of order 1, or None."""
     if np.abs(problem(start)).max() < 1e-14:
         return start
 

@@ -1,5 +1,11 @@
 """Monte Carlo of vibro-impact scenes: many paths at once, impacts inside the step."""
 
-from stochvi.monte_carlo.simulate import Prospect, prospect, record_path, simulate
+from stochvi.monte_carlo.simulate import (
+    Prospect,
+    prospect,
+    record_path,
+    record_paths,
+    simulate,
+)
 
-__all__ = ["Prospect", "prospect", "record_path", "simulate"]
+__all__ = ["Prospect", "prospect", "record_path", "record_paths", "simulate"]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from stochvi.assemblies import Assembly, Contact
 from stochvi.errors import NotApplicable
+from stochvi.modes import LinearLaw, Modes, modes_of
 from stochvi.monte_carlo.kernels.modes import MOST_SWEEPS, ROWS_OF_PAIR, run_modes
 from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
-from stochvi.monte_carlo.modes import LinearLaw, Modes, PairScale, modes_of, scales_of
-from stochvi.monte_carlo.quantities import RATES, Key, restitutions
+from stochvi.monte_carlo.quantities import RATES, Key, gap_of, is_relative, restitutions
 from stochvi.monte_carlo.statistics import Layout
 from stochvi.monte_carlo.white import (
     BOUNCE_PER_STEP,
@@ -32,6 +32,7 @@ from stochvi.monte_carlo.white import (
     default_threshold,
     extrapolated,
 )
+from stochvi.pair_scales import PairScale, scales_of
 from stochvi.state_space import square_root, step_covariance, transition
 
 Vector = NDArray[np.float64]
@@ -100,6 +101,9 @@ class ModalPlan:
             (name, what) for name in self.assembly.coordinates for what in ("x", "xx", "vv")
         ]
         rows += [("", what) for what in ("kinetic", "potential", "dissipation")]
+        rows += [
+            (gap_of(contact), what) for contact in self._relative for what in ("x", "xx", "vv")
+        ]
         thresholds = {}
         for contact, scale in zip(self.assembly.contacts, self.pairs, strict=True):
             rows += [
@@ -109,7 +113,14 @@ class ModalPlan:
             ]
             thresholds[contact.name] = self._threshold(contact, scale)
         origins = dict(zip(self.assembly.coordinates, self._origin.tolist(), strict=True))
+        for contact in self._relative:
+            origins[gap_of(contact)] = float(contact.direction @ self._origin)
         return Layout(rows=tuple(rows), origins=origins, thresholds=thresholds)
+
+    @property
+    def _relative(self) -> list[Contact]:
+        """Pairs of two coordinates, whose difference is an answer of its own."""
+        return [contact for contact in self.assembly.contacts if is_relative(contact)]
 
     def _threshold(self, contact: Contact, scale: PairScale) -> float:
         if self.speed_threshold is not None:
@@ -242,13 +253,17 @@ class ModalPlan:
         velocities += _product(brought, brought.T)[:, :, None]
         shapes = self.modes.shapes
         rows = np.empty((len(self.layout.rows), paths))
-        rows[0 : 3 * n : 3] = _product(shapes, sums[:n])
-        rows[1 : 3 * n : 3] = np.einsum("ij,jkp,ik->ip", shapes, displacements, shapes)
-        rows[2 : 3 * n : 3] = np.einsum("ij,jkp,ik->ip", shapes, velocities, shapes)
-        rows[3 * n] = np.einsum("iip->p", velocities)
-        rows[3 * n + 1] = np.einsum("i,iip->p", self.modes.squares, displacements)
-        rows[3 * n + 2] = np.einsum("ij,ijp->p", self.modes.damping, velocities)
-        rows[3 * n + 3 :] = sums[n + 2 * half :]
+        energies = slice(3 * n, 3 * n + 3)
+        gaps = slice(3 * n + 3, 3 * n + 3 + 3 * len(self._relative))
+        rows[: 3 * n] = _mean_squares(shapes, sums[:n], displacements, velocities)
+        rows[energies] = (
+            np.einsum("iip->p", velocities),
+            np.einsum("i,iip->p", self.modes.squares, displacements),
+            np.einsum("ij,ijp->p", self.modes.damping, velocities),
+        )
+        relative = [is_relative(contact) for contact in self.assembly.contacts]
+        rows[gaps] = _mean_squares(self.modes.gaps[relative], sums[:n], displacements, velocities)
+        rows[gaps.stop :] = sums[n + 2 * half :]
         return rows
 
     @cached_property
@@ -457,6 +472,17 @@ def _table(matrix: Matrix) -> tuple[NDArray[np.int64], NDArray[np.int64], Vector
         weights += row[kept].tolist()
         starts.append(len(columns))
     return np.array(starts), np.array(columns, np.int64), np.array(weights, float)
+
+
+def _mean_squares(
+    shapes: Matrix, means: Matrix, displacements: Matrix, velocities: Matrix
+) -> Matrix:
+    """Means of y, y^2 and y'^2, in turn, of sums y = shapes . q of modal displacements."""
+    rows = np.empty((3 * len(shapes), means.shape[1]))
+    rows[0::3] = _product(shapes, means)
+    rows[1::3] = np.einsum("ij,jkp,ik->ip", shapes, displacements, shapes)
+    rows[2::3] = np.einsum("ij,jkp,ik->ip", shapes, velocities, shapes)
+    return rows
 
 
 def _product(matrix: Matrix, columns: Matrix) -> Matrix:

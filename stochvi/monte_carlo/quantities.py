@@ -62,6 +62,25 @@ def of_pair(name: str) -> dict[str, Quantity]:
     }
 
 
+def is_relative(contact: Contact) -> bool:
+    """Whether a pair acts between two coordinates."""
+    return int((contact.direction != 0.0).sum()) > 1
+
+
+def gap_of(contact: Contact) -> str:
+    """Owner of the means of a pair's relative displacement and velocity."""
+    return f"gap of {contact.name}"
+
+
+def of_gap(contact: Contact) -> dict[str, Quantity]:
+    """Quantities of the relative motion of a pair of two coordinates."""
+    known = of_coordinate(gap_of(contact))
+    return {
+        f"relative_{name}": known[name]
+        for name in ("displacement_mean", "displacement_std", "velocity_std")
+    }
+
+
 def of_compliant_pair(contact: Contact) -> dict[str, Quantity]:
     """Quantities of a pair of which a stop gives way, from the sums over its contacts.
 

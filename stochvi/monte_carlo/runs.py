@@ -22,8 +22,10 @@ from stochvi.monte_carlo.quantities import (
     Means,
     Quantity,
     governed,
+    is_relative,
     of_compliant_pair,
     of_coordinate,
+    of_gap,
     of_pair,
     restitutions,
     speed_mean,
@@ -192,6 +194,9 @@ class Run:
         found["impact_speed_mean"] = (
             self.estimate(speed_mean(contact.name), "impact_speed_mean") if hit else None
         )
+        if is_relative(contact):
+            for name, quantity in of_gap(contact).items():
+                found[name] = self.estimate(quantity)
         threshold = self.layout.thresholds[contact.name]
         found |= dict.fromkeys(CONTACT_QUANTITIES)
         if hit and self.plan.contacts:

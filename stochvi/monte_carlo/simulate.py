@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stochvi.assemblies import assemble
 from stochvi.errors import NotConverged
 from stochvi.estimates import Response
-from stochvi.monte_carlo.modal import ModalPlan
+from stochvi.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.monte_carlo.plans import Plan, make_plan
 from stochvi.monte_carlo.quantities import (
     Key,
@@ -161,6 +162,26 @@ def record_path(
         "impact_speed": record[:, 0, 2],
     }
     return pd.DataFrame(time | columns)
+
+
+def record_paths(
+    scene: Scene, *, duration: float, paths: int, seed: int = 0
+) -> tuple[float, list[pd.DataFrame]]:
+    """Several paths of a scene of several coordinates at once, as `record_path` gives one.
+
+    Returns the time, s, after which they have settled, and the records, `duration` longer.
+    """
+    import pandas as pd
+
+    check_arguments(None, None, duration, seed, None, None, None)
+    settling = plan_modal(assemble(scene), None, duration).burn_in
+    plan = plan_modal(assemble(scene), None, settling + duration)
+    record = np.zeros((plan.recorded_samples, paths, plan.record_width))
+    plan.averages(seed, 0, paths, record)
+    time = {"time": plan.step * np.arange(1, plan.recorded_samples + 1)}
+    return settling, [
+        pd.DataFrame(time | plan.recorded(record[:, [path]])) for path in range(paths)
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -221,33 +221,58 @@ class TabulatedPlan:
         return self._counted_samples * self.blocks_per_path
 
     def averages(
-        self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
+        self,
+        seed: int,
+        first_path: int,
+        paths: int,
+        record: NDArray[np.float64] | None = None,
+        extremes: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
-        from the mean position without stops."""
+        from the mean position without stops; `extremes` (paths, EXTREMES) takes up theirs."""
         sums = np.zeros((CONTACT_SUMS if self.contacts else SUMS, paths))
         for number in range(self.blocks_per_path):
             block_record = None
             if record is not None:
                 counted = self._counted_samples
                 block_record = record[number * counted : (number + 1) * counted]
-            run_response(
-                self._free_response(seed, first_path, paths, number),
-                self.step,
-                (self.system.omega, self.system.damping_rate),
-                self._stop(self.system.lower, self.system.law_lower),
-                self._stop(self.system.upper, self.system.law_upper),
-                np.zeros((paths, 2)) if self.contacts else None,
-                self.threshold,
-                math.sqrt(self._velocity_variance),
+            self.fly(
+                self.free_response(seed, first_path, paths, number),
                 self._warm_up_samples,
                 self._counted_samples,
                 sums,
                 block_record,
+                extremes,
             )
         sums[:N_LOWER] /= self._counted_samples * self.blocks_per_path
         sums[N_LOWER:] /= self.duration
         return sums
+
+    def fly(
+        self,
+        free: NDArray[np.float64],
+        warm_up: int,
+        counted: int,
+        sums: NDArray[np.float64],
+        record: NDArray[np.float64] | None = None,
+        extremes: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Add impacts to free responses (samples, 2 paths): see `response_domain.run_response`."""
+        run_response(
+            free,
+            self.step,
+            (self.system.omega, self.system.damping_rate),
+            self._stop(self.system.lower, self.system.law_lower),
+            self._stop(self.system.upper, self.system.law_upper),
+            np.zeros((free.shape[1] // 2, 2)) if self.contacts else None,
+            self.threshold,
+            math.sqrt(self._velocity_variance),
+            warm_up,
+            counted,
+            sums,
+            record,
+            extremes,
+        )
 
     def _stop(self, position: float | None, law: Law | None) -> Any:
         """(stop, R) for a kernel that knows rigid stops alone, else (stop, kind, data)."""
@@ -264,7 +289,7 @@ class TabulatedPlan:
         return response_moments(self.system.tables, omega, b).velocity + self.beyond
 
     @cached_property
-    def _amplitudes(self) -> NDArray[np.float64]:
+    def amplitudes(self) -> NDArray[np.float64]:
         """Standard deviation of the cosine and sine coefficients of each synthesised bin."""
         variance = self.bins[: self.samples // 2 - 1].copy()
         omega2 = (2.0 * np.pi / self.block_length * np.arange(1, len(variance) + 1)) ** 2
@@ -276,7 +301,7 @@ class TabulatedPlan:
         deviation: NDArray[np.float64] = np.sqrt(variance)
         return deviation
 
-    def _free_response(
+    def free_response(
         self, seed: int, first_path: int, paths: int, number: int
     ) -> NDArray[np.float64]:
         """y and y' / omega, in turn, of block `number` of each path, (samples, 2 paths)."""
@@ -285,7 +310,7 @@ class TabulatedPlan:
         for index in range(paths):
             first = (first_path + index) * MOST_BLOCKS + number
             seed_streams(np.uint64(seed), first, streams[:, index : index + 1])
-        amplitudes = self._amplitudes
+        amplitudes = self.amplitudes
         bins = np.arange(1, len(amplitudes) + 1)
         relative = 2.0 * np.pi / self.block_length / self.system.omega * bins
         spectrum = np.empty((self.samples, paths), complex)

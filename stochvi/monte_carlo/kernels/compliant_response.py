@@ -57,6 +57,17 @@ a factor of some tens; 2e-3 where it falls from any value to nothing."""
 MOST_NEWTON = 40
 """Steps to the end of a contact."""
 
+TOP, SQUARE, LEVER = range(5, 8)
+"""Of a contact, beyond the rows of `contact`: largest absolute acceleration, and the integrals of
+F^2 and of x F, x from the mean position."""
+
+TALLY = 8
+
+FASTEST, SHARPEST, FORCE_SQUARE, POSITION_FORCE = range(4)
+EXTREMES = 4
+"""Of a path: largest impact speed, largest absolute acceleration |b x' + w0^2 x + F|, integrals of
+F^2 and of x F over time."""
+
 
 @numba.njit(cache=True, error_model="numpy")
 def stop_force(y, v, kind, data):
@@ -143,31 +154,36 @@ def motion_at(t, d, r, q, structure, kind, data):
 
 @numba.njit(cache=True, error_model="numpy")
 def sub_step(t, d, r, h, q, structure, kind, data):
-    """d and r after h, impulse of the force and work done on the stop: Runge-Kutta, order 4."""
-    a1, f1, _, _, v1 = motion_at(t, d, r, q, structure, kind, data)
+    """d and r after h, impulse of the force, work done on the stop, and the integrals of F^2 and
+    y F: Runge-Kutta, order 4."""
+    a1, f1, _, y1, v1 = motion_at(t, d, r, q, structure, kind, data)
     half = 0.5 * h
     r2 = r + half * a1
-    a2, f2, _, _, v2 = motion_at(t + half, d + half * r, r2, q, structure, kind, data)
+    a2, f2, _, y2, v2 = motion_at(t + half, d + half * r, r2, q, structure, kind, data)
     r3 = r + half * a2
-    a3, f3, _, _, v3 = motion_at(t + half, d + half * r2, r3, q, structure, kind, data)
+    a3, f3, _, y3, v3 = motion_at(t + half, d + half * r2, r3, q, structure, kind, data)
     r4 = r + h * a3
-    a4, f4, _, _, v4 = motion_at(t + h, d + h * r3, r4, q, structure, kind, data)
+    a4, f4, _, y4, v4 = motion_at(t + h, d + h * r3, r4, q, structure, kind, data)
     sixth = h / 6.0
     return (
         d + sixth * (r + 2.0 * (r2 + r3) + r4),
         r + sixth * (a1 + 2.0 * (a2 + a3) + a4),
         sixth * (f1 + 2.0 * (f2 + f3) + f4),
         sixth * (f1 * v1 + 2.0 * (f2 * v2 + f3 * v3) + f4 * v4),
+        sixth * (f1 * f1 + 2.0 * (f2 * f2 + f3 * f3) + f4 * f4),
+        sixth * (f1 * y1 + 2.0 * (f2 * y2 + f3 * y3) + f4 * y4),
     )
 
 
 @numba.njit(cache=True, error_model="numpy")
-def press(x0, v0, x1, v1, span, structure, kind, data, tally):
-    """Contact from y = x0 on, until it is left or the interval ends; x0, x1 from the stop.
+def press(x0, v0, x1, v1, span, structure, position, kind, data, tally):
+    """Contact from y = x0 on, until it is left or the interval ends; x0, x1 from the stop at
+    `position`.
 
     x1, v1 is the end of the interval without the force. Returns y, y', the time that is left,
     and d, r; `tally` gets what the contact adds, and its largest force.
     """
+    omega, damping_rate = structure
     q = cubic_between(x0, v0, x1, v1, span)
     push = 2.0 * max(max(q[2], q[2] + 3.0 * q[3] * span), 0.0)
     longest = CONTACT_ANGLE / contact_rate(x0, v0, push, structure, kind, data)
@@ -180,14 +196,16 @@ def press(x0, v0, x1, v1, span, structure, kind, data, tally):
             distance = y / v if v > 0.0 else -0.5 * y / v
             h = min(h, max(HERTZ_START * h, distance))
         h = min(h, span - t)
-        d1, r1, impulse, work = sub_step(t, d, r, h, q, structure, kind, data)
+        d1, r1, impulse, work, square, lever = sub_step(t, d, r, h, q, structure, kind, data)
         _, force1, rate1, y1, v1 = motion_at(t + h, d1, r1, q, structure, kind, data)
         s, _ = time_to_stop(-y, -v, -y1, -v1, h, 0.0)
         left = s <= 1.0
         if left:
             whole, h = h, s * h
             for _ in range(MOST_NEWTON):
-                d1, r1, impulse, work = sub_step(t, d, r, h, q, structure, kind, data)
+                d1, r1, impulse, work, square, lever = sub_step(
+                    t, d, r, h, q, structure, kind, data
+                )
                 _, force1, rate1, y1, v1 = motion_at(t + h, d1, r1, q, structure, kind, data)
                 following = min(max(h - y1 / v1, 0.5 * h), whole) if v1 < 0.0 else 0.5 * h
                 if abs(following - h) <= 1e-13 * whole:
@@ -205,6 +223,11 @@ def press(x0, v0, x1, v1, span, structure, kind, data, tally):
             tally[TIME] += h
         tally[PEAK] = max(tally[PEAK], highest)
         tally[IMPULSE] += impulse
+        tally[SQUARE] += square
+        tally[LEVER] += lever + position * impulse
+        # what the structure adds to the largest force hardly changes within a sub-step
+        structural = omega * omega * (position + 0.5 * (y + y1)) + damping_rate * 0.5 * (v + v1)
+        tally[TOP] = max(tally[TOP], highest + structural)
         t, d, r, y, v, force, rate = t + h, d1, r1, y1, v1, force1, rate1
         if left:
             return 0.0, min(v, 0.0), max(span - t, 0.0), d, r
@@ -232,7 +255,7 @@ def next_stop(x0, v0, x1, v1, span, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def meet(x0, v0, x1, v1, span, structure, stop, scale, tally, row, mine, peaks, sums):
+def meet(x0, v0, x1, v1, span, structure, stop, scale, tally, row, mine, peaks, extremes, sums):
     """At a stop, seen as an upper one: an impact, or contact until it is left or the time is up.
 
     x0, v0 is there, x1, v1 what the end of the interval would be without the stop. Returns both
@@ -251,8 +274,11 @@ def meet(x0, v0, x1, v1, span, structure, stop, scale, tally, row, mine, peaks, 
         tally[:] = 0.0
         tally[PEAK] = peaks[mine]
         y, v, left, d, r = press(
-            x0 - position, v0, x1 - position, v1, span, structure, kind, data, tally
+            x0 - position, v0, x1 - position, v1, span, structure, position, kind, data, tally
         )
+        extremes[SHARPEST] = max(extremes[SHARPEST], tally[TOP])
+        extremes[FORCE_SQUARE] += tally[SQUARE]
+        extremes[POSITION_FORCE] += tally[LEVER]
         sums[row + IMPULSE] += tally[IMPULSE]
         sums[row + LOSS] += tally[LOSS]
         sums[row + TIME] += tally[TIME]
@@ -271,12 +297,12 @@ def meet(x0, v0, x1, v1, span, structure, stop, scale, tally, row, mine, peaks, 
 
 @numba.njit(cache=True, error_model="numpy")
 def cross_contacts(
-    x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, tally, peaks, sums
+    x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, tally, peaks, extremes, sums
 ):
     """One sampling interval with any number of contacts and impacts; returns the end (x, v).
 
     `peaks` holds the largest force so far of a contact that lasts, of the lower and the upper
-    stop; `tally` is room for five numbers.
+    stop; `tally` is room for TALLY numbers; `extremes` those of the path.
     """
     for _ in range(MOST_BOUNCES):
         s, w, side = next_stop(x0, v0, x1, v1, span, lower, upper)
@@ -291,18 +317,20 @@ def cross_contacts(
             sums[row] += 1.0 if w >= threshold else 0.0
             sums[row + 1] += w
             sums[row + 2] += w * w
+            extremes[FASTEST] = max(extremes[FASTEST], w)
             span *= 1.0 - s
         if span <= 0.0:
             return side * x, side * w
         if upper is not None and side > 0.0:
             x0, v0, x1, v1, span = meet(
-                x, w, x1, v1, span, structure, upper, scale, tally, CONTACT_UPPER, 1, peaks, sums
-            )
+                x, w, x1, v1, span, structure, upper, scale, tally, CONTACT_UPPER, 1, peaks,
+                extremes, sums,
+            )  # fmt: skip
         if lower is not None and side < 0.0:
             mirrored = (-lower[0], lower[1], lower[2])
             x0, v0, x1, v1, span = meet(
                 x, w, -x1, -v1, span, structure, mirrored, scale, tally, CONTACT_LOWER, 0, peaks,
-                sums,
+                extremes, sums,
             )  # fmt: skip
             x0, v0, x1, v1 = -x0, -v0, -x1, -v1
         if span <= 0.0:

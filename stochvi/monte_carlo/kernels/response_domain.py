@@ -20,7 +20,13 @@ Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in 
 import numba
 import numpy as np
 
-from stochvi.monte_carlo.kernels.compliant_response import cross_contacts
+from stochvi.monte_carlo.kernels.compliant_response import (
+    EXTREMES,
+    FASTEST,
+    SHARPEST,
+    TALLY,
+    cross_contacts,
+)
 from stochvi.monte_carlo.kernels.flight import (
     N_LOWER,
     N_UPPER,
@@ -35,7 +41,7 @@ from stochvi.monte_carlo.kernels.random_numbers import normal_pairs
 
 
 @numba.njit(cache=True, error_model="numpy")
-def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, sums):
+def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, extremes, sums):
     """One sampling interval with any number of impacts; returns the end (x, v)."""
     omega, damping_rate = structure
     for bounces in range(MOST_BOUNCES + 1):
@@ -56,6 +62,7 @@ def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, sums)
         sums[row] += 1.0 if w >= threshold else 0.0
         sums[row + 1] += w
         sums[row + 2] += w * w
+        extremes[FASTEST] = max(extremes[FASTEST], w)
         span *= 1.0 - s
         shape, slope = decay(span, damping_rate, omega)
         change = -(1.0 + restitution) * w * side
@@ -133,10 +140,20 @@ def advance(y, x, v, e, rate, near, structure, column, span, lower, upper):
     return count
 
 
+@numba.njit(cache=True, error_model="numpy")
+def sharpest(x, v, structure, extremes):
+    """Take the absolute acceleration by spring and damper into the largest so far."""
+    omega, damping_rate = structure
+    for i in range(x.shape[0]):
+        pull = abs(damping_rate * v[i] + omega * omega * x[i])
+        extremes[i, SHARPEST] = max(extremes[i, SHARPEST], pull)
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_response(
-    free, span, structure, lower, upper, peaks, threshold, scale, warm_up, counted, sums, record
-):
+    free, span, structure, lower, upper, peaks, threshold, scale, warm_up, counted, sums, record,
+    extremes,
+):  # fmt: skip
     """Add impacts to `free` responses, each periodic in time; sums of `counted` samples to `sums`.
 
     Parameters
@@ -151,6 +168,7 @@ def run_response(
     scale : a velocity to compare the slowest impacts with.
     sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
     record : None, or (counted, paths, 3).
+    extremes : None, or (paths, EXTREMES) as in `compliant_response`, of the samples that count.
     """
     omega, damping_rate = structure
     column = decay(span, damping_rate, omega)
@@ -158,29 +176,35 @@ def run_response(
     e, rate, near = np.zeros(paths), np.zeros(paths), np.zeros(paths)
     previous = samples - warm_up - 1
     x, v = free[previous, 0::2].copy(), omega * free[previous, 1::2]
-    local, several, tally = np.zeros_like(sums), np.zeros(sums.shape[0]), np.zeros(5)
+    local, several, tally = np.zeros_like(sums), np.zeros(sums.shape[0]), np.zeros(TALLY)
+    spare = np.zeros(EXTREMES)
     for step in range(-warm_up, counted):
         y = free[step if step >= 0 else samples + step]
         marked = advance(y, x, v, e, rate, near, structure, column, span, lower, upper)
         for i in range(paths if marked > 0 else 0):
             if near[i] != 0.0:
                 several[:] = 0.0
+                own = spare
+                if extremes is not None:
+                    own = extremes[i] if step >= 0 else spare
                 y0, y1 = y[2 * i], omega * y[2 * i + 1]
                 if peaks is None:
                     x[i], v[i] = cross(
                         x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
-                        threshold, scale, several,
+                        threshold, scale, own, several,
                     )  # fmt: skip
                 else:
                     x[i], v[i] = cross_contacts(
                         x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
-                        threshold, scale, tally, peaks[i], several,
+                        threshold, scale, tally, peaks[i], own, several,
                     )  # fmt: skip
                 e[i], rate[i] = x[i] - y0, v[i] - y1
                 if step >= 0:
                     take_several(several, True, local, record, step, 0, i)
         if step >= 0:
             add_moments(x, v, 0.0, local[X], local[XX], local[VV])
+            if extremes is not None:
+                sharpest(x, v, structure, extremes)
             if record is not None:
                 for i in range(paths):
                     record[step, i, 0] = x[i]

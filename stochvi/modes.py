@@ -1,4 +1,4 @@
-"""A structure in modal coordinates, and a rough stationary law of it for steps and starts."""
+"""A structure in modal coordinates, and the stationary law of it with springs for its stops."""
 
 from __future__ import annotations
 
@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from stochvi.assemblies import Assembly, Contact
-from stochvi.collisions import gaussian_stop
-from stochvi.cut_normal import CutNormal
-from stochvi.errors import NotApplicable
+from stochvi.assemblies import Assembly
 from stochvi.state_space import stationary_covariance
 
 Vector = NDArray[np.float64]
@@ -25,12 +22,6 @@ RIGID_BODY = 1e-13
 
 UNSTABLE = 1e-8
 """Decay rate, relative to the fastest frequency, below which there is no stationary law."""
-
-UNSHAKEN = 1e-24
-"""Share of the largest modal velocity variance below which that of a gap is rounding."""
-
-ITERATIONS = 40
-"""Of the search for springs and dampers in the place of impacts: a few digits are enough."""
 
 
 class Modes(NamedTuple):
@@ -180,14 +171,7 @@ class LinearLaw(NamedTuple):
         return max(self.variances(row, modes) for row in np.eye(modes))
 
 
-class PairScale(NamedTuple):
-    """Of an impact pair: rms speed, and the acceleration that presses it onto a stop or 0."""
-
-    speed: float
-    pressing: float
-
-
-class _Substitute(NamedTuple):
+class Substitute(NamedTuple):
     """What stands for the impacts of a pair: spring N/m, its centre m, damper N s/m."""
 
     spring: float
@@ -195,58 +179,17 @@ class _Substitute(NamedTuple):
     damper: float
 
 
-def scales_of(assembly: Assembly, modes: Modes) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
-    """A linear law close to the stationary one; None where it finds none.
-
-    Every pair is replaced by a spring, which brings mean and variance of the gap to those of a
-    normal law cut at the stops, and a damper, which takes the power that restitution takes at
-    Rayleigh impact speeds; found by repetition.
+def linear_law(modes: Modes, substitutes: Sequence[Substitute] = ()) -> LinearLaw | None:
+    """The stationary law of a structure whose pairs are springs and dampers, exactly; None where
+    it has none. Without substitutes, one without stops.
     """
-    substitutes = [_first_guess(modes, contact) for contact in assembly.contacts]
-    scales: tuple[PairScale, ...] = ()
-    law = following = _linear_law(modes, substitutes)
-    for _ in range(ITERATIONS if assembly.contacts else 0):
-        if following is None:  # a gap too wide for a spring to stand for: the last one will do
-            break
-        law = following
-        found = [
-            _substitute(
-                modes, law, contact, modes.gaps[j], old, _without_own_spring(modes, substitutes, j)
-            )
-            for j, (contact, old) in enumerate(zip(assembly.contacts, substitutes, strict=True))
-        ]
-        if None in found:
-            return None
-        substitutes = [each[0] for each in found if each]
-        scales = tuple(each[1] for each in found if each)
-        following = _linear_law(modes, substitutes)
-    return None if law is None else (law, scales)
-
-
-def _first_guess(modes: Modes, contact: Contact) -> _Substitute:
-    frequency = modes.fastest
-    if frequency == 0.0:
-        # no time but that in which noise brings the mass across the gap
-        noise = float(np.trace(modes.white)) / contact.mass
-        stops = [stop for _, stop, _ in contact.stops]
-        width = max(stops) - min(stops) or abs(stops[0]) or 1.0
-        frequency = (noise / width**2) ** (1.0 / 3.0)
-    loss = max((1.0 - law.restitution**2 for _, _, law in contact.stops), default=0.0)
-    stops = [stop for _, stop, _ in contact.stops]
-    return _Substitute(
-        spring=contact.mass * frequency**2,
-        centre=sum(stops) / len(stops),
-        damper=loss * contact.mass * frequency,
-    )
-
-
-def _linear_law(modes: Modes, substitutes: list[_Substitute]) -> LinearLaw | None:
+    gaps = modes.gaps[: len(substitutes)]
     n = modes.size
     springs = np.array([s.spring for s in substitutes])
     dampers = np.array([s.damper for s in substitutes])
     centres = np.array([s.centre for s in substitutes])
-    stiffness = np.diag(modes.squares) + (modes.gaps.T * springs) @ modes.gaps
-    damping = modes.damping + (modes.gaps.T * dampers) @ modes.gaps
+    stiffness = np.diag(modes.squares) + (gaps.T * springs) @ gaps
+    damping = modes.damping + (gaps.T * dampers) @ gaps
     generator = modes.generator(damping, stiffness)
     fading = modes.fading
     inner = generator[np.ix_(fading, fading)]
@@ -277,7 +220,7 @@ def _linear_law(modes: Modes, substitutes: list[_Substitute]) -> LinearLaw | Non
         forced = generator[np.ix_(fading, np.arange(len(generator)))] @ wave
         wave[fading] = np.linalg.solve(1j * omega * np.eye(len(fading)) - inner, forced)
         waves.append(wave)
-    held = modes.gaps.T @ (springs * (centres - modes.gaps @ modes.rest))
+    held = gaps.T @ (springs * (centres - gaps @ modes.rest))
     return LinearLaw(
         covariance=covariance,
         waves=tuple(waves),
@@ -285,77 +228,3 @@ def _linear_law(modes: Modes, substitutes: list[_Substitute]) -> LinearLaw | Non
         decay=np.linalg.eigvalsh(damping),
         slowest=1.0 / (2.0 * slowest),
     )
-
-
-def _without_own_spring(
-    modes: Modes, substitutes: Sequence[_Substitute], j: int
-) -> tuple[float, float]:
-    """Stiffness k and force f of a gap without the spring of its own stops: k y - f pulls it back.
-
-    The static ones: with noise that matches the damping, the law of y is the Gibbs law of them.
-    """
-    gap, soft = modes.gaps[j], SOFTEST * substitutes[j].spring  # where nothing else holds the gap
-    stiffness = np.diag(modes.squares) + soft * np.outer(gap, gap)
-    forces = modes.falling.copy()
-    for other, substitute in enumerate(substitutes):
-        if other != j:
-            row = modes.gaps[other]
-            stiffness += substitute.spring * np.outer(row, row)
-            forces += substitute.spring * (substitute.centre - row @ modes.rest) * row
-    compliance = float(gap @ np.linalg.solve(stiffness, gap))
-    mean = float(gap @ (modes.rest + np.linalg.solve(stiffness, forces)))
-    return max(1.0 / compliance - soft, 0.0), mean / compliance
-
-
-def _substitute(
-    modes: Modes,
-    law: LinearLaw,
-    contact: Contact,
-    gap: Vector,
-    old: _Substitute,
-    held: tuple[float, float],
-) -> tuple[_Substitute, PairScale] | None:
-    """The next spring and damper: what the gap's law would be without the old spring, cut; None
-    where nothing holds the gap on a side without a stop."""
-    square = law.variances(gap, modes.size)
-    if not square > UNSHAKEN * law.largest_variance(modes.size):
-        raise NotApplicable(
-            "simulate", [f"no excitation reaches the impact pair {contact.name!r}: it is at rest"]
-        )
-    energy = contact.mass * square
-    own, slope = held[0], held[1] / energy
-    try:
-        cut = CutNormal(
-            slope=slope, curvature=own / energy, lower=contact.lower, upper=contact.upper
-        )
-    except ValueError:
-        return None
-    needed = energy / cut.variance
-    spring = max(needed - own, SOFTEST * needed)
-    power = sum(
-        (1.0 - restitution.restitution**2)
-        / 2.0
-        * contact.mass
-        * gaussian_stop(cut.density_at(stop), square).speed_square_rate
-        for _, stop, restitution in contact.stops
-    )
-    pressing = max(
-        (1.0 if side == "upper" else -1.0) * square * (slope - own / energy * stop)
-        for side, stop, _ in contact.stops
-    )
-    mixed = _Substitute(
-        spring=math.sqrt(old.spring * spring),
-        centre=(needed * cut.mean - slope * energy) / spring,
-        damper=0.5 * (old.damper + power / square),
-    )
-    leans = pressing * math.sqrt(cut.variance) > LEANING * square
-    return mixed, PairScale(speed=math.sqrt(square), pressing=pressing if leans else 0.0)
-
-
-LEANING = 0.5
-"""Share of the energy of a pair that pressing turns over within the spread of its gap from which
-it is said to lean on a stop; for a mass that lies on it the share is 1."""
-
-
-SOFTEST = 1e-6
-"""Spring for the stops of a gap that hardly feels them, relative to one that does."""

@@ -1,0 +1,348 @@
+"""The best box for a mass budget: play, restitution and number of units, by simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from stochvi.absorbers import GAUSSIAN_95, linear_rms
+from stochvi.attachments import Absorber
+from stochvi.contacts import Restitution
+from stochvi.errors import NotApplicable
+from stochvi.estimates import Cost, Estimate
+from stochvi.excitations import ConstantLoad
+from stochvi.monte_carlo import simulate
+from stochvi.monte_carlo.runs import Progress
+from stochvi.scenes import Scene
+from stochvi.structures import Isolator, Oscillator
+
+Vector = NDArray[np.float64]
+
+PLAYS = tuple(float(play) for play in np.geomspace(0.75, 14.0, 10))
+"""Total plays of the first look, in rms displacements of the structure alone."""
+
+CLOSER = (0.7, 0.82, 0.93, 1.07, 1.22, 1.43)
+"""Plays of the second look, relative to the best of the first."""
+
+COARSE = 2.0
+"""Error of the first look, in that of the second."""
+
+DRAWS = 400
+"""Curves drawn within the errors of the points, for the uncertainty of the best play."""
+
+GRID = 801
+"""Plays at which a curve is searched for its lowest point."""
+
+DEGREE = 6
+"""Largest degree of the polynomial in log play that a curve is smoothed by."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BestBox:
+    """The lowest point of a curve of rms ratio against play.
+
+    `play` (m), its 95 % interval, and the ratio there; `low` and `high` bound the plays whose
+    ratio lies within two standard errors of the lowest: the box need be no more exact.
+    """
+
+    play: float
+    play_low: float
+    play_high: float
+    ratio: Estimate
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """What was found for a mass budget (SI units).
+
+    Parameters
+    ----------
+    restitution, units
+        Of the best candidate.
+    best
+        Its box at the level of the scene.
+    robust
+        Its box for the lowest worst ratio over `level_range_db` about that level.
+    curve
+        Every simulated point: restitution, units, play, play_in_sigma, rms_ratio, its error.
+    candidates
+        The best play and ratio of each restitution and number of units.
+    """
+
+    scene: Scene
+    mass: float
+    sigma: float
+    restitution: float
+    units: int
+    best: BestBox
+    robust: BestBox
+    level_range_db: float
+    curve: pd.DataFrame
+    candidates: pd.DataFrame
+    cost: Cost
+
+    def to_frame(self) -> pd.DataFrame:
+        """The candidates, best first."""
+        return self.candidates
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {
+            "method": "absorber design",
+            "mass": self.mass,
+            "restitution": self.restitution,
+            "units": self.units,
+            "sigma": self.sigma,
+            "level_range_db": self.level_range_db,
+            "best": asdict(self.best),
+            "robust": asdict(self.robust),
+            "candidates": self.candidates.to_dict("records"),
+            "curve": self.curve.to_dict("records"),
+            "scene": self.scene.document(),
+            "cost": asdict(self.cost),
+        }
+
+    def _repr_html_(self) -> str:
+        return str(self.candidates.to_html(index=False))
+
+
+def design_absorber(
+    structure: Scene,
+    *,
+    mass_budget: float,
+    restitutions: Sequence[float] = (0.3, 0.5, 0.7),
+    units: Sequence[int] = (1,),
+    plays: Sequence[float] = PLAYS,
+    level_range_db: float = 6.0,
+    rel_error: float = 0.01,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> Design:
+    """Find the box, restitution and number of units that calm a structure most, for one mass.
+
+    Each candidate's rms ratio is simulated at plays from 0.75 to 14 rms displacements with the
+    same random numbers, and again closer to the best of them for the best candidate. A polynomial
+    in log play through the points gives the best play; its interval comes from curves drawn
+    within their errors. The system is homogeneous: a level raised by 20 log10 r acts like a play
+    that is r times smaller, so that one curve holds all levels.
+
+    Parameters
+    ----------
+    structure
+        An oscillator or isolator of known mass without stops or loads, and what shakes it.
+    mass_budget
+        kg, of all units together.
+    restitutions, units
+        What there is to choose from.
+    plays
+        Total plays of the first look, in rms displacements of the structure alone; at least 4.
+    level_range_db
+        The robust box is best in the worst case from this much below to this much above.
+    rel_error
+        Of the points close to the best.
+
+    Raises
+    ------
+    NotApplicable
+        If the structure is not of that kind.
+
+    Examples
+    --------
+    >>> from stochvi.excitations import WhiteNoise
+    >>> shaken = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.04)],
+    ... )
+    >>> found = design_absorber(
+    ...     shaken, mass_budget=0.1, restitutions=[0.5], plays=[1, 2, 4, 8], rel_error=0.05
+    ... )
+    >>> 1.5 < found.best.play < 5.0 and found.best.ratio.value < 0.55
+    True
+    """
+    sigma = _check(structure, mass_budget, restitutions, units, plays)
+    pairs = [(r, n) for r in restitutions for n in units]
+    points = len(pairs) * len(plays) + len(CLOSER)
+    rows: list[dict[str, float]] = []
+    costs: list[Cost] = []
+
+    def look(restitution: float, count: int, play: float, error: float) -> None:
+        scene = with_absorber(structure, mass_budget, play * sigma, restitution, count)
+        response = simulate(scene, rel_error=error, seed=seed, threads=threads, budget=budget)
+        deviation = response.coordinates["structure"]["displacement_std"]
+        assert deviation is not None
+        rows.append(
+            {
+                "restitution": restitution,
+                "units": count,
+                "play": play * sigma,
+                "play_in_sigma": play,
+                "rms_ratio": deviation.value / sigma,
+                "rms_ratio_error": math.hypot(deviation.standard_error, deviation.bias or 0.0)
+                / sigma,
+            }
+        )
+        costs.append(response.cost)
+        if progress:
+            progress(len(rows) / points, f"play {play:.2f} sigma, R = {restitution:g}")
+
+    for restitution, count in pairs:
+        for play in sorted(plays):
+            look(restitution, count, play, COARSE * rel_error)
+    firsts = [_best_box(_points(rows, *pair), sigma, 0.0, seed) for pair in pairs]
+    winner = min(range(len(pairs)), key=lambda k: firsts[k].ratio.value)
+    for factor in CLOSER:
+        look(*pairs[winner], factor * firsts[winner].play / sigma, rel_error)
+    points_of_winner = _points(rows, *pairs[winner])
+    best = _best_box(points_of_winner, sigma, 0.0, seed)
+    robust = _best_box(points_of_winner, sigma, level_range_db, seed)
+    candidates = pd.DataFrame(
+        [
+            {
+                "restitution": restitution,
+                "units": count,
+                "play": box.play,
+                "play_in_sigma": box.play / sigma,
+                "rms_ratio": box.ratio.value,
+                "rms_ratio_error": box.ratio.standard_error,
+            }
+            for (restitution, count), box in zip(
+                pairs, [best if k == winner else first for k, first in enumerate(firsts)],
+                strict=True,
+            )
+        ]
+    ).sort_values("rms_ratio", ignore_index=True)  # fmt: skip
+    restitution, count = pairs[winner]
+    return Design(
+        scene=with_absorber(structure, mass_budget, best.play, restitution, count),
+        mass=mass_budget,
+        sigma=sigma,
+        restitution=restitution,
+        units=count,
+        best=best,
+        robust=robust,
+        level_range_db=level_range_db,
+        curve=pd.DataFrame(rows),
+        candidates=candidates,
+        cost=replace(
+            costs[0],
+            wall_time=sum(cost.wall_time for cost in costs),
+            compile_time=sum(cost.compile_time for cost in costs),
+            steps=sum(cost.steps for cost in costs),
+            impacts=sum(cost.impacts for cost in costs),
+            paths=sum(cost.paths for cost in costs),
+            tenfold_wall_time=None,
+        ),
+    )
+
+
+def with_absorber(
+    structure: Scene, mass: float, play: float, restitution: float, units: int = 1
+) -> Scene:
+    """The scene with loose masses (kg, all together) in boxes of a total play, m."""
+    loose = Absorber(mass=mass, play=play, units=units, law=Restitution(coefficient=restitution))
+    return Scene(
+        title=structure.title,
+        structure=structure.structure,
+        excitations=structure.excitations,
+        absorber=loose,
+    )
+
+
+def _check(
+    structure: Scene,
+    mass_budget: float,
+    restitutions: Sequence[float],
+    units: Sequence[int],
+    plays: Sequence[float],
+) -> float:
+    """rms displacement of the structure alone, m."""
+    unmet = []
+    if not isinstance(structure.structure, Oscillator | Isolator):
+        unmet.append(
+            f"structure.kind must be 'oscillator' or 'isolator', got {structure.structure.kind!r}"
+        )
+    if structure.impact_pairs:
+        unmet.append("the structure itself must have no stops")
+    if any(isinstance(each, ConstantLoad) for each in structure.excitations):
+        unmet.append("a constant load would press the mass onto its wall")
+    if unmet:
+        raise NotApplicable("absorber design", unmet)
+    if not 0.0 < mass_budget < math.inf:
+        raise ValueError(f"mass_budget must be a positive mass in kg, got {mass_budget:g}")
+    if not restitutions or not units:
+        raise ValueError("restitutions and units must name at least one value each")
+    if len(plays) < 4 or not all(0.0 < play < math.inf for play in plays):
+        raise ValueError(f"plays must be at least 4 positive numbers, got {list(plays)}")
+    rms, _ = linear_rms(structure)
+    return rms["x"]
+
+
+def _points(rows: Sequence[dict[str, float]], restitution: float, units: int) -> Vector:
+    """(log play in sigma, ratio, error) of a candidate, by play."""
+    own = [
+        (math.log(row["play_in_sigma"]), row["rms_ratio"], row["rms_ratio_error"])
+        for row in rows
+        if row["restitution"] == restitution and row["units"] == units
+    ]
+    return np.array(sorted(own)).T
+
+
+def _best_box(points: Vector, sigma: float, range_db: float, seed: int) -> BestBox:
+    """Lowest point of the smoothed curve, or of its largest value within a range of levels."""
+    at, ratios, errors = points
+    reach = range_db / 20.0 * math.log(10.0)
+    grid = np.linspace(at[0], at[-1], GRID)
+    inner = grid[(grid >= at[0] + reach) & (grid <= at[-1] - reach)]
+    random = np.random.default_rng(seed)
+    drawn_ratios = ratios + errors * random.standard_normal((DRAWS, len(at)))
+    curves = _smoothed(at, np.vstack([ratios, drawn_ratios]), errors, grid)
+    # within the range of levels: the neighbours on the grid
+    width = round(reach / (grid[1] - grid[0]))
+    curves = maximum_filter1d(curves, 2 * width + 1, axis=1)[:, np.searchsorted(grid, inner)]
+    found, drawn = curves[0], curves[1:]
+    lowest = int(np.argmin(found))
+    places = inner[np.argmin(drawn, axis=1)]
+    error = float(drawn[:, lowest].std(ddof=1))
+    half = GAUSSIAN_95 * float(np.std(places, ddof=1))
+    flat = inner[found <= found[lowest] + 2.0 * error]
+    return BestBox(
+        play=sigma * math.exp(inner[lowest]),
+        play_low=sigma * math.exp(inner[lowest] - half),
+        play_high=sigma * math.exp(inner[lowest] + half),
+        ratio=Estimate(
+            value=float(found[lowest]), standard_error=error, how=f"curve through {len(at)} points"
+        ),
+        low=sigma * math.exp(flat[0]),
+        high=sigma * math.exp(flat[-1]),
+    )
+
+
+def _smoothed(at: Vector, values: Vector, errors: Vector, grid: Vector) -> Vector:
+    """Polynomials through rows of `values`, by weighted least squares, on a grid.
+
+    The degree is the lowest whose residuals are as small as the errors make them (chi^2 below its
+    expectation plus two deviations), at most `DEGREE`.
+    """
+    centre, half = (at[0] + at[-1]) / 2.0, (at[-1] - at[0]) / 2.0
+    weighted = values / errors
+    for degree in range(2, min(DEGREE, len(at) - 2) + 1):
+        basis = chebvander((at - centre) / half, degree) / errors[:, None]
+        coefficients, *_ = np.linalg.lstsq(basis, weighted.T, rcond=None)
+        freedom = len(at) - degree - 1
+        misfit = float(np.sum((weighted[0] - basis @ coefficients[:, 0]) ** 2))
+        if misfit <= freedom + 2.0 * math.sqrt(2.0 * freedom):
+            break
+    curves: Vector = (chebvander((grid - centre) / half, degree) @ coefficients).T
+    return curves

@@ -1,0 +1,472 @@
+"""Impact absorbers: does a loose mass in a box help, how much, and how big must the box be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stochvi.assemblies import Assembly, Contact, assemble
+from stochvi.conventions import power_ratio
+from stochvi.errors import NotApplicable
+from stochvi.estimates import Cost, Estimate, Response
+from stochvi.excitations import BASE, ConstantLoad, Excitation, Sine, TabulatedNoise
+from stochvi.modes import linear_law, modes_of
+from stochvi.monte_carlo import record_paths, simulate
+from stochvi.monte_carlo.runs import Progress
+from stochvi.scenes import Scene
+from stochvi.structures import Matrices
+
+GAUSSIAN_95 = 1.959963984540054
+"""Half width of a central 95 % interval in standard errors."""
+
+PEAK_PERIODS = 100
+"""Periods of the structure in a window whose largest displacement is a peak."""
+
+PEAK_WINDOWS = 96
+"""Windows whose peaks are averaged: their mean is known to some 2 %."""
+
+WINDOWS_OF_PATH = 8
+"""Windows taken from one path, after it has settled."""
+
+LEVELS_DB = (-6.0, -3.0, 0.0, 3.0, 6.0)
+"""Levels of the excitation about that of the scene."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Performance:
+    """What an absorber does at one level of the excitation (SI units).
+
+    Parameters
+    ----------
+    level_db
+        Level of everything that shakes, relative to the scene.
+    ratio
+        rms displacement of the carrier with the absorber over that without.
+    displacement_std, displacement_std_without, velocity_std
+        Of the carrier; without the absorber from the linear response, exactly.
+    peak_factor, peak_factor_without
+        Mean over windows of `PEAK_PERIODS` periods of the largest abs(x - mean) / rms.
+    acceleration_std, acceleration_std_without
+        Absolute acceleration of the carrier between impacts, where its base alone shakes it.
+    impacts_per_period
+        Of all units together, faster than the threshold, per period of the carrier's motion.
+    wall_force
+        Mean over time of the magnitude of the forces on all walls, N.
+    impulse
+        Mean impulse of an impact faster than the threshold, N s.
+    absorbed_share
+        Of the power that the excitation supplies, what the impacts take.
+    response
+        The simulation behind it.
+    """
+
+    level_db: float
+    ratio: Estimate
+    displacement_std: Estimate
+    displacement_std_without: float
+    velocity_std: Estimate
+    peak_factor: Estimate
+    peak_factor_without: Estimate
+    acceleration_std: Estimate | None
+    acceleration_std_without: float | None
+    impacts_per_period: Estimate
+    wall_force: Estimate
+    impulse: Estimate | None
+    absorbed_share: Estimate | None
+    response: Response
+
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the ratio, its bias included."""
+        half = GAUSSIAN_95 * self.ratio.standard_error + (self.ratio.bias or 0.0)
+        return self.ratio.value - half, self.ratio.value + half
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbsorberReport:
+    """An absorber over levels of the excitation: one `Performance` each, and what it cost.
+
+    `warnings` are those of the level nearest to the scene's own.
+    """
+
+    carrier: str
+    masses: Sequence[str]
+    mass_ratio: float
+    performances: Sequence[Performance]
+    warnings: Sequence[str]
+    cost: Cost
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per level, SI units."""
+        rows = []
+        for each in self.performances:
+            low, high = each.interval()
+            row: dict[str, Any] = {
+                "level_db": each.level_db,
+                "rms_ratio": each.ratio.value,
+                "rms_ratio_low": low,
+                "rms_ratio_high": high,
+            }
+            for name, value in vars(each).items():
+                if name not in ("level_db", "ratio", "response"):
+                    row[name] = value.value if isinstance(value, Estimate) else value
+                    if isinstance(value, Estimate):
+                        row[f"{name}_error"] = value.standard_error
+            rows.append(row)
+        return pd.DataFrame(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        levels = []
+        for each in self.performances:
+            numbers = {
+                name: value.to_dict() if isinstance(value, Estimate) else value
+                for name, value in vars(each).items()
+                if name != "response"
+            }
+            levels.append(numbers | {"response": each.response.to_dict()})
+        return {
+            "method": "absorber",
+            "carrier": self.carrier,
+            "masses": list(self.masses),
+            "mass_ratio": self.mass_ratio,
+            "levels": levels,
+            "warnings": list(self.warnings),
+            "cost": asdict(self.cost),
+        }
+
+    def _repr_html_(self) -> str:
+        return str(self.to_frame().to_html(index=False))
+
+
+def absorber(
+    scene: Scene,
+    *,
+    levels_db: Sequence[float] = LEVELS_DB,
+    rel_error: float = 0.01,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> AbsorberReport:
+    """What an impact absorber does to the structure that carries it, over levels of excitation.
+
+    With the absorber by Monte Carlo, the same random numbers at every level; without it from the
+    linear response, exactly. Under white noise on the structure and R = 1 nothing changes: theta
+    = S0 / (2 c) is shared, E x^2 = theta / k (B section 17).
+
+    Parameters
+    ----------
+    scene
+        With an `absorber`: its masses, and at least one impact pair that they take part in. The
+        carrier is the first coordinate that is not one of them.
+    levels_db
+        Levels of all that shakes, dB about the scene's own; constant loads stay.
+    rel_error
+        Of the simulated mean squares and rates, as for `simulate`.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene names no absorber, or `simulate` does not cover it.
+
+    Examples
+    --------
+    >>> from stochvi.attachments import Absorber
+    >>> from stochvi.contacts import Restitution
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+    ...     absorber=Absorber(mass=0.1, play=3.0, law=Restitution(coefficient=0.5)),
+    ...     excitations=[WhiteNoise(intensity=0.04)],
+    ... )
+    >>> helped = absorber(scene, levels_db=[0.0], rel_error=0.05).performances[0]
+    >>> 0.35 < helped.ratio.value < 0.55
+    True
+    """
+    if scene.absorber is None:
+        raise NotApplicable(
+            "absorber", ["the scene must have an absorber: mass, play and law, or mass_on"]
+        )
+    masses = scene.absorber.mass_on
+    carrier = next(name for name in scene.structure.coordinates if name not in masses)
+    found = []
+    for number, level in enumerate(levels_db):
+
+        def report(done: float, text: str, number: int = number) -> None:
+            if progress:
+                progress((number + done) / len(levels_db), text)
+
+        shaken = at_level(scene, level)
+        response = simulate(
+            shaken, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=report
+        )
+        found.append(_performance(shaken, carrier, level, response, seed))
+    costs = [each.response.cost for each in found]
+    mass = np.diag(scene.structure.matrices[0])
+    light = np.array([name in masses for name in scene.structure.coordinates])
+    return AbsorberReport(
+        carrier=carrier,
+        masses=masses,
+        mass_ratio=float(mass[light].sum() / mass[~light].sum()),
+        performances=found,
+        warnings=min(found, key=lambda each: abs(each.level_db)).response.warnings,
+        cost=Cost(
+            wall_time=sum(cost.wall_time for cost in costs),
+            compile_time=sum(cost.compile_time for cost in costs),
+            steps=sum(cost.steps for cost in costs),
+            impacts=sum(cost.impacts for cost in costs),
+            paths=sum(cost.paths for cost in costs),
+            threads=max((cost.threads for cost in costs), default=1),
+        ),
+    )
+
+
+def at_level(scene: Scene, level_db: float) -> Scene:
+    """The scene with everything that shakes raised by a level in dB; constant loads stay."""
+    louder = tuple(_louder(excitation, level_db) for excitation in scene.excitations)
+    return scene.model_copy(update={"excitations": louder}) if level_db else scene
+
+
+def _louder(excitation: Excitation, level_db: float) -> Excitation:
+    if isinstance(excitation, ConstantLoad):
+        return excitation
+    if isinstance(excitation, TabulatedNoise):
+        return TabulatedNoise(
+            **{**excitation.model_dump(), "level_db": excitation.level_db + level_db}
+        )
+    power = power_ratio(level_db)
+    factor = math.sqrt(power) if isinstance(excitation, Sine) else power
+    raised = {
+        name: factor * getattr(excitation, name)
+        for name in ("amplitude", "intensity", "density")
+        if getattr(excitation, name, None) is not None
+    }
+    return excitation.model_copy(update=raised)
+
+
+def without_absorber(scene: Scene) -> Scene:
+    """The structure alone: without the absorber's masses, springs, dampers and impact pairs.
+
+    Raises
+    ------
+    NotApplicable
+        If nothing shakes what is left.
+    """
+    assert scene.absorber is not None
+    gone = set(scene.absorber.mass_on)
+    kept = [n for n, name in enumerate(scene.structure.coordinates) if name not in gone]
+    lost = [n for n, name in enumerate(scene.structure.coordinates) if name in gone]
+
+    def alone(matrix: np.ndarray) -> np.ndarray:
+        # a spring to a lost mass stands on the diagonal too
+        return matrix[np.ix_(kept, kept)] + np.diag(matrix[np.ix_(kept, lost)].sum(axis=1))
+
+    mass, damping, stiffness = scene.structure.matrices
+    structure = Matrices(
+        coordinates=tuple(scene.structure.coordinates[n] for n in kept),
+        mass=mass[np.ix_(kept, kept)],
+        damping=alone(damping),
+        stiffness=alone(stiffness),
+    )
+    excitations = [each for each in scene.excitations if scene.place(each) not in gone]
+    if all(isinstance(each, ConstantLoad) for each in excitations):
+        raise NotApplicable("absorber", ["something must shake the structure that carries it"])
+    pairs = [pair for pair in scene.impact_pairs if not gone & {pair.on, *(pair.between or ())}]
+    return Scene(structure=structure, excitations=excitations, impact_pairs=pairs)
+
+
+def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
+    """rms displacement (about the mean) and velocity of every coordinate without stops, exactly.
+
+    From the Lyapunov equation for white and filtered noise, and the amplitudes of sines.
+    """
+    assembly = assemble(scene)
+    modes = modes_of(assembly)
+    law = linear_law(modes)
+    if law is None:
+        raise NotApplicable("absorber", ["the structure alone must have a stationary state"])
+    displacement, velocity = (
+        {
+            name: math.sqrt(law.variances(modes.shapes[row], first))
+            for row, name in enumerate(assembly.coordinates)
+        }
+        for first in (0, modes.size)
+    )
+    return displacement, velocity
+
+
+def _performance(
+    scene: Scene, carrier: str, level: float, response: Response, seed: int
+) -> Performance:
+    alone = without_absorber(scene)
+    if alone.impact_pairs:
+        raise NotApplicable("absorber", ["the structure itself must have no stops"])
+    rms, speed = (group[carrier] for group in linear_rms(alone))
+    moving = response.coordinates[carrier]
+    deviation, velocity = moving["displacement_std"], moving["velocity_std"]
+    assert deviation is not None and velocity is not None
+    period = 2.0 * math.pi * rms / speed
+    with_it = _windows(scene, carrier, period, seed)
+    without = _windows(alone, carrier, period, seed)
+    assembly = assemble(scene)
+    pairs = [response.impact_pairs[contact.name] for contact in assembly.contacts]
+    rate = _sum(pair["collision_rate"] for pair in pairs)
+    own_period = 2.0 * math.pi * deviation.value / velocity.value
+    pushes = _sum(
+        _scaled(pair["impact_speed_rate"], contact.mass * (1.0 + _restitution(contact)))
+        for contact, pair in zip(assembly.contacts, pairs, strict=True)
+    )
+    return Performance(
+        level_db=level,
+        ratio=_scaled(deviation, 1.0 / rms),
+        displacement_std=deviation,
+        displacement_std_without=rms,
+        velocity_std=velocity,
+        peak_factor=_scaled(with_it.peak, 1.0 / deviation.value),
+        peak_factor_without=_scaled(without.peak, 1.0 / rms),
+        acceleration_std=with_it.acceleration,
+        acceleration_std_without=None
+        if without.acceleration is None
+        else without.acceleration.value,
+        impacts_per_period=_scaled(rate, own_period),
+        wall_force=pushes,
+        impulse=_scaled(pushes, 1.0 / rate.value) if rate.value > 0.0 else None,
+        absorbed_share=_absorbed(assembly, response),
+        response=response,
+    )
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """Peaks of the carrier's displacement and its absolute acceleration, from recorded paths."""
+
+    peak: Estimate
+    acceleration: Estimate | None
+
+
+def _windows(scene: Scene, carrier: str, period: float, seed: int) -> _Windows:
+    """Record paths until `PEAK_WINDOWS` windows have been seen; errors from the paths."""
+    paths = PEAK_WINDOWS // WINDOWS_OF_PATH
+    settling, records = record_paths(
+        scene, duration=WINDOWS_OF_PATH * PEAK_PERIODS * period, paths=paths, seed=seed
+    )
+    peaks, squares = np.empty((2, paths))
+    for number, record in enumerate(records):
+        settled = record[record["time"] > settling]
+        x = settled[f"displacement of {carrier}"].to_numpy()
+        offset = np.abs(x - x.mean())
+        peaks[number] = np.mean([part.max() for part in np.array_split(offset, WINDOWS_OF_PATH)])
+        squares[number] = np.mean(_absolute_acceleration(scene, carrier, settled) ** 2)
+    how = f"{PEAK_WINDOWS} windows of {PEAK_PERIODS} periods on {paths} paths"
+
+    def estimate(values: np.ndarray, power: float = 1.0) -> Estimate:
+        mean, error = float(values.mean()), float(values.std(ddof=1)) / math.sqrt(paths)
+        relative = abs(power) * error / mean if mean else 0.0
+        value = mean**power
+        return Estimate(value=value, standard_error=value * relative, how=how)
+
+    return _Windows(
+        peak=estimate(peaks),
+        acceleration=estimate(squares, 0.5) if _shaken_by_base(scene) else None,
+    )
+
+
+def _shaken_by_base(scene: Scene) -> bool:
+    shaking = [each for each in scene.excitations if not isinstance(each, ConstantLoad)]
+    return all(scene.place(each) == BASE for each in shaking)
+
+
+def _absolute_acceleration(scene: Scene, carrier: str, record: pd.DataFrame) -> np.ndarray:
+    """-(K x + C v) / m of the carrier, m/s^2: what springs and dampers do to it."""
+    mass, damping, stiffness = scene.structure.matrices
+    row = scene.structure.coordinates.index(carrier)
+    x, v = (
+        record[[f"{what} of {name}" for name in scene.structure.coordinates]].to_numpy()
+        for what in ("displacement", "velocity")
+    )
+    # a single row, or the rows of a mass matrix that is not diagonal
+    pushed = -np.linalg.solve(mass, stiffness @ x.T + damping @ v.T)
+    return np.asarray(pushed[row])
+
+
+def _absorbed(assembly: Assembly, response: Response) -> Estimate | None:
+    """Share of the supplied power that impacts take: loss / (loss + dissipation by dampers).
+
+    The dampers between coordinates i and j take -C_ij E (v_i - v_j)^2; None where that is not
+    known.
+    """
+    loss = _sum(
+        _scaled(
+            response.impact_pairs[contact.name]["impact_speed_square_rate"],
+            contact.mass * (1.0 - _restitution(contact) ** 2) / 2.0,
+        )
+        for contact in assembly.contacts
+    )
+    damping = assembly.damping
+    dissipation = [
+        _scaled(_square(response.coordinates[name]["velocity_std"]), float(own))
+        for name, own in zip(assembly.coordinates, damping.sum(axis=1), strict=True)
+    ]
+    for i, j in zip(*np.triu_indices(len(damping), 1), strict=True):
+        if damping[i, j]:
+            between = [
+                contact.name
+                for contact in assembly.contacts
+                if abs(contact.direction[i] * contact.direction[j]) == 1.0
+            ]
+            if not between:
+                return None
+            speed = response.impact_pairs[between[0]]["relative_velocity_std"]
+            dissipation.append(_scaled(_square(speed), -float(damping[i, j])))
+    damped = _sum(dissipation)
+    supplied = loss.value + damped.value
+    share = loss.value / supplied
+    error = (
+        math.hypot((1.0 - share) * loss.standard_error, share * damped.standard_error) / supplied
+    )
+    return Estimate(
+        value=share,
+        standard_error=error,
+        bias=((loss.bias or 0.0) + share * (damped.bias or 0.0)) / supplied,
+        how=loss.how,
+    )
+
+
+def _restitution(contact: Contact) -> float:
+    """Of the walls of a box, which have one law."""
+    (coefficient,) = {law.restitution for _, _, law in contact.stops}
+    return coefficient
+
+
+def _scaled(estimate: Estimate | float | None, factor: float) -> Estimate:
+    """An estimate times a known number."""
+    assert isinstance(estimate, Estimate)
+    return replace(
+        estimate,
+        value=factor * estimate.value,
+        standard_error=abs(factor) * estimate.standard_error,
+        bias=None if estimate.bias is None else abs(factor) * estimate.bias,
+    )
+
+
+def _square(estimate: Estimate | float | None) -> Estimate:
+    assert isinstance(estimate, Estimate)
+    return replace(_scaled(estimate, 2.0 * estimate.value), value=estimate.value**2)
+
+
+def _sum(estimates: Iterable[Estimate | float | None]) -> Estimate:
+    """The sum, with an error that holds however its terms are correlated."""
+    terms = [each for each in estimates if isinstance(each, Estimate)]
+    biases = [each.bias for each in terms]
+    return Estimate(
+        value=sum(each.value for each in terms),
+        standard_error=sum(each.standard_error for each in terms),
+        bias=None if None in biases else sum(bias for bias in biases if bias is not None),
+        how=terms[0].how if terms else "",
+    )

@@ -1,0 +1,85 @@
+"""One contact with a spring and a damper side by side that can only push (B App. I)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class Impact(NamedTuple):
+    """One contact of a free mass with a stop, from its first touch on (SI units).
+
+    The mass leaves with `restitution` times the speed it came with; `time_to_peak` is that of the
+    peak force, counted from the first touch.
+    """
+
+    contact_time: float
+    time_to_peak: float
+    restitution: float
+    peak_deflection: float
+    peak_force: float
+
+
+def half_contact(z: float) -> float:
+    """arccos z / sqrt(1 - z^2), and what it goes over into for z >= 1."""
+    if z == 1.0:
+        return 1.0
+    if z < 1.0:
+        return math.acos(z) / math.sqrt((1.0 - z) * (1.0 + z))
+    return math.acosh(z) / math.sqrt((z - 1.0) * (z + 1.0))
+
+
+def kelvin_voigt(stiffness: float, z: float, speed: float, mass: float) -> Impact:
+    """Contact with a spring and damper until the force is zero (B App. I).
+
+    With W = sqrt(K / M) and a = arccos z / sqrt(1 - z^2): contact time 2 a / W, restitution
+    exp(-2 z a), deflection (w / W) exp(-z a). The force is largest at the time t W =
+    3 a - pi / sqrt(1 - z^2), w W M exp(-z t W), or for z >= 1/2 at the first touch, 2 z w W M.
+    """
+    frequency = math.sqrt(stiffness / mass)
+    half = half_contact(z)
+    time, peak = 0.0, 2.0 * z
+    if z < 0.5:
+        time = 3.0 * half - math.pi / math.sqrt(1.0 - z * z)
+        peak = math.exp(-z * time)
+    return Impact(
+        contact_time=2.0 * half / frequency,
+        time_to_peak=time / frequency,
+        restitution=math.exp(-2.0 * z * half),
+        peak_deflection=speed / frequency * math.exp(-z * half),
+        peak_force=mass * speed * frequency * peak,
+    )
+
+
+def identify_viscoelastic(contact_time: float, time_to_peak: float) -> tuple[float, float]:
+    """Damping ratio and contact frequency (rad/s) of a stop from the record of one impact.
+
+    By the two times of B App. I, contact_time / time_to_peak = 2 a / (3 a - pi), a = arccos z;
+    the frequency is sqrt(stiffness / mass).
+
+    Parameters
+    ----------
+    contact_time, time_to_peak
+        From the first touch until the force is back at zero, and until it is largest, s.
+
+    Raises
+    ------
+    ValueError
+        Unless 0 < 2 time_to_peak <= contact_time: damping brings the peak forward, and from
+        z = 1/2 on the force is largest at the first touch, which tells z no more.
+
+    Examples
+    --------
+    >>> z, omega = identify_viscoelastic(contact_time=3.83e-3, time_to_peak=1.54e-3)
+    >>> round(z, 11), round(omega, 6)
+    (0.13962520968, 754.499594)
+    """
+    if not 0.0 < 2.0 * time_to_peak <= contact_time < math.inf:
+        raise ValueError(
+            "needs 0 < 2 time_to_peak <= contact_time, got "
+            f"time_to_peak = {time_to_peak:g} and contact_time = {contact_time:g}"
+        )
+    ratio = contact_time / time_to_peak
+    angle = math.pi * ratio / (3.0 * ratio - 2.0)
+    z = math.cos(angle) if ratio > 2.0 else 0.0
+    return z, 2.0 * half_contact(z) / contact_time

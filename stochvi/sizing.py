@@ -1,0 +1,547 @@
+"""`size`: the clearance that an isolator needs, with a stated risk.
+
+The chance of any hit needs no impact (`first_crossings`). What a hit leads to needs the stop law:
+where first hits are rare, bursts are simulated from the first hit on (`bursts`), else everything
+(`simulate`).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import brentq
+
+from stochvi.bursts import UNFINISHED, bursts
+from stochvi.contacts import CompliantLaw
+from stochvi.errors import NotApplicable, NotConverged
+from stochvi.estimates import Cost, Estimate, provenance
+from stochvi.first_crossings import deviations, first_crossings, largest_error
+from stochvi.hits import Hits, at_clearance, compile_kernels
+from stochvi.isolators import Screening, screen
+from stochvi.monte_carlo.runs import Progress
+from stochvi.notes import scene_notes
+from stochvi.risk_curve import CERTAIN, RiskCurve, half_width
+from stochvi.scenes import LARGEST_NUMBER, Scene
+from stochvi.sizings import Clearance, Sizing, Target, ThreeSigma
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LOWEST_SIGMA, SIGMA_STEP = 1.0, 0.25
+"""First clearance of the curve, in sigma, and the distance of the next."""
+
+REQUIRED = (0.1, 0.01, 0.001)
+"""Chances of any hit in the mission whose clearances are always told."""
+
+ACCEPTED = 0.01
+"""Chance that a limit of speed or acceleration is exceeded in the mission, unless told."""
+
+MOST_CLEARANCES = 12
+"""Tried for a target that needs impacts."""
+
+LEAST_SIGMA, LEAST_SIGMA_OF_BURSTS = 0.2, 1.5
+"""The smallest clearance that is tried, in sigma; nearer stops are hit without the pauses that part
+bursts."""
+
+ROUGHLY = 3.0
+"""Times the accuracy asked for, until the clearance is nearly found."""
+
+CLOSE = 0.02
+"""A rate this near to the one that is wanted, relatively, is extrapolated to it."""
+
+LEAST_SECONDS = 0.3
+"""What any calculation gets, even when the budget is over."""
+
+SHARE_OF_A_CLEARANCE = 4.0
+"""A clearance that is tried on the way gets this part of the time that is left."""
+
+TYPICAL_SPEED = 1.25
+"""Rms velocities: half of the first hits are about as fast or faster."""
+
+WIDEST = 3.0
+"""Speeds are drawn from a law at most so much wider: weights grow with it."""
+
+BY_FIRST_CROSSINGS = (
+    "first crossings of the Gaussian response without stops (records around outcrossings); no "
+    "impact law enters"
+)
+BY_HITS = (
+    "hits with the stop law: bursts simulated from first hits on where these are rare, else the "
+    "whole motion; the same random numbers at every clearance"
+)
+BY_BURSTS = (
+    "bursts of hits simulated with the stop law from first hits on; fast first hits drawn more "
+    "often, and weighted"
+)
+
+PUMPED, MORE_THAN_RICE = 3.0, 1.5
+"""Hits that a first hit leads to, and hits over those by Rice, from which a warning is due."""
+
+
+def size(
+    scene: Scene,
+    *,
+    probability: float | None = None,
+    rate: float | None = None,
+    impact_speed: float | None = None,
+    peak_acceleration: float | None = None,
+    exceedance: float = ACCEPTED,
+    mission: float = 3600.0,
+    rel_error: float = 0.05,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float = 60.0,
+    progress: Progress | None = None,
+) -> Sizing:
+    """The clearance per side that an isolator needs, for exactly one target.
+
+    Parameters
+    ----------
+    scene
+        One oscillator under stationary Gaussian noise. The laws of its stops are kept, their
+        places are not: they go to equal distances from the mean position, static sag counted.
+    probability
+        Chance of any hit in the mission. Needs no stops.
+    rate
+        Hits per second on both stops.
+    impact_speed, peak_acceleration
+        The largest of all hits of the mission (m/s; m/s^2, of the mass, absolute), which is to be
+        exceeded with the chance `exceedance` alone. An acceleration needs stops with a stiffness.
+    mission
+        Seconds of exposure, from a stationary start.
+    rel_error
+        Relative standard error of the risk (chance, rate) at the clearance.
+    budget
+        Seconds of wall time; where it ends first, the interval is wider and a warning says so.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene is not covered, or no clearance keeps the target.
+
+    Examples
+    --------
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.structures import Isolator
+    >>> scene = Scene(
+    ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
+    ...     excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    ... )
+    >>> sizing = size(scene, probability=0.01)
+    >>> round(sizing.clearance.value / sizing.sigma, 1)
+    5.6
+    """
+    target = _target(probability, rate, impact_speed, peak_acceleration, exceedance)
+    for name, seconds in (("mission", mission), ("budget", budget)):
+        if not 0.0 < seconds < math.inf:
+            raise ValueError(f"{name} must be a positive number of seconds, got {seconds}")
+    if not 1e-4 <= rel_error < 1.0:
+        raise ValueError(f"rel_error must be in [1e-4, 1), got {rel_error}")
+    job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
+    return job.sizing()
+
+
+def _target(
+    probability: float | None,
+    rate: float | None,
+    impact_speed: float | None,
+    peak_acceleration: float | None,
+    exceedance: float,
+) -> Target:
+    known = {
+        "probability": (probability, "1"),
+        "rate": (rate, "1/s"),
+        "impact_speed": (impact_speed, "m/s"),
+        "peak_acceleration": (peak_acceleration, "m/s^2"),
+    }
+    given = [name for name, (value, _) in known.items() if value is not None]
+    if len(given) != 1:
+        raise ValueError(
+            f"give exactly one of {', '.join(known)}, got {' and '.join(given) or 'none'}"
+        )
+    name = given[0]
+    value, unit = known[name]
+    assert value is not None
+    if not 0.0 < value <= (CERTAIN if name == "probability" else LARGEST_NUMBER):
+        span = f"in (0, {CERTAIN:g}]" if name == "probability" else "positive"
+        raise ValueError(f"{name} must be {span}, got {value:g}")
+    if not 0.0 < exceedance < 1.0:
+        raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
+    limited = name in ("impact_speed", "peak_acceleration")
+    return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
+
+
+def risk_curve(
+    scene: Scene,
+    target: Target,
+    mission: float,
+    *,
+    rel_error: float = 0.05,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+) -> RiskCurve:
+    """Chance of any hit from 1 sigma on to where it matters for no target."""
+    free = scene.model_copy(update={"impact_pairs": ()})
+    s_x, s_v = deviations(free)
+    chances = [*REQUIRED, target.exceedance or 1.0]
+    if target.name == "probability":
+        chances.append(target.value)
+    crossings = s_v / s_x / math.pi * max(mission, 2.0 * math.pi * s_x / s_v)
+    highest = math.sqrt(2.0 * math.log(10.0 * crossings / min(chances)))
+    levels = s_x * np.arange(LOWEST_SIGMA, highest + 2.0 * SIGMA_STEP, SIGMA_STEP)
+    pair = scene.impact_pairs[0] if scene.impact_pairs else None
+    one_sided = pair is not None and (pair.lower is None or pair.upper is None)
+    found = first_crossings(
+        free,
+        None if one_sided else levels,
+        upper=levels if one_sided else None,
+        mission=mission,
+        rel_error=rel_error,
+        seed=seed,
+        threads=threads,
+        budget=budget,
+    )
+    return RiskCurve.of(found, mission)
+
+
+class _Job:
+    """One sizing: what was asked for, and what was found on the way."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        target: Target,
+        mission: float,
+        rel_error: float,
+        seed: int,
+        threads: int | None,
+        budget: float,
+        progress: Progress | None,
+    ) -> None:
+        self.scene, self.target, self.mission = scene, target, mission
+        self.rel_error, self.seed, self.threads = rel_error, seed, threads
+        self.report = progress or (lambda done, text: None)
+        self.budget = budget
+        self.warnings: list[str] = []
+        if target.name != "probability":
+            _check_laws(scene, target)
+        compile_kernels(scene)
+        self.started = time.perf_counter()
+        self.report(0.0, "first crossings")
+        self.curve = risk_curve(
+            scene,
+            target,
+            mission,
+            rel_error=rel_error,
+            seed=seed,
+            threads=threads,
+            budget=budget,
+        )
+        self.sigma = self.curve.crossings.displacement_std
+        reached = largest_error(self.curve.crossings, mission)
+        if reached > rel_error:
+            self.warnings.append(
+                f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"
+            )
+        self.hits = Hits(
+            scene=scene,
+            curve=self.curve,
+            rel_error=rel_error,
+            seed=seed,
+            threads=threads,
+            left=lambda: self.left,
+            warnings=self.warnings,
+        )
+
+    @property
+    def left(self) -> float:
+        """Seconds of the budget that are left, at least some to come to an end."""
+        return max(self.budget - (time.perf_counter() - self.started), LEAST_SECONDS)
+
+    def sizing(self) -> Sizing:
+        """Find the clearance, then what stands beside it."""
+        if self.target.name == "probability":
+            clearance, method = self.curve.clearance(self.target.value), BY_FIRST_CROSSINGS
+        elif self.target.name == "rate":
+            clearance, method = self._search(self._hit_rate, self.target.value), BY_HITS
+        else:
+            assert self.target.exceedance is not None
+            self._check_free_motion(self.target.exceedance)
+            wanted = -math.log1p(-self.target.exceedance) / self.mission
+            clearance, method = self._search(self._exceedance_rate, wanted), BY_BURSTS
+        three = self._three_sigma()
+        if self.scene.impact_pairs:
+            self.report(0.9, "recommended clearance")
+            self.hits.at(clearance.value)
+        self._warn(clearance.value)
+        crossings = self.curve.crossings
+        return Sizing(
+            scene=self.scene,
+            target=self.target,
+            mission=self.mission,
+            clearance=clearance,
+            sigma=self.sigma,
+            curve=self.curve.to_frame(),
+            three_sigma=three,
+            required=self._required(),
+            simulated=self._simulated(),
+            evidence={
+                name: response
+                for name, at in (("three_sigma", three.clearance), ("recommended", clearance.value))
+                if at in self.hits.tried and (response := self.hits.tried[at].response)
+            },
+            screening=_screening(self.scene),
+            method=method,
+            warnings=tuple(dict.fromkeys(self.warnings)),
+            cost=Cost(
+                wall_time=time.perf_counter() - self.started,
+                paths=crossings.ages.shape[3],
+                threads=self.threads or len(os.sched_getaffinity(0)),
+            ),
+            provenance=provenance(self.scene.document(), self.seed),
+        )
+
+    def _check_free_motion(self, exceedance: float) -> None:
+        """Refuse an acceleration that the mount's own spring brings about, stops or not."""
+        system = self.scene.system()
+        needed = self.curve.clearance(exceedance).value
+        if self.target.name != "peak_acceleration":
+            return
+        if self.target.value <= system.omega**2 * needed:
+            raise NotApplicable(
+                "size",
+                [
+                    f"peak_acceleration of {self.target.value:.4g} m/s^2 is exceeded without any "
+                    f"stop: the spring alone brings {system.omega**2 * needed:.4g} m/s^2 with a "
+                    f"chance of {exceedance:g}"
+                ],
+            )
+
+    def _search(self, risk: Callable[[float, float], Estimate], wanted: float) -> Clearance:
+        """Where a rate that falls with the clearance is as wanted: first roughly, then once more.
+
+        Its logarithm is followed in the square of the clearance, by the slope of Rice's rate until
+        two tries have the root between them.
+        """
+        place = self._first_guess(wanted)
+        above: tuple[float, float] | None = None
+        below: tuple[float, float] | None = None
+        slope = -1.0 / (2.0 * self.sigma**2)
+        for attempt in range(MOST_CLEARANCES):
+            self.report(0.1 + 0.05 * attempt, f"{1e3 * place:.4g} mm")
+            excess, tolerance = _excess(risk(place, ROUGHLY * self.rel_error), wanted)
+            if abs(excess) <= max(tolerance, CLOSE):
+                break
+            point = (place**2, excess)
+            above, below = (point, below) if excess > 0.0 else (above, point)
+            if above and below and math.isfinite(below[1]):
+                slope = (below[1] - above[1]) / (below[0] - above[0])
+            place = math.sqrt(self._next(above, below, point))
+        else:
+            raise NotConverged(
+                f"no clearance was found in {MOST_CLEARANCES} tries for {self.target.name} = "
+                f"{self.target.value:g}; raise budget or rel_error"
+            )
+        found = risk(place, self.rel_error)
+        excess, _ = _excess(found, wanted)
+        per_metre = 2.0 * place * slope
+        half = half_width(found) / found.value / abs(per_metre)
+        value = place - excess / per_metre
+        return Clearance(value=value, lower=max(value - half, 0.0), upper=value + half)
+
+    def _next(
+        self,
+        above: tuple[float, float] | None,
+        below: tuple[float, float] | None,
+        last: tuple[float, float],
+    ) -> float:
+        """The next square of a clearance to try, from those where the rate is too high and too
+        low."""
+        if above and below:
+            middle = 0.5 * (above[0] + below[0])
+            if not math.isfinite(below[1]):
+                return middle
+            share = above[1] / (above[1] - below[1])
+            # not too near an end, which would move the other one too slowly
+            return above[0] + min(max(share, 0.1), 0.9) * (below[0] - above[0])
+        step = 2.0 * self.sigma**2 * max(min(last[1], 8.0), -8.0)
+        limited = self.target.exceedance is not None
+        least_sigma = LEAST_SIGMA_OF_BURSTS if limited else LEAST_SIGMA
+        least = (least_sigma * self.sigma) ** 2
+        if last[1] < 0.0 and last[0] <= least * (1.0 + CLOSE):
+            raise NotApplicable(
+                "size",
+                [
+                    f"{self.target.name} stays below {self.target.value:g} {self.target.unit} even "
+                    f"at {least_sigma:g} sigma"
+                ],
+            )
+        return max(last[0] + step, least)
+
+    def _first_guess(self, wanted: float) -> float:
+        """By Rice's rate; for a limit on hits, from where hits are as rare as it is to be."""
+        if self.target.exceedance is not None:
+            return 0.9 * self.curve.clearance(self.target.exceedance).value
+        crossings = self.curve.crossings
+        zero = crossings.rice_rate[0] * math.exp(0.5 * (self.curve.clearances[0] / self.sigma) ** 2)
+        return self.sigma * math.sqrt(2.0 * math.log(max(zero / wanted, 1.2)))
+
+    def _hit_rate(self, clearance: float, rel_error: float) -> Estimate:
+        return self.hits.at(clearance, rel_error).hit_rate
+
+    def _exceedance_rate(self, clearance: float, rel_error: float) -> Estimate:
+        """Rate of bursts with a hit beyond the limit of the target."""
+        name, limit = self.target.name, self.target.value
+        scene = at_clearance(self.scene, clearance)
+        found = bursts(
+            scene,
+            rel_error=rel_error,
+            wanted=lambda some: some.exceedance_rate(name, limit),
+            widening=_widening(scene, self.target, self.curve.crossings.velocity_std, clearance),
+            seed=self.seed,
+            threads=self.threads,
+            budget=self.left / SHARE_OF_A_CLEARANCE,
+        )
+        if found.unfinished > UNFINISHED:
+            self.warnings.append(
+                f"bursts of hits at {1e3 * clearance:.4g} mm had not ended after "
+                f"{found.window:.3g} s: the chance of exceeding {name} is larger than calculated"
+            )
+        return found.exceedance_rate(name, limit)
+
+    def _three_sigma(self) -> ThreeSigma:
+        self.report(0.7, "three sigma")
+        clearance = 3.0 * self.sigma
+        index = int(np.argmin(np.abs(self.curve.clearances - clearance)))
+        tried = self.hits.at(clearance) if self.scene.impact_pairs else None
+        return ThreeSigma(
+            clearance=clearance,
+            probability=self.curve.probabilities[index],
+            first_hits=_times(self.curve.first_rates[index], self.mission),
+            rice_hits=float(self.curve.crossings.rice_rate[index]) * self.mission,
+            hits=None if tried is None else _times(tried.hit_rate, self.mission),
+            impact_speed_mean=None if tried is None else tried.impact_speed_mean,
+        )
+
+    def _required(self) -> pd.DataFrame:
+        import pandas as pd
+
+        rows = []
+        for chance in REQUIRED:
+            found = self.curve.clearance(chance)
+            rows.append(
+                {
+                    "probability": chance,
+                    "clearance": found.value,
+                    "clearance_low": found.lower,
+                    "clearance_high": found.upper,
+                    "clearance_in_sigma": found.value / self.sigma,
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def _simulated(self) -> pd.DataFrame:
+        import pandas as pd
+
+        rows = []
+        for clearance, tried in sorted(self.hits.tried.items()):
+            rate, speed = tried.hit_rate, tried.impact_speed_mean
+            unseen = rate.upper_95 is not None
+            rows.append(
+                {
+                    "clearance": clearance,
+                    "clearance_in_sigma": clearance / self.sigma,
+                    "hit_rate": rate.value,
+                    "hit_rate_low": max(rate.value - half_width(rate), 0.0),
+                    "hit_rate_high": rate.upper_95 if unseen else rate.value + half_width(rate),
+                    "hits_per_first_hit": tried.hits_per_burst,
+                    "impact_speed_mean": math.nan if speed is None else speed.value,
+                    "by": "simulation" if tried.response else "bursts",
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def _warn(self, clearance: float) -> None:
+        """What a reader must know before believing the numbers."""
+        scene = self.scene
+        if scene.impact_pairs:
+            scene = at_clearance(scene, clearance)
+        if not scene.beyond_one_oscillator():
+            self.warnings += scene_notes(scene.system())
+        if not self.scene.impact_pairs:
+            self.warnings.append("the scene has no stops, so what a hit leads to is not known")
+        for place in (3.0 * self.sigma, clearance):
+            tried = self.hits.tried.get(place)
+            if not tried or not tried.hits_per_burst:
+                continue
+            over_rice = tried.hit_rate.value / self.curve.rice_rate(place)
+            if tried.hits_per_burst > PUMPED and over_rice > MORE_THAN_RICE:
+                self.warnings.append(
+                    f"stops pump this mount: at {1e3 * place:.4g} mm ({place / self.sigma:.3g} "
+                    f"sigma) a first hit leads to {tried.hits_per_burst:.3g} hits on average, "
+                    f"{over_rice:.3g} times what Rice's rate says; the chance of any hit is right "
+                    "all the same"
+                )
+
+
+def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
+    """Logarithm of a rate over the one that is wanted, and its standard error."""
+    if not found.value:
+        return -math.inf, 0.0
+    return math.log(found.value / wanted), found.standard_error / found.value
+
+
+def _times(estimate: Estimate, factor: float) -> Estimate:
+    """An estimate in another unit."""
+    upper = None if estimate.upper_95 is None else factor * estimate.upper_95
+    return replace(
+        estimate,
+        value=factor * estimate.value,
+        standard_error=factor * estimate.standard_error,
+        bias=None if estimate.bias is None else factor * estimate.bias,
+        upper_95=upper,
+    )
+
+
+def _widening(scene: Scene, target: Target, velocity_std: float, clearance: float) -> float:
+    """How much faster than usual first hits are to be drawn for the limit to be exceeded."""
+    system = scene.system()
+    speed = target.value
+    if target.name == "peak_acceleration":
+        left = max(target.value - system.omega**2 * clearance, 0.1 * target.value)
+        softest = next(law for law in system.laws if isinstance(law, CompliantLaw))
+        # forces are per unit mass here
+        speed = float(
+            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, 1e-9 * velocity_std, 1e6)
+        )
+    return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
+
+
+def _check_laws(scene: Scene, target: Target) -> None:
+    """Refuse what the stops of the scene cannot say."""
+    if not scene.impact_pairs:
+        raise NotApplicable("size", [f"{target.name} needs an impact_pair, for its law"])
+    rigid = [side for side, law in scene.impact_pairs[0].stops() if law.rigid]
+    if target.name == "peak_acceleration" and rigid:
+        raise NotApplicable(
+            "size",
+            [
+                f"peak_acceleration needs the stiffness of the stops, and the {rigid[0]} stop has "
+                "only a restitution (law.kind = 'restitution'); give an elastic, viscoelastic, "
+                "hertz or table law"
+            ],
+        )
+
+
+def _screening(scene: Scene) -> Screening | None:
+    try:
+        return screen(scene)
+    except NotApplicable:
+        return None

@@ -1,0 +1,234 @@
+"""The clearance for a stated risk: against textbook numbers, exact laws and simulation."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from statistical import Z, assert_agrees
+
+from stochvi import (
+    ConstantLoad,
+    Elastic,
+    ImpactPair,
+    Isolator,
+    NotApplicable,
+    Oscillator,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    WhiteNoise,
+    screen,
+    simulate,
+)
+from stochvi.contacts import Law
+from stochvi.estimates import Estimate
+from stochvi.first_crossings import first_crossings
+from stochvi.isolators import GAUSSIAN_95
+from stochvi.monte_carlo.kernels.compliant_response import EXTREMES, FASTEST
+from stochvi.monte_carlo.tabulated import plan_tabulated
+from stochvi.sizing import Sizing, at_clearance, size
+
+HOUR = 3600.0
+HALF = Restitution(coefficient=0.5)
+
+
+def ten_hertz(zeta: float, law: Law | None = None) -> Scene:
+    pairs = [] if law is None else [ImpactPair(lower=-1e-3, upper=1e-3, law=law)]
+    return Scene(
+        structure=Isolator(frequency_hz=10.0, zeta=zeta),
+        impact_pairs=pairs,
+        excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    )
+
+
+def truck(law: Law) -> Scene:
+    mount = Isolator(mass=1.0, damping=2.4 * math.pi * 2.0, stiffness=(24.0 * math.pi) ** 2)
+    return Scene(
+        structure=mount,
+        impact_pairs=[ImpactPair(lower=-1e-3, upper=1e-3, law=law)],
+        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+    )
+
+
+@pytest.fixture(scope="module")
+def hourly() -> Sizing:
+    return size(ten_hertz(0.05), probability=0.01, seed=1)
+
+
+def test_one_per_cent_an_hour_at_ten_hertz_needs_five_point_six_sigma(hourly: Sizing) -> None:
+    """With independent crossings it is 5.62 sigma; that they come in clumps takes a little off."""
+    sigma = hourly.clearance.value / hourly.sigma
+    independent = math.sqrt(2.0 * math.log(2.0 * 10.0 * HOUR / -math.log1p(-0.01)))
+    assert 5.5 < sigma < independent
+    assert hourly.sigma == pytest.approx(screen(ten_hertz(0.05)).displacement_std, rel=1e-5)
+    # the interval is that of 5 % of the risk or less: d ln P / d sigma is -5.6
+    half = 0.5 * (hourly.clearance.upper - hourly.clearance.lower)
+    assert half < 0.05 * GAUSSIAN_95 * hourly.sigma / 5.0
+
+
+def test_the_chance_at_the_clearance_is_the_one_asked_for(hourly: Sizing) -> None:
+    """Asked the other way round, with other random numbers."""
+    found = first_crossings(
+        ten_hertz(0.05), [hourly.clearance.value], mission=HOUR, rel_error=0.01, seed=77
+    )
+    (chance,) = found.probability(HOUR)
+    slope = 5.6 / hourly.sigma
+    half = 0.5 * (hourly.clearance.upper - hourly.clearance.lower)
+    both = Estimate(
+        value=chance.value,
+        standard_error=math.hypot(chance.standard_error, half / GAUSSIAN_95 * slope * 0.01),
+        bias=chance.bias,
+    )
+    assert_agrees(both, 0.01)
+    with pytest.raises(AssertionError):
+        assert_agrees(both, 0.01 * math.exp(0.05 * 5.6))  # at a clearance 0.05 sigma less
+
+
+def test_three_sigma_is_judged(hourly: Sizing) -> None:
+    three = hourly.three_sigma
+    assert three.rice_hits == pytest.approx(2.0 * 36000.0 * math.exp(-4.5), rel=1e-4)
+    assert three.probability.value > 0.999
+    assert 0.4 < three.first_hits.value / three.rice_hits < 0.6
+    assert three.hits is None
+    required = hourly.required
+    assert list(required["probability"]) == [0.1, 0.01, 0.001]
+    assert (np.diff(required["clearance"]) > 0.0).all()
+    assert required["clearance"][1] == pytest.approx(hourly.clearance.value, rel=1e-9)
+    chances = hourly.curve["probability"]
+    assert (np.diff(chances) <= 0.0).all()
+    assert (hourly.curve["probability_low"] <= chances).all()
+
+
+def test_the_document_holds_plain_numbers(hourly: Sizing) -> None:
+    document = json.loads(json.dumps(hourly.to_dict(), allow_nan=False))
+    assert set(document["clearance"]) == {"value", "lower", "upper"}
+    assert document["target"] == {
+        "name": "probability", "value": 0.01, "unit": "1", "exceedance": None,
+    }  # fmt: skip
+    assert " mm per side (" in repr(hourly) and "1 %" in hourly._repr_html_()
+    assert hourly.to_frame() is hourly.curve
+
+
+def test_hits_are_counted_with_the_stop_law() -> None:
+    scene = truck(HALF)
+    found = size(scene, probability=0.01, seed=2)
+    direct = simulate(at_clearance(scene, 3.0 * found.sigma), rel_error=0.03, seed=9).impact_pairs[
+        "stops"
+    ]["collision_rate"]
+    assert isinstance(direct, Estimate) and found.three_sigma.hits is not None
+    hits = found.three_sigma.hits
+    both = Estimate(
+        value=hits.value / HOUR,
+        standard_error=math.hypot(hits.standard_error / HOUR, direct.standard_error),
+        bias=(hits.bias or 0.0) / HOUR + (direct.bias or 0.0),
+    )
+    assert_agrees(both, direct.value)
+    recommended = found.simulated.iloc[-1]
+    assert recommended["by"] == "bursts"
+    assert recommended["clearance"] == found.clearance.value
+    # 1 % of the hours have hits, and then a little more than one on average
+    expected = recommended["hit_rate"] * HOUR / recommended["hits_per_first_hit"]
+    assert expected == pytest.approx(-math.log1p(-0.01), rel=0.1)
+    assert set(found.evidence) == {"three_sigma"}
+
+
+def test_the_clearance_for_a_rate_of_elastic_stops_is_the_exact_one() -> None:
+    """At R = 1 in white noise hits come at Rice's rate over the share of time between the stops."""
+    wanted = 1e-3
+    found = size(ten_hertz(0.05, Restitution(coefficient=1.0)), rate=wanted, seed=3)
+    level = found.clearance.value / found.sigma
+    for _ in range(4):
+        share = math.erf(level / math.sqrt(2.0))
+        level = math.sqrt(2.0 * math.log(20.0 / (wanted * share)))
+    error = (found.clearance.upper - found.clearance.lower) / 2.0 / GAUSSIAN_95
+    assert_agrees(Estimate(value=found.clearance.value, standard_error=error), level * found.sigma)
+    assert error < 0.05 / level * found.sigma
+
+
+def test_a_frequent_rate_is_simulated_outright() -> None:
+    found = size(truck(HALF), rate=0.3, seed=3)
+    direct = simulate(
+        at_clearance(truck(HALF), found.clearance.value), rel_error=0.02, seed=8
+    ).impact_pairs["stops"]["collision_rate"]
+    assert isinstance(direct, Estimate)
+    half = 0.5 * (found.clearance.upper - found.clearance.lower)
+    slope = found.clearance.value / found.sigma**2
+    error = math.hypot(direct.standard_error, half / GAUSSIAN_95 * slope * 0.3)
+    assert_agrees(Estimate(value=direct.value, standard_error=error, bias=direct.bias), 0.3)
+    assert "recommended" in found.evidence
+
+
+def test_a_largest_impact_speed_against_whole_missions() -> None:
+    scene, mission, limit, exceedance = truck(HALF), 40.0, 0.3, 0.1
+    found = size(scene, impact_speed=limit, mission=mission, exceedance=exceedance, seed=4)
+    plan = plan_tabulated(at_clearance(scene, found.clearance.value), None, mission)
+    paths = 2048
+    extremes = np.zeros((paths, EXTREMES))
+    for first in range(0, paths, plan.block):
+        plan.averages(12, first, plan.block, None, extremes[first : first + plan.block])
+    share = float(np.mean(extremes[:, FASTEST] > limit))
+    half = 0.5 * (found.clearance.upper - found.clearance.lower)
+    # d ln(-ln(1 - p)) / d clearance of Rice's rate
+    slope = found.clearance.value / found.sigma**2 * exceedance
+    counted = math.sqrt(share * (1.0 - share) / paths)
+    assert abs(share - exceedance) < Z * counted + Z / GAUSSIAN_95 * half * slope
+    assert half * slope < 0.5 * exceedance
+
+
+def test_static_sag_and_single_stops_are_kept() -> None:
+    scene = Scene(
+        structure=Isolator(frequency_hz=10.0, zeta=0.05),
+        impact_pairs=[ImpactPair(lower=-9e-3, law=HALF)],
+        excitations=[
+            WhiteNoise(density=0.01, unit="g2/Hz"), ConstantLoad(acceleration=9.80665),
+        ],
+    )  # fmt: skip
+    sag = -9.80665 / scene.structure.omega**2
+    pair = at_clearance(scene, 5e-3).impact_pairs[0]
+    assert pair.lower == pytest.approx(sag - 5e-3) and pair.upper is None
+    one = size(scene, probability=0.01, seed=1)
+    two = size(ten_hertz(0.05), probability=0.01, seed=1)
+    # half as many crossings: a little less
+    assert one.clearance.value < two.clearance.value
+    half_rate = math.log(2.0) / (one.clearance.value / one.sigma**2)
+    assert two.clearance.value - one.clearance.value == pytest.approx(half_rate, rel=0.2)
+
+
+def test_a_mount_below_its_table_is_called_pumped() -> None:
+    scene = Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        impact_pairs=[ImpactPair(lower=-1e-3, upper=1e-3, law=HALF)],
+        excitations=[TabulatedNoise(profile="gevs-qualification")],
+    )
+    found = size(scene, probability=0.01, rel_error=0.1, seed=1)
+    assert any("stops pump this mount" in warning for warning in found.warnings)
+    assert found.three_sigma.hits is not None
+    assert found.three_sigma.hits.value > 10.0 * found.three_sigma.rice_hits
+    assert found.three_sigma.hits.value > 20.0 * found.three_sigma.first_hits.value
+
+
+def test_what_cannot_be_kept_says_why() -> None:
+    with pytest.raises(ValueError, match="exactly one of probability, rate"):
+        size(ten_hertz(0.05))
+    with pytest.raises(ValueError, match="got probability and rate"):
+        size(ten_hertz(0.05), probability=0.1, rate=1.0)
+    with pytest.raises(ValueError, match=r"probability must be in \(0, 0.999\], got 1"):
+        size(ten_hertz(0.05), probability=1.0)
+    with pytest.raises(NotApplicable, match="needs an impact_pair"):
+        size(ten_hertz(0.05), rate=1.0)
+    with pytest.raises(NotApplicable, match="peak_acceleration needs the stiffness"):
+        size(truck(HALF), peak_acceleration=100.0)
+    stiff = Elastic(stiffness=100.0 * (24.0 * math.pi) ** 2)
+    with pytest.raises(NotApplicable, match="exceeded without any stop"):
+        size(truck(stiff), peak_acceleration=20.0)
+    with pytest.raises(NotApplicable, match=r"impact_speed stays below 5 m/s even at 1.5 sigma"):
+        size(truck(HALF), impact_speed=5.0)
+    with pytest.raises(ValueError, match="mission must be"):
+        size(ten_hertz(0.05), probability=0.1, mission=0.0)
+    still = Scene(
+        structure=Oscillator(frequency_hz=10.0, zeta=0.05, mass=1.0),
+        excitations=[ConstantLoad(force=1.0)],
+    )
+    with pytest.raises(NotApplicable, match="must contain noise"):
+        size(still, probability=0.1)
