@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from known import BENCH, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
 from scipy.integrate import quad
 from statistical import assert_agrees
@@ -35,6 +38,7 @@ from stochvi import (
     fokker_planck_density,
     simulate,
 )
+from stochvi.cli import main
 from stochvi.collisions import corner_exponent
 from stochvi.contacts import Law
 from stochvi.galerkin import accurate, strips
@@ -228,6 +232,32 @@ def test_a_restitution_by_speed_keeps_energy_and_momentum() -> None:
     assert virial == pytest.approx(moments["velocity_mean_square"], rel=1e-6)
 
 
+def uneven() -> Scene:
+    """A stiffening spring, a damper of the second power, and restitution by speed; no symmetry."""
+    scene = nonlinear(
+        duffing,
+        SpeedRestitution(coefficient=steel),
+        damping_force=lambda v: 0.1 * v + 0.2 * v * np.abs(v),
+    )
+    pair = scene.impact_pairs[0].model_copy(update={"lower": -0.6})
+    return scene.model_copy(update={"impact_pairs": (pair,)})
+
+
+def test_scenes_of_functions_tell_their_balances(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = fokker_planck(uneven(), rtol=1e-4).identities
+    assert found.keys() == {"energy", "virial", "force"}
+    for residual in found.values():
+        assert_agrees(residual, 0.0)
+    monkeypatch.setattr(
+        strips,
+        "given_back",
+        lambda cells, leaving, side: given_back(cells, lambda w: 0.9 * w, side),
+    )
+    wrong = fokker_planck(uneven(), rtol=1e-4).identities["energy"]
+    with pytest.raises(AssertionError, match="differs from"):
+        assert_agrees(wrong, 0.0)
+
+
 @pytest.mark.parametrize("leaving", [lambda w: 0.0 * w, lambda w: 0.35 * w, lambda w: steel(w) * w])
 def test_what_a_stop_gives_back_against_adaptive_quadrature(leaving: Callable[..., Any]) -> None:
     cells = VelocityCells((-5.0, -1.0, -0.2, 0.0, 0.3, 1.4, 5.0), 3)
@@ -373,6 +403,36 @@ def test_what_cannot_be_reached_is_refused_with_what_was(
         agrees(estimate, soft.estimates()[key])
 
 
+def test_equations_without_a_finite_solution_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(*arguments: Any) -> Any:
+        found = strips.solve_strips(*arguments)
+        return found._replace(q=(found.q[0] * math.nan, *found.q[1:]))
+
+    monkeypatch.setattr(accurate, "solve_strips", lost)
+    with pytest.raises(NotConverged, match="scales too far apart"):
+        fokker_planck(SOFT)
+
+
+def test_the_command_line_takes_what_gives_way_and_six_digits(tmp_path: Path) -> None:
+    scene = tmp_path / "soft.toml"
+    scene.write_text(
+        """
+        structure = { kind = "oscillator", mass = 1.0, damping = 0.1, stiffness = 1.0 }
+        [[impact_pair]]
+        upper = 1.0
+        law = { kind = "elastic", stiffness = 100.0 }
+        [[excitation]]
+        kind = "white"
+        intensity = 0.2
+        """
+    )
+    arguments = ["fokker-planck", str(scene), "--rtol", "1e-6", "--json", "-", "--quiet"]
+    document = json.loads(CliRunner().invoke(main, arguments).stdout)
+    share = document["impact_pairs"]["stops"]["contact_probability"]
+    assert share["value"] == pytest.approx(0.032121450803, rel=1e-6)
+    assert 0.0 < share["bias"] < 1e-6
+
+
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
@@ -503,15 +563,20 @@ def random_lossy(count: int, seed: int) -> list[Scene]:
 @pytest.mark.verify
 @pytest.mark.parametrize("scene", random_lossy(30, seed=9), ids=range(30))
 def test_simulation_agrees_on_random_scenes(scene: Scene) -> None:
+    """To 0.05 %; rates of impacts faster than 0.3: of slower ones the steps of a path miss some.
+
+    The mean impact speed is F1 over that rate, which are judged by themselves: its own bias, from
+    twice the step, may vanish where that of the rate does not.
+    """
     try:
-        simulated = simulate(scene, rel_error=0.0005, seed=2, budget=20.0, threads=1)
+        simulated = simulate(
+            scene, rel_error=0.0005, seed=2, budget=20.0, threads=1, speed_threshold=0.3
+        )
     except NotConverged as reason:
         if reason.response is None:
             raise
         simulated = reason.response
-    threshold = simulated.impact_pairs["stops"]["speed_threshold"]
-    assert isinstance(threshold, float)
-    solved = fokker_planck(scene, rtol=1e-5, speed_threshold=threshold).estimates()
+    solved = fokker_planck(scene, rtol=1e-5, speed_threshold=0.3).estimates()
     for key, estimate in simulated.estimates().items():
-        if key in solved and estimate.bias is not None:
+        if key in solved and estimate.bias is not None and key[1] != "impact_speed_mean":
             agrees(estimate, solved[key])

@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.errors import NotConverged
 from stochvi.galerkin.field import Averages, Field
 from stochvi.galerkin.motion import Frame, Motion, make_frame
 from stochvi.galerkin.patches import Degrees, Patch, Strips, first_patches, graded, refined
-from stochvi.galerkin.strips import solve_strips
+from stochvi.galerkin.strips import Strip, solve_strips
 
 FIRST_DEGREES = Degrees(2, 4)
 LAST_DEGREES = Degrees(7, 9)
@@ -23,8 +24,8 @@ SLOWEST = (1e-2, 2e-3, 3e-4, 3e-5, 3e-6, 1e-6)
 MOST_MESHES = 10
 """In a row; `MOST_UNKNOWNS` ends it before."""
 
-MOST_UNKNOWNS = 400_000
-"""Of a mesh, some seconds of work and a gigabyte."""
+MOST_UNKNOWNS = 800_000
+"""Of a mesh, some ten seconds of work and half a gigabyte."""
 
 SAFETY = 1.5
 """Of the difference of two meshes as a bound on the error of the finer one."""
@@ -72,14 +73,29 @@ def solve_accurately(
         strips = makers.make(patches, _degrees(stage))
         if answered is not None and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
             break
-        field = Field(frame, solve_strips(frame.box, strips), frame.speed * slowest)
+        try:
+            field = _field(frame, strips, slowest)
+        except np.linalg.LinAlgError:
+            break
         found = field.averages(threshold)
         errors = _errors(frame, before, found)
         answered = Answered(field, found, errors, coarser)
         if worst(found, errors) <= rtol and vague(found, errors).isdisjoint(rates):
             break
-    assert answered is not None
+    if answered is None:
+        raise NotConverged(UNSOLVED)
     return answered
+
+
+UNSOLVED = "fokker-planck found no density on its first meshes: scales too far apart; simulate"
+
+
+def _field(frame: Frame, strips: tuple[Strip, ...], slowest: float) -> Field:
+    """The density on some strips; LinAlgError if there is none of finite numbers."""
+    solved = solve_strips(frame.box, strips)
+    if not all(np.isfinite(q).all() for q in solved.q):
+        raise np.linalg.LinAlgError(UNSOLVED)
+    return Field(frame, solved, frame.speed * slowest)
 
 
 def _degrees(stage: int) -> Degrees:
@@ -98,8 +114,10 @@ def _first(motion: Motion) -> tuple[Frame, tuple[Patch, ...], Field]:
     for _ in range(MOST_STRETCHES):
         frame = make_frame(motion, stretch)
         patches = graded(frame, first_patches(frame), SLOWEST[0])
-        solved = solve_strips(frame.box, Strips().make(patches, FIRST_DEGREES))
-        field = Field(frame, solved, frame.speed * SLOWEST[0])
+        try:
+            field = _field(frame, Strips().make(patches, FIRST_DEGREES), SLOWEST[0])
+        except np.linalg.LinAlgError:
+            raise NotConverged(UNSOLVED) from None
         if field.edge() <= EDGE * _rarity(frame):
             break
         stretch *= STRETCH

@@ -78,6 +78,12 @@ class VelocityCells:
         values, slopes = lobatto(self.degree, 2.0 * (u - left[:, None]) / length - 1.0)
         return u, weights * np.exp(-(u**2) / 2.0), values, slopes * (2.0 / length[..., None])
 
+    def at(self, u: Array, coefficients: Array) -> Array:
+        """The function with these coefficients at places u within the cells."""
+        cell, values, _ = self._local(u)
+        found: Array = np.sum(values * coefficients[self.places[cell]], axis=-1)
+        return found
+
     def _local(self, u: Array) -> tuple[Indices, Array, Array]:
         """The cell of each u, and values and slopes of its functions there."""
         cell = np.clip(np.searchsorted(self.breaks, u, side="right") - 1, 0, self.cells - 1)

@@ -146,9 +146,9 @@ class Field:
 
     def _leaving(self, x: Array, side: int) -> tuple[Strip, Array]:
         """Strip that a place is reached through towards `side`, and q there."""
-        if side < 0:
-            # of a border, the strip above
-            x = np.nextafter(x, math.inf) if x[0] < self.frame.right else x
+        if self.frame.left < x[0] < self.frame.right:
+            # of a border, the strip before it
+            x = x - side * BORDER * self.frame.length
         ((strip, _, q),) = self._groups(x)
         return strip, q[0]
 
@@ -274,6 +274,66 @@ class Field:
             return -side * law.stiffness * deflection / (law.damping(1.0) * self.frame.speed)
         return np.full_like(deflection, math.inf)
 
+    # Balances -----------------------------------------------------------------------------------
+
+    def balances(self) -> dict[str, float]:
+        """Residuals of the balances of energy, virial and force, relative to their largest term.
+
+        S0 / 2 = E v drag(v) + loss in stops; E v^2 = E (x - m) (drag(v) - force(x)) + sum of
+        |stop - m| push; E (force(x) - drag(v)) = push of the upper stop less that of the lower,
+        with m = E x, push and loss those of rigid stops. The virial is left out where a damper in
+        a stop adds to it.
+        """
+        frame, motion = self.frame, self.frame.motion
+        found = self.averages(0.0)
+        half = 0.5 if frame.halved else 1.0
+        drag = work = pull = size = 0.0
+        for strip, x, weights, q in self._strips():
+            cells = strip.cells
+            v = frame.speed * cells.u
+            power = cells.functional(v * motion.drag(v))
+            held = q @ cells.functional(motion.drag(v))
+            drag += float(weights @ q @ power) / half
+            share = weights * (q @ _one(cells)) / half
+            spring = motion.spring(x)
+            work += float(share @ ((x - found.mean) * motion.force(x)))
+            work -= float((weights * (x - found.mean)) @ held) / half
+            pull += float(share @ spring) - float(weights @ held) / half
+            size += float(share @ np.abs(spring))
+        energy, virial, net = [motion.power, -drag], [found.velocity_mean_square, work], [pull]
+        for stop in frame.reached:
+            if isinstance(stop.law, CompliantLaw):
+                energy.append(-getattr(found, f"power_{stop.name}"))
+                net.append(-stop.side * getattr(found, f"force_{stop.name}"))
+                continue
+            loss, push = self._impulse(stop)
+            energy.append(-loss)
+            virial.append(-abs(stop.position - found.mean) * push)
+            net.append(-stop.side * push)
+        size = max(size, *map(abs, net))
+        force = 0.0 if frame.halved else sum(net) / size
+        residuals = {"energy": sum(energy) / motion.power, "force": force}
+        if all(stop.law.rigid or stop.law.conservative for stop in frame.reached):
+            residuals["virial"] = sum(virial) / found.velocity_mean_square
+        return residuals
+
+    def _impulse(self, stop: Stop) -> tuple[float, float]:
+        """Mean power that a rigid stop takes and its mean push, per unit mass."""
+        folded, sign = self._folded(np.array([stop.position]))
+        side = int(stop.side * sign[0])
+        strip, q = self._leaving(folded, side)
+        u, weights = gauss(np.unique(np.maximum(side * strip.cells.breaks, 0.0)), NODES)
+        w = self.frame.speed * u
+        rate = self.frame.speed * weights * u * np.exp(-(u**2) / 2.0) * strip.cells.at(side * u, q)
+        kept = stop.kept(w)
+        return float(rate @ ((1.0 - kept**2) * w**2)) / 2.0, float(rate @ ((1.0 + kept) * w))
+
+
+BORDER = 1e-12
+"""Part of a box within which a place is taken for a border of its strips."""
+
+NODES = 24
+"""Of Gauss's rule in each cell, for a restitution that depends on speed."""
 
 OF_STOPS = ("rate", "speed_rate", "speed_square_rate", "contact", "force", "power")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,8 +15,8 @@ from stochvi.answers import Answer
 from stochvi.collisions import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
 from stochvi.contacts import SpeedRestitution
 from stochvi.errors import NotApplicable, NotConverged
-from stochvi.estimates import Response
-from stochvi.galerkin.accurate import solve_accurately, vague, worst
+from stochvi.estimates import Estimate, Response
+from stochvi.galerkin.accurate import Answered, solve_accurately, vague, worst
 from stochvi.galerkin.boxes import Scenes, speed_scale
 from stochvi.galerkin.density import StationaryDensity
 from stochvi.galerkin.field import Averages
@@ -44,9 +45,8 @@ def fokker_planck(
     """Stationary response of one oscillator with stops under white noise, by Galerkin's method.
 
     Solves -v p_x + [(b(v) + g(x) - load) p]_v + S0 / 2 p_vv = 0 (B 13.34) with
-    v p(c, v) dv = -R v p(c, -R v) d(R v) at a rigid stop c; stops that give way are part of g. Two
-    agreeing meshes of the whole range are tried first; where they do not reach rtol, strips of
-    velocity cells are refined until two meshes in a row agree.
+    v p(c, v) dv = -R v p(c, -R v) d(R v) at a rigid stop c; other stops are part of g. Meshes of
+    the whole range come first; where they do not reach rtol, strips of velocity cells.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def fokker_planck(
         White noise, any constant load, no stop or one or two of any law, also different ones;
         springs, dampers and restitution may be functions.
     rtol
-        Relative error to reach in the deviations of displacement and velocity, F1 and F2; down
-        to some 1e-8. Rates are brought to 10 % where a finer mesh can do that.
+        Relative error to reach in the deviations of displacement and velocity, F1 and F2, down
+        to some 1e-8; rates are brought to 10 %.
     speed_threshold
         Slowest impact that a rate counts, m/s. Default: 0 between stops that lose nothing, else
         5 % of the rms velocity that a law exp(-energy / s^2) would have, as in `simulate`.
@@ -64,22 +64,18 @@ def fokker_planck(
     -------
     Response
         SI units; `bias` bounds the error of each quantity by the difference of the two finest
-        meshes. A rate that is known to no better than 10 %, or that counts all impacts of a rigid
-        stop that loses energy, is None (for R <= exp(-pi / sqrt 3) there is no end to them, and
-        the rest is the limit in which the mass, brought to rest by them, leaves at once).
+        meshes. A rate known to no better than 10 %, or of all impacts of a rigid stop that loses
+        energy, is None (for R <= exp(-pi / sqrt 3) there is no end to them, and the rest is the
+        limit in which the mass that they bring to rest leaves at once).
 
     Raises
     ------
     NotApplicable, NotConverged
-        With every condition that the scene does not meet; if the finest mesh does not reach
-        rtol (`response` holds what it reached).
+        With every unmet condition; if the finest mesh does not reach rtol, with its `response`.
 
     Examples
     --------
-    >>> from stochvi.contacts import Restitution
-    >>> from stochvi.excitations import WhiteNoise
-    >>> from stochvi.scenes import ImpactPair
-    >>> from stochvi.structures import Oscillator
+    >>> from stochvi import ImpactPair, Oscillator, Restitution, Scene, WhiteNoise
     >>> scene = Scene(
     ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
     ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
@@ -93,14 +89,16 @@ def fokker_planck(
     system = motion.system
     if speed_threshold is None:
         speed_threshold = _slow(motion)
-    found = None
+    found, balances = None, None
     if _all_numbers(scene):
         found = _quickly(system, rtol, speed_threshold)
     how = "half-range Galerkin"
     if found is None:
         answered = solve_accurately(motion, rtol, speed_threshold, _told(system, speed_threshold))
         found, how = (answered.averages, answered.errors), "refined Galerkin"
-    return _response(scene, found, rtol, speed_threshold, how, started)
+        if scene.beyond_numbers():
+            balances = _balances(answered)
+    return _response(scene, found, rtol, speed_threshold, how, started, balances)
 
 
 def fokker_planck_density(
@@ -132,7 +130,8 @@ def fokker_planck_density(
     told = _told(motion.system, speed_threshold)
     answered = solve_accurately(motion, rtol, speed_threshold, told)
     found = answered.averages, answered.errors
-    response = _response(scene, found, rtol, speed_threshold, "refined Galerkin", started)
+    balances = _balances(answered) if scene.beyond_numbers() else None
+    response = _response(scene, found, rtol, speed_threshold, "refined Galerkin", started, balances)
     return StationaryDensity(response=response, fine=answered.field, coarse=answered.coarser)
 
 
@@ -195,14 +194,17 @@ def _response(
     speed_threshold: float,
     how: str,
     started: float,
+    balances: Mapping[str, Estimate] | None = None,
 ) -> Response:
-    """What was found, or `NotConverged` with it."""
+    """What was found, or `NotConverged` with it; `balances` where numbers do not say them."""
     system = scene.system()
     answer = _answer(system, *found, speed_threshold)
     response = answer.response(
         "fokker-planck", scene, how=how, started=started, speed_threshold=speed_threshold
     )
     response = replace(response, warnings=[*response.warnings, *_collapses(system)])
+    if balances is not None:
+        response = replace(response, identities=balances)
     reached = worst(*found)
     if reached > rtol:
         raise NotConverged(
@@ -212,6 +214,16 @@ def _response(
             response,
         )
     return response
+
+
+def _balances(answered: Answered) -> dict[str, Estimate]:
+    """Residuals of the balances, granted what the largest of their terms may be wrong by."""
+    bias = 2.0 * worst(answered.averages, answered.errors)
+    residuals = answered.field.balances()
+    return {
+        name: Estimate(value=value, bias=bias, how="refined Galerkin")
+        for name, value in residuals.items()
+    }
 
 
 def _collapses(system: System) -> list[str]:

@@ -151,12 +151,17 @@ class Motion:
                 return stop.position
         return math.inf * side
 
-    def force(self, x: Array) -> Array:
-        """Of spring, load and stops that give way, without damping, m/s^2."""
+    def spring(self, x: Array) -> Array:
+        """Force of spring and load, m/s^2."""
         x = np.asarray(x, dtype=float)
         system = self.system
         pull = system.omega**2 * x if system.restoring is None else system.restoring(x)
-        total = system.load - pull
+        return np.asarray(system.load - pull, dtype=float)
+
+    def force(self, x: Array) -> Array:
+        """Of spring, load and stops that give way, without damping, m/s^2."""
+        x = np.asarray(x, dtype=float)
+        total = self.spring(x)
         for stop in self.stops:
             if isinstance(stop.law, CompliantLaw):
                 y = stop.deflection(x)

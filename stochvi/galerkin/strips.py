@@ -12,6 +12,7 @@ cells. A strip is reduced to what it lets out for what is let in, and strips are
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -101,33 +102,43 @@ class Solved(NamedTuple):
 def solve_strips(box: Box, strips: tuple[Strip, ...]) -> Solved:
     """The density, its energies counted from the lowest of all nodes, `top` = exp(-that)."""
     lowest = min(float(box.energy(strip.nodes[0]).min()) for strip in strips)
-    middle = int(np.argmin([float(box.energy(np.array([s.left])).min()) for s in strips]))
     pieces = [_Piece(box, strip, lowest) for strip in strips]
-    last = len(strips) - 1
-    wall = given_back(strips[0].cells, box.leaving_left, -1) * pieces[0].weight_left
-    kept: dict[int, Array] = {}
-    for e in range(middle):
-        inward, back = _reduced(pieces[e], wall)
-        kept[e] = inward
-        wall = _handed(pieces[e], pieces[e + 1], 1) @ back @ _handed(pieces[e + 1], pieces[e], -1)
-    left_wall = wall
-    wall = given_back(strips[-1].cells, box.leaving_right, 1) * pieces[last].weight_right
-    for e in range(last, middle, -1):
-        inward, back = _reduced(pieces[e], wall, -1)
-        kept[e] = inward
-        wall = _handed(pieces[e], pieces[e - 1], -1) @ back @ _handed(pieces[e - 1], pieces[e], 1)
-    found: dict[int, Array] = {}
-    entering = _closed(pieces[middle], left_wall, wall)
-    found[middle] = pieces[middle].inside(*entering)
-    for e in range(middle + 1, last + 1):
-        from_left = _handed(pieces[e - 1], pieces[e], 1) @ pieces[e - 1].trace(found[e - 1], 1)
-        found[e] = pieces[e].inside(from_left, kept[e] @ from_left)
-    for e in range(middle - 1, -1, -1):
-        from_right = _handed(pieces[e + 1], pieces[e], -1) @ pieces[e + 1].trace(found[e + 1], -1)
-        found[e] = pieces[e].inside(kept[e] @ from_right, from_right)
-    mass = sum(piece.mass(found[e]) for e, piece in enumerate(pieces))
-    q = tuple(found[e] / mass for e in range(len(strips)))
-    return Solved(strips, q, float(np.exp(lowest)))
+    middle = int(np.argmin([float(box.energy(np.array([s.left])).min()) for s in strips]))
+    # from both ends to the middle, and back
+    before, after = pieces[middle::-1], pieces[middle:]
+    left = given_back(strips[0].cells, box.leaving_left, -1) * pieces[0].weight_left
+    right = given_back(strips[-1].cells, box.leaving_right, 1) * pieces[-1].weight_right
+    left, kept_left = _gathered(before[::-1], left, 1)
+    right, kept_right = _gathered(after[::-1], right, -1)
+    q = pieces[middle].inside(*_closed(pieces[middle], left, right))
+    found = _followed(before, kept_left[::-1], q, -1)[:0:-1] + _followed(
+        after, kept_right[::-1], q, 1
+    )
+    mass = sum(piece.mass(part) for piece, part in zip(pieces, found, strict=True))
+    return Solved(strips, tuple(part / mass for part in found), float(np.exp(lowest)))
+
+
+def _gathered(pieces: list[_Piece], wall: Array, side: int) -> tuple[Array, list[Array]]:
+    """The wall that all but the last of some strips are, met one after another towards `side`.
+
+    With it, for each of them, what its own wall sends in for what comes in through its open end.
+    """
+    kept = []
+    for piece, following in itertools.pairwise(pieces):
+        inward, back = _reduced(piece, wall, side)
+        kept.append(inward)
+        wall = _handed(piece, following, side) @ back @ _handed(following, piece, -side)
+    return wall, kept
+
+
+def _followed(pieces: list[_Piece], kept: list[Array], q: Array, side: int) -> list[Array]:
+    """Coefficients in strips, one after another towards `side`, from those in the first."""
+    found = [q]
+    for (piece, following), inward in zip(itertools.pairwise(pieces), kept, strict=True):
+        entering = _handed(piece, following, side) @ piece.trace(found[-1], side)
+        both = (entering, inward @ entering)
+        found.append(following.inside(*(both if side > 0 else both[::-1])))
+    return found
 
 
 def _handed(source: _Piece, target: _Piece, side: int) -> Array:
@@ -138,7 +149,7 @@ def _handed(source: _Piece, target: _Piece, side: int) -> Array:
     return np.asarray(weight * matrix, dtype=np.float64)
 
 
-def _reduced(piece: _Piece, wall: Array, side: int = 1) -> tuple[Array, Array]:
+def _reduced(piece: _Piece, wall: Array, side: int) -> tuple[Array, Array]:
     """A strip with a wall behind it, open towards `side`.
 
     What comes in from the wall, and what goes out through the open end, both as matrices on what
@@ -163,7 +174,6 @@ def _closed(piece: _Piece, left_wall: Array, right_wall: Array) -> tuple[Array, 
     # what enters leaves: the functions of the breaks are 1 together, and the equations dependent
     total = np.concatenate([cells.plus < cells.vertices, cells.minus < cells.vertices]) * 1.0
     matrix = np.eye(len(total)) - returned
-    # scaled so that both parts have one size
     matrix += np.outer(total, total) / total.sum()
     entering = np.linalg.solve(matrix, total)
     return entering[:first], entering[first:]
