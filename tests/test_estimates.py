@@ -12,8 +12,11 @@ from hypothesis import strategies as st
 from known import oscillator
 
 from stochvi.closed_form import exact
+from stochvi.datasets import shipped_scene
 from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
 from stochvi.files import to_json
+from stochvi.monte_carlo import simulate
+from stochvi.scenes import load_scene
 
 
 @pytest.mark.parametrize(
@@ -113,4 +116,8 @@ def test_the_frame_of_a_response_has_a_row_for_each_estimate_and_a_column_for_ea
 def test_every_quantity_has_a_unit_and_a_place_in_a_response():
     response = exact(oscillator(-1.0, 1.0))
     named = {*response.coordinates["x"], *response.impact_pairs["stops"]} - {"speed_threshold"}
-    assert named == set(QUANTITY_UNITS)
+    relative = {name for name in QUANTITY_UNITS if name.startswith("relative_")}
+    assert named == set(QUANTITY_UNITS) - relative
+    # those are of a pair between two coordinates
+    box = simulate(load_scene(shipped_scene("absorber-in-a-box")), paths=2, duration=20.0)
+    assert relative < set(box.impact_pairs["box"])

@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.sparse.csgraph import connected_components
 
-from stochvi.assemblies import Assembly, assemble
+from stochvi.assemblies import Assembly, Contact, assemble
 from stochvi.closed_form.coupled import MOST_PAIRS, CoupledLaw, Intractable
 from stochvi.closed_form.one import lossy
 from stochvi.collisions import ContactStatistics, StopStatistics, gaussian_stop
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.gibbs_law import GibbsLaw
 from stochvi.identities import residuals
+from stochvi.modes import linear_law, modes_of
 from stochvi.scenes import Scene
-from stochvi.state_space import stationary_covariance
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -128,6 +128,7 @@ def response(scene: Scene, started: float) -> Response:
         },
         impact_pairs={
             contact.name: _pair(pair, contact.mass, found.error, how)
+            | _relative(found, contact, how)
             for contact, pair in zip(assembly.contacts, found.pairs, strict=True)
         },
         effects=scene.effects(),
@@ -160,6 +161,24 @@ def _coordinate(found: Solution, row: int, how: str, *, alone: bool) -> dict[str
         name: Estimate(value=float(value), bias=found.error * float(sizes[name]), how=how)
         for name, value in values.items()
     } | {"acceleration_std": None}
+
+
+def _relative(found: Solution, contact: Contact, how: str) -> dict[str, Estimate | None]:
+    """Motion of a pair of two coordinates relative to each other."""
+    d = contact.direction
+    if np.count_nonzero(d) < 2:
+        return {}
+    deviation = float(np.sqrt(d @ found.covariance @ d))
+    speed = float(np.sqrt(d @ found.velocity @ d))
+    values = {
+        "relative_displacement_mean": (float(d @ found.mean), deviation),
+        "relative_displacement_std": (deviation, deviation),
+        "relative_velocity_std": (speed, speed),
+    }
+    return {
+        name: Estimate(value=value, bias=found.error * size, how=how)
+        for name, (value, size) in values.items()
+    }
 
 
 def _pair(pair: PairLaw, mass: float, error: float, how: str) -> dict[str, Any]:
@@ -322,43 +341,26 @@ def _coupled_pairs(
 
 
 def _gaussian(assembly: Assembly) -> Solution:
-    """Linear structure, white and filtered noise: states (q, q', f, f' of each filter)."""
-    generator, noise = _state_space(assembly)
-    covariance = stationary_covariance(generator, noise)
-    n = len(assembly.mass)
+    """Linear structure, white and filtered noise."""
+    modes = modes_of(assembly)
+    law = linear_law(modes)
+    assert law is not None
+    n, shapes = modes.size, modes.shapes
+    displacement, velocity = (
+        shapes @ law.covariance[part, part] @ shapes.T for part in (slice(0, n), slice(n, 2 * n))
+    )
     return Solution(
-        mean=np.asarray(np.linalg.solve(assembly.stiffness, assembly.load), dtype=float),
-        covariance=covariance[:n, :n],
-        velocity=covariance[n : 2 * n, n : 2 * n],
+        mean=shapes @ (modes.rest + law.mean),
+        covariance=displacement,
+        velocity=velocity,
         pairs=[],
         error=0.0,
     )
 
 
-def _state_space(assembly: Assembly) -> tuple[Matrix, Matrix]:
-    """Generator and noise intensity of the linear structure and its filters."""
-    n, filters = len(assembly.mass), len(assembly.signals)
-    size = 2 * n + 2 * filters
-    generator, noise = np.zeros((size, size)), np.zeros((size, size))
-    inverse = np.linalg.inv(assembly.mass)
-    generator[:n, n : 2 * n] = np.eye(n)
-    generator[n : 2 * n, :n] = -inverse @ assembly.stiffness
-    generator[n : 2 * n, n : 2 * n] = -inverse @ assembly.damping
-    noise[n : 2 * n, n : 2 * n] = inverse @ assembly.white @ inverse
-    for number, signal in enumerate(assembly.signals):
-        place = 2 * n + 2 * number
-        generator[n : 2 * n, place] = inverse @ signal.direction
-        generator[place, place + 1] = 1.0
-        generator[place + 1, place : place + 2] = -(signal.omega**2), -signal.damping_rate
-        noise[place + 1, place + 1] = signal.omega**4 * signal.intensity
-    return generator, noise
-
-
 def _settles(assembly: Assembly) -> bool:
     """Whether a linear structure forgets how it started."""
-    generator = _state_space(assembly)[0]
-    rates = np.linalg.eigvals(generator)
-    return bool(np.all(rates.real < -ROUNDING * np.abs(rates).max()))
+    return linear_law(modes_of(assembly)) is not None
 
 
 def _positive(matrix: Matrix) -> bool:
