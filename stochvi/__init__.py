@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         transient,
     )
     from stochvi.isolators import Screening, clearance_curve, screen
+    from stochvi.jolts import Jolts
     from stochvi.kelvin_voigt import identify_viscoelastic
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
@@ -115,6 +116,7 @@ _HOME = {
         "StationaryDensity",
         "fokker_planck_density",
     ),
+    "jolts": ("Jolts",),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "kelvin_voigt": ("identify_viscoelastic",),
     "linearisation": ("linearise",),
@@ -145,6 +147,7 @@ __all__ = [
     "Hertz",
     "ImpactPair",
     "Isolator",
+    "Jolts",
     "Matrices",
     "NoExactSolution",
     "NonlinearOscillator",

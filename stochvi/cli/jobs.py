@@ -243,3 +243,49 @@ def absorber(
         )
         write_table(found.to_frame() if mass_budget is None else found.curve, out / f"{name}.csv")
         write_picture(draw(found), out / f"{name}.png")
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--speeds", required=True, metavar="LIST",
+    help="Jolts: changes of the relative velocity, m/s, with commas.",
+)  # fmt: skip
+@click.option("--paths", type=int, default=64, show_default=True, help="For each jolt.")
+@click.option("--duration", type=float, help="Seconds after a jolt [1000 periods].")
+@options("seed", "json", "out", "quiet")
+def jolt(
+    scene: str,
+    speeds: str,
+    paths: int,
+    duration: float | None,
+    seed: int,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Sine on a mount: can a jolt throw it into clatter, how long does it stay."""
+    from stochvi.files import write_json, write_table
+    from stochvi.jolts import jolts
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_frame
+
+    found = jolts(
+        load_scene(scene), numbers("--speeds", speeds), paths=paths, duration=duration, seed=seed
+    )
+    if not quiet:
+        console = console_for(json_file)
+        console.print(found.summary(), style="bold", highlight=False)
+        columns = {
+            "jolt": "jolt (m/s)",
+            "captured_low": "95 % from",
+            "captured_high": "to",
+            "on_both_stops": "on both stops",
+            "left_later": "left later",
+        }
+        title = f"shares of {found.paths} paths, watched for {found.duration:.3g} s"
+        print_frame(console, found.to_frame().rename(columns=columns), title)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        write_table(found.to_frame(), out / "jolts.csv")

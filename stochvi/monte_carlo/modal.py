@@ -204,7 +204,7 @@ class ModalPlan:
         """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ..."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
-        state = self._start(streams)
+        state = self.start(streams)
         n, pairs = self.modes.size, len(self.assembly.contacts)
         moments = n + n * (n + 1)
         sums = np.zeros((moments + ROWS_OF_PAIR * pairs, paths))
@@ -216,6 +216,18 @@ class ModalPlan:
         sums[:moments] /= math.ceil(self.steps / stride)
         sums[moments:] /= self.steps * self.step
         return self._physical(sums)
+
+    def counts(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> NDArray[np.float64]:
+        """Fly paths on for some steps: impacts of each pair on its stops (pairs, 2, paths).
+
+        `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
+        """
+        n, pairs = self.modes.size, len(self.assembly.contacts)
+        moments = n + n * (n + 1)
+        sums = np.zeros((moments + ROWS_OF_PAIR * pairs, state.shape[1]))
+        run_modes(state, streams, sums, *self._kernel_constants, 0, steps, steps, None)
+        found: NDArray[np.float64] = sums[moments:].reshape(pairs, 2, -1, state.shape[1])[:, :, 0]
+        return found
 
     def recorded(self, record: NDArray[np.float64]) -> dict[str, Vector]:
         """Columns of one path: displacement and velocity of every coordinate, impact speeds."""
@@ -379,7 +391,7 @@ class ModalPlan:
         """Columns that bring the covariance of the linear law."""
         return square_root(self.law.covariance, INDEPENDENT)
 
-    def _start(self, streams: NDArray[np.uint64]) -> Matrix:
+    def start(self, streams: NDArray[np.uint64]) -> Matrix:
         """Independent draws of the linear law, put between the stops: close to stationary."""
         modes, law = self.modes, self.law
         paths, states = streams.shape[1], len(law.covariance)
@@ -394,6 +406,11 @@ class ModalPlan:
         if len(modes.signals) % 2:
             state[-1] = 1.0
         state[: modes.size] += law.mean[:, None]
+        return self.between_stops(state)
+
+    def between_stops(self, state: Matrix) -> Matrix:
+        """States (states, paths) whose gaps are moved onto the stops that they lie beyond."""
+        modes = self.modes
         for _ in range(MOST_SWEEPS):
             largest = 0.0
             for gap, stops in zip(modes.gaps, self._stops, strict=True):
