@@ -171,7 +171,7 @@ def energy(group: Moments, index: int) -> float:
 
 @pytest.mark.parametrize("restitution", [0.3, pytest.param(0.8, marks=pytest.mark.verify)])
 def test_energy_is_gained_and_lost_as_noise_damping_and_impacts_say(restitution: float) -> None:
-    """d/dt E (v^2 + x^2) / 2 = S0 / 2 - b E v^2 - (1 - R^2) / 2 sum of F2 (section identities)."""
+    """The balance of energy: d/dt E (v^2 + x^2) / 2 = S0 / 2 - b E v^2 - (1 - R^2) F2 / 2."""
     inner, weights = gauss([1.0, 2.0, 4.0], 6)
     scene = oscillator(-0.8, 1.2, restitution)
     found = transient(scene, [1.0, *inner, 4.0], (0.0, 0.5), rtol=5e-3)
