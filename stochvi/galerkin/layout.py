@@ -108,15 +108,14 @@ def passage_layout(motion: Motion, lower: float, upper: float, start: Start) -> 
     path to a barrier or that noise gives it on the way there.
     """
     base = lowest(motion, lower, upper)
+    lower, upper = _felt(motion, lower, upper, base)
     barriers = [x for x in (lower, upper) if math.isfinite(x)]
     climb = math.sqrt(max(2.0 * max(rise(motion, x, base) for x in barriers), 0.0))
     length = upper - lower
     if not math.isfinite(length):
         length = max(abs(barriers[0] - base), abs(_place(start) - barriers[0]))
     native = max(climb, math.cbrt(motion.diffusion * length))
-    law = math.inf
-    if motion.damping_rate > 0.0:
-        law = math.sqrt(motion.diffusion / motion.damping_rate)
+    law = _law(motion)
     energy = _start_energy(motion, start, lower, upper, base)
     slow = min(law, native)
     # what a path can still gain before it meets a barrier that it has the energy for
@@ -136,6 +135,35 @@ def passage_layout(motion: Motion, lower: float, upper: float, start: Start) -> 
         motion, middle if halved else left, right, speed, walls, halved,
         reach=fastest, core=climb + slow, native=native,
     )  # fmt: skip
+
+
+def _law(motion: Motion) -> float:
+    """The rms velocity without barriers."""
+    if motion.damping_rate == 0.0:
+        return math.inf
+    return math.sqrt(motion.diffusion / motion.damping_rate)
+
+
+def _climbs(motion: Motion, lower: float, upper: float, base: float) -> tuple[float, float]:
+    """The speeds at the lowest place that reach either barrier."""
+    first, second = (
+        math.sqrt(max(2.0 * rise(motion, x, base), 0.0)) if math.isfinite(x) else math.inf
+        for x in (lower, upper)
+    )
+    return first, second
+
+
+def barrier_height(motion: Motion, lower: float, upper: float) -> float:
+    """Speed that the lower of two barriers takes, in standard deviations; 0 without damping."""
+    climbs = _climbs(motion, lower, upper, lowest(motion, lower, upper))
+    return min(climbs) / _law(motion)
+
+
+def _felt(motion: Motion, lower: float, upper: float, base: float) -> tuple[float, float]:
+    """The barriers without one that is met exp(-REACH^2 / 2) times as often as the other."""
+    first, second = _climbs(motion, lower, upper, base)
+    most = math.hypot(min(first, second), REACH * _law(motion))
+    return (lower if first <= most else -math.inf), (upper if second <= most else math.inf)
 
 
 SYMMETRIC = 1e-12
@@ -223,7 +251,7 @@ def _end(motion: Motion, base: float, speed: float, side: float) -> float:
 def mesh(layout: Layout, level: Level) -> Mesh:
     """A mesh of some fineness, with narrow elements where slow paths meet a wall that takes."""
     size = level.size * layout.finest
-    count = max(math.ceil(FEWEST_ELEMENTS / level.size), math.ceil(layout.length / size))
+    count = max(_whole(FEWEST_ELEMENTS / level.size), _whole(layout.length / size))
     ends = np.linspace(-1.0, 1.0, count + 1)
     inner = ends[1:-1].tolist()
     layers = (ends[1] - ends[0]) * X_RATIO ** np.arange(1, level.x_layers + 1)
@@ -239,8 +267,13 @@ def mesh(layout: Layout, level: Level) -> Mesh:
     )
 
 
+def _whole(number: float) -> int:
+    """The next whole number; the same in any units, where rounding differs."""
+    return math.ceil(number - 1e-9)
+
+
 def _velocities(layout: Layout, level: Level, size: float) -> tuple[float, ...]:
-    count = max(1, math.ceil(min(layout.core, layout.reach) / size))
+    count = max(1, _whole(min(layout.core, layout.reach) / size))
     step = min(layout.core, layout.reach) / count
     breaks = [0.0, *(step * U_RATIO**k for k in range(level.u_layers, 0, -1))]
     breaks += [step * k for k in range(1, count + 1)]

@@ -125,8 +125,9 @@ PIVOT_THRESHOLD = 0.1
 leave a sixth of the fill and a tenth of the time of free ones, with the same residuals."""
 
 
-def _kron(of_displacement: Array, of_velocity: Array | sparse.csr_array) -> sparse.csr_array:
-    return sparse.csr_array(sparse.kron(of_displacement, sparse.csr_array(of_velocity)))
+def _kron(of_displacement: Array, of_velocity: Array) -> sparse.csr_array:
+    sides = sparse.csr_array(of_displacement), sparse.csr_array(of_velocity)
+    return sparse.csr_array(sparse.kron(*sides, format="csr"))
 
 
 class Operator:
@@ -170,51 +171,52 @@ class Operator:
         return float(np.exp(self.frame.log_weight(np.array(xi))))
 
     def _assemble(self) -> tuple[sparse.csc_array, sparse.csc_array]:
-        velocity, elements = self.mesh.velocity, self.mesh.displacement
-        plus, minus = sparse.csr_array(velocity.flux_plus), sparse.csr_array(velocity.flux_minus)
-        last = len(elements) - 1
-        blocks: list[list[sparse.csr_array | None]] = [[None] * (last + 1) for _ in elements]
-        masses = []
-        for e, element in enumerate(elements):
-            inner, mass = self._inside(e)
-            masses.append(mass)
-            at_right, at_left = element.at_right, element.at_left
-            right, left = self._weight(element.right), self._weight(element.left)
-            inner = inner + _kron(right * np.outer(at_right, at_right), plus)
-            inner = inner - _kron(left * np.outer(at_left, at_left), minus)
-            if e == last:
-                given = right * self._given_back(self.walls.right, 1)
-                inner = inner - _kron(np.outer(at_right, at_right), given)
-            else:
-                into = right * np.outer(at_right, elements[e + 1].at_left)
-                blocks[e][e + 1] = _kron(into, minus)
-            if e == 0:
-                given = left * self._given_back(self.walls.left, -1)
-                inner = inner - _kron(np.outer(at_left, at_left), given)
-            else:
-                into = -left * np.outer(at_left, elements[e - 1].at_right)
-                blocks[e][e - 1] = _kron(into, plus)
-            blocks[e][e] = inner
-        return sparse.csc_array(sparse.block_array(blocks)), sparse.csc_array(
-            sparse.block_diag(masses)
-        )
-
-    def _inside(self, e: int) -> tuple[sparse.csr_array, sparse.csr_array]:
-        """The equations inside an element without its ends, and its mass matrix."""
-        frame, velocity, element = self.frame, self.mesh.velocity, self.mesh.displacement[e]
-        weights = element.weights * np.exp(frame.log_weight(element.xi))
-        push = frame.force + frame.stiffness * element.xi
-        square = (element.size, element.size)
-        products = (weights @ element.products).reshape(square)
-        slopes = (weights @ element.slope_products).reshape(square)
-        pushed = ((weights * push) @ element.products).reshape(square)
+        """Sums of products of matrices in displacement and in velocity."""
+        frame, velocity = self.frame, self.mesh.velocity
+        products, pushed, up, down = self._displacement_matrices()
         spread = frame.diffusion * velocity.diffusion
         spread += (frame.damping - frame.diffusion) * velocity.damping
-        flux = velocity.flux_plus + velocity.flux_minus
-        inner = _kron(products, spread)
-        inner = inner - _kron(slopes, flux)
-        inner = inner - _kron(pushed, velocity.drift)
-        return inner, _kron(products, self._velocity_mass())
+        matrix = _kron(products, spread) - _kron(pushed, velocity.drift)
+        matrix = matrix + _kron(up, velocity.flux_plus) + _kron(down, velocity.flux_minus)
+        for side, restitution in ((-1, self.walls.left), (1, self.walls.right)):
+            if restitution is not None:
+                end = self._end(side)
+                given = self._given_back(restitution, side)
+                matrix = matrix - _kron(self._weight(side) * np.outer(end, end), given)
+        mass = _kron(products, self._velocity_mass())
+        return sparse.csc_array(matrix), sparse.csc_array(mass)
+
+    def _displacement_matrices(self) -> tuple[Array, Array, Array, Array]:
+        """Of M N_i N_j, of the same times the force, and the transport of u > 0 and of u < 0.
+
+        Between elements the flux is taken from the side that it comes from.
+        """
+        elements, size = self.mesh.displacement, self._shape[1]
+        products, pushed, up, down = np.zeros((4, len(elements) * size, len(elements) * size))
+        for e, element in enumerate(elements):
+            here = slice(e * size, (e + 1) * size)
+            after, before = (slice((e + k) * size, (e + k + 1) * size) for k in (1, -1))
+            weights = element.weights * np.exp(self.frame.log_weight(element.xi))
+            push = self.frame.force + self.frame.stiffness * element.xi
+            products[here, here] = (weights @ element.products).reshape(size, size)
+            pushed[here, here] = ((weights * push) @ element.products).reshape(size, size)
+            slopes = (weights @ element.slope_products).reshape(size, size)
+            right, left = self._weight(element.right), self._weight(element.left)
+            up[here, here] = right * np.outer(element.at_right, element.at_right) - slopes
+            down[here, here] = -left * np.outer(element.at_left, element.at_left) - slopes
+            if e + 1 < len(elements):
+                down[here, after] = right * np.outer(element.at_right, elements[e + 1].at_left)
+            if e > 0:
+                up[here, before] = -left * np.outer(element.at_left, elements[e - 1].at_right)
+        return products, pushed, up, down
+
+    def _end(self, side: int) -> Array:
+        """Values of the functions of displacement at the left (-1) or right (1) end."""
+        values = np.zeros(self._shape[:2])
+        place = -1 if side > 0 else 0
+        element = self.mesh.displacement[place]
+        values[place] = element.at_right if side > 0 else element.at_left
+        return values.ravel()
 
     def _velocity_mass(self) -> Array:
         velocity = self.mesh.velocity
@@ -223,17 +225,16 @@ class Operator:
         half = values.T @ ((weights * np.exp(-(u**2) / 2.0))[:, None] * values)
         return velocity.both(half, half)
 
-    def _given_back(self, restitution: float | None, side: int) -> sparse.csr_array:
+    def _given_back(self, restitution: float, side: int) -> Array:
         """What a wall returns, (test, trial) in velocity."""
         velocity = self.mesh.velocity
+        outward, inward = velocity.plus, velocity.minus
+        if side < 0:
+            outward, inward = inward, outward
         whole = np.zeros((velocity.size, velocity.size))
-        if restitution is not None:
-            outward, inward = velocity.plus, velocity.minus
-            if side < 0:
-                outward, inward = inward, outward
-            _, given = velocity.wall(np.array([restitution]))
-            whole[np.ix_(inward, outward)] = given[0]
-        return sparse.csr_array(whole)
+        _, given = velocity.wall(np.array([restitution]))
+        whole[np.ix_(inward, outward)] = given[0]
+        return whole
 
     def _profiles(self, xi: Array) -> Array:
         """Values of all functions of displacement, (place, element, polynomial)."""
@@ -307,17 +308,11 @@ class Operator:
         `half` holds int over u > 0 of u M N_k w for the functions of u >= 0, with w what is
         counted; the result is per second.
         """
-        elements = self.mesh.displacement
-        whole = np.zeros(self._shape)
         velocity = self.mesh.velocity
-        place, end, outward = (
-            (-1, elements[-1].at_right, velocity.plus)
-            if side > 0
-            else (0, elements[0].at_left, velocity.minus)
-        )
-        whole[place][:, outward] = end[:, None] * half
+        speeds = np.zeros(velocity.size)
+        speeds[velocity.plus if side > 0 else velocity.minus] = half
         weight = self._weight(float(side)) / self.frame.time
-        found: Array = weight * whole.ravel() * self.scale
+        found: Array = weight * np.outer(self._end(side), speeds).ravel() * self.scale
         return found
 
     def density(self, coefficients: Array, x: Array, v: Array) -> Array:

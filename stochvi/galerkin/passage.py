@@ -34,6 +34,7 @@ from stochvi.galerkin.layout import (
     MOST_UNKNOWNS,
     Layout,
     Level,
+    barrier_height,
     mesh,
     passage_layout,
 )
@@ -58,10 +59,14 @@ levels agree on one of them by chance."""
 PROJECTION_SHARE = 0.2
 """Of the relative error allowed, what the projection in time may take."""
 
+HIGHEST = 10.0
+"""Standard deviations of a barrier that is met at less than 1e-22 of the natural frequency: beyond
+it rounding would decide."""
+
 PLAUSIBLE = 10.0
 """Size of a probability beyond which it is no mere error but a mode that grows."""
 
-FLOOR = 1e-9
+FLOOR = 3e-8
 """Relative error that every answer is granted: the ends of the box, and rounding."""
 
 
@@ -166,7 +171,7 @@ def first_passage(
         "rest" where spring and load balance; "stationary", the law without barriers and stops,
         whose part beyond a barrier has passed at once; a point (m, m/s); or a `Gaussian`.
     rtol
-        Relative error to reach in every number. A probability that is still below what lambda
+        Relative error to reach in every number, however small it is. A probability that is still below what lambda
         gives in t and three natural periods more is held to rtol of that.
 
     Returns
@@ -204,6 +209,10 @@ def first_passage(
     system = scene.system()
     low, high = barriers(system, lower, upper)
     motion = Motion.of(system)
+    height = barrier_height(motion, low, high)
+    if height > HIGHEST:
+        sentence = f"barriers must be within {HIGHEST:g} standard deviations, got {height:.3g}"
+        raise NotApplicable(METHOD, [sentence])
     begin = start_of(start, motion)
     _check_start(begin, low, high)
     layout = passage_layout(motion, low, high, begin)
@@ -340,6 +349,8 @@ def _refined(
 
 def _worst(values: _Values, errors: _Values) -> float:
     """The largest relative error."""
+    if not (values.rate > 0.0 and values.mean_time > 0.0):
+        return math.inf
     ends = max(errors.mean_time / values.mean_time, errors.rate / values.rate)
     return max(ends, float(np.max(errors.probability / values.scale, initial=0.0)))
 
@@ -376,7 +387,7 @@ def _on_level(
     mean_time = (settled / mode.rate + float(weights @ rest)) * second
     later = -np.expm1(-mode.rate * (times / second + EARLY / layout.natural))
     source = operator.outflow - mode.rate * (operator.mass @ mode.backward)
-    fast, change = np.zeros(len(times)), np.zeros(len(times))
+    fast, change, doubt = np.zeros((3, len(times)))
     for places, shift in time_groups(times / second, layout.natural):
         shifted = operator.factorised(shift)
         allowed = PROJECTION_SHARE * rtol * np.maximum(passed, later[places])
@@ -384,12 +395,15 @@ def _on_level(
             found = projection.accumulated(times[places] / second) @ (projection.basis.T @ weights)
             # a space too small may hold modes that grow
             good = np.abs(found) < PLAUSIBLE
+            before = change[places]
             change[places] = np.where(good, np.abs(found - fast[places]), 1.0)
+            # two sizes may agree by chance, three do not
+            doubt[places] = np.maximum(change[places], before)
             fast[places] = np.where(good, found, fast[places])
-            if (change[places] <= allowed).all():
+            if (doubt[places] <= allowed).all():
                 break
-    found = passed + slow + fast
-    return _Values(found, mean_time, mode.rate / second, np.maximum(found, later)), change
+    chances = passed + slow + fast
+    return _Values(chances, mean_time, mode.rate / second, np.maximum(chances, later)), doubt
 
 
 def _start_functional(

@@ -55,7 +55,7 @@ class Gaussian:
             )
         determinant = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
         good = np.isfinite(mean).all() and np.isfinite(matrix).all()
-        good = good and matrix[0, 1] == matrix[1, 0]
+        good = good and math.isclose(matrix[0, 1], matrix[1, 0], rel_tol=ALIKE)
         if not (good and matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and determinant > 0.0):
             raise ValueError(
                 f"covariance must be finite, symmetric and positive definite, got {self.covariance}"
@@ -99,6 +99,9 @@ class Gaussian:
 
 MOST_STEPS = 200
 """Intervals of the grid of a Gaussian whose displacement and velocity hardly differ."""
+
+ALIKE = 1e-9
+"""Relative difference of the two covariances in a matrix that is symmetric but for rounding."""
 
 Start = Point | Gaussian
 Given = Literal["rest", "stationary"] | tuple[float, float] | Gaussian

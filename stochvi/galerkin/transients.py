@@ -65,6 +65,10 @@ SHARED = 0.3
 """Part of the largest relative difference of two levels that all quantities are granted."""
 
 
+FLOOR = 1e-6
+"""Relative error that every answer is granted: the ends of the box, and rounding."""
+
+
 class Moments(NamedTuple):
     """Averages at each time, SI units; rates, F1 (`speed_rate`), F2 (`speed_square_rate`) of the
     stops, 0 where there is none. Rates count impacts above the speed threshold."""
@@ -418,7 +422,8 @@ def _on_level(
                     break
             before = values
         states[places] = initial - passed @ projection.basis.T
-    return _averages(states @ rows.T, problem), Moments(*gaps), operator, states
+    found = states @ rows.T
+    return _averages(found, problem), Moments(*gaps), operator, states / found[:, :1]
 
 
 def _refined(problem: _Problem, rtol: float) -> tuple[Moments, Moments, tuple[_State, ...]]:
@@ -488,6 +493,6 @@ def _bounds(coarse: Moments, fine: Moments, projected: Moments) -> Moments:
     differences = Moments(
         *(SAFETY * np.abs(a - b) + c for a, b, c in zip(coarse, fine, projected, strict=True))
     )
-    shared = SHARED * _worst(fine, differences)
+    shared = SHARED * _worst(fine, differences) + FLOOR
     sizes = _sizes(fine)
     return Moments(*(np.maximum(d, shared * s) for d, s in zip(differences, sizes, strict=True)))
