@@ -230,7 +230,9 @@ def transient(
         raise ValueError("times must be finite and greater than 0 s, at least one of them")
     if not rtol > 0.0:
         raise ValueError(f"rtol must be greater than 0, got {rtol:g}")
-    unmet = unmet_conditions(scene)
+    unmet = scene.beyond_one_oscillator()
+    if not unmet:
+        unmet = [*unmet_conditions(scene), *scene.system().not_rigid()]
     if unmet:
         raise NotApplicable(METHOD, unmet)
     system = scene.system()
