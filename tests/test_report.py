@@ -139,9 +139,10 @@ def test_every_picture_is_a_whole_svg_without_references(html: str) -> None:
 
 
 def test_the_same_figure_gives_the_same_bytes(sizing: Sizing, html: str) -> None:
+    before = plt.get_fignums()
     again = shown(plot_input(sizing.scene), "again")
     assert f'src="{again.uri}"' in html
-    assert not plt.get_fignums()
+    assert plt.get_fignums() == before
 
 
 def test_the_verdict_comes_first_and_every_part_is_there(sizing: Sizing, html: str) -> None:

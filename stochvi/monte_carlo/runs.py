@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stochvi.assemblies import Contact, assemble
 from stochvi.collisions import COLLAPSE_RESTITUTION, upper_limit_unseen
@@ -191,18 +191,35 @@ class Run:
             for name, quantity in known.items()
         }
         hit = self.fine.evaluate(known["collision_rate"])[0] > 0.0
-        found["impact_speed_mean"] = (
-            self.estimate(speed_mean(contact.name), "impact_speed_mean") if hit else None
-        )
+        found["impact_speed_mean"] = self._speed_mean(contact, found) if hit else None
         if is_relative(contact):
             for name, quantity in of_gap(contact).items():
                 found[name] = self.estimate(quantity)
         threshold = self.layout.thresholds[contact.name]
         found |= dict.fromkeys(CONTACT_QUANTITIES)
         if hit and self.plan.contacts:
-            for name, quantity in of_compliant_pair(contact).items():
-                found[name] = self.estimate(quantity, name)
+            pressed = {
+                name: self.estimate(quantity, name)
+                for name, quantity in of_compliant_pair(contact).items()
+            }
+            found |= _granted_alike(pressed)
         return found | {"speed_threshold": threshold}
+
+    def _speed_mean(
+        self, contact: Contact, known: Mapping[str, Estimate | float | None]
+    ) -> Estimate:
+        """Mean impact speed, F1 over the rate. What the step leaves in these two may cancel in
+        its difference to twice the step and still be there: their biases are added."""
+        mean = self.estimate(speed_mean(contact.name), "impact_speed_mean")
+        parts = [known[name] for name in ("impact_speed_rate", "collision_rate")]
+        relative = [
+            None if part.bias is None else part.bias / part.value
+            for part in parts
+            if isinstance(part, Estimate)
+        ]
+        if mean.bias is None or None in relative:
+            return replace(mean, bias=None)
+        return replace(mean, bias=mean.value * sum(part for part in relative if part is not None))
 
     def _rate_of_all(self) -> float:
         """Impacts per second, all pairs together."""
@@ -282,6 +299,16 @@ class Run:
                         "rate has an upper limit only, rel_error does not govern it; more paths "
                         "or a longer duration look further"
                     )
+
+
+def _granted_alike(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Estimates of one kind, each with the largest relative bias among them: that of one may
+    vanish in its difference to twice the step by chance."""
+    if any(each.bias is None for each in group.values()):
+        return dict(group)
+    relative = [(each.bias or 0.0) / abs(each.value) for each in group.values() if each.value]
+    largest = max(relative, default=0.0)
+    return {name: replace(each, bias=largest * abs(each.value)) for name, each in group.items()}
 
 
 def _blocks(first_path: int, paths: int, size: int) -> Iterator[tuple[int, int]]:
