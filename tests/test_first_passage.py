@@ -34,7 +34,7 @@ from stochvi.datasets import shipped_scene
 from stochvi.galerkin import layout, passage
 from stochvi.galerkin.evolution import time_groups
 from stochvi.galerkin.mesh import gauss
-from stochvi.galerkin.operators import Motion
+from stochvi.galerkin.operators import LinearMotion
 from stochvi.scenes import load_scene
 from stochvi.state_space import step_covariance, transition
 
@@ -473,7 +473,7 @@ def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch) -> None:
 
 
 def test_the_lowest_place_is_that_of_the_potential() -> None:
-    falling = Motion(0.0, 0.0, 1.0, 1.0)
+    falling = LinearMotion(0.0, 0.0, 1.0, 1.0)
     assert layout.lowest(falling, -1.0, 2.0) == 2.0
     assert layout.rise(falling, -1.0, 2.0) == 3.0
 

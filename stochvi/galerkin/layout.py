@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.galerkin.mesh import Mesh
-from stochvi.galerkin.operators import Frame, Motion, Walls, frame
+from stochvi.galerkin.operators import BoxFrame, LinearMotion, Walls, frame
 from stochvi.galerkin.starts import Gaussian, Start
 
 REACH = 6.0
@@ -36,7 +36,7 @@ class Layout(NamedTuple):
     mirror images.
     """
 
-    frame: Frame
+    frame: BoxFrame
     walls: Walls
     reach: float
     core: float
@@ -87,7 +87,7 @@ LAYER_SHARE = 2.0
 """Element sizes over the width of what diffuses behind an absorbing wall, at size 1."""
 
 
-def lowest(motion: Motion, lower: float, upper: float) -> float:
+def lowest(motion: LinearMotion, lower: float, upper: float) -> float:
     """Where the potential energy of spring and load is lowest between two displacements."""
     if motion.omega > 0.0:
         return min(max(motion.load / motion.omega**2, lower), upper)
@@ -96,12 +96,12 @@ def lowest(motion: Motion, lower: float, upper: float) -> float:
     return min(max(0.0, lower), upper)
 
 
-def rise(motion: Motion, x: float, base: float) -> float:
+def rise(motion: LinearMotion, x: float, base: float) -> float:
     """Potential energy per unit mass at x over that at `base`."""
     return (x - base) * (motion.omega**2 * (x + base) / 2.0 - motion.load)
 
 
-def passage_layout(motion: Motion, lower: float, upper: float, start: Start) -> Layout:
+def passage_layout(motion: LinearMotion, lower: float, upper: float, start: Start) -> Layout:
     """Between absorbing barriers; an infinite one is none, and the box ends far from the other.
 
     The scale of speed is that of the stationary law, or, if that is larger, the speed that takes a
@@ -137,14 +137,14 @@ def passage_layout(motion: Motion, lower: float, upper: float, start: Start) -> 
     )  # fmt: skip
 
 
-def _law(motion: Motion) -> float:
+def _law(motion: LinearMotion) -> float:
     """The rms velocity without barriers."""
     if motion.damping_rate == 0.0:
         return math.inf
     return math.sqrt(motion.diffusion / motion.damping_rate)
 
 
-def _climbs(motion: Motion, lower: float, upper: float, base: float) -> tuple[float, float]:
+def _climbs(motion: LinearMotion, lower: float, upper: float, base: float) -> tuple[float, float]:
     """The speeds at the lowest place that reach either barrier."""
     first, second = (
         math.sqrt(max(2.0 * rise(motion, x, base), 0.0)) if math.isfinite(x) else math.inf
@@ -153,13 +153,13 @@ def _climbs(motion: Motion, lower: float, upper: float, base: float) -> tuple[fl
     return first, second
 
 
-def barrier_height(motion: Motion, lower: float, upper: float) -> float:
+def barrier_height(motion: LinearMotion, lower: float, upper: float) -> float:
     """Speed that the lower of two barriers takes, in standard deviations; 0 without damping."""
     climbs = _climbs(motion, lower, upper, lowest(motion, lower, upper))
     return min(climbs) / _law(motion)
 
 
-def _felt(motion: Motion, lower: float, upper: float, base: float) -> tuple[float, float]:
+def _felt(motion: LinearMotion, lower: float, upper: float, base: float) -> tuple[float, float]:
     """The barriers without one that is met exp(-REACH^2 / 2) times as often as the other."""
     first, second = _climbs(motion, lower, upper, base)
     most = math.hypot(min(first, second), REACH * _law(motion))
@@ -171,7 +171,7 @@ SYMMETRIC = 1e-12
 
 
 def stops_layout(
-    motion: Motion, left: float, right: float, walls: Walls, speed: float, start: Start
+    motion: LinearMotion, left: float, right: float, walls: Walls, speed: float, start: Start
 ) -> Layout:
     """Between stops; an infinite one is none, and the box ends far out; `speed` is its scale."""
     base = lowest(motion, left, right)
@@ -188,7 +188,7 @@ def stops_layout(
 
 
 def _layout(
-    motion: Motion, left: float, right: float, speed: float, walls: Walls, halved: bool,
+    motion: LinearMotion, left: float, right: float, speed: float, walls: Walls, halved: bool,
     *, reach: float, core: float, native: float,
 ) -> Layout:  # fmt: skip
     length = right - left
@@ -205,7 +205,7 @@ def _layout(
     )
 
 
-def _layer(motion: Motion, length: float) -> float:
+def _layer(motion: LinearMotion, length: float) -> float:
     """The speed that noise gives in a natural period or on the way through the box."""
     layer = math.cbrt(motion.diffusion * length)
     if motion.omega > 0.0:
@@ -221,7 +221,9 @@ def _place(start: Start) -> float:
     return start.mean[0] if isinstance(start, Gaussian) else start.x
 
 
-def _start_energy(motion: Motion, start: Start, lower: float, upper: float, base: float) -> float:
+def _start_energy(
+    motion: LinearMotion, start: Start, lower: float, upper: float, base: float
+) -> float:
     """The highest that matters among those of a start, per unit mass."""
     if not isinstance(start, Gaussian):
         return start.v**2 / 2.0 + rise(motion, start.x, base)
@@ -237,7 +239,7 @@ TAIL_KEPT = 6.0
 """Standard deviations of a start that a box has room for."""
 
 
-def _end(motion: Motion, base: float, speed: float, side: float) -> float:
+def _end(motion: LinearMotion, base: float, speed: float, side: float) -> float:
     """How far a path of this speed at the lowest place gets."""
     slope = abs(motion.load - motion.omega**2 * base)
     energy = speed**2 / 2.0

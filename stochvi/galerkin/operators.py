@@ -1,6 +1,6 @@
 """The Fokker-Planck equation of one box as sparse matrices: in time, with walls that may absorb.
 
-Symbols: xi in [-1, 1] displacement and u velocity in the units of the box (`Frame`), as in
+Symbols: xi in [-1, 1] displacement and u velocity in the units of the box (`BoxFrame`), as in
 `half_range`: the density is p = M q with M = exp(-u^2 / 2 - energy(xi)), N_i are the functions that
 both q and the tests are made of. Then
 
@@ -29,7 +29,7 @@ Density = Callable[[Array, Array], Array]
 """A probability density of (displacement, velocity), broadcasting, SI units."""
 
 
-class Motion(NamedTuple):
+class LinearMotion(NamedTuple):
     """x'' + damping_rate x' + omega^2 x = white noise of intensity 2 diffusion + load."""
 
     omega: float
@@ -38,12 +38,12 @@ class Motion(NamedTuple):
     load: float
 
     @classmethod
-    def of(cls, system: System) -> Motion:
+    def of(cls, system: System) -> LinearMotion:
         """The numbers of a scene that its motion between stops depends on."""
         return cls(system.omega, system.damping_rate, system.intensity / 2.0, system.load)
 
 
-class Frame(NamedTuple):
+class BoxFrame(NamedTuple):
     """x = centre + half_length xi, v = speed u, time in half_length / speed.
 
     du/dt = force + stiffness xi - damping u + white noise of intensity 2 diffusion.
@@ -77,11 +77,11 @@ class Frame(NamedTuple):
         return found
 
 
-def frame(motion: Motion, left: float, right: float, speed: float) -> Frame:
+def frame(motion: LinearMotion, left: float, right: float, speed: float) -> BoxFrame:
     """The box between two displacements, in units of a speed."""
     centre, half_length = (left + right) / 2.0, (right - left) / 2.0
     time = half_length / speed
-    return Frame(
+    return BoxFrame(
         centre=centre,
         half_length=half_length,
         speed=speed,
@@ -144,7 +144,7 @@ class Operator:
         (n,): matrix' unity, but without the rounding that would let some flow out everywhere.
     """
 
-    def __init__(self, frame: Frame, mesh: Mesh, walls: Walls) -> None:
+    def __init__(self, frame: BoxFrame, mesh: Mesh, walls: Walls) -> None:
         self.frame, self.mesh, self.walls = frame, mesh, walls
         velocity = mesh.velocity
         self._shape = (len(mesh.displacement), mesh.x_degree + 1, velocity.size)

@@ -39,7 +39,7 @@ from stochvi.galerkin.layout import (
     passage_layout,
 )
 from stochvi.galerkin.mesh import Array
-from stochvi.galerkin.operators import Motion, Operator
+from stochvi.galerkin.operators import LinearMotion, Operator
 from stochvi.galerkin.starts import Given, Point, Start, start_of
 from stochvi.scenes import Scene, System
 
@@ -208,7 +208,7 @@ def first_passage(
         raise NotApplicable(METHOD, unmet)
     system = scene.system()
     low, high = barriers(system, lower, upper)
-    motion = Motion.of(system)
+    motion = LinearMotion.of(system)
     height = barrier_height(motion, low, high)
     if height > HIGHEST:
         sentence = f"barriers must be within {HIGHEST:g} standard deviations, got {height:.3g}"
@@ -258,7 +258,7 @@ def _assumptions(scene: Scene, start: Given) -> list[str]:
     return found
 
 
-def _rice_rate(motion: Motion, lower: float, upper: float) -> Estimate | None:
+def _rice_rate(motion: LinearMotion, lower: float, upper: float) -> Estimate | None:
     """omega / (2 pi) exp(-z^2 / 2) of each barrier, z its distance in standard deviations."""
     if motion.omega == 0.0 or motion.damping_rate == 0.0:
         return None

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from stochvi.galerkin.mesh import Array
-from stochvi.galerkin.operators import Motion
+from stochvi.galerkin.operators import LinearMotion
 
 TAIL = 8.5
 """Standard deviations beyond which a Gaussian holds less than 2e-17."""
@@ -109,7 +109,7 @@ Given = Literal["rest", "stationary"] | tuple[float, float] | Gaussian
 barriers and stops, a point (m, m/s), a law."""
 
 
-def start_of(given: Given, motion: Motion) -> Start:
+def start_of(given: Given, motion: LinearMotion) -> Start:
     """The point or law that is meant.
 
     Raises

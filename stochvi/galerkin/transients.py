@@ -31,7 +31,7 @@ from stochvi.galerkin.layout import (
 )
 from stochvi.galerkin.mesh import Array
 from stochvi.galerkin.method import SLOW_IMPACTS, unmet_conditions
-from stochvi.galerkin.operators import Factors, Motion, Operator, Walls
+from stochvi.galerkin.operators import Factors, LinearMotion, Operator, Walls
 from stochvi.galerkin.passage import barriers
 from stochvi.galerkin.starts import Gaussian, Given, Start, start_of
 from stochvi.scenes import Scene, System
@@ -262,7 +262,7 @@ def transient(
 class _Problem(NamedTuple):
     """What is solved: the times `early` belong to a law that has not met the stops."""
 
-    motion: Motion
+    motion: LinearMotion
     layout: Layout
     law: Gaussian
     flight: float
@@ -273,7 +273,7 @@ class _Problem(NamedTuple):
 
 
 def _problem(system: System, times: Array, given: Given, threshold: float | None) -> _Problem:
-    motion = Motion.of(system)
+    motion = LinearMotion.of(system)
     lower, upper = barriers(system, None, None)
     if isinstance(given, str) and given == "stationary":
         raise ValueError("start must be 'rest', a point or a Gaussian, got 'stationary'")
@@ -304,7 +304,7 @@ def _problem(system: System, times: Array, given: Given, threshold: float | None
     return _Problem(motion, layout, law, flight, times, early, threshold, stops)
 
 
-def _law_after(motion: Motion, start: Start, seconds: float) -> Gaussian:
+def _law_after(motion: LinearMotion, start: Start, seconds: float) -> Gaussian:
     """The law of a start after some time without stops."""
     square = motion.omega**2
     # the load as a third, constant state
@@ -321,7 +321,7 @@ def _law_after(motion: Motion, start: Start, seconds: float) -> Gaussian:
 
 
 def _flight(
-    motion: Motion, start: Start, lower: float, upper: float, layout: Layout
+    motion: LinearMotion, start: Start, lower: float, upper: float, layout: Layout
 ) -> tuple[float, Gaussian]:
     """Until when a start flies free of the stops, and its law then."""
     if isinstance(start, Gaussian):
