@@ -148,6 +148,22 @@ def plot_marginals(
     return axes
 
 
+def draw_density(scene: Scene, found: Density) -> Axes:
+    """All of it in one figure: the plane, the marginals and, where there are stops, the impacts."""
+    stops = bool(scene.impact_pairs)
+    figure, panels = plt.subplots(
+        2, 2, figsize=(10.0, 7.6), layout="constrained", gridspec_kw={"height_ratios": (1.25, 1.0)}
+    )
+    plot_plane(scene, found, panels[0, 0])
+    if stops:
+        plot_impact_speeds(scene, found, panels[0, 1])
+    else:
+        panels[0, 1].set_axis_off()
+    plot_marginals(scene, found, (panels[1, 0], panels[1, 1]))
+    figure.suptitle(scene.title)
+    return panels[0, 0]
+
+
 def _axes(ax: Axes | None) -> Axes:
     if ax is not None:
         return ax

@@ -456,3 +456,14 @@ def test_a_mistake_in_a_scene_file_ends_the_process_without_a_traceback(tmp_path
     done = python("-m", "stochvi", "check", str(scene))
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "stochvi: excitation.0.intensity must be greater than 0, got -0.2\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "scene"),
+    [("exact", "oscillator-elastic"), ("fokker-planck", "oscillator-lossy")],
+)
+def test_solutions_draw_their_density(
+    stochvi: Run, command: str, scene: str, tmp_path: Path
+) -> None:
+    assert stochvi(command, shipped_scene(scene), "--out", tmp_path).code == 0
+    assert (tmp_path / "density.png").stat().st_size > 10_000

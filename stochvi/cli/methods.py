@@ -31,7 +31,14 @@ def exact(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> N
     from stochvi.closed_form import exact as solve
     from stochvi.scenes import load_scene
 
-    finish(solve(load_scene(scene)), json_file, out, quiet)
+    loaded = load_scene(scene)
+    finish(solve(loaded), json_file, out, quiet)
+    if out is not None and not loaded.beyond_one_oscillator() and not loaded.system().tables:
+        from stochvi.closed_form import exact_density
+        from stochvi.density_plots import draw_density
+        from stochvi.files import write_picture
+
+        write_picture(draw_density(loaded, exact_density(loaded)), out / "density.png")
 
 
 @main.command("fokker-planck")
@@ -55,13 +62,21 @@ def fokker_planck(
     from stochvi.galerkin import fokker_planck as solve
     from stochvi.scenes import load_scene
 
+    loaded = load_scene(scene)
     try:
-        response = solve(load_scene(scene), rtol=rtol, speed_threshold=speed_threshold)
+        response = solve(loaded, rtol=rtol, speed_threshold=speed_threshold)
     except NotConverged as reason:
         if reason.response is not None:
             finish(reason.response, json_file, out, quiet)
         raise
     finish(response, json_file, out, quiet)
+    if out is not None:
+        from stochvi.density_plots import draw_density
+        from stochvi.files import write_picture
+        from stochvi.galerkin import fokker_planck_density
+
+        found = fokker_planck_density(loaded, rtol=rtol, speed_threshold=speed_threshold)
+        write_picture(draw_density(loaded, found), out / "density.png")
 
 
 @main.command("first-passage")
