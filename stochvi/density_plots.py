@@ -161,7 +161,8 @@ def draw_density(scene: Scene, found: Density) -> Axes:
         panels[0, 1].set_axis_off()
     plot_marginals(scene, found, (panels[1, 0], panels[1, 1]))
     figure.suptitle(scene.title)
-    return panels[0, 0]
+    plane: Axes = panels[0, 0]
+    return plane
 
 
 def _axes(ax: Axes | None) -> Axes:

@@ -31,6 +31,7 @@ from stochvi.absorbers.design import _best_box
 from stochvi.absorbers.performance import at_level, linear_rms, without_absorber
 from stochvi.cli import main
 from stochvi.excitations import ConstantLoad, FilteredNoise
+from stochvi.report.absorber import design_page
 from stochvi.structures import Matrices
 
 LIGHTLY_DAMPED = Oscillator(mass=1.0, damping=0.02, stiffness=1.0)
@@ -314,6 +315,9 @@ def test_a_design_finds_the_broad_optimum() -> None:
     assert found.scene.absorber is not None
     assert list(found.to_frame()["restitution"]) == [0.5, 0.9]
     json.dumps(found.to_dict(), allow_nan=False)
+    page = design_page(found).html()
+    assert "restitution 0.5, total play" in page
+    assert page.count("data:image/svg+xml") == 1
 
 
 def test_what_absorbers_cannot_be_asked() -> None:
@@ -359,6 +363,10 @@ def test_the_command_tells_the_verdict_first(tmp_path) -> None:
     assert result.exit_code == 0, result.output
     assert "a mass of 10 % of the structure: rms displacement 0.4" in result.output
     assert (tmp_path / "absorber.png").stat().st_size > 0
+    page = (tmp_path / "report.html").read_text("utf-8")
+    plain = page.replace("\u00a0", " ")
+    assert plain.index("A mass of 10 % of the structure") < plain.index("Motion of the structure")
+    assert "Balance of energy" in page and "http" not in page.replace("http://www.w3.org", "")
     result = runner.invoke(main, ["absorber", str(file), *common, "--json", "-"])
     document = json.loads(result.stdout)
     assert document["method"] == "absorber" and len(document["levels"]) == 2

@@ -93,12 +93,18 @@ class AbsorberReport:
     `warnings` are those of the level nearest to the scene's own.
     """
 
+    scene: Scene
     carrier: str
     masses: Sequence[str]
     mass_ratio: float
     performances: Sequence[Performance]
     warnings: Sequence[str]
     cost: Cost
+
+    @property
+    def central(self) -> Performance:
+        """At the level nearest to the scene's own."""
+        return min(self.performances, key=lambda each: abs(each.level_db))
 
     def to_frame(self) -> pd.DataFrame:
         """One row per level, SI units."""
@@ -211,6 +217,7 @@ def absorber(
     mass = np.diag(scene.structure.matrices[0])
     light = np.array([name in masses for name in scene.structure.coordinates])
     return AbsorberReport(
+        scene=scene,
         carrier=carrier,
         masses=masses,
         mass_ratio=float(mass[light].sum() / mass[~light].sum()),

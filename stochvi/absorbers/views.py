@@ -24,7 +24,7 @@ RATIO_LABEL = "rms displacement with / without absorber"
 
 def print_absorber(console: Console, found: AbsorberReport) -> None:
     """Verdict first, then one row per level, then what the numbers mean."""
-    console.print(_verdict(found), style="bold", highlight=False)
+    console.print(verdict(found), style="bold", highlight=False)
     rows = [_level_row(each) for each in found.performances]
     print_frame(console, pd.DataFrame(rows), f"motion of {found.carrier!r}, by level")
     rows = [_impact_row(each) for each in found.performances]
@@ -41,8 +41,9 @@ def print_absorber(console: Console, found: AbsorberReport) -> None:
         console.print(f"note: {warning}", style="yellow", highlight=False)
 
 
-def _verdict(found: AbsorberReport) -> str:
-    central = min(found.performances, key=lambda each: abs(each.level_db))
+def verdict(found: AbsorberReport) -> str:
+    """What the absorber does at the level of the scene, in a sentence."""
+    central = found.central
     low, high = central.interval()
     units = len(found.masses)
     masses = "a mass" if units == 1 else f"{units} masses"
@@ -66,13 +67,13 @@ def _level_row(each: Performance) -> dict[str, str]:
         "level (dB)": f"{each.level_db:+g}",
         "ratio": f"{each.ratio.value:.3f}",
         "95 % interval": f"{low:.3f} to {high:.3f}",
-        "rms (m)": _text(each.displacement_std),
+        "rms (m)": in_words(each.displacement_std),
         "without": f"{each.displacement_std_without:.4g}",
-        "peak factor": _text(each.peak_factor),
-        "without ": _text(each.peak_factor_without),
+        "peak factor": in_words(each.peak_factor),
+        "without ": in_words(each.peak_factor_without),
     }
     if each.acceleration_std is not None:
-        row["abs. acc. (m/s^2)"] = _text(each.acceleration_std)
+        row["abs. acc. (m/s^2)"] = in_words(each.acceleration_std)
         row[" without"] = f"{each.acceleration_std_without:.3g}"
     return row
 
@@ -80,14 +81,15 @@ def _level_row(each: Performance) -> dict[str, str]:
 def _impact_row(each: Performance) -> dict[str, str]:
     return {
         "level (dB)": f"{each.level_db:+g}",
-        "hits per period": _text(each.impacts_per_period),
-        "wall force (N)": _text(each.wall_force),
-        "impulse (N s)": _text(each.impulse),
-        "absorbed": _text(each.absorbed_share),
+        "hits per period": in_words(each.impacts_per_period),
+        "wall force (N)": in_words(each.wall_force),
+        "impulse (N s)": in_words(each.impulse),
+        "absorbed": in_words(each.absorbed_share),
     }
 
 
-def _text(estimate: Estimate | None) -> str:
+def in_words(estimate: Estimate | None) -> str:
+    """A value with its standard error in brackets."""
     return "-" if estimate is None else format_with_error(estimate.value, estimate.standard_error)
 
 
@@ -98,13 +100,13 @@ def print_design(console: Console, found: Design) -> None:
     console.print(
         f"best: {units}, restitution {found.restitution:g}, play {best.play:.4g} m "
         f"(95 % interval {best.play_low:.4g} to {best.play_high:.4g}; as good within its error: "
-        f"{best.low:.4g} to {best.high:.4g}), rms ratio {_text(best.ratio)}",
+        f"{best.low:.4g} to {best.high:.4g}), rms ratio {in_words(best.ratio)}",
         style="bold",
         highlight=False,
     )
     console.print(
         f"for levels from -{found.level_range_db:g} to +{found.level_range_db:g} dB: play "
-        f"{robust.play:.4g} m, rms ratio at worst {_text(robust.ratio)}",
+        f"{robust.play:.4g} m, rms ratio at worst {in_words(robust.ratio)}",
         highlight=False,
     )
     columns = {

@@ -216,6 +216,7 @@ def absorber(
     from stochvi.absorbers.performance import absorber as perform
     from stochvi.absorbers.views import draw_design, draw_levels, print_absorber, print_design
     from stochvi.files import write_json, write_picture, write_table
+    from stochvi.report.absorber import write_absorber_report
     from stochvi.scenes import load_scene
 
     loaded = load_scene(scene)
@@ -243,6 +244,7 @@ def absorber(
         )
         write_table(found.to_frame() if mass_budget is None else found.curve, out / f"{name}.csv")
         write_picture(draw(found), out / f"{name}.png")
+        write_absorber_report(found, out)
 
 
 @main.command()
