@@ -29,7 +29,7 @@ def performance_page(found: AbsorberReport) -> Page:
     return Page(
         title=found.scene.title or "Impact absorber",
         subtitle=f"What loose masses in boxes do to {found.carrier!r} under random excitation",
-        verdict=f"{verdict(found)}.".capitalize(),
+        verdict=_sentence(verdict(found)),
         cards=[
             Fact(
                 "rms displacement",
@@ -231,6 +231,10 @@ def _verification(found: AbsorberReport) -> Section:
         facts=facts,
         notes=[f"assumed: {text}" for text in central.assumptions],
     )
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def _limits(*own: str) -> Section:
