@@ -7,7 +7,7 @@ import math
 from stochvi.scenes import System
 from stochvi.spectra import response_moments
 
-FAR_STOPS = 50.0
+FAR_STOPS = 20.0
 """Clearance in standard deviations from which a slip of units is likelier than intent."""
 
 BROAD_VELOCITY = 1.5
@@ -24,6 +24,11 @@ def scene_notes(system: System) -> list[str]:
     displacement = linear.displacement + theta / system.omega**2
     velocity = linear.velocity + theta
     natural = system.omega / (2.0 * math.pi)
+    ratio = system.damping_rate / (2.0 * system.omega)
+    if ratio > 1.0:
+        found.append(
+            f"the damping ratio zeta is {ratio:.3g}, above critical: 10 % of critical is zeta = 0.1"
+        )
     if system.tables and not theta:
         low = min(float(table.frequency_hz[0]) for table in system.tables)
         high = max(float(table.frequency_hz[-1]) for table in system.tables)

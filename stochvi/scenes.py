@@ -226,13 +226,14 @@ class Scene(Checked):
     def _unknown_absorbers(self) -> list[tuple[str, str]]:
         known = self.structure.coordinates
         names = self.absorber.mass_on if self.absorber else ()
-        if names and len(set(names)) >= len(known):
-            return [("absorber.mass_on", "leaves no coordinate for the structure that carries it")]
-        return [
+        unknown = [
             ("absorber.mass_on", f"must name {_one_of(known)}, got {name!r}")
             for name in names
             if name not in known
         ]
+        if not unknown and names and len(set(names)) >= len(known):
+            return [("absorber.mass_on", "leaves no coordinate for the structure that carries it")]
+        return unknown
 
     def _unheld(self, pair: ImpactPair) -> str:
         """Whether a stop stands where a spring that is a function has no force; empty if not."""

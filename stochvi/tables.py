@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 
 from stochvi.accuracy import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
@@ -65,7 +66,7 @@ def print_response(console: Console, response: Response) -> None:
             _relative(estimate.standard_error, estimate),
             "unknown" if estimate.bias is None else _relative_bias(estimate),
         )
-    console.print(table)
+    _show(console, table)
     balances = [
         f"{name} {format_with_error(residual.value, residual.standard_error)}"
         if residual.standard_error
@@ -95,7 +96,7 @@ def print_first_passage(console: Console, found: FirstPassage) -> None:
     table = _table("P(first passage before t)", ["t (s)", "probability", "rel. bias"])
     for moment, estimate in zip(found.times, found.probability, strict=True):
         table.add_row(f"{moment:g}", _value(estimate), _relative_bias(estimate))
-    console.print(table)
+    _show(console, table)
     ends = [f"{x:g} m" for x in (found.lower, found.upper) if x is not None]
     _say(console, f"barriers at {' and '.join(ends)}; start: {found.start}")
     rates = [
@@ -143,7 +144,7 @@ def _print_judged(console: Console, judged: Sequence[Comparison]) -> None:
             row.verdict,
             style="bold red" if row.verdict == DISAGREES else "",
         )
-    console.print(table)
+    _show(console, table)
 
 
 def _print_approximations(console: Console, verdict: Check) -> None:
@@ -161,7 +162,7 @@ def _print_approximations(console: Console, verdict: Check) -> None:
         errors = {row.method: row.relative for row in shown if row.quantity == quantity}
         cells = [f"{100.0 * errors[m]:+.2f}" if m in errors else "" for m in methods]
         table.add_row(QUANTITY_NAMES[quantity], *cells)
-    console.print(table)
+    _show(console, table)
 
 
 def print_frame(
@@ -173,7 +174,7 @@ def print_frame(
     for _, row in frame.iterrows():
         cells = (_cell(row[name], (formats or {}).get(name, ".4g")) for name in numeric)
         table.add_row(*cells)
-    console.print(table)
+    _show(console, table)
 
 
 def print_explanation(console: Console, told: Explanation) -> None:
@@ -249,7 +250,7 @@ def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | N
         table.add_row("hits, simulated", _value(three.hits))
     if three.impact_speed_mean is not None:
         table.add_row("mean impact speed (m/s)", _value(three.impact_speed_mean))
-    console.print(table)
+    _show(console, table)
     limits = zip(sizing.required["clearance_low"], sizing.required["clearance_high"], strict=True)
     print_frame(
         console,
@@ -372,7 +373,7 @@ def _print_prices(console: Console, found: WorkPrecision) -> None:
                 complete = bool(known) and len(known) == len(prices)
                 cells.append(spoken_time(max(known)) if complete else "-")
         table.add_row(f"{step:.3g} s{' *' if step == found.default_step else ''}", *cells)
-    console.print(table)
+    _show(console, table)
     usual = "* the step that simulate takes"
     _say(console, usual if found.elastic else f"{usual}, and twice it: half as much time on top")
 
@@ -395,7 +396,7 @@ def _print_models(console: Console, found: WorkPrecision) -> None:
             bound = errors[method].stated_bias if method in errors else None
             cells.append("" if bound is None else f"{100.0 * bound:.2g}")
         table.add_row(_whose(found, *key), *cells)
-    console.print(table)
+    _show(console, table)
 
 
 def _model_error(row: ModelError) -> str:
@@ -429,6 +430,9 @@ def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+WIDEST = 10_000
+"""Columns that any table fits into."""
+
 WORDS = ("of", "quantity", "unit", "verdict", "methods", "by", "change")
 
 
@@ -438,6 +442,17 @@ def _table(title: str, headings: Sequence[str], words: Sequence[str] = WORDS) ->
         justify = "left" if heading in words else "right"
         table.add_column(heading, justify=justify, no_wrap=True, overflow="fold")  # type: ignore[arg-type]
     return table
+
+
+def _show(console: Console, table: Table) -> None:
+    """Print a table as wide as it is: a terminal may wrap its lines, nothing is cut short."""
+    needed = Measurement.get(console, console.options.update(width=WIDEST), table).maximum
+    width = console.width
+    console.width = max(needed, width)
+    try:
+        console.print(table)
+    finally:
+        console.width = width
 
 
 def _say(console: Console, line: str) -> None:

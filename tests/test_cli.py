@@ -467,3 +467,21 @@ def test_solutions_draw_their_density(
 ) -> None:
     assert stochvi(command, shipped_scene(scene), "--out", tmp_path).code == 0
     assert (tmp_path / "density.png").stat().st_size > 10_000
+
+
+def test_tables_are_whole_on_a_narrow_page(
+    stochvi: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """No digit and no heading is cut: a cropped number looks like another number."""
+    arguments = ("clearance", ISOLATOR, "--gaps", "2", *QUICK)
+    monkeypatch.setenv("COLUMNS", "300")
+    wide = stochvi(*arguments).out
+    monkeypatch.setenv("COLUMNS", "80")
+    narrow = stochvi(*arguments).out
+    assert narrow.split() == wide.split()
+
+
+def test_an_absorber_scene_to_start_from(stochvi: Run, tmp_path: Path) -> None:
+    file = tmp_path / "tower.toml"
+    assert stochvi("new", file, "--kind", "absorber").code == 0
+    assert load_scene(file).absorber is not None

@@ -13,12 +13,12 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from stochvi.absorbers.performance import GAUSSIAN_95, linear_rms
+from stochvi.absorbers.performance import GAUSSIAN_95, linear_rms, without_absorber
 from stochvi.attachments import Absorber
 from stochvi.contacts import Restitution
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Cost, Estimate
-from stochvi.excitations import ConstantLoad
+from stochvi.excitations import BASE, ConstantLoad
 from stochvi.monte_carlo import simulate
 from stochvi.monte_carlo.runs import Progress
 from stochvi.scenes import Scene
@@ -141,7 +141,8 @@ def design_absorber(
     Parameters
     ----------
     structure
-        An oscillator or isolator of known mass without stops or loads, and what shakes it.
+        An oscillator or isolator of known mass without stops or loads, and what shakes it; an
+        absorber that it has already is taken off.
     mass_budget
         kg, of all units together.
     restitutions, units
@@ -171,7 +172,8 @@ def design_absorber(
     >>> 1.5 < found.best.play < 5.0 and found.best.ratio.value < 0.55
     True
     """
-    sigma = _check(structure, mass_budget, restitutions, units, plays)
+    structure = alone(structure)
+    sigma = _check(structure, mass_budget, restitutions, units, plays, level_range_db)
     pairs = [(r, n) for r in restitutions for n in units]
     points = len(pairs) * len(plays) + len(CLOSER)
     rows: list[dict[str, float]] = []
@@ -260,31 +262,63 @@ def with_absorber(
     )
 
 
+def alone(scene: Scene) -> Scene:
+    """The oscillator or isolator that carries an absorber, without it; other scenes as they are."""
+    if scene.absorber is None:
+        return scene
+    bare = without_absorber(scene)
+    if len(bare.structure.coordinates) > 1:
+        return bare
+    mass, damping, stiffness = (float(matrix[0, 0]) for matrix in bare.structure.matrices)
+    moving = any(bare.place(each) == BASE for each in bare.excitations)
+    kind = Isolator if moving else Oscillator
+    (carrier,) = bare.structure.coordinates
+    return Scene(
+        title=scene.title,
+        structure=kind(mass=mass, damping=damping, stiffness=stiffness),
+        impact_pairs=bare.impact_pairs,
+        excitations=[
+            each.model_copy(update={"on": "x"}) if bare.place(each) == carrier else each
+            for each in bare.excitations
+        ],
+    )
+
+
 def _check(
     structure: Scene,
     mass_budget: float,
     restitutions: Sequence[float],
     units: Sequence[int],
     plays: Sequence[float],
+    level_range_db: float,
 ) -> float:
     """rms displacement of the structure alone, m."""
+    if not 0.0 < mass_budget < math.inf:
+        raise ValueError(f"mass_budget must be a positive mass in kg, got {mass_budget:g}")
     unmet = []
     if not isinstance(structure.structure, Oscillator | Isolator):
         unmet.append(
-            f"structure.kind must be 'oscillator' or 'isolator', got {structure.structure.kind!r}"
+            "the structure that carries the box must be one oscillator or isolator, got "
+            f"{structure.structure.kind!r} with {', '.join(structure.structure.coordinates)}"
         )
+    elif structure.structure.mass is None:
+        unmet.append("structure.mass must be given, to compare with, got none")
     if structure.impact_pairs:
         unmet.append("the structure itself must have no stops")
     if any(isinstance(each, ConstantLoad) for each in structure.excitations):
         unmet.append("a constant load would press the mass onto its wall")
     if unmet:
         raise NotApplicable("absorber design", unmet)
-    if not 0.0 < mass_budget < math.inf:
-        raise ValueError(f"mass_budget must be a positive mass in kg, got {mass_budget:g}")
     if not restitutions or not units:
         raise ValueError("restitutions and units must name at least one value each")
-    if len(plays) < 4 or not all(0.0 < play < math.inf for play in plays):
-        raise ValueError(f"plays must be at least 4 positive numbers, got {list(plays)}")
+    if len(set(plays)) < 4 or not all(0.0 < play < math.inf for play in plays):
+        raise ValueError(f"plays must be at least 4 different positive numbers, got {list(plays)}")
+    span = 20.0 * math.log10(max(plays) / min(plays))
+    if not 0.0 <= 2.0 * level_range_db < span:
+        raise ValueError(
+            f"level_range_db must be at least 0 and below {span / 2.0:.3g}, half the range of the "
+            f"plays in dB, got {level_range_db:g}"
+        )
     rms, _ = linear_rms(structure)
     return rms["x"]
 

@@ -197,8 +197,16 @@ def absorber(
     """
     if scene.absorber is None:
         raise NotApplicable(
-            "absorber", ["the scene must have an absorber: mass, play and law, or mass_on"]
+            "absorber",
+            [
+                "the scene must have an [absorber] with mass (kg), play (m, wall to wall) and law, "
+                "or mass_on; a mass budget (--mass-budget) finds the best one"
+            ],
         )
+    if len(levels_db) == 0 or not all(math.isfinite(level) for level in levels_db):
+        raise ValueError(f"levels_db must be at least one finite number, got {list(levels_db)}")
+    if without_absorber(scene).impact_pairs:
+        raise NotApplicable("absorber", ["the structure itself must have no stops"])
     masses = scene.absorber.mass_on
     carrier = next(name for name in scene.structure.coordinates if name not in masses)
     found = []
@@ -312,8 +320,6 @@ def _performance(
     scene: Scene, carrier: str, level: float, response: Response, seed: int
 ) -> Performance:
     alone = without_absorber(scene)
-    if alone.impact_pairs:
-        raise NotApplicable("absorber", ["the structure itself must have no stops"])
     rms, speed = (group[carrier] for group in linear_rms(alone))
     moving = response.coordinates[carrier]
     deviation, velocity = moving["displacement_std"], moving["velocity_std"]

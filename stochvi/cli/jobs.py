@@ -211,7 +211,12 @@ def absorber(
     out: Path | None,
     quiet: bool,
 ) -> None:
-    """Does a loose mass in a box help: with, without, over levels; or the best box."""
+    """Does a loose mass in a box help: with, without, over levels; or the best box.
+
+    The scene needs an [absorber] with mass (kg), play (m, total, wall to wall) and law, beside an
+    oscillator or isolator of known mass: stochvi new tower.toml --kind absorber writes one. With
+    --mass-budget the box of the scene, if there is one, is left out and the best one found.
+    """
     from stochvi.absorbers.design import design_absorber
     from stochvi.absorbers.performance import absorber as perform
     from stochvi.absorbers.views import draw_design, draw_levels, print_absorber, print_design

@@ -20,6 +20,14 @@ from stochvi.cli.shared import (
 if TYPE_CHECKING:
     pass
 
+KINDS = {
+    "bumper": "isolator-bumper",
+    "road": "isolator-road",
+    "record": "isolator-record",
+    "absorber": "absorber-on-a-tower",
+}
+"""Shipped scenes to start from."""
+
 TEMPLATE = """\
 title = "isolated box on a truck"
 
@@ -108,8 +116,9 @@ def profiles() -> None:
 @main.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
-    "--kind", type=click.Choice(["any", "bumper", "road", "record"]), default="any",
-    show_default=True, help="A scene with every key, or an isolator of this kind with its tables.",
+    "--kind", type=click.Choice(["any", *KINDS]), default="any",
+    show_default=True,
+    help="A scene with every key, an isolator of this kind with its tables, or an absorber.",
 )  # fmt: skip
 def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
@@ -117,7 +126,7 @@ def new(file: Path, kind: str) -> None:
 
     from stochvi.datasets import scene_files
 
-    shipped = [] if kind == "any" else scene_files(f"isolator-{kind}")
+    shipped = [] if kind == "any" else scene_files(KINDS[kind])
     tables = shipped[1:]
     for target in (file, *(file.parent / table.name for table in tables)):
         if target.exists():
@@ -127,5 +136,7 @@ def new(file: Path, kind: str) -> None:
     for table in tables:
         shutil.copy(table, file.parent)
     written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))
-    try_it = f"check {file}" if kind == "any" else f"size {file} --probability 0.01 --out out"
+    try_it = {"any": f"check {file}", "absorber": f"absorber {file} --out out"}.get(
+        kind, f"size {file} --probability 0.01 --out out"
+    )
     click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)
