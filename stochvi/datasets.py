@@ -131,12 +131,22 @@ def read_table(
             row = []
         if len(row) != len(names):
             if not rows and not any(map(_is_number, cells)):
+                _check_order(path, cells, names)
                 continue  # names and units of the columns
             raise SceneError(f"{path}, line {number}: expected {wanted}, got {line.strip()[:60]!r}")
         rows.append(row)
     if not rows:
         raise SceneError(f"{path} holds no rows of {wanted}")
     return tuple(np.array(rows).T)
+
+
+def _check_order(path: Path, heading: Sequence[str], names: Sequence[str]) -> None:
+    """A heading that names the columns must name them in the order that is read."""
+    told = [cell.lower() for cell in heading if cell.lower() in names]
+    if sorted(told) == sorted(names) and told != list(names):
+        raise SceneError(
+            f"{path} has the columns {', '.join(told)}; expected {', '.join(names)} in this order"
+        )
 
 
 _COUNTS = {1: "one number", 2: "two numbers"}

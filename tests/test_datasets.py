@@ -98,3 +98,13 @@ def test_a_file_of_the_largest_size_is_read_and_one_byte_more_is_not(tmp_path: P
     assert read_text(tmp_path / "fits") == "12345678"
     with pytest.raises(SceneError, match="holds 9 bytes, expected a text of at most 8"):
         read_text(tmp_path / "does not")
+
+
+def test_columns_in_another_order_than_their_heading_says_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "swapped.csv"
+    file.write_text("density,frequency_hz\n0.01,10\n0.02,100\n")
+    with pytest.raises(SceneError, match="has the columns density, frequency_hz; expected"):
+        read_table(file)
+    file.write_text("frequency_hz density\n10 0.01\n100 0.02\n")
+    frequency, _ = read_table(file)
+    assert frequency.tolist() == [10.0, 100.0]

@@ -68,8 +68,8 @@ def options(*names: str) -> Callable[[Any], Any]:
             "--out", type=click.Path(path_type=Path), metavar="DIR",
             help="Write tables and pictures here.",
         ),
-        "seed": click.option("--seed", type=click.IntRange(min=0), default=0, help="Same seed, same digits."),
-        "threads": click.option("--threads", type=click.IntRange(min=1), help="Default: all cores."),
+        "seed": click.option("--seed", type=int, default=0, help="Same seed, same digits."),
+        "threads": click.option("--threads", type=int, help="Default: all cores."),
         "budget": click.option(
             "--budget", type=float, default=60.0, show_default=True, metavar="SECONDS",
             help="Give up (exit 1) if the accuracy takes longer.",
