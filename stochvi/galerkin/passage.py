@@ -173,8 +173,9 @@ def first_passage(
         "rest" where spring and load balance; "stationary", the law without barriers and stops,
         whose part beyond a barrier has passed at once; a point (m, m/s); or a `Gaussian`.
     rtol
-        Relative error to reach in every number, however small it is. A probability that is still below what lambda
-        gives in t and three natural periods more is held to rtol of that.
+        Relative error to reach in every number, however small it is. A probability that is still
+        below what lambda gives in t and three natural periods more is held to rtol of that; if it
+        is bound to be smaller (`passages_at_most`), that bound is the value and its bias.
 
     Returns
     -------
