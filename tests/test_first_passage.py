@@ -31,7 +31,7 @@ from stochvi import (
 )
 from stochvi.cli import main
 from stochvi.datasets import shipped_scene
-from stochvi.galerkin import layout, passage
+from stochvi.galerkin import evolution, layout, passage
 from stochvi.galerkin.evolution import time_groups
 from stochvi.galerkin.mesh import gauss
 from stochvi.galerkin.operators import LinearMotion
@@ -162,6 +162,44 @@ def test_the_mean_time_is_the_integral_of_survival() -> None:
     bound = float(shares @ bounds) + mean.bias
     assert bound < 1e-3 * mean.value
     assert_agrees(replace(mean, bias=bound), float(shares @ survival))
+
+
+RARE = lightly_damped(0.0109), 4.913, (-0.87155, 0.21364)
+"""Hardly damped, the barrier five deviations away: early chances are nothing beside later ones."""
+
+
+def test_early_times_take_nothing_from_later_ones(recwarn) -> None:
+    """The projection cannot follow the earliest times here, and need not."""
+    scene, barrier, start = RARE
+    early, late = [1e-3, 0.1, 1.0, 6.28, 20.0], [1e5]
+    alone = first_passage(scene, None, barrier, times=late, start=start, rtol=2e-3)
+    found = first_passage(scene, None, barrier, times=[*early, *late], start=start, rtol=2e-3)
+    assert numbers(found)[len(early) :] == numbers(alone)
+    negligible = -math.expm1(-20.0 * alone.decay_rate.value) * 2e-3
+    for estimate in found.probability[: len(early)]:
+        assert estimate.bias is not None
+        assert estimate.value + estimate.bias < negligible
+    assert not [warning for warning in recwarn if warning.category is RuntimeWarning]
+
+
+def test_a_time_that_the_projection_fails_at_is_alone_in_its_doubt(monkeypatch, recwarn) -> None:
+    """Without the bound and with few sizes of the space, the early times are lost: they alone."""
+    scene, barrier, start = RARE
+    monkeypatch.setattr(passage, "passages_at_most", lambda *problem: np.ones(len(problem[-1])))
+    monkeypatch.setattr(passage, "LEVELS", layout.LEVELS[:2])
+    monkeypatch.setattr(evolution, "SIZES", (16, 24, 34, 46))
+    with pytest.raises(NotConverged, match="relative error") as reason:
+        first_passage(scene, None, barrier, times=[6.28, 20.0, 1e5], start=start, rtol=2e-3)
+    reached = reason.value.response
+    assert isinstance(reached, FirstPassage)
+    *lost, late = reached.probability
+    for kept in (late, reached.decay_rate, reached.mean_time):
+        assert kept.bias is not None
+        assert kept.bias < 2e-3 * kept.value
+    for estimate in lost:
+        assert estimate.bias is not None
+        assert estimate.bias > 2e-3 * -math.expm1(-40.0 * reached.decay_rate.value)
+    assert not [warning for warning in recwarn if warning.category is RuntimeWarning]
 
 
 # Symmetries and starts ----------------------------------------------------------------------

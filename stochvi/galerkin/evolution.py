@@ -41,14 +41,20 @@ class Projection(NamedTuple):
     def accumulated(self, times: Array) -> Array:
         """y(t) from y(0) = 0, that is int_0^t exp(-operator s) source ds, (times, k).
 
-        Not finite where the space is still so small that it holds modes that grow.
+        Not a number where the space holds modes that grow and have grown beyond all measure.
         """
         size = len(self.source)
         whole = np.zeros((size + 1, size + 1))
         whole[:size, :size], whole[:size, size] = -self.operator, self.source
         with np.errstate(over="ignore", invalid="ignore"):
-            found = [expm(whole * time)[:size, size] for time in times]
-        return np.array(found).reshape(-1, size)
+            found = np.array([expm(whole * time)[:size, size] for time in times]).reshape(-1, size)
+        # unlike infinity, and what is close to it, NaN passes through sums without a warning
+        found[~(np.abs(found) < GROWN).all(axis=1)] = np.nan
+        return found
+
+
+GROWN = 1e100
+"""Size that no state has but by a mode that grows."""
 
 
 def projections(mass: csc_array, solve: Solve, source: Array, shift: float) -> Iterator[Projection]:

@@ -24,11 +24,12 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, format_with_error, provenance
-from stochvi.galerkin.evolution import projections, slowest_mode, time_groups
+from stochvi.galerkin.crossing_bound import passages_at_most
+from stochvi.galerkin.evolution import SlowestMode, projections, slowest_mode, time_groups
 from stochvi.galerkin.layout import (
     LEVELS,
     MOST_UNKNOWNS,
@@ -53,8 +54,9 @@ SAFETY = 2.5
 """Of the difference of two levels as a bound on the error of the finer one."""
 
 SHARED = 0.3
-"""Part of the largest relative difference that all numbers of an answer are granted, lest two
-levels agree on one of them by chance."""
+"""Part of the largest relative difference of two meshes that all numbers of an answer are granted,
+lest two levels agree on one of them by chance. What the projection leaves at one time is no
+business of the others."""
 
 PROJECTION_SHARE = 0.2
 """Of the relative error allowed, what the projection in time may take."""
@@ -171,8 +173,9 @@ def first_passage(
         "rest" where spring and load balance; "stationary", the law without barriers and stops,
         whose part beyond a barrier has passed at once; a point (m, m/s); or a `Gaussian`.
     rtol
-        Relative error to reach in every number, however small it is. A probability that is still below what lambda
-        gives in t and three natural periods more is held to rtol of that.
+        Relative error to reach in every number, however small it is. A probability that is still
+        below what lambda gives in t and three natural periods more is held to rtol of that; if it
+        is bound to be smaller (`passages_at_most`), that bound is the value and its bias.
 
     Returns
     -------
@@ -216,7 +219,8 @@ def first_passage(
     begin = start_of(start, motion)
     _check_start(begin, low, high)
     layout = passage_layout(motion, low, high, begin)
-    values, bounds = _refined(layout, begin, low, high, moments, rtol)
+    most = passages_at_most(motion, begin, low, high, moments)
+    values, bounds = _refined(layout, begin, low, high, moments, most, rtol)
     found = FirstPassage(
         times=tuple(moments.tolist()),
         probability=tuple(
@@ -327,21 +331,24 @@ EARLY = 20.0
 
 
 def _refined(
-    layout: Layout, start: Start, lower: float, upper: float, times: Array, rtol: float
-) -> tuple[_Values, _Values]:
+    layout: Layout, start: Start, lower: float, upper: float, times: Array, most: Array,
+    rtol: float,
+) -> tuple[_Values, _Values]:  # fmt: skip
     """Values and bounds on their errors, on the first level that reaches rtol or the last."""
-    coarse: _Values | None = None
+    coarse: tuple[_Values, Array] | None = None
     values = bounds = None
     for level in LEVELS:
         if values is not None and mesh(layout, level).unknowns > MOST_UNKNOWNS:
             break
-        fine, projected = _on_level(layout, level, start, lower, upper, times, rtol)
+        fine, doubt = _on_level(layout, level, start, lower, upper, times, most, rtol)
         if coarse is not None:
-            values, bounds = fine, _bounds(coarse, fine, projected)
-            # finer meshes mend no error of the projection
-            if _worst(values, bounds) <= rtol or (projected > rtol * fine.scale).any():
+            allowed = rtol * fine.scale
+            before, now = coarse[1] <= allowed, doubt <= allowed
+            values, bounds = fine, _bounds(coarse[0], fine, doubt, before & now)
+            # a finer mesh may have no modes that grow, but mends no other error of the projection
+            if _worst(values, bounds) <= rtol or not (before | now).all():
                 break
-        coarse = fine
+        coarse = fine, doubt
     assert values is not None
     assert bounds is not None
     return values, bounds
@@ -355,15 +362,17 @@ def _worst(values: _Values, errors: _Values) -> float:
     return max(ends, float(np.max(errors.probability / values.scale, initial=0.0)))
 
 
-def _bounds(coarse: _Values, fine: _Values, projected: Array) -> _Values:
+def _bounds(coarse: _Values, fine: _Values, doubt: Array, projected: NDArray[np.bool_]) -> _Values:
+    """Of the errors; `projected` are the probabilities whose difference is that of the meshes."""
     differences = fine._replace(
-        probability=SAFETY * np.abs(fine.probability - coarse.probability) + projected,
+        probability=SAFETY * np.abs(fine.probability - coarse.probability),
         mean_time=SAFETY * abs(fine.mean_time - coarse.mean_time),
         rate=SAFETY * abs(fine.rate - coarse.rate),
     )
-    shared = SHARED * _worst(fine, differences) + FLOOR
+    of_meshes = differences._replace(probability=differences.probability * projected)
+    shared = SHARED * _worst(fine, of_meshes) + FLOOR
     return fine._replace(
-        probability=np.maximum(differences.probability, shared * fine.scale),
+        probability=np.maximum(differences.probability + doubt, shared * fine.scale),
         mean_time=max(differences.mean_time, shared * fine.mean_time),
         rate=max(differences.rate, shared * fine.rate),
     )
@@ -371,9 +380,12 @@ def _bounds(coarse: _Values, fine: _Values, projected: Array) -> _Values:
 
 def _on_level(
     layout: Layout, level: Level, start: Start, lower: float, upper: float, times: Array,
-    rtol: float,
+    most: Array, rtol: float,
 ) -> tuple[_Values, Array]:  # fmt: skip
-    """The numbers on one mesh, and what the projection in time leaves of error."""
+    """The numbers on one mesh, and what the projection in time leaves of error.
+
+    `most` are probabilities that none can exceed.
+    """
     operator = Operator(layout.frame, mesh(layout, level), layout.walls)
     second = layout.frame.time
     factors = operator.factorised(0.0)
@@ -386,13 +398,30 @@ def _on_level(
     rest = rest - mode.backward * float(mode.forward @ (operator.mass @ rest))
     mean_time = (settled / mode.rate + float(weights @ rest)) * second
     later = -np.expm1(-mode.rate * (times / second + EARLY / layout.natural))
+    allowed = PROJECTION_SHARE * rtol * np.maximum(passed, later)
+    # where the bound leaves less than the error allowed, nothing is solved and it is the answer
+    doubt = most - passed
+    chances = most.copy()
+    wanted = np.flatnonzero(doubt > allowed)
+    fast, left_over = _projected(
+        operator, layout.natural, mode, weights, times[wanted] / second, allowed[wanted]
+    )
+    chances[wanted] = np.clip(passed + slow[wanted] + fast, passed, most[wanted])
+    doubt[wanted] = np.minimum(left_over, doubt[wanted])
+    return _Values(chances, mean_time, mode.rate / second, np.maximum(chances, later)), doubt
+
+
+def _projected(
+    operator: Operator, natural: float, mode: SlowestMode, weights: Array, times: Array,
+    allowed: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """y(t) of the start at times of the box, and how far the projection may be off."""
     source = operator.outflow - mode.rate * (operator.mass @ mode.backward)
     fast, change, doubt = np.zeros((3, len(times)))
-    for places, shift in time_groups(times / second, layout.natural):
+    for places, shift in time_groups(times, natural):
         shifted = operator.factorised(shift)
-        allowed = PROJECTION_SHARE * rtol * np.maximum(passed, later[places])
         for projection in projections(operator.mass, shifted.solve_transposed, source, shift):
-            found = projection.accumulated(times[places] / second) @ (projection.basis.T @ weights)
+            found = projection.accumulated(times[places]) @ (projection.basis.T @ weights)
             # a space too small may hold modes that grow
             good = np.abs(found) < PLAUSIBLE
             before = change[places]
@@ -400,10 +429,9 @@ def _on_level(
             # two sizes may agree by chance, three do not
             doubt[places] = np.maximum(change[places], before)
             fast[places] = np.where(good, found, fast[places])
-            if (doubt[places] <= allowed).all():
+            if (doubt[places] <= allowed[places]).all():
                 break
-    chances = passed + slow + fast
-    return _Values(chances, mean_time, mode.rate / second, np.maximum(chances, later)), doubt
+    return fast, doubt
 
 
 def _start_functional(
