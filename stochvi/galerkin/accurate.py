@@ -10,7 +10,7 @@ import numpy as np
 
 from stochvi.errors import NotConverged
 from stochvi.galerkin.field import Averages, Field
-from stochvi.galerkin.motion import Frame, Motion, make_frame
+from stochvi.galerkin.motion import Frame, Motion, Stop, make_frame
 from stochvi.galerkin.patches import Degrees, Patch, Strips, first_patches, graded, refined
 from stochvi.galerkin.strips import Strip, solve_strips
 
@@ -36,6 +36,10 @@ lest two meshes agree on one of them by chance."""
 
 FLOOR = 1e-9
 """Relative error that every answer is granted: the ends of the box, and rounding."""
+
+HIT = 1e-12
+"""Hits of a stop for each crossing of the mean from which on it is within reach: less than the
+law of that height leaves, which is right where no stop is leaned on."""
 
 EDGE = 1e-8
 """Probability beside the ends of the box from which on it is made larger."""
@@ -78,7 +82,7 @@ def solve_accurately(
         except np.linalg.LinAlgError:
             break
         found = field.averages(threshold)
-        errors = _errors(frame, before, found)
+        errors = _errors(field, before, found)
         answered = Answered(field, found, errors, coarser)
         if worst(found, errors) <= rtol and vague(found, errors).isdisjoint(rates):
             break
@@ -108,20 +112,44 @@ def _degrees(stage: int) -> Degrees:
 def _first(motion: Motion) -> tuple[Frame, tuple[Patch, ...], Field]:
     """The coarsest mesh, of a box beyond which there is next to nothing.
 
-    A mass that leans on a stop reaches further than the law exp(-energy / s^2).
+    A mass that leans on a lossy stop reaches further than the law exp(-energy / s^2): fast
+    bounces, which last longer, lose less in the same time.
     """
-    stretch = 1.0
-    for _ in range(MOST_STRETCHES):
-        frame = make_frame(motion, stretch)
+    stretch, hit = 1.0, set[Stop]()
+    for _ in range(MOST_STRETCHES + len(motion.stops)):
+        frame = make_frame(motion, stretch, hit)
         patches = graded(frame, first_patches(frame), SLOWEST[0])
         try:
             field = _field(frame, Strips().make(patches, FIRST_DEGREES), SLOWEST[0])
         except np.linalg.LinAlgError:
             raise NotConverged(UNSOLVED) from None
-        if field.edge() <= EDGE * _rarity(frame):
+        new = _hit(field)
+        if not new and field.edge() <= EDGE * _rarity(frame):
             break
-        stretch *= STRETCH
+        hit |= new
+        stretch *= 1.0 if new else STRETCH
     return frame, patches, field
+
+
+def _hit(field: Field) -> set[Stop]:
+    """Stops that count as out of reach, but lie in the box and are hit."""
+    crossings = field.averages(0.0).upcrossing_rate
+    return {
+        stop
+        for stop in _beyond(field.frame)
+        if _nearest(field.frame, stop) == stop.position
+        and float(field.flux(stop.position, stop.side, 1)) > HIT * crossings
+    }
+
+
+def _beyond(frame: Frame) -> list[Stop]:
+    return [stop for stop in frame.motion.stops if stop not in frame.reached]
+
+
+def _nearest(frame: Frame, stop: Stop) -> float:
+    """The place in the box, and its mirror image if that was left out, next to a stop."""
+    left = 2.0 * frame.left - frame.right if frame.halved else frame.left
+    return min(max(stop.position, left), frame.right)
 
 
 def _rarity(frame: Frame) -> float:
@@ -132,8 +160,8 @@ def _rarity(frame: Frame) -> float:
 MOTION = ("mean", "variance", "velocity_mean_square")
 
 
-def _errors(frame: Frame, coarse: Averages, fine: Averages) -> Averages:
-    """Bounds on the errors of `fine`."""
+def _errors(field: Field, coarse: Averages, fine: Averages) -> Averages:
+    """Bounds on the errors of `fine`, the averages of `field`."""
     sizes = fine._replace(mean=math.sqrt(fine.variance))
     change = Averages(*(abs(a - b) for a, b in zip(fine, coarse, strict=True)))
     shared = max(getattr(change, name) / getattr(sizes, name) for name in MOTION)
@@ -149,7 +177,7 @@ def _errors(frame: Frame, coarse: Averages, fine: Averages) -> Averages:
         bounds[contact] = max(bounds[contact], 2.0 * SAFETY * slow * getattr(sizes, contact))
     for name in (*MOTION, "upcrossing_rate"):
         bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
-    far = _unreached(frame, fine.upcrossing_rate)
+    far = _unreached(field, fine.upcrossing_rate)
     return Averages(
         *(
             bounds[name] + FLOOR * abs(getattr(sizes, name)) + far.get(name, 0.0)
@@ -163,20 +191,31 @@ def _ratio(change: Averages, sizes: Averages, name: str) -> float:
     return getattr(change, name) / size if size > 0.0 else 0.0
 
 
-def _unreached(frame: Frame, crossing_rate: float) -> dict[str, float]:
-    """Bounds on what stops see that the box does not reach: Rice's rate at the law's temperature,
-    with Rayleigh's speeds."""
-    motion = frame.motion
-    square, _ = motion.squares
+def _unreached(field: Field, crossing_rate: float) -> dict[str, float]:
+    """Bounds on what stops see that count as out of reach.
+
+    Rice's rate at the law's temperature, with Rayleigh's speeds, or what the solution has next to
+    the stop, if that is more. Beyond the box it falls at least as fast as the damper alone has it.
+    """
+    motion = field.frame.motion
+    square, hottest = motion.squares
+    speed = math.sqrt(square)
+    lowest = motion.lowest(square)
+    rayleigh = (1.0, speed * math.sqrt(math.pi / 2.0), 2.0 * square)
     found = {}
-    for stop in motion.stops:
-        if stop not in frame.reached:
-            height = float(motion.energy(np.array(stop.position))) - motion.lowest(square)
-            rate = SAFETY * crossing_rate * math.exp(-height / square)
-            found[f"rate_{stop.name}"] = rate
-            found[f"speed_rate_{stop.name}"] = rate * math.sqrt(square * math.pi / 2.0)
-            found[f"speed_square_rate_{stop.name}"] = rate * 2.0 * square
+    for stop in _beyond(field.frame):
+        nearest = _nearest(field.frame, stop)
+        height, seen = motion.energy(np.array([stop.position, nearest]))
+        rice = crossing_rate * math.exp(-(height - lowest) / square)
+        falls = math.exp(-max(height - seen, 0.0) / hottest)
+        for power, (name, factor) in enumerate(zip(HITS, rayleigh, strict=True), start=1):
+            flux = abs(float(field.flux(nearest, stop.side, power)))
+            found[f"{name}_{stop.name}"] = SAFETY * max(rice * factor, flux * falls)
     return found
+
+
+HITS = ("rate", "speed_rate", "speed_square_rate")
+"""Averages of the powers 0, 1 and 2 of the speed of impacts."""
 
 
 def worst(found: Averages, bounds: Averages) -> float:

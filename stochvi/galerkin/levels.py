@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.galerkin.boxes import FARTHEST_STOP, Boxes, Scenes, boxes
+from stochvi.galerkin.boxes import FARTHEST_STOP, Booleans, Boxes, Scenes, boxes
 from stochvi.galerkin.half_range import BoxMoments, box_moments
 from stochvi.galerkin.mesh import Array, Mesh
 
@@ -114,23 +114,45 @@ def _in_si(scaled: Boxes, found: BoxMoments) -> Solution:
 
 
 def unreached(scenes: Scenes, speed: Array, upcrossing_rate: Array) -> Moments:
-    """Bounds on what stops see that no box reaches: exp(-energy / s^2) times the rate of crossing.
+    """Bounds on what stops see that no box reaches: exp(-energy / t) times the rate of crossing.
 
     That is Rice's rate with Rayleigh's law of speeds; 0 for the other quantities, and for the
-    stops that a box reaches.
+    stops that a box reaches. t is s^2, or what the damper alone leaves, S0 / (2 b), of a mass that
+    leans on a lossy stop, whose fast bounces last longer and lose less in the same time.
     """
     lowest = scenes.lowest()
     far = scenes.climb(speed**2 * FARTHEST_STOP**2 / 2.0)
     press = np.abs(scenes.force(lowest))
-    sides = []
+    hottest = np.where(_leans(scenes), _damper_alone(scenes), speed**2)
+    sides, factors = [], []
     for distance in (lowest - scenes.lower, scenes.upper - lowest):
         away = np.where(np.isfinite(distance), distance, 0.0)
         energy = away * (press + scenes.omega**2 * away / 2.0)
-        rate = upcrossing_rate * np.exp(-energy / speed**2)
+        rate = upcrossing_rate * np.exp(-energy / hottest)
         sides.append(np.where(np.isfinite(distance) & (distance > far), rate, 0.0))
+        # without damper no hotter than the energy that it takes to come there
+        square = np.minimum(hottest, speed**2 + energy)
+        factors.append((np.ones_like(square), np.sqrt(np.pi / 2.0 * square), 2.0 * square))
     zero = np.zeros_like(speed)
-    factors = (1.0, speed * np.sqrt(np.pi / 2.0), 2.0 * speed**2)
-    return Moments(zero, zero, zero, zero, *(side * factor for factor in factors for side in sides))
+    lower, upper = factors
+    hits = [hit for pair in zip(lower, upper, strict=True) for hit in pair]
+    return Moments(
+        zero, zero, zero, zero, *(sides[k % 2] * factor for k, factor in enumerate(hits))
+    )
+
+
+def _leans(scenes: Scenes) -> Booleans:
+    """Whether spring and load press the mass on a stop that loses energy."""
+    lowest = scenes.lowest()
+    lower = (lowest == scenes.lower) & (scenes.restitution_lower < 1.0)
+    upper = (lowest == scenes.upper) & (scenes.restitution_upper < 1.0)
+    return np.asarray(lower | upper, dtype=np.bool_)
+
+
+def _damper_alone(scenes: Scenes) -> Array:
+    """E v^2 without stops, S0 / (2 b); infinite without damping."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(scenes.intensity / (2.0 * scenes.damping_rate), dtype=np.float64)
 
 
 SAFETY = 2.5

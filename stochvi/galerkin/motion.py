@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -293,8 +293,8 @@ class Motion:
 
     @cached_property
     def squares(self) -> tuple[float, float]:
-        """s^2 at which the law exp(-energy / s^2) takes up the power of the noise, and t of the
-        weight."""
+        """s^2 at which the law exp(-energy / s^2) takes up the power of the noise, and at which it
+        would if the damper were alone: nowhere is the density hotter; infinite without damper."""
 
         def excess(log_square: float, *, stops: bool) -> float:
             damper, taken = self.taken(math.exp(log_square))
@@ -307,7 +307,13 @@ class Motion:
         if self.taken(square)[0] > 1e-12 * self.power:
             # by the damper alone, which may be too little to be found
             most = math.exp(_root(lambda e: excess(e, stops=False), math.log(square)))
-        return square, min(most, WIDENED**2 * square)
+        return square, most
+
+    @property
+    def weight(self) -> float:
+        """t of the weight exp(-energy / t)."""
+        square, hottest = self.squares
+        return min(hottest, WIDENED**2 * square)
 
 
 MOST_STEPS = 400
@@ -380,16 +386,19 @@ class Frame:
         return (self.left + self.right) / 2.0
 
 
-def make_frame(motion: Motion, stretch: float = 1.0) -> Frame:
-    """The box of a scene, its weight `stretch` times as wide in velocity as expected."""
-    square, weight = motion.squares
-    weight *= stretch**2
+def make_frame(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = ()) -> Frame:
+    """The box of a scene, its weight `stretch` times as wide in velocity as expected.
+
+    Stops that are known to be `hit` are within reach, whatever the law exp(-energy / s^2) says.
+    """
+    square, weight = motion.squares[0], motion.weight * stretch**2
     lowest = motion.lowest(square)
     heights = {
         stop: max(float(motion.energy(np.array(stop.position))) - lowest, 0.0)
         for stop in motion.stops
     }
-    reached = tuple(s for s in motion.stops if heights[s] <= square * FARTHEST_STOP**2 / 2.0)
+    within = square * FARTHEST_STOP**2 / 2.0
+    reached = tuple(stop for stop in motion.stops if heights[stop] <= within or stop in hit)
     energies = [heights[stop] / weight for stop in reached] or [0.0]
     reach = math.sqrt(REACH**2 + 2.0 * max(energies))
     left, right = motion.span(weight * reach**2 / 2.0)
@@ -502,7 +511,7 @@ def _is_symmetric(motion: Motion, left: float, right: float) -> bool:
             return False
     y = np.linspace(0.0, (right - left) / 2.0, PIECES)
     up, down = motion.force(middle + y), motion.force(middle - y)
-    v = math.sqrt(motion.squares[1]) * SPEEDS
+    v = math.sqrt(motion.weight) * SPEEDS
     forward, backward = motion.drag(v), motion.drag(-v)
     largest = float(np.max(np.abs(up)) + np.max(np.abs(forward)))
     uneven = max(float(np.max(np.abs(up + down))), float(np.max(np.abs(forward + backward))))
