@@ -61,6 +61,9 @@ CLOSE = 0.02
 LEAST_SECONDS = 0.3
 """What any calculation gets, even when the budget is over."""
 
+UNKNOWN = 1.0
+"""A relative error of the chance of a hit beyond which no clearance can be told."""
+
 SHARE_OF_A_CLEARANCE = 4.0
 """A clearance that is tried on the way gets this part of the time that is left."""
 
@@ -249,6 +252,11 @@ class _Job:
         )
         self.sigma = self.curve.crossings.displacement_std
         reached = largest_error(self.curve.crossings, mission)
+        if reached > UNKNOWN:
+            raise NotConverged(
+                f"the budget of {budget:g} s ended at a relative error of {reached:.2g} of the "
+                "chance of a hit: hardly any first hit was seen; raise budget"
+            )
         if reached > rel_error:
             self.warnings.append(
                 f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"
