@@ -239,12 +239,14 @@ def envelope_rate(scene: Scene, level: float) -> float:
 
 
 def test_an_input_narrower_than_the_mount_is_remembered_for_as_long_as_it_lasts() -> None:
-    """Bursts are then excursions of the envelope, of some 70 crossings at 5 sigma each."""
+    """Bursts are then excursions of the envelope, of some 14 crossings at 5 sigma each."""
     scene = narrow(0.02)
     short = plan_tabulated(scene, None, None)
     assert short.block_length * 0.04 < 4.0  # bins
     sigma = deviations(scene)[0]
     found = first_crossings(scene, [5.0 * sigma], mission=HOUR, rel_error=0.05, seed=6)
+    # the squared correlation of a flat band is sinc^2 at its carrier: 1 / 4 over the bandwidth
+    assert found.horizon == pytest.approx(24.0 / (4.0 * 0.04), rel=0.05)
     (rate,) = found.first_rate()
     assert rate.standard_error < 0.1 * rate.value
     assert_agrees(rate, envelope_rate(scene, 5.0))

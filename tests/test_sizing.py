@@ -239,3 +239,32 @@ def test_what_cannot_be_kept_says_why() -> None:
     )
     with pytest.raises(NotApplicable, match="must contain noise"):
         size(still, probability=0.1)
+
+
+def test_where_the_stops_of_the_scene_stand_does_not_matter() -> None:
+    """Not even as near as a placeholder."""
+    wide, near = (
+        ten_hertz(0.05, HALF).model_copy(
+            update={"impact_pairs": (ImpactPair(lower=-place, upper=place, law=HALF),)}
+        )
+        for place in (1e-3, 1e-6)
+    )
+    one, two = (size(scene, probability=0.01, rel_error=0.2, seed=1) for scene in (wide, near))
+    assert one.clearance == two.clearance
+    assert one.three_sigma.hits == two.three_sigma.hits
+
+
+def test_a_motion_of_picometres_needs_as_many_sigma() -> None:
+    """At 200 dB less, sigma is below the tolerances by which roots are usually searched for."""
+    loud, faint = (
+        Scene(
+            structure=Isolator(frequency_hz=8.0, zeta=0.1),
+            excitations=[TabulatedNoise(profile="navmat-p-9492", level_db=level)],
+        )
+        for level in (0.0, -200.0)
+    )
+    one, two = (size(scene, probability=0.01, rel_error=0.2, seed=1) for scene in (loud, faint))
+    assert two.sigma < 2e-12 < one.sigma
+    for side in ("value", "lower", "upper"):
+        in_sigma = [getattr(found.clearance, side) / found.sigma for found in (one, two)]
+        assert in_sigma[1] == pytest.approx(in_sigma[0], rel=1e-6)

@@ -10,7 +10,7 @@ import numpy as np
 from stochvi.bursts import UNFINISHED, WINDOW_RELAXATIONS, bursts
 from stochvi.errors import NotConverged
 from stochvi.estimates import Estimate, Response
-from stochvi.first_crossings import MEMORY_RELAXATIONS, crossing_plan
+from stochvi.first_crossings import MEMORY_RELAXATIONS, crossing_plan, deviations
 from stochvi.monte_carlo import simulate
 from stochvi.monte_carlo.kernels.compliant_response import EXTREMES
 from stochvi.scenes import ImpactPair, Scene
@@ -120,6 +120,7 @@ def compile_kernels(scene: Scene) -> None:
     """Have the kernels compiled that will be needed, before the clock starts."""
     if not scene.impact_pairs or scene.beyond_one_oscillator():
         return
-    plan = crossing_plan(scene).shortest()
+    free = scene.model_copy(update={"impact_pairs": ()})
+    plan = crossing_plan(at_clearance(scene, 3.0 * deviations(free)[0])).shortest()
     plan.averages(0, 0, 2, None, np.zeros((2, EXTREMES)))
     plan.averages(0, 0, 2)

@@ -545,8 +545,9 @@ def _widening(scene: Scene, target: Target, velocity_std: float, clearance: floa
         left = max(target.value - system.omega**2 * clearance, 0.1 * target.value)
         softest = next(law for law in system.laws if isinstance(law, CompliantLaw))
         # forces are per unit mass here
+        low = 1e-9 * velocity_std
         speed = float(
-            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, 1e-9 * velocity_std, 1e6)
+            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, low, 1e6, xtol=low)
         )
     return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
 
