@@ -60,6 +60,9 @@ MEMORY_CORRELATIONS = 24.0
 FEWEST_PATHS = 64
 """For a standard error between paths; each holds some 20 crossings."""
 
+LEAST_PATHS = 8
+"""Where not even the fewest fit into the budget."""
+
 FEWEST_SURVIVORS = 0.05
 """Share of motions that must outlast the horizon for a limiting rate: beyond the noise of 64 paths.
 Where fewer do, they are taken for so many, which changes the chance of a hit by less than this."""
@@ -235,29 +238,31 @@ def first_crossings(
     plan = crossing_plan(scene.model_copy(update={"impact_pairs": ()}))
     records = Records(plan, seed, below, above)
     workers = threads or len(os.sched_getaffinity(0))
-    started = time.perf_counter()
-    ages = np.empty(
-        (len(STRIDES), len(records.sides), len(above), 0, len(records.starts)), np.float32
-    )
+    ages: list[NDArray[np.float32]] = []
     paths = max(FEWEST_PATHS, plan.block)
     with ThreadPoolExecutor(workers) as pool:
+        ages.append(records.ages(0))
+        started = time.perf_counter()  # compilation is over
         while True:
-            blocks = range(ages.shape[3], paths, plan.block)
-            ages = np.concatenate([ages, *pool.map(records.ages, blocks)], axis=3)
-            if not started:
-                started = time.perf_counter()  # compilation is over
-            found = records.found(ages)
+            # a long block takes seconds: the clock is looked at whenever each thread has done one
+            while (done := len(ages) * plan.block) < paths:
+                late = budget is not None and time.perf_counter() - started > budget
+                if late and done >= LEAST_PATHS:
+                    break
+                last = min(paths, done + workers * plan.block)
+                ages += pool.map(records.ages, range(done, last, plan.block))
+            found = records.found(np.concatenate(ages, axis=3))
             error = largest_error(found, mission)
             elapsed = time.perf_counter() - started
             if progress:
-                progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{paths} paths")
+                progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{done} paths")
             if error <= rel_error or (budget is not None and elapsed > 0.5 * budget):
                 return found
             growth = min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0)
             if budget is not None and elapsed > 0.0:
                 # in the time that is left, and the time that is there now is what there will be
                 growth = min(growth, max(budget / elapsed, 1.25))
-            paths = plan.block * math.ceil(growth * ages.shape[3] / plan.block)
+            paths = plan.block * math.ceil(growth * len(ages))
 
 
 def _levels(

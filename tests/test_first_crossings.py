@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from stochvi import (
 )
 from stochvi.estimates import Estimate
 from stochvi.first_crossings import (
+    FEWEST_PATHS,
     FirstCrossings,
     Records,
     crossing_plan,
@@ -274,3 +276,10 @@ def test_where_no_crossing_was_a_first_one_the_chance_is_not_called_known(
     assert rate.standard_error == pytest.approx(none.rice_rate[1] / 32.0, rel=0.1)
     assert chance.standard_error > chance.value
     assert largest_error(none, HOUR) > 1.0 > largest_error(replace(unit, ages=few), HOUR)
+
+
+def test_a_long_block_is_timed_before_more_are_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = count()
+    monkeypatch.setattr("stochvi.first_crossings.time.perf_counter", lambda: float(next(seconds)))
+    found = first_crossings(UNIT, [2.0], mission=10.0, rel_error=1e-5, budget=0.5, threads=1)
+    assert found.ages.shape[3] == crossing_plan(UNIT).block < FEWEST_PATHS

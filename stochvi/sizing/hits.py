@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stochvi.bursts import UNFINISHED, WINDOW_RELAXATIONS, bursts
-from stochvi.errors import NotConverged
+from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Estimate, Response
 from stochvi.first_crossings import MEMORY_RELAXATIONS, crossing_plan, deviations
 from stochvi.monte_carlo import simulate
@@ -75,10 +75,13 @@ class Hits:
         return self.tried[clearance]
 
     def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
-        """None if bursts do not end."""
-        found = bursts(
-            scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
-        )
+        """None if bursts do not end, or are not told apart."""
+        try:
+            found = bursts(
+                scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
+            )
+        except NotApplicable:
+            return None
         if not found.apart:
             return None
         return Tried(
