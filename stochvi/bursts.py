@@ -192,7 +192,7 @@ def bursts(
     NotApplicable
         As for `first_crossings`, or without stops on both sides of the mean position.
     """
-    plan = crossing_plan(scene)
+    plan = crossing_plan(scene, WINDOW_RELAXATIONS / MEMORY_RELAXATIONS)
     system = plan.system
     lower = math.inf if system.lower is None else plan.rest - system.lower
     upper = math.inf if system.upper is None else system.upper - plan.rest

@@ -37,7 +37,12 @@ from stochvi.errors import NotApplicable
 from stochvi.estimates import Estimate
 from stochvi.monte_carlo.kernels.crossings import outcrossing_ages
 from stochvi.monte_carlo.runs import Progress
-from stochvi.monte_carlo.tabulated import WARM_UP_RELAXATIONS, TabulatedPlan, plan_tabulated
+from stochvi.monte_carlo.tabulated import (
+    MOST_SAMPLES,
+    WARM_UP_RELAXATIONS,
+    TabulatedPlan,
+    plan_tabulated,
+)
 from stochvi.scenes import Scene
 
 Vector = NDArray[np.float64]
@@ -54,6 +59,9 @@ MEMORY_CORRELATIONS = 24.0
 
 FEWEST_PATHS = 64
 """For a standard error between paths; each holds some 20 crossings."""
+
+LEAST_PATHS = 8
+"""Where not even the fewest fit into the budget."""
 
 FEWEST_SURVIVORS = 0.05
 """Share of motions that must outlast the horizon for a limiting rate: beyond the noise of 64 paths.
@@ -131,7 +139,12 @@ class FirstCrossings:
         spread = left_out - left_out.mean(axis=-1, keepdims=True)
         errors = np.sqrt((paths - 1) / paths * np.sum(spread**2, axis=-1))
         # where every crossing was a first one, that the next is not is still as likely as this
-        errors = np.maximum(errors, values / (paths * self.ages.shape[-1]))
+        crossings = paths * self.ages.shape[-1]
+        errors = np.maximum(errors, values / crossings)
+        # and where hardly any was a first one, that the next is one
+        first = self._integrals(np.full((1, 1), self.horizon), mission)[:, 0] * self.rice_rate
+        seen = fine.mean(axis=-1)
+        errors = np.maximum(errors, np.abs(statistic(seen + (first - seen) / crossings) - values))
         # a cubic between samples misses peaks at an order of 2 at least
         bias = np.abs(statistic(coarse.mean(axis=-1)) - values) / 3.0
         how = f"{paths} paths of {self.ages.shape[-1]} crossings; bias from half the sampling"
@@ -143,13 +156,16 @@ class FirstCrossings:
     def _path_means(self, stride: int, mission: float) -> Vector:
         """(3, levels, paths): nu times the integrals of G from 0 to min(horizon, mission) and over
         the second half of the horizon, and of the first of these over the second half."""
-        ages = self.ages[stride].astype(float)
+        integrals = self._integrals(self.ages[stride].astype(float), mission).mean(axis=-1)
+        return np.asarray(np.einsum("sl,islp->ilp", self.rice_rates, integrals))
+
+    def _integrals(self, ages: Vector, mission: float) -> Vector:
+        """The three of `_path_means` for crossings of these ages, over nu."""
         first, last = self.horizon / 2.0, self.horizon
         late = np.maximum(ages - first, 0.0)
         # int_first^last min(age, t) dt
         area = np.minimum(ages, first) * (last - first) + late * (last - first) - 0.5 * late**2
-        integrals = np.stack([np.minimum(ages, mission), late, area]).mean(axis=-1)
-        return np.asarray(np.einsum("sl,islp->ilp", self.rice_rates, integrals))
+        return np.stack([np.minimum(ages, mission), late, area])
 
     def _rate(self, means: Vector) -> Vector:
         first, last = self.horizon / 2.0, self.horizon
@@ -222,29 +238,31 @@ def first_crossings(
     plan = crossing_plan(scene.model_copy(update={"impact_pairs": ()}))
     records = Records(plan, seed, below, above)
     workers = threads or len(os.sched_getaffinity(0))
-    started = time.perf_counter()
-    ages = np.empty(
-        (len(STRIDES), len(records.sides), len(above), 0, len(records.starts)), np.float32
-    )
+    ages: list[NDArray[np.float32]] = []
     paths = max(FEWEST_PATHS, plan.block)
     with ThreadPoolExecutor(workers) as pool:
+        ages.append(records.ages(0))
+        started = time.perf_counter()  # compilation is over
         while True:
-            blocks = range(ages.shape[3], paths, plan.block)
-            ages = np.concatenate([ages, *pool.map(records.ages, blocks)], axis=3)
-            if not started:
-                started = time.perf_counter()  # compilation is over
-            found = records.found(ages)
+            # a long block takes seconds: the clock is looked at whenever each thread has done one
+            while (done := len(ages) * plan.block) < paths:
+                late = budget is not None and time.perf_counter() - started > budget
+                if late and done >= LEAST_PATHS:
+                    break
+                last = min(paths, done + workers * plan.block)
+                ages += pool.map(records.ages, range(done, last, plan.block))
+            found = records.found(np.concatenate(ages, axis=3))
             error = largest_error(found, mission)
             elapsed = time.perf_counter() - started
             if progress:
-                progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{paths} paths")
+                progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{done} paths")
             if error <= rel_error or (budget is not None and elapsed > 0.5 * budget):
                 return found
             growth = min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0)
             if budget is not None and elapsed > 0.0:
                 # in the time that is left, and the time that is there now is what there will be
                 growth = min(growth, max(budget / elapsed, 1.25))
-            paths = plan.block * math.ceil(growth * ages.shape[3] / plan.block)
+            paths = plan.block * math.ceil(growth * len(ages))
 
 
 def _levels(
@@ -267,10 +285,15 @@ def _levels(
     return above, below
 
 
-def crossing_plan(scene: Scene) -> TabulatedPlan:
+def crossing_plan(scene: Scene, horizons: float = 1.0) -> TabulatedPlan:
     """Synthesis of the response without stops, sampled finely enough for its peaks.
 
-    Raises `NotApplicable` if it is not a stationary Gaussian process of one oscillator.
+    A block repeats itself: it is made so long that so many `horizons` of the response, a narrow
+    one being remembered for longer than the structure says, fit into half of it. The response then
+    has the bandwidth of 12 bins at least (see `horizon_of`).
+
+    Raises `NotApplicable` if it is not a stationary Gaussian process of one oscillator, or too
+    narrow for any block.
     """
     unmet = [text for text in scene.beyond_one_oscillator() if "filtered" not in text]
     if unmet:
@@ -279,7 +302,33 @@ def crossing_plan(scene: Scene) -> TabulatedPlan:
         raise NotApplicable("first_crossings", ["excitation must contain noise"])
     plan = plan_tabulated(scene, None, None)
     period = 2.0 * math.pi / plan.system.omega
-    return plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
+    plan = plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
+    while horizons * horizon_of(plan) > 0.5 * plan.block_length:
+        if 2 * plan.samples > MOST_SAMPLES:
+            raise NotApplicable(
+                "first_crossings",
+                [
+                    "the input is too narrow to be resolved: its memory of "
+                    f"{horizon_of(plan):.3g} s or more does not fit into half a block of "
+                    f"{MOST_SAMPLES} samples"
+                ],
+            )
+        plan = plan.with_block(2.0 * plan.block_length)
+    return plan
+
+
+def horizon_of(plan: TabulatedPlan) -> float:
+    """Seconds after which the response of a plan has forgotten what it was.
+
+    From the integral of the squared correlation. With v_k the variances of the bins of a block of
+    length L, it is L / 4 times sum v_k^2 / (sum v_k)^2, one over the bandwidth in bins (Parseval).
+    """
+    variances = plan.amplitudes**2
+    bins = float(np.sum(variances) ** 2 / np.sum(variances**2))
+    relaxation = plan.warm_up / WARM_UP_RELAXATIONS
+    return max(
+        MEMORY_CORRELATIONS * plan.block_length / (4.0 * bins), MEMORY_RELAXATIONS * relaxation
+    )
 
 
 class Records:
@@ -303,7 +352,8 @@ class Records:
         correlation = _correlation(plan)
         self.displacement_std = math.sqrt(correlation[0, 0])
         self.velocity_std = math.sqrt(-correlation[0, 2])
-        self.count = self._horizon_samples(correlation[:, 0])
+        # a multiple of every stride
+        self.count = max(STRIDES) * math.ceil(horizon_of(plan) / plan.step / max(STRIDES))
         self.shape = np.column_stack(
             [
                 correlation[:, 0] / correlation[0, 0],
@@ -312,22 +362,12 @@ class Records:
                 correlation[:, 2] / correlation[0, 2],
             ]
         )
-        self.starts = np.arange(0, plan.samples - self.count, self.count)
+        self.starts = np.arange(0, max(plan.samples - self.count, 1), self.count)
 
     @property
     def horizon(self) -> float:
         """How far records look back, s."""
         return self.count * self.plan.step
-
-    def _horizon_samples(self, correlation: Vector) -> int:
-        """Samples to look back, a multiple of every stride."""
-        # over a whole block the square is integrated on both sides of 0
-        memory = 0.5 * self.plan.step * float(np.sum((correlation / correlation[0]) ** 2))
-        relaxation = self.plan.warm_up / WARM_UP_RELAXATIONS
-        horizon = max(MEMORY_CORRELATIONS * memory, MEMORY_RELAXATIONS * relaxation)
-        widest = max(STRIDES)
-        longest = self.plan.samples // 2
-        return widest * min(math.ceil(horizon / self.plan.step / widest), longest // widest)
 
     @property
     def rice_rates(self) -> Vector:

@@ -1,6 +1,8 @@
 """First crossings of Gaussian responses, against a deterministic solver and crude counting."""
 
 import math
+from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from stochvi import (
 )
 from stochvi.estimates import Estimate
 from stochvi.first_crossings import (
+    FEWEST_PATHS,
     FirstCrossings,
     Records,
     crossing_plan,
@@ -26,6 +29,8 @@ from stochvi.first_crossings import (
     first_crossings,
     largest_error,
 )
+from stochvi.monte_carlo.tabulated import plan_tabulated
+from stochvi.spectra import squared_gain
 
 UNIT = Scene(
     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
@@ -40,7 +45,7 @@ TRUCK = Scene(
     structure=Isolator(frequency_hz=12.0, zeta=0.1),
     excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
 )
-MISSION = 10.0
+MISSION, HOUR = 10.0, 3600.0
 
 
 @pytest.fixture(scope="module")
@@ -210,3 +215,71 @@ def test_what_is_not_covered_says_why() -> None:
 def test_a_budget_that_ends_leaves_larger_errors() -> None:
     found = first_crossings(UNIT, [2.0], mission=10.0, rel_error=1e-5, budget=1e-3)
     assert 1e-5 < largest_error(found, 10.0) < 0.1
+
+
+def narrow(half_width: float) -> Scene:
+    """A mount of 1 Hz that forgets in a third of a second, on an input that does not."""
+    table = TabulatedNoise(
+        frequency_hz=[1.0 - half_width, 1.0 + half_width],
+        density=[0.01, 0.01],
+        unit="g2/Hz",
+        on="base",
+    )
+    return Scene(structure=Isolator(frequency_hz=1.0, zeta=0.5), excitations=[table])
+
+
+def envelope_rate(scene: Scene, level: float) -> float:
+    """Upcrossings of `level` standard deviations by the envelope, s_w u exp(-u^2 / 2) / sqrt(2 pi)
+    with s_w the standard deviation of the angular frequency in the response density."""
+    system = scene.system()
+    frequency = np.linspace(*system.tables[0].frequency_hz, 2001)
+    weight = squared_gain(frequency, system.omega, system.damping_rate)
+    weight /= weight.sum()
+    omega = 2.0 * np.pi * frequency
+    spread = math.sqrt(np.sum(weight * (omega - np.sum(weight * omega)) ** 2))
+    return spread / math.sqrt(2.0 * math.pi) * level * math.exp(-0.5 * level**2)
+
+
+def test_an_input_narrower_than_the_mount_is_remembered_for_as_long_as_it_lasts() -> None:
+    """Bursts are then excursions of the envelope, of some 14 crossings at 5 sigma each."""
+    scene = narrow(0.02)
+    short = plan_tabulated(scene, None, None)
+    assert short.block_length * 0.04 < 4.0  # bins
+    sigma = deviations(scene)[0]
+    found = first_crossings(scene, [5.0 * sigma], mission=HOUR, rel_error=0.05, seed=6)
+    # the squared correlation of a flat band is sinc^2 at its carrier: 1 / 4 over the bandwidth
+    assert found.horizon == pytest.approx(24.0 / (4.0 * 0.04), rel=0.05)
+    (rate,) = found.first_rate()
+    assert rate.standard_error < 0.1 * rate.value
+    assert_agrees(rate, envelope_rate(scene, 5.0))
+    for wrong in (0.05, 0.01):
+        with pytest.raises(AssertionError):
+            assert_agrees(rate, envelope_rate(narrow(wrong), 5.0))
+    with pytest.raises(AssertionError):
+        assert_agrees(rate, float(found.rice_rate[0]))
+
+
+def test_an_input_too_narrow_for_any_block_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stochvi.first_crossings.MOST_SAMPLES", 2**14)
+    crossing_plan(narrow(0.02))
+    with pytest.raises(NotApplicable, match="too narrow to be resolved: its memory of"):
+        crossing_plan(narrow(0.001))
+
+
+def test_where_no_crossing_was_a_first_one_the_chance_is_not_called_known(
+    unit: FirstCrossings,
+) -> None:
+    few = unit.ages[:, :, :, :32, :1]
+    none = replace(unit, ages=np.minimum(few, 2.0 * math.pi))
+    rate, chance = none.first_rate()[1], none.probability(HOUR)[1]
+    assert rate.value == 0.0
+    assert rate.standard_error == pytest.approx(none.rice_rate[1] / 32.0, rel=0.1)
+    assert chance.standard_error > chance.value
+    assert largest_error(none, HOUR) > 1.0 > largest_error(replace(unit, ages=few), HOUR)
+
+
+def test_a_long_block_is_timed_before_more_are_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = count()
+    monkeypatch.setattr("stochvi.first_crossings.time.perf_counter", lambda: float(next(seconds)))
+    found = first_crossings(UNIT, [2.0], mission=10.0, rel_error=1e-5, budget=0.5, threads=1)
+    assert found.ages.shape[3] == crossing_plan(UNIT).block < FEWEST_PATHS

@@ -13,6 +13,7 @@ from stochvi import (
     ImpactPair,
     Isolator,
     NotApplicable,
+    NotConverged,
     Oscillator,
     Restitution,
     Scene,
@@ -239,3 +240,55 @@ def test_what_cannot_be_kept_says_why() -> None:
     )
     with pytest.raises(NotApplicable, match="must contain noise"):
         size(still, probability=0.1)
+
+
+def test_where_the_stops_of_the_scene_stand_does_not_matter() -> None:
+    """Not even as near as a placeholder."""
+    wide, near = (
+        ten_hertz(0.05, HALF).model_copy(
+            update={"impact_pairs": (ImpactPair(lower=-place, upper=place, law=HALF),)}
+        )
+        for place in (1e-3, 1e-6)
+    )
+    one, two = (size(scene, probability=0.01, rel_error=0.2, seed=1) for scene in (wide, near))
+    assert one.clearance == two.clearance
+    assert one.three_sigma.hits == two.three_sigma.hits
+
+
+def test_a_motion_of_picometres_needs_as_many_sigma() -> None:
+    """At 200 dB less, sigma is below the tolerances by which roots are usually searched for."""
+    loud, faint = (
+        Scene(
+            structure=Isolator(frequency_hz=8.0, zeta=0.1),
+            excitations=[TabulatedNoise(profile="navmat-p-9492", level_db=level)],
+        )
+        for level in (0.0, -200.0)
+    )
+    one, two = (size(scene, probability=0.01, rel_error=0.2, seed=1) for scene in (loud, faint))
+    assert two.sigma < 2e-12 < one.sigma
+    for side in ("value", "lower", "upper"):
+        in_sigma = [getattr(found.clearance, side) / found.sigma for found in (one, two)]
+        assert in_sigma[1] == pytest.approx(in_sigma[0], rel=1e-6)
+
+
+def test_a_chance_is_told_where_hits_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = ten_hertz(0.05, HALF)
+    known = size(scene, probability=0.01, rel_error=0.2, seed=1)
+    bursts_only = {"by": known.simulated["by"].iloc[-1]}
+
+    def refuse(*_: object, **__: object) -> None:
+        raise NotConverged("budget of 0.3 s was too short for a single block of paths")
+
+    def pauseless(*_: object, **__: object) -> None:
+        raise NotApplicable("bursts", ["stops as near as these are hit without a pause"])
+
+    monkeypatch.setattr("stochvi.sizing.hits.bursts", pauseless)
+    simulated = size(scene, probability=0.01, rel_error=0.2, seed=1, budget=5.0)
+    assert bursts_only == {"by": "bursts"} != {"by": simulated.simulated["by"].iloc[-1]}
+    monkeypatch.setattr("stochvi.sizing.hits.simulate", refuse)
+    found = size(scene, probability=0.01, rel_error=0.2, seed=1)
+    assert found.clearance == known.clearance
+    assert found.three_sigma.hits is None and found.simulated.empty
+    assert list(found.simulated.columns) == list(known.simulated.columns)
+    assert sum("is not known: budget of 0.3 s" in text for text in found.warnings) == 2
+    json.dumps(found.to_dict(), allow_nan=False)

@@ -211,6 +211,10 @@ class TabulatedPlan:
         )
         return replace(self, system=system, beyond=beyond, samples=samples, bins=bins)
 
+    def with_block(self, length: float) -> TabulatedPlan:
+        """Paths of blocks of a chosen length, s, at the same sampling interval."""
+        return replace(self, block_length=length).with_step(self.step)
+
     def shortest(self) -> TabulatedPlan:
         """A block of few samples: enough to have the kernels compiled."""
         return replace(self, samples=32, blocks_per_path=1)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stochvi.bursts import UNFINISHED, WINDOW_RELAXATIONS, bursts
-from stochvi.errors import NotConverged
+from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Estimate, Response
-from stochvi.first_crossings import MEMORY_RELAXATIONS, crossing_plan
+from stochvi.first_crossings import MEMORY_RELAXATIONS, crossing_plan, deviations
 from stochvi.monte_carlo import simulate
 from stochvi.monte_carlo.kernels.compliant_response import EXTREMES
 from stochvi.scenes import ImpactPair, Scene
@@ -75,10 +75,13 @@ class Hits:
         return self.tried[clearance]
 
     def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
-        """None if bursts do not end."""
-        found = bursts(
-            scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
-        )
+        """None if bursts do not end, or are not told apart."""
+        try:
+            found = bursts(
+                scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
+            )
+        except NotApplicable:
+            return None
         if not found.apart:
             return None
         return Tried(
@@ -120,6 +123,7 @@ def compile_kernels(scene: Scene) -> None:
     """Have the kernels compiled that will be needed, before the clock starts."""
     if not scene.impact_pairs or scene.beyond_one_oscillator():
         return
-    plan = crossing_plan(scene).shortest()
+    free = scene.model_copy(update={"impact_pairs": ()})
+    plan = crossing_plan(at_clearance(scene, 3.0 * deviations(free)[0])).shortest()
     plan.averages(0, 0, 2, None, np.zeros((2, EXTREMES)))
     plan.averages(0, 0, 2)

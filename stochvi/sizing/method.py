@@ -28,7 +28,7 @@ from stochvi.monte_carlo.runs import Progress
 from stochvi.notes import scene_notes
 from stochvi.scenes import LARGEST_NUMBER, Scene
 from stochvi.sizing.answer import Clearance, Sizing, Target, ThreeSigma
-from stochvi.sizing.hits import Hits, at_clearance, compile_kernels
+from stochvi.sizing.hits import Hits, Tried, at_clearance, compile_kernels
 from stochvi.sizing.risk_curve import CERTAIN, RiskCurve, half_width
 
 if TYPE_CHECKING:
@@ -61,6 +61,12 @@ CLOSE = 0.02
 LEAST_SECONDS = 0.3
 """What any calculation gets, even when the budget is over."""
 
+SHARE_OF_HITS = 0.4
+"""Of the budget, kept for what hits are like."""
+
+UNKNOWN = 1.0
+"""A relative error of the chance of a hit beyond which no clearance can be told."""
+
 SHARE_OF_A_CLEARANCE = 4.0
 """A clearance that is tried on the way gets this part of the time that is left."""
 
@@ -82,6 +88,12 @@ BY_BURSTS = (
     "bursts of hits simulated with the stop law from first hits on; fast first hits drawn more "
     "often, and weighted"
 )
+
+SIMULATED = (
+    "clearance", "clearance_in_sigma", "hit_rate", "hit_rate_low", "hit_rate_high",
+    "hits_per_first_hit", "impact_speed_mean", "by",
+)  # fmt: skip
+"""Columns of `Sizing.simulated`."""
 
 PUMPED, MORE_THAN_RICE = 3.0, 1.5
 """Hits that a first hit leads to, and hits over those by Rice, from which a warning is due."""
@@ -245,10 +257,15 @@ class _Job:
             rel_error=rel_error,
             seed=seed,
             threads=threads,
-            budget=budget,
+            budget=budget * (1.0 - SHARE_OF_HITS if scene.impact_pairs else 1.0),
         )
         self.sigma = self.curve.crossings.displacement_std
         reached = largest_error(self.curve.crossings, mission)
+        if reached > UNKNOWN:
+            raise NotConverged(
+                f"the budget of {budget:g} s ended at a relative error of {reached:.2g} of the "
+                "chance of a hit: hardly any first hit was seen; raise budget"
+            )
         if reached > rel_error:
             self.warnings.append(
                 f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"
@@ -282,7 +299,7 @@ class _Job:
         three = self._three_sigma()
         if self.scene.impact_pairs:
             self.report(0.9, "recommended clearance")
-            self.hits.at(clearance.value)
+            self._hits_beside(clearance.value)
         self._warn(clearance.value)
         crossings = self.curve.crossings
         return Sizing(
@@ -435,11 +452,21 @@ class _Job:
             )
         return found.exceedance_rate(name, limit)
 
+    def _hits_beside(self, clearance: float) -> Tried | None:
+        """Hits that the answer does not rest on: None, and a warning, where they are not found."""
+        try:
+            return self.hits.at(clearance)
+        except (NotApplicable, NotConverged) as reason:
+            self.warnings.append(
+                f"what hits are like at {1e3 * clearance:.4g} mm is not known: {reason}"
+            )
+            return None
+
     def _three_sigma(self) -> ThreeSigma:
         self.report(0.7, "three sigma")
         clearance = 3.0 * self.sigma
         index = int(np.argmin(np.abs(self.curve.clearances - clearance)))
-        tried = self.hits.at(clearance) if self.scene.impact_pairs else None
+        tried = self._hits_beside(clearance) if self.scene.impact_pairs else None
         return ThreeSigma(
             clearance=clearance,
             probability=self.curve.probabilities[index],
@@ -469,7 +496,7 @@ class _Job:
     def _simulated(self) -> pd.DataFrame:
         import pandas as pd
 
-        rows = []
+        rows: list[dict[str, float | str | None]] = []
         for clearance, tried in sorted(self.hits.tried.items()):
             rate, speed = tried.hit_rate, tried.impact_speed_mean
             unseen = rate.upper_95 is not None
@@ -485,7 +512,7 @@ class _Job:
                     "by": "simulation" if tried.response else "bursts",
                 }
             )
-        return pd.DataFrame(rows)
+        return pd.DataFrame(rows, columns=list(SIMULATED))
 
     def _warn(self, clearance: float) -> None:
         """What a reader must know before believing the numbers."""
@@ -537,8 +564,9 @@ def _widening(scene: Scene, target: Target, velocity_std: float, clearance: floa
         left = max(target.value - system.omega**2 * clearance, 0.1 * target.value)
         softest = next(law for law in system.laws if isinstance(law, CompliantLaw))
         # forces are per unit mass here
+        low = 1e-9 * velocity_std
         speed = float(
-            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, 1e-9 * velocity_std, 1e6)
+            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, low, 1e6, xtol=low)
         )
     return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
 

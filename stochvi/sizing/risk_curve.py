@@ -61,7 +61,7 @@ class RiskCurve:
             raise ValueError(
                 f"a chance of {probability:g} needs a clearance beyond {low:.3g} to {high:.3g} m"
             )
-        value = float(brentq(lambda c: curve(c) - wanted, low, high, rtol=1e-12))
+        value = float(brentq(lambda c: curve(c) - wanted, low, high, xtol=1e-12 * low, rtol=1e-12))
         step = 1e-3 * self.crossings.displacement_std
         inside = min(max(value, low + step), high - step)
         slope = (curve(inside + step) - curve(inside - step)) / (2.0 * step)

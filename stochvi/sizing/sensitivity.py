@@ -245,8 +245,12 @@ def _not_gaussian(sizing: Sizing, seed: int, threads: int | None) -> list[dict[s
     top = old
     while slow_bursts(curve, top, KURTOSIS, mission) > wanted:
         top *= 1.5
-    needed = brentq(
-        lambda c: slow_bursts(curve, c, KURTOSIS, mission) - wanted, 0.5 * old, top, rtol=1e-6
+    # in sigma: the absolute tolerance of the search has no unit then
+    needed = sigma * brentq(
+        lambda u: slow_bursts(curve, u * sigma, KURTOSIS, mission) - wanted,
+        0.5 * old / sigma,
+        top / sigma,
+        rtol=1e-6,
     )
     change = f"input kurtosis {KURTOSIS:g} by slow bursts"
     chance = slow_bursts(curve, old, KURTOSIS, mission)
