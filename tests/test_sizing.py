@@ -2,6 +2,7 @@
 
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from stochvi import (
     ImpactPair,
     Isolator,
     NotApplicable,
+    NotConverged,
     Oscillator,
     Restitution,
     Scene,
@@ -21,6 +23,7 @@ from stochvi import (
     screen,
     simulate,
 )
+from stochvi.bursts import UNFINISHED, Bursts, bursts
 from stochvi.contacts import Law
 from stochvi.estimates import Estimate
 from stochvi.first_crossings import first_crossings
@@ -213,6 +216,46 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     assert found.clearance.lower == 0.0
     assert found.clearance.upper == found.clearance.value < 4.0 * found.sigma
     assert any("may do as well" in warning for warning in found.warnings)
+
+
+def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {"impact_speed": 0.3, "mission": 40.0, "exceedance": 0.1}
+    found = size(truck(HALF), **asked, rel_error=0.2, seed=4)
+    monkeypatch.setattr(Bursts, "unfinished", 2.0 * UNFINISHED)
+    with pytest.raises(NotConverged, match=r"had not ended after .* s: the chance") as refused:
+        size(truck(HALF), **asked, rel_error=0.2, seed=4)
+    assert refused.value.response.value == pytest.approx(found.clearance.value, rel=0.05)
+
+
+def test_the_bursts_of_a_pumped_mount_do_not_end() -> None:
+    """Where an impact speed of 0.5 m/s would be looked for; without this it seems to be found."""
+    pumped = Scene(
+        structure=Isolator(frequency_hz=8.0, zeta=0.1),
+        impact_pairs=[ImpactPair(lower=-0.92e-3, upper=0.92e-3, law=HALF)],
+        excitations=[TabulatedNoise(profile="navmat-p-9492")],
+    )
+    assert bursts(pumped, rel_error=0.5, budget=0.1).unfinished > UNFINISHED
+
+
+def test_a_chance_that_is_not_known_gives_no_clearance() -> None:
+    """Few bursts reach a limit, and where they are too few, their standard error is no guide."""
+    with pytest.raises(NotConverged, match=r"error of .* beyond the limit at 7.* 0.001 was asked"):
+        size(
+            truck(HALF), impact_speed=0.3, mission=40.0, exceedance=0.1, rel_error=1e-3,
+            budget=0.01, seed=4,
+        )  # fmt: skip
+
+
+def test_warnings_speak_of_the_answer_and_of_three_sigma_alone() -> None:
+    found = size(truck(HALF), rate=0.3, rel_error=1e-3, budget=0.01, seed=4)
+    places = [1e3 * place for place in (found.clearance.value, 3.0 * found.sigma)]
+    unknown = [text for text in found.warnings if "before the hits" in text]
+    assert len(unknown) == 2 < len(found.simulated)
+    for place in places:
+        assert any(f"at {place:.4g} mm" in text for text in unknown)
+    # the interval is that of what was reached
+    half = 0.5 * (found.clearance.upper - found.clearance.lower)
+    assert half > 2.0 * GAUSSIAN_95 * 1e-3 * found.sigma**2 / found.clearance.value
 
 
 def test_what_cannot_be_kept_says_why() -> None:
