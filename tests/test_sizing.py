@@ -30,6 +30,7 @@ from stochvi.first_crossings import first_crossings
 from stochvi.isolators import GAUSSIAN_95
 from stochvi.monte_carlo.kernels.compliant_response import EXTREMES, FASTEST
 from stochvi.monte_carlo.tabulated import plan_tabulated
+from stochvi.sizing.answer import spoken_percent
 from stochvi.sizing.method import Sizing, at_clearance, size
 
 HOUR = 3600.0
@@ -216,6 +217,20 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     assert found.clearance.lower == 0.0
     assert found.clearance.upper == found.clearance.value < 4.0 * found.sigma
     assert any("may do as well" in warning for warning in found.warnings)
+    chance = found.kept_with
+    assert chance is not None and chance.value == 0.0 and chance.upper_95 is not None
+    assert any(f"below {100.0 * chance.upper_95:.2g} %" in text for text in found.warnings)
+    verdict = found.verdict()
+    assert verdict.startswith(f"at most {1e3 * found.clearance.value:.4g} mm per side, ")
+    assert "any impact speed of 1 h exceeds 5 m/s is below 1 % (none of " in verdict
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["kept_with"]["value"] == 0.0
+
+
+def test_the_chance_that_is_kept_already_is_told_where_it_was_seen() -> None:
+    found = size(truck(HALF), impact_speed=0.5, exceedance=0.5, mission=60.0, rel_error=0.2)
+    assert found.kept_with is not None and found.kept_with.upper_95 is None
+    assert 0.0 < found.kept_with.value < 0.5
+    assert f"is below 50 % ({spoken_percent(found.kept_with.value)})" in found.verdict()
 
 
 def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:

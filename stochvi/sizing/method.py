@@ -205,6 +205,7 @@ class _Job:
         self.budget = budget
         self.warnings: list[str] = []
         self.unfinished: dict[float, str] = {}
+        self.kept_with: Estimate | None = None
         if target.name != "probability":
             check_laws(scene, target)
         compile_kernels(scene)
@@ -273,6 +274,7 @@ class _Job:
             },
             screening=_screening(self.scene),
             method=method,
+            kept_with=self.kept_with,
             warnings=tuple(dict.fromkeys(self.warnings)),
             cost=Cost(
                 wall_time=time.perf_counter() - self.started,
@@ -310,7 +312,8 @@ class _Job:
         slope = -1.0 / (2.0 * self.sigma**2)
         for attempt in range(MOST_CLEARANCES):
             self.report(0.1 + 0.05 * attempt, f"{1e3 * place:.4g} mm")
-            excess, tolerance = _excess(risk(place, ROUGHLY * self.rel_error), wanted)
+            roughly = risk(place, ROUGHLY * self.rel_error)
+            excess, tolerance = _excess(roughly, wanted)
             if abs(excess) <= max(tolerance, CLOSE):
                 found = risk(place, self.rel_error)
                 excess, _ = _excess(found, wanted)
@@ -321,7 +324,7 @@ class _Job:
             if above and below and above[0] < below[0] and math.isfinite(below[1]):
                 slope = (below[1] - above[1]) / (below[0] - above[0])
             if excess < 0.0 and place <= self._least * (1.0 + CLOSE):
-                return self._already_kept(place)
+                return self._already_kept(place, roughly)
             place = math.sqrt(self._next(above, below, point))
         raise NotConverged(
             f"no clearance was found in {MOST_CLEARANCES} tries for {self.target.name} = "
@@ -386,7 +389,7 @@ class _Job:
         meet = [self.curve.first_rate(c) * self.hits.window > MOST_OVERLAP for c in clearances]
         return float(clearances[int(np.flatnonzero(meet)[-1]) + 1] if any(meet) else clearances[0])
 
-    def _already_kept(self, place: float) -> Clearance:
+    def _already_kept(self, place: float, rate: Estimate) -> Clearance:
         """Where the smallest clearance that is tried keeps the target with a margin."""
         target = self.target
         self.warnings += [self.unfinished[place]] if place in self.unfinished else []
@@ -399,6 +402,13 @@ class _Job:
             f"a clearance below {1e3 * place:.4g} mm may do as well: there hits come without the "
             "pauses by which bursts are told apart, and no chance can be calculated"
         )
+        self.kept_with = _chance(rate, self.mission)
+        if self.kept_with.upper_95 is not None:
+            self.warnings.append(
+                f"{self.kept_with.how} exceeds the limit at {1e3 * place:.4g} mm, though fast "
+                "first hits were drawn more often; their number alone says, at 95 %, that the "
+                f"chance is below {100.0 * self.kept_with.upper_95:.2g} %"
+            )
         return Clearance(value=place, lower=0.0, upper=place)
 
     def _first_guess(self, wanted: float) -> float:
@@ -517,6 +527,13 @@ def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
     if not found.value:
         return -math.inf, 0.0
     return math.log(found.value / wanted), found.standard_error / found.value
+
+
+def _chance(rate: Estimate, mission: float) -> Estimate:
+    """That something of this rate happens in a mission, 1 - exp(-rate mission)."""
+    value = -math.expm1(-rate.value * mission)
+    upper = None if rate.upper_95 is None else -math.expm1(-rate.upper_95 * mission)
+    return replace(_times(rate, mission * (1.0 - value)), value=value, upper_95=upper)
 
 
 def _times(estimate: Estimate, factor: float) -> Estimate:
