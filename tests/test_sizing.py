@@ -89,6 +89,33 @@ def test_the_chance_at_the_clearance_is_the_one_asked_for(hourly: Sizing) -> Non
         assert_agrees(both, 0.01 * math.exp(0.05 * 5.6))  # at a clearance 0.05 sigma less
 
 
+@pytest.mark.parametrize("wanted", [0.95, 0.999])
+def test_a_chance_near_certainty_has_a_clearance_too(wanted: float) -> None:
+    """Other random numbers find the same mean number of bursts there, -ln(1 - P)."""
+    sized = size(ten_hertz(0.05), probability=wanted, seed=1)
+    c = sized.clearance
+    (rate,) = first_crossings(
+        ten_hertz(0.05), [c.value], mission=HOUR, rel_error=0.02, seed=78
+    ).first_rate()
+    slope = c.value / sized.sigma**2
+    half = 0.5 * (c.upper - c.lower)
+    both = Estimate(
+        value=rate.value * HOUR,
+        standard_error=HOUR
+        * math.hypot(rate.standard_error, half / GAUSSIAN_95 * slope * rate.value),
+        bias=HOUR * (rate.bias or 0.0),
+    )
+    assert_agrees(both, -math.log1p(-wanted))
+    with pytest.raises(AssertionError):
+        assert_agrees(both, -math.log1p(-wanted) * math.exp(0.2 * sized.sigma * slope))
+    assert half < 0.05 * sized.sigma
+
+
+def test_a_mission_too_short_for_a_chance_says_so() -> None:
+    with pytest.raises(ValueError, match=r"probability of 0.95 in 0.05 s .* clearance below"):
+        size(ten_hertz(0.05), probability=0.95, mission=0.05)
+
+
 def test_three_sigma_is_judged(hourly: Sizing) -> None:
     three = hourly.three_sigma
     assert three.rice_hits == pytest.approx(2.0 * 36000.0 * math.exp(-4.5), rel=1e-4)
