@@ -49,6 +49,9 @@ FAR, DOUBT = 2.0, 4.0
 FEWEST_WITH_BURSTS = 8
 """Paths of which some crossing must be a first hit, for a standard error."""
 
+UNSEEN_95 = -math.log(0.05)
+"""Expected number above which, at 95 %, something is seen."""
+
 FLOWN_TOGETHER = 128
 """Bursts in one call of the engine."""
 
@@ -130,6 +133,7 @@ class Bursts:
         mean of `what` in that time, such times begin once in 1 / lambda + d seconds (renewal), and
         the rate is lambda m / (1 + lambda d). The window w holds m (1 + lambda (w - d)) of it, to
         first order in lambda: together lambda mean / (1 + lambda w). The bias states all of that.
+        What no burst has, has each of them as if it were the one of the largest weight.
         """
         mean = self._mean(what)
         rate = self.first_rate.value / (1.0 + self.overlap)
@@ -138,6 +142,10 @@ class Bursts:
             self.first_rate.standard_error / self.first_rate.value,
             mean.standard_error / mean.value if mean.value else 0.0,
         )
+        if not value:
+            most = UNSEEN_95 * float(self.weight.max() / self.weight.sum())
+            how = f"none of {len(self.path)} bursts"
+            return Estimate(value=0.0, bias=None, how=how, upper_95=self.first_rate.value * most)
         known = (self.first_rate.bias or 0.0) / self.first_rate.value
         return Estimate(
             value=value,

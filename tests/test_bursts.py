@@ -189,3 +189,13 @@ def test_a_contact_gives_its_largest_acceleration_and_integrals() -> None:
 def test_stops_must_lie_beyond_the_mean_position() -> None:
     with pytest.raises(NotApplicable, match="needs a stop"):
         bursts(unit(4.0, Restitution(coefficient=1.0), lower=0.5))
+
+
+def test_what_no_burst_does_has_the_limit_of_so_many_trials() -> None:
+    """Where all weigh the same, q with (1 - q)^n = 0.05."""
+    found = bursts(unit(4.5, Restitution(coefficient=0.5)), rel_error=0.1, seed=5)
+    never = found.exceedance_rate("impact_speed", 100.0)
+    assert never.value == 0.0 and never.upper_95 is not None
+    exact_limit = 1.0 - 0.05 ** (1.0 / len(found.path))
+    assert never.upper_95 == pytest.approx(found.first_rate.value * exact_limit, rel=1e-2)
+    assert found.exceedance_rate("impact_speed", 0.1).upper_95 is None

@@ -30,14 +30,16 @@ from stochvi import (
     screen,
 )
 from stochvi.contacts import ForceTable, Law, Viscoelastic
+from stochvi.estimates import Estimate
 from stochvi.report.inputs import environment, gap, mount
 from stochvi.report.pages import Fact, Grid, Page, Picture, Section, shown
 from stochvi.report.plots import frequencies, input_density, plot_input, transmissibility
 from stochvi.report.stops import hit_on_mount, probability_at, probability_of_stops
 from stochvi.report.tolerances import within_tolerances
+from stochvi.report.words import G
 from stochvi.report.write import clearance_page, write_report
 from stochvi.scenes import System
-from stochvi.sizing.answer import Sizing, spoken_percent
+from stochvi.sizing.answer import Sizing, Target, spoken_percent
 from stochvi.sizing.sensitivity import variations
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
@@ -309,6 +311,21 @@ def test_sag_moves_the_stops_and_is_told(sizing: Sizing) -> None:
     assert "for information" in facts(mount(scene_between_stops(None, TRUCK, plain)))[
         "Static sag under 1 g"
     ][1]  # fmt: skip
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_cards_tell_the_limit_that_is_kept(sizing: Sizing) -> None:
+    target = Target(name="peak_acceleration", value=30.0 / G, unit="m/s^2", exceedance=0.01)
+    found = replace(sizing, target=target)
+    cards = {card.name: card for card in clearance_page(found).cards}
+    assert cards["Chance of exceeding 30 g in 1 h"].value == "1 %"
+    kept = replace(found, kept_with=Estimate(value=0.0, upper_95=0.1, how="none of 9 bursts"))
+    page = clearance_page(kept)
+    cards = {card.name: card for card in page.cards}
+    assert cards["Chance of exceeding 30 g in 1 h"].value == "below 1 %"
+    assert cards["Clearance per side"].value.startswith("at most ")
+    assert "95 %" not in cards["Clearance per side"].remark
+    assert "already there" in page.verdict and "none of 9 bursts" in page.verdict
 
 
 @pytest.mark.usefixtures("no_pictures")

@@ -2,6 +2,7 @@
 
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,12 +23,14 @@ from stochvi import (
     screen,
     simulate,
 )
+from stochvi.bursts import UNFINISHED, Bursts, bursts
 from stochvi.contacts import Law
 from stochvi.estimates import Estimate
 from stochvi.first_crossings import first_crossings
 from stochvi.isolators import GAUSSIAN_95
 from stochvi.monte_carlo.kernels.compliant_response import EXTREMES, FASTEST
 from stochvi.monte_carlo.tabulated import plan_tabulated
+from stochvi.sizing.answer import spoken_percent
 from stochvi.sizing.method import Sizing, at_clearance, size
 
 HOUR = 3600.0
@@ -84,6 +87,33 @@ def test_the_chance_at_the_clearance_is_the_one_asked_for(hourly: Sizing) -> Non
     assert_agrees(both, 0.01)
     with pytest.raises(AssertionError):
         assert_agrees(both, 0.01 * math.exp(0.05 * 5.6))  # at a clearance 0.05 sigma less
+
+
+@pytest.mark.parametrize("wanted", [0.95, 0.999])
+def test_a_chance_near_certainty_has_a_clearance_too(wanted: float) -> None:
+    """Other random numbers find the same mean number of bursts there, -ln(1 - P)."""
+    sized = size(ten_hertz(0.05), probability=wanted, seed=1)
+    c = sized.clearance
+    (rate,) = first_crossings(
+        ten_hertz(0.05), [c.value], mission=HOUR, rel_error=0.02, seed=78
+    ).first_rate()
+    slope = c.value / sized.sigma**2
+    half = 0.5 * (c.upper - c.lower)
+    both = Estimate(
+        value=rate.value * HOUR,
+        standard_error=HOUR
+        * math.hypot(rate.standard_error, half / GAUSSIAN_95 * slope * rate.value),
+        bias=HOUR * (rate.bias or 0.0),
+    )
+    assert_agrees(both, -math.log1p(-wanted))
+    with pytest.raises(AssertionError):
+        assert_agrees(both, -math.log1p(-wanted) * math.exp(0.2 * sized.sigma * slope))
+    assert half < 0.05 * sized.sigma
+
+
+def test_a_mission_too_short_for_a_chance_says_so() -> None:
+    with pytest.raises(ValueError, match=r"probability of 0.95 in 0.05 s .* clearance below"):
+        size(ten_hertz(0.05), probability=0.95, mission=0.05)
 
 
 def test_three_sigma_is_judged(hourly: Sizing) -> None:
@@ -214,6 +244,60 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     assert found.clearance.lower == 0.0
     assert found.clearance.upper == found.clearance.value < 4.0 * found.sigma
     assert any("may do as well" in warning for warning in found.warnings)
+    chance = found.kept_with
+    assert chance is not None and chance.value == 0.0 and chance.upper_95 is not None
+    assert any(f"below {100.0 * chance.upper_95:.2g} %" in text for text in found.warnings)
+    verdict = found.verdict()
+    assert verdict.startswith(f"at most {1e3 * found.clearance.value:.4g} mm per side, ")
+    assert "any impact speed of 1 h exceeds 5 m/s is below 1 % (none of " in verdict
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["kept_with"]["value"] == 0.0
+
+
+def test_the_chance_that_is_kept_already_is_told_where_it_was_seen() -> None:
+    found = size(truck(HALF), impact_speed=0.5, exceedance=0.5, mission=60.0, rel_error=0.2)
+    assert found.kept_with is not None and found.kept_with.upper_95 is None
+    assert 0.0 < found.kept_with.value < 0.5
+    assert f"is below 50 % ({spoken_percent(found.kept_with.value)})" in found.verdict()
+
+
+def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {"impact_speed": 0.3, "mission": 40.0, "exceedance": 0.1}
+    found = size(truck(HALF), **asked, rel_error=0.2, seed=4)
+    monkeypatch.setattr(Bursts, "unfinished", 2.0 * UNFINISHED)
+    with pytest.raises(NotConverged, match=r"had not ended after .* s: the chance") as refused:
+        size(truck(HALF), **asked, rel_error=0.2, seed=4)
+    assert refused.value.response.value == pytest.approx(found.clearance.value, rel=0.05)
+
+
+def test_the_bursts_of_a_pumped_mount_do_not_end() -> None:
+    """Where an impact speed of 0.5 m/s would be looked for; without this it seems to be found."""
+    pumped = Scene(
+        structure=Isolator(frequency_hz=8.0, zeta=0.1),
+        impact_pairs=[ImpactPair(lower=-0.92e-3, upper=0.92e-3, law=HALF)],
+        excitations=[TabulatedNoise(profile="navmat-p-9492")],
+    )
+    assert bursts(pumped, rel_error=0.5, budget=0.1).unfinished > UNFINISHED
+
+
+def test_a_chance_that_is_not_known_gives_no_clearance() -> None:
+    """Few bursts reach a limit, and where they are too few, their standard error is no guide."""
+    with pytest.raises(NotConverged, match=r"error of .* beyond the limit at 7.* 0.001 was asked"):
+        size(
+            truck(HALF), impact_speed=0.3, mission=40.0, exceedance=0.1, rel_error=1e-3,
+            budget=0.01, seed=4,
+        )  # fmt: skip
+
+
+def test_warnings_speak_of_the_answer_and_of_three_sigma_alone() -> None:
+    found = size(truck(HALF), rate=0.3, rel_error=1e-3, budget=0.01, seed=4)
+    places = [1e3 * place for place in (found.clearance.value, 3.0 * found.sigma)]
+    unknown = [text for text in found.warnings if "before the hits" in text]
+    assert len(unknown) == 2 < len(found.simulated)
+    for place in places:
+        assert any(f"at {place:.4g} mm" in text for text in unknown)
+    # the interval is that of what was reached
+    half = 0.5 * (found.clearance.upper - found.clearance.lower)
+    assert half > 2.0 * GAUSSIAN_95 * 1e-3 * found.sigma**2 / found.clearance.value
 
 
 def test_what_cannot_be_kept_says_why() -> None:

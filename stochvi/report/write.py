@@ -112,21 +112,12 @@ def clearance_page(
 
 
 def _cards(sizing: Sizing) -> list[Fact]:
-    three, c = sizing.three_sigma, sizing.clearance
+    three = sizing.three_sigma
     hits = "as if hits changed nothing" if three.hits is None else "with these stops"
     count = three.rice_hits if three.hits is None else three.hits.value
     return [
-        Fact(
-            "Clearance per side",
-            millimetres(c.value),
-            f"{limits_of(c.lower, c.upper)} (95 % of the calculation), "
-            f"{c.value / sizing.sigma:.2f} sigma, from the mean position",
-        ),
-        Fact(
-            f"Chance of any hit in {spoken_mission(sizing.mission)}",
-            _chance(probability_at(sizing, c.value)),
-            "at that clearance",
-        ),
+        _clearance_card(sizing),
+        _risk_card(sizing),
         Fact(
             "3 sigma would be",
             millimetres(three.clearance),
@@ -138,6 +129,31 @@ def _cards(sizing: Sizing) -> list[Fact]:
             f"{count_of(count)} hits expected in {spoken_mission(sizing.mission)}, {hits}",
         ),
     ]
+
+
+def _clearance_card(sizing: Sizing) -> Fact:
+    c = sizing.clearance
+    place = f"{c.value / sizing.sigma:.2f} sigma, from the mean position"
+    if sizing.kept_with is not None:
+        remark = f"the nearest stops that can be judged, {place}"
+        return Fact("Clearance per side", f"at most {millimetres(c.value)}", remark)
+    interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
+    return Fact("Clearance per side", millimetres(c.value), f"{interval}, {place}")
+
+
+def _risk_card(sizing: Sizing) -> Fact:
+    """Of the limit that is to be kept, or of any hit."""
+    target, mission = sizing.target, spoken_mission(sizing.mission)
+    if target.exceedance is None:
+        chance = _chance(probability_at(sizing, sizing.clearance.value))
+        return Fact(f"Chance of any hit in {mission}", chance, "at that clearance")
+    limit = target.in_g if target.name == "peak_acceleration" else target.limit
+    below = "below " if sizing.kept_with is not None else ""
+    return Fact(
+        f"Chance of exceeding {limit} in {mission}",
+        f"{below}{spoken_percent(target.exceedance)}",
+        "at that clearance",
+    )
 
 
 def _chance(probability: float | None) -> str:

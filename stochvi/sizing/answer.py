@@ -36,10 +36,24 @@ class Target:
     unit: str
     exceedance: float | None = None
 
+    @property
+    def limit(self) -> str:
+        """The value with its unit, in words; an acceleration in g as well."""
+        in_g = f" ({self.in_g})" if self.name == "peak_acceleration" else ""
+        return f"{self.value:.4g} {self.unit}{in_g}"
+
+    @property
+    def in_g(self) -> str:
+        """An acceleration in g, in words."""
+        return f"{self.value / STANDARD_GRAVITY:.4g} g"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Clearance:
-    """Metres per side from the mean position, and the 95 % interval of the calculation."""
+    """Metres per side from the mean position, and the 95 % interval of the calculation.
+
+    Where a smaller clearance may do as well (`Sizing.kept_with`), from 0 to the value.
+    """
 
     value: float
     lower: float
@@ -108,6 +122,9 @@ class Sizing:
         Linear screening; None where the scene is no isolator on a noisy base.
     method
         How the clearance was found, in words.
+    kept_with
+        Chance that the limit of the target is exceeded in the mission, where the clearance is the
+        smallest that can be judged and keeps the target with a margin; else None.
     """
 
     scene: Scene
@@ -122,18 +139,33 @@ class Sizing:
     evidence: Mapping[str, Response]
     screening: Screening | None
     method: str
+    kept_with: Estimate | None = None
     warnings: Sequence[str] = ()
     cost: Cost = field(default_factory=Cost)
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def verdict(self) -> str:
         """The answer in a sentence, then what three sigma would be."""
-        mm, c, three = 1e3, self.clearance, self.three_sigma
+        three = self.three_sigma
         return (
-            f"{mm * c.value:.4g} mm per side ({mm * c.lower:.4g} to {mm * c.upper:.4g} mm, 95 %), "
-            f"{c.value / self.sigma:.3g} sigma, {self._keeps()}; "
-            f"3 sigma = {mm * three.clearance:.4g} mm is hit with a chance of "
+            f"{self._answer()}; 3 sigma = {1e3 * three.clearance:.4g} mm is hit with a chance of "
             f"{spoken_percent(three.probability.value)} in {spoken_mission(self.mission)}"
+        )
+
+    def _answer(self) -> str:
+        """The clearance and what it keeps, in words."""
+        mm, c = 1e3, self.clearance
+        in_sigma = f"{c.value / self.sigma:.3g} sigma"
+        if self.kept_with is None:
+            interval = f"{mm * c.lower:.4g} to {mm * c.upper:.4g} mm, 95 %"
+            return f"{mm * c.value:.4g} mm per side ({interval}), {in_sigma}, {self._keeps()}"
+        target, chance = self.target, self.kept_with
+        assert target.exceedance is not None
+        found = spoken_percent(chance.value) if chance.value else f"{chance.how} does"
+        return (
+            f"at most {mm * c.value:.4g} mm per side, {in_sigma}: already there the chance that "
+            f"any {target.name.replace('_', ' ')} of {spoken_mission(self.mission)} exceeds "
+            f"{target.limit} is below {spoken_percent(target.exceedance)} ({found})"
         )
 
     def _keeps(self) -> str:
@@ -144,12 +176,9 @@ class Sizing:
         if target.name == "rate":
             return f"keeps the hits at {target.value:.3g} per second"
         assert target.exceedance is not None
-        limit = f"{target.value:.4g} {target.unit}"
-        if target.name == "peak_acceleration":
-            limit += f" ({target.value / STANDARD_GRAVITY:.4g} g)"
         return (
-            f"keeps every {target.name.replace('_', ' ')} of {mission} below {limit} but for a "
-            f"chance of {spoken_percent(target.exceedance)}"
+            f"keeps every {target.name.replace('_', ' ')} of {mission} below {target.limit} but "
+            f"for a chance of {spoken_percent(target.exceedance)}"
         )
 
     def to_frame(self) -> pd.DataFrame:
@@ -166,6 +195,7 @@ class Sizing:
             "mission": self.mission,
             "clearance": asdict(self.clearance),
             "clearance_in_sigma": self.clearance.value / self.sigma,
+            "kept_with": None if self.kept_with is None else self.kept_with.to_dict(),
             "sigma": self.sigma,
             "three_sigma": {
                 name: value.to_dict() if isinstance(value, Estimate) else value

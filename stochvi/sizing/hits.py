@@ -33,7 +33,10 @@ def at_clearance(scene: Scene, clearance: float) -> Scene:
 
 @dataclass(frozen=True, kw_only=True)
 class Tried:
-    """What hits are like at a clearance: by bursts, or by simulating everything."""
+    """What hits are like at a clearance: by bursts, or by simulating everything.
+
+    `unknown` says, in words, what the budget did not suffice for.
+    """
 
     clearance: float
     rel_error: float
@@ -41,13 +44,14 @@ class Tried:
     impact_speed_mean: Estimate | None
     hits_per_burst: float | None = None
     response: Response | None = None
+    unknown: str = ""
 
 
 @dataclass(kw_only=True)
 class Hits:
     """Hits of a scene at one clearance after the other, from the same random numbers.
 
-    `left` tells the seconds that a calculation may take; `warnings` takes up what went wrong.
+    `left` tells the seconds that a calculation may take.
     """
 
     scene: Scene
@@ -56,7 +60,6 @@ class Hits:
     seed: int
     threads: int | None
     left: Callable[[], float]
-    warnings: list[str]
     tried: dict[float, Tried] = field(default_factory=dict)
 
     @property
@@ -93,6 +96,7 @@ class Hits:
         )
 
     def _by_simulation(self, scene: Scene, clearance: float, rel_error: float) -> Tried:
+        unknown = ""
         try:
             response = simulate(
                 scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
@@ -101,7 +105,7 @@ class Hits:
             if reason.response is None:
                 raise
             response = reason.response
-            self.warnings.append(
+            unknown = (
                 f"the budget ended before the hits at {1e3 * clearance:.4g} mm were known to "
                 f"{rel_error:g}"
             )
@@ -116,6 +120,7 @@ class Hits:
             impact_speed_mean=speed if isinstance(speed, Estimate) else None,
             hits_per_burst=hit_rate.value / first if first else None,
             response=response,
+            unknown=unknown,
         )
 
 

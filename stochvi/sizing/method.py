@@ -16,20 +16,19 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import brentq
 
-from stochvi.bursts import UNFINISHED, bursts
-from stochvi.contacts import CompliantLaw
+from stochvi.bursts import FAR, UNFINISHED, bursts
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, provenance
 from stochvi.first_crossings import deviations, first_crossings, largest_error
 from stochvi.isolators import Screening, screen
 from stochvi.monte_carlo.runs import Progress
 from stochvi.notes import scene_notes
-from stochvi.scenes import LARGEST_NUMBER, Scene
+from stochvi.scenes import Scene
 from stochvi.sizing.answer import Clearance, Sizing, Target, ThreeSigma
 from stochvi.sizing.hits import Hits, Tried, at_clearance, compile_kernels
-from stochvi.sizing.risk_curve import CERTAIN, RiskCurve, half_width
+from stochvi.sizing.risk_curve import RiskCurve, half_width
+from stochvi.sizing.targets import check_laws, target_of, widening
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,14 +66,12 @@ SHARE_OF_HITS = 0.4
 UNKNOWN = 1.0
 """A relative error of the chance of a hit beyond which no clearance can be told."""
 
-SHARE_OF_A_CLEARANCE = 4.0
-"""A clearance that is tried on the way gets this part of the time that is left."""
+NEAR = math.log(FAR)
+"""Of a logarithm of a rate over the wanted one: from there the answer is extrapolated at most."""
 
-TYPICAL_SPEED = 1.25
-"""Rms velocities: half of the first hits are about as fast or faster."""
-
-WIDEST = 3.0
-"""Speeds are drawn from a law at most so much wider: weights grow with it."""
+SHARE_ON_THE_WAY, SHARE_OF_LAST = 4.0, 1.5
+"""A clearance that is tried on the way gets this part of the time that is left, and the one that
+the answer rests on gets this."""
 
 BY_FIRST_CROSSINGS = (
     "first crossings of the Gaussian response without stops (records around outcrossings); no "
@@ -133,12 +130,16 @@ def size(
     rel_error
         Relative standard error of the risk (chance, rate) at the clearance.
     budget
-        Seconds of wall time; where it ends first, the interval is wider and a warning says so.
+        Seconds of wall time; where it ends first, the interval of a probability or of a rate is
+        wider, and a warning says so.
 
     Raises
     ------
     NotApplicable
         If the scene is not covered, or no clearance keeps the target.
+    NotConverged
+        If the rate at which a speed or an acceleration is exceeded was not known to `rel_error` in
+        the budget, or bursts of hits do not end; `response` holds the `Clearance` it got to.
 
     Examples
     --------
@@ -152,7 +153,7 @@ def size(
     >>> round(sizing.clearance.value / sizing.sigma, 1)
     5.6
     """
-    target = _target(probability, rate, impact_speed, peak_acceleration, exceedance)
+    target = target_of(probability, rate, impact_speed, peak_acceleration, exceedance)
     for name, seconds in (("mission", mission), ("budget", budget)):
         if not 0.0 < seconds < math.inf:
             raise ValueError(f"{name} must be a positive number of seconds, got {seconds}")
@@ -160,36 +161,6 @@ def size(
         raise ValueError(f"rel_error must be in [1e-4, 1), got {rel_error}")
     job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
     return job.sizing()
-
-
-def _target(
-    probability: float | None,
-    rate: float | None,
-    impact_speed: float | None,
-    peak_acceleration: float | None,
-    exceedance: float,
-) -> Target:
-    known = {
-        "probability": (probability, "1"),
-        "rate": (rate, "1/s"),
-        "impact_speed": (impact_speed, "m/s"),
-        "peak_acceleration": (peak_acceleration, "m/s^2"),
-    }
-    given = [name for name, (value, _) in known.items() if value is not None]
-    if len(given) != 1:
-        raise ValueError(
-            f"give exactly one of {', '.join(known)}, got {' and '.join(given) or 'none'}"
-        )
-    name = given[0]
-    value, unit = known[name]
-    assert value is not None
-    if not 0.0 < value <= (CERTAIN if name == "probability" else LARGEST_NUMBER):
-        span = f"in (0, {CERTAIN:g}]" if name == "probability" else "positive"
-        raise ValueError(f"{name} must be {span}, got {value:g}")
-    if not 0.0 < exceedance < 1.0:
-        raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
-    limited = name in ("impact_speed", "peak_acceleration")
-    return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
 
 
 def risk_curve(
@@ -245,8 +216,10 @@ class _Job:
         self.report = progress or (lambda done, text: None)
         self.budget = budget
         self.warnings: list[str] = []
+        self.unfinished: dict[float, str] = {}
+        self.kept_with: Estimate | None = None
         if target.name != "probability":
-            _check_laws(scene, target)
+            check_laws(scene, target)
         compile_kernels(scene)
         self.started = time.perf_counter()
         self.report(0.0, "first crossings")
@@ -277,7 +250,6 @@ class _Job:
             seed=seed,
             threads=threads,
             left=lambda: self.left,
-            warnings=self.warnings,
         )
 
     @property
@@ -319,6 +291,7 @@ class _Job:
             },
             screening=_screening(self.scene),
             method=method,
+            kept_with=self.kept_with,
             warnings=tuple(dict.fromkeys(self.warnings)),
             cost=Cost(
                 wall_time=time.perf_counter() - self.started,
@@ -356,27 +329,55 @@ class _Job:
         slope = -1.0 / (2.0 * self.sigma**2)
         for attempt in range(MOST_CLEARANCES):
             self.report(0.1 + 0.05 * attempt, f"{1e3 * place:.4g} mm")
-            excess, tolerance = _excess(risk(place, ROUGHLY * self.rel_error), wanted)
+            roughly = risk(place, ROUGHLY * self.rel_error)
+            excess, tolerance = _excess(roughly, wanted)
             if abs(excess) <= max(tolerance, CLOSE):
-                break
+                found = risk(place, self.rel_error)
+                excess, _ = _excess(found, wanted)
+                if abs(excess) <= NEAR:
+                    return self._answer(place, found, excess, slope)
             point = (place**2, excess)
             above, below = (point, below) if excess > 0.0 else (above, point)
-            if above and below and math.isfinite(below[1]):
+            if above and below and above[0] < below[0] and math.isfinite(below[1]):
                 slope = (below[1] - above[1]) / (below[0] - above[0])
             if excess < 0.0 and place <= self._least * (1.0 + CLOSE):
-                return self._already_kept(place)
+                return self._already_kept(place, roughly)
             place = math.sqrt(self._next(above, below, point))
-        else:
-            raise NotConverged(
-                f"no clearance was found in {MOST_CLEARANCES} tries for {self.target.name} = "
-                f"{self.target.value:g}; raise budget or rel_error"
-            )
-        found = risk(place, self.rel_error)
-        excess, _ = _excess(found, wanted)
+        raise NotConverged(
+            f"no clearance was found in {MOST_CLEARANCES} tries for {self.target.name} = "
+            f"{self.target.value:g}; raise budget or rel_error"
+        )
+
+    def _answer(self, place: float, found: Estimate, excess: float, slope: float) -> Clearance:
+        """From a place next to it; refused where what is known there does not carry an answer.
+
+        A rate of hits is a mean, and a standard error that is larger than asked for widens the
+        interval. A rate of exceedances may rest on so few bursts that its standard error is too
+        small as well: then there is no interval to tell.
+        """
         per_metre = 2.0 * place * slope
         half = half_width(found) / found.value / abs(per_metre)
         value = place - excess / per_metre
-        return Clearance(value=value, lower=max(value - half, 0.0), upper=value + half)
+        answer = Clearance(value=value, lower=max(value - half, 0.0), upper=value + half)
+        if place in self.unfinished:
+            raise NotConverged(
+                f"{self.unfinished[place]}; size for a probability or a rate of hits instead",
+                answer,
+            )
+        error = found.standard_error / found.value
+        if error <= self.rel_error:
+            return answer
+        beyond = "" if self.target.exceedance is None else " beyond the limit"
+        reached = (
+            f"the budget ended at a relative error of {error:.2g} of the rate of hits{beyond} at "
+            f"{1e3 * place:.4g} mm"
+        )
+        if self.target.exceedance is not None:
+            raise NotConverged(
+                f"{reached}; {self.rel_error:g} was asked for: raise budget or rel_error", answer
+            )
+        self.warnings.append(reached)
+        return answer
 
     def _next(
         self,
@@ -405,9 +406,10 @@ class _Job:
         meet = [self.curve.first_rate(c) * self.hits.window > MOST_OVERLAP for c in clearances]
         return float(clearances[int(np.flatnonzero(meet)[-1]) + 1] if any(meet) else clearances[0])
 
-    def _already_kept(self, place: float) -> Clearance:
+    def _already_kept(self, place: float, rate: Estimate) -> Clearance:
         """Where the smallest clearance that is tried keeps the target with a margin."""
         target = self.target
+        self.warnings += [self.unfinished[place]] if place in self.unfinished else []
         if target.exceedance is None:
             raise NotApplicable(
                 "size",
@@ -417,6 +419,13 @@ class _Job:
             f"a clearance below {1e3 * place:.4g} mm may do as well: there hits come without the "
             "pauses by which bursts are told apart, and no chance can be calculated"
         )
+        self.kept_with = _chance(rate, self.mission)
+        if self.kept_with.upper_95 is not None:
+            self.warnings.append(
+                f"{self.kept_with.how} exceeds the limit at {1e3 * place:.4g} mm, though fast "
+                "first hits were drawn more often; their number alone says, at 95 %, that the "
+                f"chance is below {100.0 * self.kept_with.upper_95:.2g} %"
+            )
         return Clearance(value=place, lower=0.0, upper=place)
 
     def _first_guess(self, wanted: float) -> float:
@@ -440,16 +449,18 @@ class _Job:
             rel_error=rel_error,
             far_from=-math.log1p(-self.target.exceedance) / self.mission,
             wanted=lambda some: some.exceedance_rate(name, limit),
-            widening=_widening(scene, self.target, self.curve.crossings.velocity_std, clearance),
+            widening=widening(scene, self.target, self.curve.crossings.velocity_std, clearance),
             seed=self.seed,
             threads=self.threads,
-            budget=self.left / SHARE_OF_A_CLEARANCE,
+            budget=self.left / (SHARE_ON_THE_WAY if rel_error > self.rel_error else SHARE_OF_LAST),
         )
         if found.unfinished > UNFINISHED:
-            self.warnings.append(
+            self.unfinished[clearance] = (
                 f"bursts of hits at {1e3 * clearance:.4g} mm had not ended after "
                 f"{found.window:.3g} s: the chance of exceeding {name} is larger than calculated"
             )
+        else:
+            self.unfinished.pop(clearance, None)
         return found.exceedance_rate(name, limit)
 
     def _hits_beside(self, clearance: float) -> Tried | None:
@@ -525,6 +536,7 @@ class _Job:
             self.warnings.append("the scene has no stops, so what a hit leads to is not known")
         for place in (3.0 * self.sigma, clearance):
             tried = self.hits.tried.get(place)
+            self.warnings += [tried.unknown] if tried and tried.unknown else []
             if not tried or not tried.hits_per_burst:
                 continue
             over_rice = tried.hit_rate.value / self.curve.rice_rate(place)
@@ -544,6 +556,13 @@ def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
     return math.log(found.value / wanted), found.standard_error / found.value
 
 
+def _chance(rate: Estimate, mission: float) -> Estimate:
+    """That something of this rate happens in a mission, 1 - exp(-rate mission)."""
+    value = -math.expm1(-rate.value * mission)
+    upper = None if rate.upper_95 is None else -math.expm1(-rate.upper_95 * mission)
+    return replace(_times(rate, mission * (1.0 - value)), value=value, upper_95=upper)
+
+
 def _times(estimate: Estimate, factor: float) -> Estimate:
     """An estimate in another unit."""
     upper = None if estimate.upper_95 is None else factor * estimate.upper_95
@@ -554,37 +573,6 @@ def _times(estimate: Estimate, factor: float) -> Estimate:
         bias=None if estimate.bias is None else factor * estimate.bias,
         upper_95=upper,
     )
-
-
-def _widening(scene: Scene, target: Target, velocity_std: float, clearance: float) -> float:
-    """How much faster than usual first hits are to be drawn for the limit to be exceeded."""
-    system = scene.system()
-    speed = target.value
-    if target.name == "peak_acceleration":
-        left = max(target.value - system.omega**2 * clearance, 0.1 * target.value)
-        softest = next(law for law in system.laws if isinstance(law, CompliantLaw))
-        # forces are per unit mass here
-        low = 1e-9 * velocity_std
-        speed = float(
-            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, low, 1e6, xtol=low)
-        )
-    return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
-
-
-def _check_laws(scene: Scene, target: Target) -> None:
-    """Refuse what the stops of the scene cannot say."""
-    if not scene.impact_pairs:
-        raise NotApplicable("size", [f"{target.name} needs an impact_pair, for its law"])
-    rigid = [side for side, law in scene.impact_pairs[0].stops() if law.rigid]
-    if target.name == "peak_acceleration" and rigid:
-        raise NotApplicable(
-            "size",
-            [
-                f"peak_acceleration needs the stiffness of the stops, and the {rigid[0]} stop has "
-                "only a restitution (law.kind = 'restitution'); give an elastic, viscoelastic, "
-                "hertz or table law"
-            ],
-        )
 
 
 def _screening(scene: Scene) -> Screening | None:

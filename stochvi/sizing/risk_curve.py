@@ -23,7 +23,13 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 CERTAIN = 0.999
-"""Chance of a hit from which its logarithm says nothing more."""
+"""The largest chance of a hit that may be asked for."""
+
+KNOWN = 1.0 - 1e-12
+"""Chance of a hit up to which rounding leaves its logarithm four digits."""
+
+LIKELY = 0.5
+"""Chance from which its error follows from that of the rate of first hits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,9 +63,17 @@ class RiskCurve:
         usable, logs, errors = self._logarithms()
         curve = self._interpolated(usable, logs)
         low, high = self.clearances[usable][[0, -1]]
-        if not curve(low) >= wanted >= curve(high):
+        if wanted > curve(low):
             raise ValueError(
-                f"a chance of {probability:g} needs a clearance beyond {low:.3g} to {high:.3g} m"
+                f"probability of {probability:g} in {self.mission:g} s belongs to a clearance "
+                f"below {1e3 * low:.4g} mm, the smallest that is looked at "
+                f"({low / self.crossings.displacement_std:.3g} sigma); ask for a smaller "
+                "probability or a longer mission"
+            )
+        if wanted < curve(high):
+            raise ValueError(
+                f"probability of {probability:g} in {self.mission:g} s belongs to a clearance "
+                f"above {1e3 * high:.4g} mm, the largest that is looked at; ask for a larger one"
             )
         value = float(brentq(lambda c: curve(c) - wanted, low, high, xtol=1e-12 * low, rtol=1e-12))
         step = 1e-3 * self.crossings.displacement_std
@@ -92,13 +106,20 @@ class RiskCurve:
     def _logarithms(self) -> tuple[NDArray[np.bool_], Vector, Vector]:
         """Levels with a chance between 0 and 1, ln(-ln(1 - P)) there, and its 95 % half width."""
         chance = np.array([estimate.value for estimate in self.probabilities])
-        usable = (chance > 0.0) & (chance < CERTAIN)
+        usable = (chance > 0.0) & (chance < KNOWN)
         if usable.sum() < 2:
-            raise ValueError("the chance of a hit is 0 or 1 at all clearances that were tried")
+            raise ValueError(
+                f"the chance of a hit in {self.mission:g} s is 0 or 1 at all clearances that were "
+                "tried; change the mission"
+            )
         half = np.array([half_width(estimate) for estimate in self.probabilities])[usable]
+        of_rates = np.array([half_width(rate) / rate.value for rate in self.first_rates])[usable]
         chance = chance[usable]
         hazard = -np.log1p(-chance)
-        return usable, np.log(hazard), half / ((1.0 - chance) * hazard)
+        errors = half / ((1.0 - chance) * hazard)
+        # a chance is never told to be nearer to 1 than its paths show, but its rate is known there
+        errors = np.where(chance > LIKELY, np.minimum(errors, of_rates), errors)
+        return usable, np.log(hazard), errors
 
     def _interpolated(self, usable: NDArray[np.bool_], logs: Vector) -> Callable[[float], float]:
         expected = np.log([self.rice_rate(c) * self.mission for c in self.clearances[usable]])
