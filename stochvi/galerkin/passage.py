@@ -175,7 +175,7 @@ def first_passage(
     rtol
         Relative error to reach in every number, however small it is. A probability that is still
         below what lambda gives in t and three natural periods more is held to rtol of that; if it
-        is bound to be smaller (`passages_at_most`), that bound is the value and its bias.
+        cannot even reach the error allowed (`passages_at_most`), the bound is value and bias.
 
     Returns
     -------
