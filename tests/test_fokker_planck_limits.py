@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
-import numpy as np
-from known import oscillator
+from collections.abc import Callable
+from typing import Any
 
-from stochvi import ImpactPair, Restitution, Scene, fokker_planck_many
+import numpy as np
+import pytest
+from known import oscillator
+from statistical import assert_agrees
+
+from stochvi import (
+    ConstantLoad,
+    ImpactPair,
+    NonlinearOscillator,
+    NotConverged,
+    Restitution,
+    Scene,
+    WhiteNoise,
+    exact,
+    fokker_planck,
+    fokker_planck_many,
+)
 from stochvi.galerkin import accurate
 from stochvi.galerkin.field import Averages
 from stochvi.galerkin.motion import Motion, make_frame
@@ -70,4 +86,44 @@ def test_so_it_is_in_many_scenes_at_once() -> None:
         found = solved(leaning(place))
         for name in HITS:
             wrong = abs(getattr(batch.values, name)[k] - getattr(found, name))
-            assert 0.0 < wrong < getattr(batch.errors, name)[k]
+            assert wrong < getattr(batch.errors, name)[k]
+
+
+# Wells apart --------------------------------------------------------------------------------
+
+
+def wells(theta: float, load: float = 0.0) -> Scene:
+    """Two wells at -1 and 1, a barrier of 1/4 between them."""
+    return spring(lambda x: x**3 - x, theta, load)
+
+
+def spring(force: Callable[..., Any], theta: float, load: float = 0.0) -> Scene:
+    loads = [ConstantLoad(force=load)] if load else []
+    return Scene(
+        structure=NonlinearOscillator(mass=1.0, damping=0.1, restoring_force=force),
+        excitations=[WhiteNoise(intensity=0.2 * theta), *loads],
+    )
+
+
+def assert_as_exact(scene: Scene, rtol: float) -> None:
+    found, known = fokker_planck(scene, rtol=rtol).estimates(), exact(scene).estimates()
+    for name in ("displacement_mean", "displacement_std", "velocity_std"):
+        assert_agrees(found["x", name], known["x", name].value)
+
+
+@pytest.mark.parametrize(("theta", "load"), [(0.005, 0.0), (0.012, 0.01), (0.02, 0.0012)])
+def test_both_wells_are_found_behind_a_high_barrier(theta: float, load: float) -> None:
+    assert_as_exact(wells(theta, load), 0.01)
+
+
+def test_wells_of_unequal_depth_behind_a_barrier_out_of_numbers_are_refused() -> None:
+    with pytest.raises(NotConverged, match="wells are metastable"):
+        fokker_planck(wells(0.005, 0.001))
+
+
+def test_the_barrier_is_counted_from_the_shallower_well() -> None:
+    frame = make_frame(Motion(system=wells(0.02, 0.05).system()))
+    roots = np.sort(np.roots([1.0, 0.0, -1.0, -0.05]).real)
+    shallow, top, deep = roots**4 / 4.0 - roots**2 / 2.0 - 0.05 * roots
+    assert frame.barrier == pytest.approx((top - shallow) / 0.02, rel=1e-4)
+    assert frame.rare_energy == pytest.approx((top - deep) / 0.02, rel=1e-4)

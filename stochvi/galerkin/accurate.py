@@ -153,8 +153,8 @@ def _nearest(frame: Frame, stop: Stop) -> float:
 
 
 def _rarity(frame: Frame) -> float:
-    """Probability of energies above that of the nearest stop, by the weight."""
-    return math.exp(-frame.stop_energy)
+    """Probability of energies that must be resolved however rare they are, by the weight."""
+    return math.exp(-frame.rare_energy)
 
 
 MOTION = ("mean", "variance", "velocity_mean_square")
@@ -177,7 +177,7 @@ def _errors(field: Field, coarse: Averages, fine: Averages) -> Averages:
         bounds[contact] = max(bounds[contact], 2.0 * SAFETY * slow * getattr(sizes, contact))
     for name in (*MOTION, "upcrossing_rate"):
         bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
-    far = _unreached(field, fine.upcrossing_rate)
+    far = _unreached(field, fine.upcrossing_rate) | _misplaced(field.frame)
     return Averages(
         *(
             bounds[name] + FLOOR * abs(getattr(sizes, name)) + far.get(name, 0.0)
@@ -212,6 +212,21 @@ def _unreached(field: Field, crossing_rate: float) -> dict[str, float]:
             flux = abs(float(field.flux(nearest, stop.side, power)))
             found[f"{name}_{stop.name}"] = SAFETY * max(rice * factor, flux * falls)
     return found
+
+
+ROUNDING = 1e-15
+"""Probability that rounding makes or takes each time that the mass would cross from well to well;
+some five times that of the numbers."""
+
+
+def _misplaced(frame: Frame) -> dict[str, float]:
+    """What rounding leaves open of the shares of wells: it is as large as the rare crossings of a
+    high barrier, and moves probability from one well to another."""
+    if frame.barrier == 0.0:
+        return {}
+    share = min(ROUNDING * math.exp(frame.barrier), 1.0)
+    width = frame.right - frame.left
+    return {"mean": share * width, "variance": share * width**2}
 
 
 HITS = ("rate", "speed_rate", "speed_square_rate")
