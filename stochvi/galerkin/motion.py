@@ -263,6 +263,15 @@ class Motion:
             return far
         return float(brentq(above, near, far, xtol=1e-9 * abs(far - near)))
 
+    def open_ends(self, left: float, right: float, square: float) -> list[tuple[int, float, float]]:
+        """Side of each end without a wall, its place, and n of a law exp(-energy / square) that
+        falls as |x - start|^-n there."""
+        return [
+            (side, end, (self.start - end) * float(self.force(np.array(end))) / square)
+            for side, end in ((-1, left), (1, right))
+            if end != self.wall(side)
+        ]
+
     def _nodes(self, height: float) -> tuple[Array, Array, Array]:
         """Places, weights and energies above the lowest for integrals over x."""
         left, right = self.span(height)
@@ -418,6 +427,8 @@ def make_frame(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = ())
     energies = [heights[stop] / weight for stop in reached] or [0.0]
     reach = math.sqrt(REACH**2 + 2.0 * max(energies))
     left, right = motion.span(weight * reach**2 / 2.0)
+    if motion.system.restoring is not None:
+        _check_tails(motion, left, right, weight)
     barrier, top = _barrier(motion, left, right, weight)
     if top > max(energies):
         reach = math.sqrt(REACH**2 + 2.0 * top)
@@ -452,6 +463,22 @@ def make_frame(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = ())
         reached=reached,
         barrier=barrier,
     )
+
+
+HEAVIEST = 3.0
+"""Power with which a density must fall, and faster, for its variance to be finite."""
+
+
+def _check_tails(motion: Motion, left: float, right: float, weight: float) -> None:
+    for _, _, falls in motion.open_ends(left, right, weight):
+        if falls <= HEAVIEST:
+            raise NotApplicable(
+                "fokker-planck",
+                [
+                    "restoring_force must leave a finite variance, got a density that falls as "
+                    f"x^-{falls:.3g} far out, no faster than x^-3"
+                ],
+            )
 
 
 APART = (
