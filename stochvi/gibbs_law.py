@@ -374,13 +374,36 @@ class GibbsLaw:
     @cached_property
     def mean(self) -> float:
         """E x, m."""
-        return self.peak + self.expect(self._quadrature[0])
+        return self.peak + self.expect(self._quadrature[0]) + self._beyond(1)
 
     @cached_property
     def variance(self) -> float:
         """Variance of x, m^2."""
         offset = self._quadrature[0]
-        return self.expect((offset - self.expect(offset)) ** 2)
+        return self.expect((offset - self.expect(offset)) ** 2) + self._beyond(2)
+
+    def _beyond(self, power: int) -> float:
+        """What lies beyond the ends of the quadrature of E (x - peak)^power, of a density that
+        falls as |x - peak|^-n there: |x - peak|^(power + 1) p / (n - power - 1)."""
+        found = 0.0
+        for away, end, falls in self._open_ends() if self.spring else []:
+            x = abs(end - self.peak)
+            found += away**power * x ** (power + 1) * self.density_at(end) / (falls - power - 1.0)
+        return found
+
+    def _open_ends(self) -> list[tuple[float, float, float]]:
+        """Side of each end that is no rigid stop, its place, and n of p ~ |x - peak|^-n there."""
+        return [
+            (away, end, (end - self.peak) * float(self._pull(end)) / self.theta)
+            for away, stop in ((-1.0, self.lower), (1.0, self.upper))
+            if (end := self._outer(self.peak, away)) != stop
+        ]
+
+    @property
+    def heaviest(self) -> float:
+        """Least n of the powers |x|^-n with which the density of a spring that is a function falls
+        far out; its variance is finite above 3."""
+        return min((n for _, _, n in self._open_ends()), default=math.inf)
 
     @property
     def deviation(self) -> float:

@@ -20,6 +20,9 @@ from stochvi.scenes import Scene, System
 from stochvi.spectra import LinearMoments, response_moments
 from stochvi.structures import NonlinearOscillator
 
+HEAVIEST = 3.0
+"""Power with which a density must fall, and faster, for its variance to be finite."""
+
 
 def response(scene: Scene, started: float) -> Response:
     """The answer for a scene without unmet conditions."""
@@ -64,6 +67,13 @@ def unmet_conditions(scene: Scene) -> list[str]:
     if system.restoring is not None:
         if not unmet and not _held(system, _white_theta(system)):
             unmet.append("restoring_force must hold the mass where stops do not")
+        elif not unmet:
+            heaviest = _gibbs_law(system, _white_theta(system)).heaviest
+            if heaviest <= HEAVIEST:
+                unmet.append(
+                    "restoring_force must leave a finite variance, got a density that falls as "
+                    f"x^-{heaviest:.3g} far out, no faster than x^-3"
+                )
     elif system.omega == 0.0 and not _held(system, theta=1.0):
         unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
     return unmet

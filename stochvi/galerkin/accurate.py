@@ -75,15 +75,20 @@ def solve_accurately(
         slowest = SLOWEST[min(stage, len(SLOWEST) - 1)]
         patches = graded(frame, refined(frame, coarser.solved, patches), slowest)
         strips = makers.make(patches, _degrees(stage))
-        if answered is not None and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
+        if stage > 1 and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
             break
         try:
             field = _field(frame, strips, slowest)
         except np.linalg.LinAlgError:
             break
         found = field.averages(threshold)
+        if min(found.variance, found.velocity_mean_square) <= 0.0:
+            answered = None  # a mesh too coarse for a density; finer ones may do
+            continue
         errors = _errors(field, before, found)
         answered = Answered(field, found, errors, coarser)
+        if _cut(field)["variance"] > 2.0 * rtol * found.variance:
+            break  # no mesh holds more
         if worst(found, errors) <= rtol and vague(found, errors).isdisjoint(rates):
             break
     if answered is None:
@@ -153,8 +158,8 @@ def _nearest(frame: Frame, stop: Stop) -> float:
 
 
 def _rarity(frame: Frame) -> float:
-    """Probability of energies above that of the nearest stop, by the weight."""
-    return math.exp(-frame.stop_energy)
+    """Probability of energies that must be resolved however rare they are, by the weight."""
+    return math.exp(-frame.rare_energy)
 
 
 MOTION = ("mean", "variance", "velocity_mean_square")
@@ -177,7 +182,9 @@ def _errors(field: Field, coarse: Averages, fine: Averages) -> Averages:
         bounds[contact] = max(bounds[contact], 2.0 * SAFETY * slow * getattr(sizes, contact))
     for name in (*MOTION, "upcrossing_rate"):
         bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
-    far = _unreached(field, fine.upcrossing_rate)
+    far = _unreached(field, fine.upcrossing_rate) | _misplaced(field.frame)
+    for name, cut in _cut(field).items():
+        far[name] = far.get(name, 0.0) + cut
     return Averages(
         *(
             bounds[name] + FLOOR * abs(getattr(sizes, name)) + far.get(name, 0.0)
@@ -211,6 +218,38 @@ def _unreached(field: Field, crossing_rate: float) -> dict[str, float]:
         for power, (name, factor) in enumerate(zip(HITS, rayleigh, strict=True), start=1):
             flux = abs(float(field.flux(nearest, stop.side, power)))
             found[f"{name}_{stop.name}"] = SAFETY * max(rice * factor, flux * falls)
+    return found
+
+
+ROUNDING = 1e-15
+"""Probability that rounding makes or takes each time that the mass would cross from well to well;
+some five times that of the numbers."""
+
+
+def _misplaced(frame: Frame) -> dict[str, float]:
+    """What rounding leaves open of the shares of wells: it is as large as the rare crossings of a
+    high barrier, and moves probability from one well to another."""
+    if frame.barrier == 0.0:
+        return {}
+    share = min(ROUNDING * math.exp(frame.barrier), 1.0)
+    width = frame.right - frame.left
+    return {"mean": share * width, "variance": share * width**2}
+
+
+def _cut(field: Field) -> dict[str, float]:
+    """What a density that falls as a power of x, x^-n, has of the first two moments beyond the
+    ends of the box, x^2 p / (n - 2) and x^3 p / (n - 3)."""
+    frame = field.frame
+    found = {"mean": 0.0, "variance": 0.0}
+    if frame.motion.system.restoring is None:
+        return found
+    for side, end, falls in frame.motion.open_ends(frame.left, frame.right, frame.speed**2):
+        if frame.halved and side < 0:
+            continue
+        x = abs(end - frame.motion.start)
+        density = SAFETY * abs(float(field.displacement_density(end)))
+        found["mean"] += 0.0 if frame.halved else x**2 * density / (falls - 2.0)
+        found["variance"] += (2.0 if frame.halved else 1.0) * x**3 * density / (falls - 3.0)
     return found
 
 

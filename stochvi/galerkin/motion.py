@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from stochvi.contacts import CompliantLaw, ForceTable, Hertz, Law, Viscoelastic
-from stochvi.errors import NotApplicable
+from stochvi.errors import NotApplicable, NotConverged
 from stochvi.galerkin.boxes import FARTHEST_STOP
 from stochvi.galerkin.mesh import Array, gauss
 from stochvi.galerkin.strips import Box, Grip
@@ -56,6 +56,17 @@ DEEP = 100.0
 AT_ONCE = 16
 """Places at which the potential is looked at together."""
 
+FINE_STRIDE, FINE_AT_ONCE = 1.02, 105
+"""Of a spring that is a function, which may have further wells: the energy must stay high for as
+many places, an eightfold distance, for none to be expected."""
+
+METASTABLE = 30.0
+"""Barrier between wells in units of the weight's energy from which on the rounding of numbers
+decides how often each of them is visited: 1e-16 exp(30) is a thousandth."""
+
+BARRIER_PLACES = 2048
+"""At which the energy is looked at for a barrier."""
+
 
 class _Ray:
     """The energy at places further and further out from a start; looked at once each."""
@@ -65,16 +76,18 @@ class _Ray:
         self.places = np.array([start])
         self.energies = motion.energy(self.places)
         self.ended = False
+        function = motion.system.restoring is not None
+        self.stride, self.at_once = (FINE_STRIDE, FINE_AT_ONCE) if function else (STRIDE, AT_ONCE)
+        self.quiet = FINE_AT_ONCE if function else 1
 
     def up_to(self, height: float) -> tuple[Array, Array]:
-        """Places and energies until the energy is `height` above the lowest on the way, or up to
-        a wall."""
+        """Places and energies until the energy is `height` above the lowest on the way and stays
+        there, or up to a wall."""
         while True:
             lowest = np.minimum.accumulate(self.energies)
-            beyond = np.flatnonzero(~(self.energies - lowest < height))
-            if len(beyond):
-                last = int(beyond[0]) + 1
-                return self.places[:last], self.energies[:last]
+            last = int(np.flatnonzero(self.energies - lowest < height)[-1]) + 1
+            if len(self.places) - last >= self.quiet:
+                return self.places[: last + 1], self.energies[: last + 1]
             if self.ended:
                 return self.places, self.energies
             self._on()
@@ -82,15 +95,15 @@ class _Ray:
     def _on(self) -> None:
         """Look further out."""
         motion, taken = self.motion, len(self.places) - 1
-        steps = np.arange(taken, taken + AT_ONCE, dtype=float)
-        away: Array = NEAREST * motion.length * STRIDE**steps
+        steps = np.arange(taken, taken + self.at_once, dtype=float)
+        away: Array = NEAREST * motion.length * self.stride**steps
         wall = abs(motion.wall(self.side) - self.start)
         if away[0] > FARTHEST * motion.length and wall == math.inf:
             raise NotApplicable(
                 "fokker-planck", ["spring and stops must hold the mass on both sides"]
             )
         places = self.start + self.side * away[away < wall]
-        if len(places) < AT_ONCE:
+        if len(places) < self.at_once:
             self.ended = True
             places = np.append(places, motion.wall(self.side))
         with np.errstate(over="ignore", invalid="ignore"):
@@ -250,6 +263,15 @@ class Motion:
             return far
         return float(brentq(above, near, far, xtol=1e-9 * abs(far - near)))
 
+    def open_ends(self, left: float, right: float, square: float) -> list[tuple[int, float, float]]:
+        """Side of each end without a wall, its place, and n of a law exp(-energy / square) that
+        falls as |x - start|^-n there."""
+        return [
+            (side, end, (self.start - end) * float(self.force(np.array(end))) / square)
+            for side, end in ((-1, left), (1, right))
+            if end != self.wall(side)
+        ]
+
     def _nodes(self, height: float) -> tuple[Array, Array, Array]:
         """Places, weights and energies above the lowest for integrals over x."""
         left, right = self.span(height)
@@ -362,8 +384,10 @@ class Frame:
 
     A `halved` frame holds the upper half of a symmetric scene; `reach` is the largest u. `knots`
     are places where the force has a kink, `roots` those (and sides) from which on it goes as a
-    broken power. `stop_energy` is that of the nearest stop above the lowest, in units of t;
-    `reached` are the stops that are not out of reach.
+    broken power. `rare_energy` is what must be resolved however rare it is, in units of t above
+    the lowest: that of the nearest stop, or of a barrier between wells if that is higher;
+    `barrier` is the height of that above the shallower well. `reached` are the stops that are not
+    out of reach.
     """
 
     motion: Motion
@@ -377,8 +401,9 @@ class Frame:
     corners: tuple[Corner, ...]
     knots: tuple[float, ...]
     roots: tuple[tuple[float, int], ...]
-    stop_energy: float
+    rare_energy: float
     reached: tuple[Stop, ...]
+    barrier: float
 
     @property
     def centre(self) -> float:
@@ -402,9 +427,19 @@ def make_frame(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = ())
     energies = [heights[stop] / weight for stop in reached] or [0.0]
     reach = math.sqrt(REACH**2 + 2.0 * max(energies))
     left, right = motion.span(weight * reach**2 / 2.0)
+    if motion.system.restoring is not None:
+        _check_tails(motion, left, right, weight)
+    barrier, top = _barrier(motion, left, right, weight)
+    if top > max(energies):
+        reach = math.sqrt(REACH**2 + 2.0 * top)
+        left, right = motion.span(weight * reach**2 / 2.0)
     walls = {stop.side for stop in reached if stop.law.rigid}
     halved = len(walls) != 1 and _is_symmetric(motion, left, right)
-    left = (left + right) / 2.0 if halved else left
+    if halved:
+        left = (left + right) / 2.0
+        barrier, top = _barrier(motion, left, right, weight)
+    if barrier > METASTABLE:
+        raise NotConverged(APART.format(barrier=barrier))
     units = _Units((left + right) / 2.0, (right - left) / 2.0, math.sqrt(weight))
     solved = tuple(stop for stop in reached if not halved or stop.side > 0)
     touched = [stop for stop in solved if not stop.law.rigid]
@@ -424,9 +459,47 @@ def make_frame(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = ())
         ),
         knots=tuple((knot - units.centre) / units.length for knot in motion.knots(left, right)),
         roots=tuple((units.place(s), s.side) for s in touched if isinstance(s.law, Hertz)),
-        stop_energy=min(energies),
+        rare_energy=max(min(energies), top),
         reached=reached,
+        barrier=barrier,
     )
+
+
+HEAVIEST = 3.0
+"""Power with which a density must fall, and faster, for its variance to be finite."""
+
+
+def _check_tails(motion: Motion, left: float, right: float, weight: float) -> None:
+    for _, _, falls in motion.open_ends(left, right, weight):
+        if falls <= HEAVIEST:
+            raise NotApplicable(
+                "fokker-planck",
+                [
+                    "restoring_force must leave a finite variance, got a density that falls as "
+                    f"x^-{falls:.3g} far out, no faster than x^-3"
+                ],
+            )
+
+
+APART = (
+    "fokker-planck cannot tell how often each well is visited: wells are metastable, {barrier:.0f} "
+    "times the mean energy in velocity below the barrier between them, and numbers of 16 digits "
+    "end at 30; exact may have the answer, or solve each well on its own"
+)
+
+
+def _barrier(motion: Motion, left: float, right: float, weight: float) -> tuple[float, float]:
+    """Of the highest barrier between wells of a spring that is a function: how high it is above
+    the shallower well and above all places, in units of the weight's energy; 0 if there is none."""
+    if motion.system.restoring is None:
+        return 0.0, 0.0
+    energy = motion.energy(np.linspace(left, right, BARRIER_PLACES)) / weight
+    before = np.minimum.accumulate(energy)
+    after = np.minimum.accumulate(energy[::-1])[::-1]
+    height = energy - np.maximum(before, after)
+    if height.max() <= 0.0:
+        return 0.0, 0.0
+    return float(height.max()), float(energy[height > 0.0].max() - energy.min())
 
 
 class _Units(NamedTuple):

@@ -208,15 +208,16 @@ def refined(
 def _unresolved(frame: Frame, strip: Strip, q: Array) -> tuple[float, Array]:
     """Probability in the highest polynomials of a strip, and in those of each of its cells.
 
-    In units of exp(-energy), from the lowest stop on of exp(-energy of that stop): impacts are
-    asked for with a relative error, however rare they are.
+    In units of exp(-energy), from the lowest stop on (or a barrier between wells) of
+    exp(-energy of that): impacts are asked for with a relative error, however rare they are, and
+    rare crossings tell how often each well is visited.
     """
     cells = strip.cells
     energy = frame.box.energy(strip.nodes[0])
     size = np.diff(cells.breaks)
     middle = (cells.breaks[1:] + cells.breaks[:-1]) / 2.0
     height = float(energy.min()) + middle**2 / 2.0
-    share = np.exp(-np.maximum(height - frame.stop_energy, 0.0)) * size * strip.length
+    share = np.exp(-np.maximum(height - frame.rare_energy, 0.0)) * size * strip.length
     local = q[:, cells.places]
     top = np.sqrt(np.mean((local[-1] @ cells.local_values.T) ** 2, axis=1))
     k = cells.degree
