@@ -295,7 +295,7 @@ def crossing_plan(scene: Scene, horizons: float = 1.0) -> TabulatedPlan:
     Raises `NotApplicable` if it is not a stationary Gaussian process of one oscillator, or too
     narrow for any block.
     """
-    unmet = [text for text in scene.beyond_one_oscillator() if "filtered" not in text]
+    unmet = scene.beyond_one_oscillator(filtered=True)
     if unmet:
         raise NotApplicable("first_crossings", unmet)
     if all(excitation.kind == "constant" for excitation in scene.excitations):

@@ -347,19 +347,23 @@ class Scene(Checked):
         ]
         return found
 
-    def beyond_one_oscillator(self, *, functions: bool = False) -> list[str]:
+    def beyond_one_oscillator(
+        self, *, functions: bool = False, filtered: bool = False
+    ) -> list[str]:
         """What the methods for a single oscillator do not cover here; `system()` needs none.
 
-        With `functions` for a method that takes forces and restitution as functions too.
+        With `functions` for a method that takes forces and restitution as functions too, with
+        `filtered` for one that takes filtered noise.
         """
         found = [] if functions else self.beyond_numbers()
         if isinstance(self.structure, Matrices):
             found.append("structure.kind must be 'oscillator' or 'isolator', got 'matrices'")
         if len(self.impact_pairs) > 1:
             found.append(f"the scene must have one impact pair, got {len(self.impact_pairs)}")
-        kinds = {excitation.kind for excitation in self.excitations} & {"filtered", "sine"}
+        covered = ["white", *["filtered"] * filtered, "psd", "road", "record"]
+        kinds = {excitation.kind for excitation in self.excitations} - {*covered, "constant"}
         found += [
-            f"excitation must be white, psd, road, record or constant, got {kind}"
+            f"excitation must be {', '.join(covered)} or constant, got {kind}"
             for kind in sorted(kinds)
         ]
         return found

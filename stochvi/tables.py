@@ -12,7 +12,8 @@ from rich.table import Table
 from stochvi.accuracy import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
 from stochvi.crosscheck import APPROXIMATE, BALANCE, DISAGREES, ROUNDING, Check, Comparison
 from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
-from stochvi.sizing.answer import spoken_mission, spoken_percent
+from stochvi.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
+from stochvi.sizing.chances import spoken_places
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -239,6 +240,7 @@ def print_clearance(console: Console, curve: pd.DataFrame) -> None:
 def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
     """The clearance and what three sigma buys, first; then what both rest on."""
     console.print(sizing.verdict(), style="bold", highlight=False)
+    _say(console, spoken_places(sizing))
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
     table = _table(
         f"at 3 sigma = {1e3 * three.clearance:.4g} mm, in {mission}", ["quantity", "value"]
@@ -261,14 +263,7 @@ def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | N
         )[list(REQUIRED_COLUMNS)].rename(columns=REQUIRED_COLUMNS),
         f"chance of any hit in {mission}",
     )
-    if len(sizing.simulated):
-        print_frame(
-            console,
-            sizing.simulated.assign(clearance=1e3 * sizing.simulated["clearance"])[
-                list(HIT_COLUMNS)
-            ].rename(columns=HIT_COLUMNS),
-            "hits on all stops, with the stop law",
-        )
+    _print_hits(console, sizing)
     if sensitivity is not None:
         print_frame(
             console,
@@ -284,6 +279,25 @@ def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | N
     for warning in sizing.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
 
+
+def _print_hits(console: Console, sizing: Sizing) -> None:
+    """At 3 sigma and at the answer; what was tried on the way there answers nothing."""
+    if len(sizing.simulated):
+        places = [sizing.three_sigma.clearance, sizing.clearance.value]
+        table = sizing.simulated[sizing.simulated["clearance"].isin(places)]
+        print_frame(
+            console,
+            table.assign(clearance=1e3 * table["clearance"])[list(HIT_COLUMNS)].rename(
+                columns=HIT_COLUMNS
+            ),
+            "hits on all stops, with the stop law",
+        )
+        _say(console, HITS_PER_FIRST_HIT)
+    _say(console, LAST_DIGITS)
+
+
+LAST_DIGITS = "in brackets: the standard error of the last digits, 607(20) is 607 +- 20"
+"""How `Estimate` is written, in words."""
 
 REQUIRED_COLUMNS = {
     "probability": "chance",

@@ -1,17 +1,23 @@
 """stochvi size: the verdict, the document, the files, and what it refuses."""
 
 import math
+from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
+from rich.console import Console
+from sized import scene_between_stops, sizing_of
 from test_cli import ISOLATOR, Run, one_document, stochvi  # noqa: F401
 
+from stochvi.isolators import screen
 from stochvi.scenes import load_scene
-from stochvi.sizing.answer import spoken_percent
+from stochvi.sizing.answer import Sizing, spoken_percent
 from stochvi.sizing.method import size
 from stochvi.sizing.plots import plot_risk
+from stochvi.tables import print_sizing
 
 ROUGH = ("--rel-error", "0.2", "--threads", "1", "--mission", "600")
 
@@ -28,6 +34,9 @@ def test_the_clearance_and_what_three_sigma_buys(stochvi: Run, tmp_path: Path) -
     first = done.err.splitlines()[0]
     assert first.startswith(f"{1e3 * clearance['value']:.4g} mm per side")
     assert "hits, simulated" in done.err
+    told = " ".join(done.err.split())
+    assert told.count("the standard error of the last digits, 607(20) is 607 +- 20") == 1
+    assert told.count("impacts above the speed threshold alone") == 1
     by_python = size(
         load_scene(ISOLATOR), probability=0.05, mission=600.0, rel_error=0.2, threads=1
     )
@@ -91,6 +100,47 @@ def test_bad_input_is_a_sentence(stochvi: Run, arguments: tuple[str, ...], sente
     done = stochvi("size", ISOLATOR, *arguments)
     assert done.code == 2
     assert sentence in done.err and done.out == ""
+
+
+def printed(sizing: Sizing) -> str:
+    """What a terminal shows, without its line ends."""
+    memory = StringIO()
+    print_sizing(Console(file=memory, width=200), sizing)
+    return memory.getvalue()
+
+
+def test_the_stops_of_the_scene_are_judged_where_they_are() -> None:
+    """Of each, half the bursts of two at its distance."""
+    sizing = sizing_of(scene_between_stops(), paths=64)
+    rest = -sizing.scene.structure.sag  # type: ignore[union-attr]
+    bursts = [
+        0.5 * 0.55 * screen(sizing.scene).rice_rate(distance) * sizing.mission
+        for distance in (rest + 9e-3, 5e-3 - rest)
+    ]
+    chance = -math.expm1(-sum(bursts))
+    near, far = 1e3 * (rest + 9e-3), 1e3 * (5e-3 - rest)
+    line = (
+        "clearance: equal distances of both stops from the mean position; stops of the scene, "
+        f"{near:.4g} and {far:.4g} mm from the mean: {spoken_percent(chance)} in 1 h (any hit)"
+    )
+    assert line in printed(sizing)
+
+
+def test_one_stop_and_none_are_told_apart() -> None:
+    sizing = sizing_of(scene_between_stops(), paths=64)
+    alone = sizing.scene.impact_pairs[0].model_copy(update={"lower": None})
+    one = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": (alone,)}))
+    assert "(upper side only); stop of the scene, " in printed(one)
+    none = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": ()}))
+    assert "equal distances of two stops from the mean position\n" in printed(none)
+
+
+def test_what_was_tried_on_the_way_is_no_row_of_the_answer() -> None:
+    sizing = sizing_of(scene_between_stops(), paths=64)
+    between = sizing.simulated.iloc[[0]].assign(clearance=7.7777e-3)
+    tried = replace(sizing, simulated=pd.concat([sizing.simulated, between]))
+    assert len(tried.simulated) == 3 and "7.778" not in printed(tried)
+    assert printed(tried) == printed(sizing)
 
 
 def test_chances_are_never_rounded_to_certainty() -> None:

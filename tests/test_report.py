@@ -34,12 +34,13 @@ from stochvi.estimates import Estimate
 from stochvi.report.inputs import environment, gap, mount
 from stochvi.report.pages import Fact, Grid, Page, Picture, Section, shown
 from stochvi.report.plots import frequencies, input_density, plot_input, transmissibility
-from stochvi.report.stops import hit_on_mount, probability_at, probability_of_stops
+from stochvi.report.stops import hit_on_mount
 from stochvi.report.tolerances import within_tolerances
 from stochvi.report.words import G
 from stochvi.report.write import clearance_page, write_report
 from stochvi.scenes import System
 from stochvi.sizing.answer import Sizing, Target, spoken_percent
+from stochvi.sizing.chances import probability_at, probability_of_stops, spoken_chance_of_stops
 from stochvi.sizing.sensitivity import variations
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
@@ -333,6 +334,7 @@ def test_stops_beyond_the_curve_have_a_chance_under_its_end(sizing: Sizing) -> N
     far = sizing.scene.impact_pairs[0].model_copy(update={"lower": -1.0, "upper": 1.0})
     moved = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": (far,)}))
     last = sizing.curve["probability"].iloc[-1]
+    assert spoken_chance_of_stops(moved) == f"under {spoken_percent(last)}"
     told = facts(gap(moved))["Any hit with the stops of the scene"][0]
     assert told == f"under {spoken_percent(last)}"
 

@@ -11,6 +11,7 @@ from statistical import Z, assert_agrees
 from stochvi import (
     ConstantLoad,
     Elastic,
+    FilteredNoise,
     ImpactPair,
     Isolator,
     NotApplicable,
@@ -18,6 +19,7 @@ from stochvi import (
     Oscillator,
     Restitution,
     Scene,
+    Sine,
     TabulatedNoise,
     WhiteNoise,
     screen,
@@ -300,6 +302,14 @@ def test_warnings_speak_of_the_answer_and_of_three_sigma_alone() -> None:
     assert half > 2.0 * GAUSSIAN_95 * 1e-3 * found.sigma**2 / found.clearance.value
 
 
+def test_filtered_noise_is_sized() -> None:
+    """The list of what is covered names it."""
+    filtered = FilteredNoise(density=0.01, unit="g2/Hz", frequency_hz=30.0, zeta=0.5)
+    scene = Scene(structure=Isolator(frequency_hz=10.0, zeta=0.1), excitations=[filtered])
+    found = size(scene, probability=0.01, rel_error=0.2)
+    assert 5.0 < found.clearance.value / found.sigma < 6.0
+
+
 def test_what_cannot_be_kept_says_why() -> None:
     with pytest.raises(ValueError, match="exactly one of probability, rate"):
         size(ten_hertz(0.05))
@@ -318,11 +328,21 @@ def test_what_cannot_be_kept_says_why() -> None:
         size(truck(HALF), rate=500.0)
     with pytest.raises(ValueError, match="mission must be"):
         size(ten_hertz(0.05), probability=0.1, mission=0.0)
+    shaken = ten_hertz(0.05)
+    sine = Sine(amplitude=1.0, frequency_hz=20.0)
+    with pytest.raises(
+        NotApplicable,
+        match=r"^size does not apply: excitation must be white, filtered, psd, road, record or "
+        "constant, got sine",
+    ):
+        size(
+            shaken.model_copy(update={"excitations": (*shaken.excitations, sine)}), probability=0.1
+        )
     still = Scene(
         structure=Oscillator(frequency_hz=10.0, zeta=0.05, mass=1.0),
         excitations=[ConstantLoad(force=1.0)],
     )
-    with pytest.raises(NotApplicable, match="must contain noise"):
+    with pytest.raises(NotApplicable, match=r"^size does not apply: excitation must contain noise"):
         size(still, probability=0.1)
 
 

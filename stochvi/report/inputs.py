@@ -21,9 +21,9 @@ from stochvi.excitations import (
 )
 from stochvi.report.pages import Fact, Section, shown
 from stochvi.report.plots import plot_input, plot_response
-from stochvi.report.stops import probability_of_stops
-from stochvi.report.words import UNKNOWN, G, millimetres
-from stochvi.sizing.answer import spoken_mission, spoken_percent
+from stochvi.report.words import G, millimetres
+from stochvi.sizing.answer import spoken_mission
+from stochvi.sizing.chances import spoken_chance_of_stops
 from stochvi.structures import Isolator, Oscillator
 
 if TYPE_CHECKING:
@@ -255,14 +255,10 @@ def gap(sizing: Sizing) -> Section:
                     f"{millimetres(abs(place - rest))} from the mean position; {_law(law)}",
                 )
             )
-        chance = probability_of_stops(sizing)
-        words = UNKNOWN if chance is None else spoken_percent(chance)
-        if chance == 0.0:  # beyond the curve
-            words = f"under {spoken_percent(sizing.curve['probability'].iloc[-1])}"
         facts.append(
             Fact(
                 "Any hit with the stops of the scene",
-                words,
+                spoken_chance_of_stops(sizing),
                 f"chance in {spoken_mission(sizing.mission)}, each side by its own distance",
             )
         )

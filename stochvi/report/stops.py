@@ -14,7 +14,8 @@ from stochvi.monte_carlo import record_path
 from stochvi.report.pages import Grid, Picture, Section, shown
 from stochvi.report.plots import plot_histogram, plot_impact_speeds, plot_transmissibility
 from stochvi.report.words import MM, UNKNOWN, G, count_of, with_interval
-from stochvi.sizing.answer import spoken_percent
+from stochvi.sizing.answer import HITS_PER_FIRST_HIT, spoken_percent
+from stochvi.sizing.chances import probability_at, two_sided
 from stochvi.sizing.hits import at_clearance
 
 if TYPE_CHECKING:
@@ -59,7 +60,8 @@ def with_stops(sizing: Sizing) -> Section:
         grids.append(_speed_grid(scene, speeds))
     notes = [
         f"Pictures and percentiles: a path of {duration:.4g} s, {len(speeds)} hits; "
-        f"kurtosis of its displacement {_kurtosis(path):.2f} (3 without stops)."
+        f"kurtosis of its displacement {_kurtosis(path):.2f} (3 without stops).",
+        f"{HITS_PER_FIRST_HIT[0].upper()}{HITS_PER_FIRST_HIT[1:]}.",
     ]
     if any(law.rigid for pair in sizing.scene.impact_pairs for _, law in pair.stops()):
         notes.append(
@@ -175,7 +177,7 @@ def _hit_rows(sizing: Sizing, places: Mapping[str, float]) -> list[list[str]]:
     return [
         ["hits per second", "", *cells("hit_rate", limits=True)],
         ["hits in the mission", "", *cells("hit_rate", sizing.mission, limits=True)],
-        ["hits for each first hit", "", *cells("hits_per_first_hit")],
+        ["hits per first hit", "", *cells("hits_per_first_hit")],
         ["mean impact speed (m/s)", "", *cells("impact_speed_mean")],
         ["hits found by", "", *cells("by")],
     ]
@@ -203,11 +205,6 @@ def _evidence_grid(sizing: Sizing) -> Grid:
         headings=["", "no stops (linear)", *(NAMES[name] for name in places)],
         rows=rows,
     )
-
-
-def two_sided(scene: Scene) -> bool:
-    """Whether both sides are sized: two stops, or none yet."""
-    return not scene.impact_pairs or len(scene.impact_pairs[0].stops()) == 2
 
 
 def _found(answer: Response, quantity: str) -> Estimate | None:
@@ -305,50 +302,6 @@ def hit_on_mount(system: System, law: CompliantLaw, distance: float, speed: floa
 
 CONTACT_STEPS = 200.0
 """In a contact; its peak is then read to 1e-4."""
-
-
-def probability_at(sizing: Sizing, clearance: float) -> float | None:
-    """Chance of any hit in the mission at a clearance of the curve; None before its start."""
-    if sizing.target.name == "probability" and clearance == sizing.clearance.value:
-        return sizing.target.value
-    found = _bursts_at(sizing, clearance)
-    return None if found is None else -math.expm1(-found)
-
-
-def probability_of_stops(sizing: Sizing) -> float | None:
-    """Chance of any hit in the mission with the stops where the scene has them.
-
-    A response as often above its mean as below brings half the bursts of equal distances to each
-    side; bursts on the two sides are taken for independent.
-    """
-    scene = sizing.scene
-    system = scene.system()
-    rest = system.load / system.omega**2
-    places = [place for place in (system.lower, system.upper) if place is not None]
-    beyond = [place < rest for place in places] == [True, False]
-    if not places or (len(places) == 2 and not beyond):
-        return None
-    found = [_bursts_at(sizing, abs(place - rest)) for place in places]
-    if any(bursts is None for bursts in found):
-        return None
-    return -math.expm1(-sum(bursts for bursts in found if bursts) / len(places))
-
-
-def _bursts_at(sizing: Sizing, clearance: float) -> float | None:
-    """-log(1 - P) at a clearance; 0 beyond the curve, None before it."""
-    curve = sizing.curve
-    x, p = curve["clearance"].to_numpy(), curve["probability"].to_numpy()
-    if clearance < x.min():
-        return None
-    if clearance > x.max():
-        return 0.0
-    # it falls nearly as a Gaussian: straight in its logarithm over the square of the clearance
-    bursts = -np.log1p(-np.clip(p, LEAST, CERTAIN))
-    return math.exp(float(np.interp(clearance**2, x**2, np.log(bursts))))
-
-
-LEAST, CERTAIN = 1e-300, 1.0 - 1e-15
-"""Of a chance whose logarithm is taken."""
 
 
 def seed_of(sizing: Sizing) -> int:

@@ -22,7 +22,7 @@ from stochvi.report.plots import (
     plot_hit_rate,
     plot_sensitivity,
 )
-from stochvi.report.stops import NAMES, probability_at, seed_of, two_sided, with_stops
+from stochvi.report.stops import NAMES, seed_of, with_stops
 from stochvi.report.tolerances import within_tolerances
 from stochvi.report.words import (
     MM,
@@ -35,6 +35,7 @@ from stochvi.report.words import (
     with_interval,
 )
 from stochvi.sizing.answer import spoken_mission, spoken_percent
+from stochvi.sizing.chances import probability_at, two_sided
 from stochvi.sizing.plots import plot_risk
 
 if TYPE_CHECKING:

@@ -16,6 +16,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+HITS_PER_FIRST_HIT = (
+    "hits per first hit: the first one and those that follow from it, impacts above the speed "
+    "threshold alone"
+)
+"""What a table of hits means by it, in words."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Target:
     """What the clearance has to keep.

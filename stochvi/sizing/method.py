@@ -159,8 +159,12 @@ def size(
             raise ValueError(f"{name} must be a positive number of seconds, got {seconds}")
     if not 1e-4 <= rel_error < 1.0:
         raise ValueError(f"rel_error must be in [1e-4, 1), got {rel_error}")
-    job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
-    return job.sizing()
+    try:
+        job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
+        return job.sizing()
+    except NotApplicable as reason:
+        # what was asked for is a size, by whatever means
+        raise NotApplicable("size", reason.conditions) from reason
 
 
 def risk_curve(

@@ -73,7 +73,8 @@ class RiskCurve:
         if wanted < curve(high):
             raise ValueError(
                 f"probability of {probability:g} in {self.mission:g} s belongs to a clearance "
-                f"above {1e3 * high:.4g} mm, the largest that is looked at; ask for a larger one"
+                f"above {1e3 * high:.4g} mm, the largest that is looked at; ask for a larger "
+                "probability"
             )
         value = float(brentq(lambda c: curve(c) - wanted, low, high, xtol=1e-12 * low, rtol=1e-12))
         step = 1e-3 * self.crossings.displacement_std
