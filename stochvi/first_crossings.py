@@ -25,7 +25,7 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -119,14 +119,30 @@ class FirstCrossings:
         return self._estimates(self._rate)
 
     def probability(self, mission: float) -> list[Estimate]:
-        """Chance of any hit in the first `mission` seconds of the stationary motion."""
+        """Chance of any hit in the first `mission` seconds of the stationary motion.
+
+        Where hardly any motion outlasts the memory it is a lower limit, and the bias reaches to 1.
+        """
         if not 0.0 < mission < math.inf:
             raise ValueError(f"mission must be a positive number of seconds, got {mission}")
 
         def chance(sums: Vector) -> Vector:
             return self._probability(sums, mission)
 
-        return self._estimates(chance, mission)
+        limits = self._hardly_survived(mission)
+        return [
+            replace(found, bias=max(found.bias or 0.0, 1.0 - found.value)) if limit else found
+            for found, limit in zip(self._estimates(chance, mission), limits, strict=True)
+        ]
+
+    def _hardly_survived(self, mission: float) -> NDArray[np.bool_]:
+        """(levels,): where survivors are taken for more than were seen."""
+        means = self._path_means(0, mission).mean(axis=-1)
+        half = self.horizon / 2.0
+        few = self.outside + means[0] > 1.0 - FEWEST_SURVIVORS
+        if mission > self.horizon:
+            few |= (1.0 - self.outside - means[1]) * half - means[2] < FEWEST_SURVIVORS * half
+        return np.asarray(few)
 
     def _estimates(
         self, statistic: Callable[[Vector], Vector], mission: float = math.inf

@@ -28,7 +28,7 @@ from stochvi import (
 from stochvi.bursts import UNFINISHED, Bursts, bursts
 from stochvi.contacts import Law
 from stochvi.estimates import Estimate
-from stochvi.first_crossings import first_crossings
+from stochvi.first_crossings import crossing_plan, first_crossings
 from stochvi.isolators import GAUSSIAN_95
 from stochvi.monte_carlo.kernels.compliant_response import EXTREMES, FASTEST
 from stochvi.monte_carlo.tabulated import plan_tabulated
@@ -396,3 +396,25 @@ def test_a_chance_is_told_where_hits_are_not_known(monkeypatch: pytest.MonkeyPat
     assert list(found.simulated.columns) == list(known.simulated.columns)
     assert sum("is not known: budget of 0.3 s" in text for text in found.warnings) == 2
     json.dumps(found.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("mission", [0.5, 1.0])
+def test_a_chance_near_one_falls_with_the_clearance_and_is_a_limit(mission: float) -> None:
+    """Against records that are looked through from end to end."""
+    scene = Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    )
+    curve = size(scene, probability=0.5, mission=mission, seed=1).curve
+    assert (np.diff(curve["probability"]) <= 0.0).all()
+    plan = crossing_plan(scene)
+    blocks = [plan.free_response(7, first, plan.block, 0) for first in range(0, 2048, plan.block)]
+    x = np.abs(np.concatenate([block[:, 0::2] for block in blocks], axis=1))
+    largest = x[: math.ceil(mission / plan.step) + 1].max(axis=0)
+    for row in curve.iloc[:6].itertuples():
+        share = float(np.mean(largest > row.clearance))
+        error = math.sqrt(max(share * (1.0 - share), 1.0 / len(largest)) / len(largest))
+        assert row.probability_low - Z * error < share < row.probability_high + Z * error
+    # what was clipped does not pass for known
+    assert curve["probability_high"][0] == pytest.approx(1.0, abs=1e-9)
+    assert curve["probability_low"][0] < 0.99

@@ -53,7 +53,7 @@ class RiskCurve:
             crossings=crossings,
             mission=mission,
             clearances=np.minimum(crossings.lower, crossings.upper),
-            probabilities=crossings.probability(mission),
+            probabilities=_falling(crossings.probability(mission)),
             first_rates=_falling(crossings.first_rate()),
         )
 
@@ -146,13 +146,20 @@ class RiskCurve:
         return pd.DataFrame(columns)
 
 
-def _falling(rates: Sequence[Estimate]) -> list[Estimate]:
-    """Rates of which none is below that of a farther stop: where hardly any motion outlasts the
-    memory, what is left of it is noise."""
+def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:
+    """Rates, or chances, of which none is below that of a farther stop: where hardly any motion
+    outlasts the memory, what is left of it is noise. One that is raised has the error of both."""
     found: list[Estimate] = []
-    for rate in reversed(rates):
-        least = found[-1].value if found else 0.0
-        found.append(replace(rate, value=max(rate.value, least)))
+    for own in reversed(estimates):
+        farther = found[-1] if found else own
+        if farther.value > own.value:
+            own = replace(
+                own,
+                value=farther.value,
+                standard_error=max(own.standard_error, farther.standard_error),
+                bias=max(own.bias or 0.0, farther.bias or 0.0),
+            )
+        found.append(own)
     return found[::-1]
 
 
