@@ -41,7 +41,12 @@ class StationaryDensity:
     coarse: Field = field(compare=False)
 
     def density(self, x: ArrayLike, v: ArrayLike) -> Vector:
-        """Joint density of displacement and velocity, 1/m * s/m."""
+        """Joint density of displacement and velocity, 1/m * s/m.
+
+        Not cut at 0, so that its integrals are those of the solution: where next to nothing is, or
+        beside the corner of a lossy stop, it may be a little negative, now and then by more than
+        `density_error`.
+        """
         return self.fine.density(x, v)
 
     def density_error(self, x: ArrayLike, v: ArrayLike) -> Vector:

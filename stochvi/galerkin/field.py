@@ -244,7 +244,8 @@ class Field:
         found = dict.fromkeys(OF_STOPS, 0.0)
         for power, name in enumerate(("rate", "speed_rate", "speed_square_rate"), start=1):
             limit = slowest if power == 1 else 0.0
-            found[name] = float(self.flux(stop.position, stop.side, power, limit))
+            # of a stop that is hardly ever hit it may come out below 0, within its error
+            found[name] = max(float(self.flux(stop.position, stop.side, power, limit)), 0.0)
         if isinstance(stop.law, CompliantLaw):
             found |= self._contact(stop, stop.law)
         return found

@@ -85,7 +85,8 @@ class _Ray:
         there, or up to a wall."""
         while True:
             lowest = np.minimum.accumulate(self.energies)
-            last = int(np.flatnonzero(self.energies - lowest < height)[-1]) + 1
+            low = np.flatnonzero(self.energies - lowest < height)
+            last = int(low[-1]) + 1 if len(low) else 0
             if len(self.places) - last >= self.quiet:
                 return self.places[: last + 1], self.energies[: last + 1]
             if self.ended:
