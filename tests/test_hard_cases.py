@@ -221,8 +221,8 @@ def test_a_start_beyond_a_stop_comes_back(name: str, monkeypatch: pytest.MonkeyP
 
 
 def test_a_start_beyond_the_walls_of_two_masses_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    start = ModalPlan._start
-    monkeypatch.setattr(ModalPlan, "_start", lambda plan, streams: 3.0 + start(plan, streams))
+    start = ModalPlan.start
+    monkeypatch.setattr(ModalPlan, "start", lambda plan, streams: 3.0 + start(plan, streams))
     scene = CASES["walls and a neighbour, R = 0.5"]
     path = record_path(scene, duration=20.0)
     assert np.isfinite(path.to_numpy()).all()

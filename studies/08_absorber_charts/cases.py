@@ -10,16 +10,16 @@ from scipy.optimize import minimize
 
 import stochvi as sv
 
-PLAYS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 12.0)
-MASSES = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
-RESTITUTIONS = (0.2, 0.5, 0.75, 0.9)
-BUDGET = 20.0
+PLAYS = (1.0, 2.0, 3.0, 4.0, 6.0, 9.0)
+MASSES = (0.02, 0.05, 0.1)
+RESTITUTIONS = (0.2, 0.5, 0.75)
+BUDGET = 6.0
 """Seconds for a case."""
 
 FEWEST_PATHS = 64
 """Of a case that the budget is too short for: its errors say what they tell."""
 
-SMALLEST = 0.01
+SMALLEST = 0.02
 """Mass ratio times play in sigma: light masses in tight boxes hit too often for their worth."""
 
 BASIC = {"mass_ratio": 0.05, "restitution": 0.5, "zeta": 0.01, "noise": "white", "units": 1}
@@ -45,10 +45,9 @@ def grid() -> list[dict]:
     """Every case of the charts."""
     axes = [
         {"mass_ratio": MASSES, "restitution": RESTITUTIONS},
-        {"mass_ratio": (0.05, 0.1), "restitution": (0.0,)},
-        {"mass_ratio": (0.02, 0.05, 0.1), "zeta": (0.005, 0.02, 0.05)},
-        {"mass_ratio": (0.02, 0.05, 0.1), "restitution": (0.2, 0.5, 0.75), "noise": ("narrow",)},
-        {"mass_ratio": (0.05, 0.1), "restitution": (0.2, 0.5, 0.75), "units": (2, 4, 8)},
+        {"mass_ratio": (0.1,), "zeta": (0.005, 0.02, 0.05)},
+        {"mass_ratio": (0.1,), "noise": ("narrow",)},
+        {"mass_ratio": (0.1,), "units": (2, 4, 8)},
     ]
     found = []
     for axis in axes:
