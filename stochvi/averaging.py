@@ -137,9 +137,7 @@ def unmet_conditions(scene: Scene) -> list[str]:
         unmet.append("excitation must contain noise, got a constant load alone")
     if system.damping_rate == 0.0 and system.elastic:
         unmet.append("damping must be positive where no stop takes energy, got 0")
-    held_left = system.lower is not None or system.load > 0.0
-    held_right = system.upper is not None or system.load < 0.0
-    if system.omega == 0.0 and not (held_left and held_right):
+    if not system.held:
         unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
     return unmet
 

@@ -532,3 +532,24 @@ Excitation = (
     WhiteNoise | FilteredNoise | TabulatedNoise | RoadNoise | RecordedNoise | Sine | ConstantLoad
 )
 """Every excitation that a scene may hold."""
+
+
+def louder(excitation: Excitation, level_db: float) -> Excitation:
+    """The excitation raised by a level in dB; a constant load stays as it is.
+
+    >>> louder(WhiteNoise(intensity=0.2), 10.0).intensity
+    2.0
+    """
+    if isinstance(excitation, ConstantLoad):
+        return excitation
+    if isinstance(excitation, DensityNoise):
+        keys = excitation.model_dump(exclude_none=True)
+        return type(excitation)(**(keys | {"level_db": excitation.level_db + level_db}))
+    power = power_ratio(level_db)
+    factor = math.sqrt(power) if isinstance(excitation, Sine) else power
+    raised = {
+        name: factor * getattr(excitation, name)
+        for name in ("amplitude", "intensity", "density")
+        if getattr(excitation, name, None) is not None
+    }
+    return excitation.model_copy(update=raised)

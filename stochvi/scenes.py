@@ -24,6 +24,7 @@ from stochvi.excitations import (
     Sine,
     WhiteNoise,
     check_unit,
+    louder,
 )
 from stochvi.spectra import Table
 from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
@@ -136,6 +137,13 @@ class System(NamedTuple):
     def elastic(self) -> bool:
         """Whether no stop loses energy."""
         return all(law is None or law.conservative for law in self.laws)
+
+    @property
+    def held(self) -> bool:
+        """Whether spring, or stops and load, keep the mass from being lost on either side."""
+        left = self.lower is not None or self.load > 0.0
+        right = self.upper is not None or self.load < 0.0
+        return self.omega > 0.0 or (left and right)
 
     def not_rigid(self) -> list[str]:
         """What stands in the way of a method that needs rigid stops."""
@@ -479,6 +487,11 @@ class Scene(Checked):
             if structure.damping_force is None
             else lambda v: structure.damping_at(v) / mass,
         }
+
+    def at_level(self, level_db: float) -> Scene:
+        """The scene with everything that shakes raised by a level in dB; constant loads stay."""
+        raised = tuple(louder(excitation, level_db) for excitation in self.excitations)
+        return self.model_copy(update={"excitations": raised}) if level_db else self
 
     def document(self) -> dict[str, Any]:
         """The scene as plain types, in the keys of a scene file; functions by their names."""

@@ -13,12 +13,13 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from stochvi.absorbers.performance import GAUSSIAN_95, linear_rms, without_absorber
+from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.attachments import Absorber
 from stochvi.contacts import Restitution
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Cost, Estimate
 from stochvi.excitations import BASE, ConstantLoad
+from stochvi.isolators import GAUSSIAN_95
 from stochvi.monte_carlo import simulate
 from stochvi.monte_carlo.runs import Progress
 from stochvi.scenes import Scene

@@ -11,18 +11,15 @@ import numpy as np
 import pandas as pd
 
 from stochvi.assemblies import Assembly, Contact, assemble
-from stochvi.conventions import power_ratio
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Cost, Estimate, Response
-from stochvi.excitations import BASE, ConstantLoad, Excitation, Sine, TabulatedNoise
+from stochvi.excitations import BASE, ConstantLoad
+from stochvi.isolators import GAUSSIAN_95
 from stochvi.modes import linear_law, modes_of
 from stochvi.monte_carlo import record_paths, simulate
 from stochvi.monte_carlo.runs import Progress
 from stochvi.scenes import Scene
 from stochvi.structures import Matrices
-
-GAUSSIAN_95 = 1.959963984540054
-"""Half width of a central 95 % interval in standard errors."""
 
 PEAK_PERIODS = 100
 """Periods of the structure in a window whose largest displacement is a peak."""
@@ -216,7 +213,7 @@ def absorber(
             if progress:
                 progress((number + done) / len(levels_db), text)
 
-        shaken = at_level(scene, level)
+        shaken = scene.at_level(level)
         response = simulate(
             shaken, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=report
         )
@@ -240,29 +237,6 @@ def absorber(
             threads=max((cost.threads for cost in costs), default=1),
         ),
     )
-
-
-def at_level(scene: Scene, level_db: float) -> Scene:
-    """The scene with everything that shakes raised by a level in dB; constant loads stay."""
-    louder = tuple(_louder(excitation, level_db) for excitation in scene.excitations)
-    return scene.model_copy(update={"excitations": louder}) if level_db else scene
-
-
-def _louder(excitation: Excitation, level_db: float) -> Excitation:
-    if isinstance(excitation, ConstantLoad):
-        return excitation
-    if isinstance(excitation, TabulatedNoise):
-        return TabulatedNoise(
-            **{**excitation.model_dump(), "level_db": excitation.level_db + level_db}
-        )
-    power = power_ratio(level_db)
-    factor = math.sqrt(power) if isinstance(excitation, Sine) else power
-    raised = {
-        name: factor * getattr(excitation, name)
-        for name in ("amplitude", "intensity", "density")
-        if getattr(excitation, name, None) is not None
-    }
-    return excitation.model_copy(update=raised)
 
 
 def without_absorber(scene: Scene) -> Scene:

@@ -140,9 +140,7 @@ def _unmet_conditions(system: System, form: str) -> list[str]:
     if system.damping_rate == 0.0 and restitutions(system) == (1.0, 1.0):
         unmet.append("damping must be positive where no stop takes energy, got 0")
     if system.omega == 0.0:
-        held_left = system.lower is not None or system.load > 0.0
-        held_right = system.upper is not None or system.load < 0.0
-        if not (held_left and held_right):
+        if not system.held:
             unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
         elif form == "motion":
             unmet.append("stiffness must be positive for form 'motion', got 0")

@@ -13,7 +13,6 @@ from scipy.special import gammaln, roots_genlaguerre
 
 from stochvi.contacts import Law, Restitution
 from stochvi.errors import NotApplicable
-from stochvi.excitations import Excitation, RecordedNoise, RoadNoise, TabulatedNoise
 from stochvi.scenes import Scene
 from stochvi.sizing.method import risk_curve, size
 from stochvi.sizing.risk_curve import RiskCurve
@@ -106,7 +105,7 @@ def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
         share = sign * damping
         yield f"damping ratio {100.0 * share:+.3g} %", _mount(scene, 1.0, 1.0 + share)
     for sign in (-1.0, 1.0):
-        yield f"level {sign * LEVEL_DB:+.0f} dB", _louder(scene, sign * LEVEL_DB)
+        yield f"level {sign * LEVEL_DB:+.0f} dB", scene.at_level(sign * LEVEL_DB)
     if sizing.target.name != "probability":
         yield from _other_laws(scene)
 
@@ -168,25 +167,6 @@ def _mount(scene: Scene, frequency: float, damping: float) -> Scene:
             "damping": given["damping"] * frequency * damping,
         }
     return scene.model_copy(update={"structure": type(structure)(**(dict(given) | changed))})
-
-
-def _louder(scene: Scene, level_db: float) -> Scene:
-    """All noise at another level; loads stay."""
-    power = 10.0 ** (level_db / 10.0)
-    changed: list[Excitation] = []
-    for excitation in scene.excitations:
-        if isinstance(excitation, TabulatedNoise | RoadNoise | RecordedNoise):
-            keys = excitation.model_dump(exclude_none=True)
-            keys["level_db"] = keys["level_db"] + level_db
-            changed.append(type(excitation)(**keys))
-        else:
-            strength = {
-                name: getattr(excitation, name) * power
-                for name in ("intensity", "density")
-                if getattr(excitation, name, None) is not None
-            }
-            changed.append(excitation.model_copy(update=strength))
-    return scene.model_copy(update={"excitations": tuple(changed)})
 
 
 def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
