@@ -43,3 +43,18 @@ class NotConverged(StochviError):
     def __init__(self, message: str, response: Any = None) -> None:
         self.response = response
         super().__init__(message)
+
+
+class CheckpointError(StochviError, ValueError):
+    """A checkpoint is damaged, or of another scene, version, processor or seed."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Stopped by Ctrl-C; `response` holds what was simulated so far, None if that says nothing.
+
+    It is a KeyboardInterrupt still: nothing that catches errors swallows it.
+    """
+
+    def __init__(self, message: str, response: Any = None) -> None:
+        self.response = response
+        super().__init__(message)

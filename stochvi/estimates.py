@@ -142,7 +142,8 @@ class Response:
 
     `coordinates` and `impact_pairs` map a name to its quantities (`QUANTITY_UNITS`); a quantity
     that the method cannot give is None. `identities` holds the residuals of the energy, virial
-    and force balances, which are zero for a right answer.
+    and force balances, which are zero for a right answer. `interrupted` says that it holds what was
+    simulated until Ctrl-C.
     """
 
     method: str
@@ -154,6 +155,7 @@ class Response:
     warnings: Sequence[str] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     identities: Mapping[str, Estimate] = field(default_factory=dict)
+    interrupted: bool = False
 
     def estimates(self) -> dict[tuple[str, str], Estimate]:
         """Every estimate that exists, keyed by (coordinate or pair, quantity)."""
@@ -201,6 +203,7 @@ class Response:
             "effects": list(self.effects),
             "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
+            "interrupted": self.interrupted,
             "cost": asdict(self.cost),
             "provenance": dict(self.provenance),
         }

@@ -8,16 +8,22 @@ from typing import TYPE_CHECKING
 import click
 
 from stochvi.cli.shared import (
+    FAILED,
     console_for,
+    executor_at,
     finish,
     main,
     numbers,
     options,
     progress_bar,
+    stop,
 )
 
 if TYPE_CHECKING:
     from stochvi.galerkin import FirstPassage
+
+BUDGET = 60.0
+"""Seconds for a simulation that is to reach an accuracy, if nothing is said."""
 
 MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Of a mission, for which its first passage is told: the table and the picture of a curve."""
@@ -203,7 +209,24 @@ def average(scene: str, variant: str, json_file: str | None, out: Path | None, q
 @click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
 @click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R < 0.5.")
-@options("budget", "seed", "threads", "json", "out", "quiet")
+@click.option(
+    "--checkpoint", metavar="FILE", help="Keep what was simulated here; a file there is replaced."
+)
+@click.option(
+    "--checkpoint-interval", type=float, default=1.0, show_default=True, metavar="SECONDS",
+    help="At most this is lost in a crash, and one task.",
+)  # fmt: skip
+@click.option(
+    "--resume", metavar="FILE",
+    help="Go on from a checkpoint, with its paths, duration and seed, and on keeping it.",
+)  # fmt: skip
+@click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster, as tcp://host:8786.")
+@click.option(
+    "--budget", type=float, metavar="SECONDS",
+    help=f"Give up (exit 1) after this [{BUDGET:g}; none with --paths, --checkpoint, --resume].",
+)  # fmt: skip
+@click.option("--seed", type=int, help="Same seed, same digits [0].")
+@options("threads", "json", "out", "quiet")
 def simulate(
     scene: str,
     rel_error: float | None,
@@ -211,21 +234,27 @@ def simulate(
     duration: float | None,
     speed_threshold: float | None,
     slow_impacts: bool,
-    budget: float,
-    seed: int,
+    checkpoint: str | None,
+    checkpoint_interval: float,
+    resume: str | None,
+    dask: str | None,
+    budget: float | None,
+    seed: int | None,
     threads: int | None,
     json_file: str | None,
     out: Path | None,
     quiet: bool,
 ) -> None:
     """Monte Carlo, with standard errors and the bias of the step."""
-    from stochvi.errors import NotConverged
+    from stochvi.errors import Interrupted, NotConverged
     from stochvi.monte_carlo import simulate as solve
     from stochvi.scenes import load_scene
 
     loaded = load_scene(scene)
+    if budget is None and not (paths or checkpoint or resume):
+        budget = BUDGET
     try:
-        with progress_bar(quiet, "simulating") as report:
+        with executor_at(dask) as executor, progress_bar(quiet, "simulating") as report:
             response = solve(
                 loaded,
                 rel_error=rel_error,
@@ -236,11 +265,18 @@ def simulate(
                 budget=budget,
                 seed=seed,
                 threads=threads,
+                executor=executor,
                 progress=report,
+                checkpoint=checkpoint,
+                checkpoint_interval=checkpoint_interval,
+                resume=resume,
             )
-    except NotConverged as reason:
+    except (NotConverged, Interrupted) as reason:
         if reason.response is not None:
             finish(reason.response, json_file, out, quiet)
+        if isinstance(reason, Interrupted):
+            kept = checkpoint or resume
+            stop(f"{reason}" + (f"; go on with --resume {kept}" if kept else ""), FAILED)
         raise
     finish(response, json_file, out, quiet)
     if out is not None and not loaded.beyond_one_oscillator() and loaded.system().omega > 0.0:

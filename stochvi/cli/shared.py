@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -12,12 +13,17 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from rich.console import Console
 
     from stochvi.estimates import Response
 
 FAILED, BAD_INPUT = 1, 2
 """Exit codes."""
+
+LINE_SECONDS = 2.0
+"""Between lines of progress that are not written to a terminal."""
 
 PLAIN_WIDTH = 100
 """Columns of a table that is not written to a terminal, unless COLUMNS says otherwise."""
@@ -120,14 +126,48 @@ def console_for(json_file: str | None) -> Console:
 def progress_bar(
     quiet: bool, title: str, console: Console | None = None
 ) -> Iterator[Callable[[float, str], None]]:
-    """A bar on a terminal, nothing elsewhere."""
+    """A bar on a terminal, elsewhere a line every few seconds."""
     from rich.console import Console
     from rich.progress import Progress
 
-    if quiet or not sys.stderr.isatty():
+    if quiet:
         yield lambda done, text: None
+        return
+    if not sys.stderr.isatty():
+        yield _lines(title)
         return
     terminal = console if console and console.is_terminal else Console(stderr=True)
     with Progress(console=terminal, transient=True) as bar:
         task = bar.add_task(title, total=1.0)
         yield lambda done, text: bar.update(task, completed=done, description=f"{title}: {text}")
+
+
+def _lines(title: str) -> Callable[[float, str], None]:
+    """Progress in plain lines, the first after some seconds; the time left is by the rate at which
+    the fraction has grown since the first report."""
+    start = last = time.monotonic()
+    first: float | None = None
+
+    def line(done: float, text: str) -> None:
+        nonlocal first, last
+        first, now = done if first is None else first, time.monotonic()
+        if now - last < LINE_SECONDS:
+            return
+        last = now
+        grown = done - first
+        left = f", {(1.0 - done) * (now - start) / grown:.0f} s left" if grown > 0.0 else ""
+        click.echo(f"{title}: {100.0 * done:.0f} %, {text}{left}", err=True)
+
+    return line
+
+
+@contextlib.contextmanager
+def executor_at(address: str | None) -> Iterator[Executor | None]:
+    """Executor of a Dask cluster, None where there is no address."""
+    if address is None:
+        yield None
+        return
+    from stochvi.monte_carlo.clusters import dask_executor
+
+    with dask_executor(address) as executor:
+        yield executor

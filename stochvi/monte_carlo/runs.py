@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor, Future
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 from stochvi.assemblies import Contact, assemble
@@ -14,6 +13,8 @@ from stochvi.collisions import COLLAPSE_RESTITUTION, upper_limit_unseen
 from stochvi.errors import NotConverged
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.identities import residuals
+from stochvi.monte_carlo.blocks import Crew, blocks_of, machine
+from stochvi.monte_carlo.checkpoints import Keeper, State
 from stochvi.monte_carlo.plans import Plan, layout_of
 from stochvi.monte_carlo.quantities import (
     CONTACT_QUANTITIES,
@@ -30,7 +31,7 @@ from stochvi.monte_carlo.quantities import (
     restitutions,
     speed_mean,
 )
-from stochvi.monte_carlo.statistics import Layout, PathStatistics
+from stochvi.monte_carlo.statistics import PathStatistics
 from stochvi.notes import scene_notes
 from stochvi.scenes import Scene
 
@@ -42,41 +43,52 @@ FIRST_BLOCKS = 1
 FEWEST_PATHS = 64
 """Paths in the first round, for an honest standard error."""
 
-WINDOW = 4
-"""Blocks per thread that may wait to be merged in order: bounds memory, hides stragglers."""
-
 MOST_REFINEMENTS = 4
 """How often the step is halved when its bias, beyond doubt, exceeds what was asked for."""
 
 
-def _block_averages(
-    plan: Plan, layout: Layout, seed: int, first_path: int, paths: int
-) -> PathStatistics:
-    """One task: a function of its arguments alone, so any worker may do it, twice if need be."""
-    return PathStatistics.of(plan.averages(seed, first_path, paths), layout)
+REPORT_SECONDS = 0.5
+"""Between sentences of progress: each takes the errors of all governed quantities."""
 
 
 @dataclass
 class Run:
-    """Paths simulated so far, at the step and (unless that is free of bias) at twice the step."""
+    """Paths simulated so far, at the step and (unless that is free of bias) at twice the step.
+
+    `state` is all that a run has come to, `resumed` that of a checkpoint to go on from; what else
+    is here is the same after every start.
+    """
 
     scene: Scene
     plan: Plan
     seed: int
-    executor: Executor
-    threads: int
+    crew: Crew
     progress: Progress | None
     compile_time: float
+    resumed: State | None = None
+    keeper: Keeper | None = None
 
     def __post_init__(self) -> None:
         self.started = time.perf_counter()
         self.assembly = assemble(self.scene)
         self.layout = layout_of(self.scene, self.plan)
-        self.fine = PathStatistics.none(self.layout)
-        self.coarse = PathStatistics.none(self.layout)
-        self.steps = 0
+        self.state = self.resumed or State.start(self.layout)
+        self.first_seconds, self.first_steps = self.state.seconds, self.state.steps
+        for _ in range(self.state.refinements):
+            self.plan = self.plan.finer()
         self.expected_paths = 1.0
         self.shown = 0.0
+        self.sentence, self.said = "", -math.inf
+
+    @property
+    def fine(self) -> PathStatistics:
+        """Of the paths at the step."""
+        return self.state.fine
+
+    @property
+    def coarse(self) -> PathStatistics:
+        """Of the same paths at twice the step."""
+        return self.state.coarse
 
     @property
     def exposure(self) -> float:
@@ -85,50 +97,77 @@ class Run:
 
     @property
     def elapsed(self) -> float:
+        """Seconds since this start."""
         return time.perf_counter() - self.started
 
+    @property
+    def seconds(self) -> float:
+        """Seconds since the first start, without those between an end and a new start."""
+        return self.first_seconds + self.elapsed
+
+    def aim(self, goal: int) -> None:
+        """The number of paths that the round which begins now ends with."""
+        self.state = replace(self.state, goal=goal)
+
     def add_paths(self, paths: int, deadline: float = math.inf) -> bool:
-        """Simulate more paths, merged in the order of their numbers; False if time ran out."""
+        """Simulate more paths; False if time ran out."""
+        self.aim(self.fine.count + paths)
+        return self.reach_goal(deadline)
+
+    def reach_goal(self, deadline: float = math.inf) -> bool:
+        """Simulate the paths that are left of this round, merged in the order of their numbers;
+        False if time ran out."""
         plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
-        first, goal = self.fine.count, self.fine.count + paths
+        steps_per_path = sum(plan.steps_per_path for plan in plans)
+        goal = self.state.goal
         self.expected_paths = max(self.expected_paths, goal)
-        waiting: deque[list[Future[PathStatistics]]] = deque()
-        for block in _blocks(first, paths, self.plan.block):
-            if self.elapsed > deadline:
-                break
-            waiting.append(
-                [
-                    self.executor.submit(_block_averages, plan, self.layout, self.seed, *block)
-                    for plan in plans
-                ]
-            )
-            if len(waiting) >= WINDOW * self.threads:
-                self._merge(waiting.popleft())
-        while waiting:
-            late = self.elapsed > deadline
-            # what has not begun when time is up is not begun
-            if late and waiting[0][-1].cancel():
-                break
-            self._merge(waiting.popleft())
-        for block_futures in waiting:
-            for future in block_futures:
-                future.cancel()
-        self.steps += (self.fine.count - first) * sum(plan.steps_per_path for plan in plans)
+        left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
+        results = self.crew.do(plans, self.layout, self.seed, left, lambda: self.elapsed > deadline)
+        with closing(results):  # at once, so that an interrupt leaves no task to be begun
+            for (_, paths), statistics, where in results:
+                self.state = self.state.with_block(statistics, paths * steps_per_path, where)
+                if self.keeper and self.keeper.due():
+                    self.keep()
+                self._report()
         return self.fine.count == goal
 
-    def _merge(self, block: list[Future[PathStatistics]]) -> None:
-        self.fine = self.fine.merge(block[0].result())
-        if len(block) == 2:
-            self.coarse = self.coarse.merge(block[1].result())
-        if self.progress:
-            # what is expected may grow, but a bar never goes back
-            self.shown = max(self.shown, min(1.0, self.fine.count / self.expected_paths))
-            self.progress(self.shown, f"{self.fine.count} paths")
+    def keep(self) -> None:
+        """Write the checkpoint now, if there is one."""
+        if self.keeper:
+            self.keeper.keep(replace(self.state, seconds=self.seconds))
+
+    def _report(self) -> None:
+        if not self.progress:
+            return
+        # what is expected may grow, but a bar never goes back
+        self.shown = max(self.shown, min(1.0, self.fine.count / self.expected_paths))
+        if self.elapsed - self.said > REPORT_SECONDS:
+            self.sentence, self.said = self._sentence(), self.elapsed
+        self.progress(self.shown, self.sentence)
+
+    def _sentence(self) -> str:
+        """Rate, impacts so far, and the relative error of what converges last."""
+        rate = (self.state.steps - self.first_steps) / self.elapsed
+        errors = relative_standard_errors(self) if self.fine.count > 1 else {}
+        error = f", error {100.0 * max(errors.values()):.2g} %" if errors else ""
+        return f"{rate:.2g} steps/s, {self.impacts} impacts{error}"
+
+    @property
+    def impacts(self) -> int:
+        """Of all paths together."""
+        return round(self._rate_of_all() * self.exposure)
 
     def refine(self) -> None:
         """Start again with less bias: at half the step, or with slow impacts resolved."""
         self.plan = self.plan.finer()
-        self.fine = self.coarse = PathStatistics.none(self.layout)
+        none, before = PathStatistics.none(self.layout), self.state
+        self.state = replace(
+            before,
+            fine=none,
+            coarse=none,
+            goal=before.fine.count,  # which was enough for the errors
+            refinements=before.refinements + 1,
+        )
 
     def estimate(self, quantity: Quantity, name: str = "") -> Estimate:
         """A function of the means with its standard error and the bias left by the step."""
@@ -150,7 +189,7 @@ class Run:
         stops = 2.0 if name == "collision_rate" else 1.0
         return stops * self.plan.hits_in_a_cluster * upper_limit_unseen(self.exposure)
 
-    def response(self, warnings: tuple[str, ...] = ()) -> Response:
+    def response(self, warnings: tuple[str, ...] = (), interrupted: bool = False) -> Response:
         """Everything that the paths so far say."""
         coordinates: dict[str, dict[str, Estimate | None]] = {}
         for coordinate in self.assembly.coordinates:
@@ -168,17 +207,18 @@ class Run:
             effects=self.scene.effects(),
             assumptions=[*self.scene.assumptions(), *self._assumptions()],
             cost=Cost(
-                wall_time=self.elapsed,
+                wall_time=self.seconds,
                 compile_time=self.compile_time,
-                steps=self.steps,
-                impacts=round(self._rate_of_all() * self.exposure),
+                steps=self.state.steps,
+                impacts=self.impacts,
                 paths=self.fine.count,
-                threads=self.threads,
-                tenfold_wall_time=100.0 * self.elapsed,
+                threads=self.crew.workers,
+                tenfold_wall_time=100.0 * self.seconds,
             ),
             warnings=[*warnings, *self._warnings()],
-            provenance=provenance(self.scene.document(), self.seed),
+            provenance=provenance(self.scene.document(), self.seed) | {"machine": machine()},
             identities=self._identities(),
+            interrupted=interrupted,
         )
 
     def _pair(self, contact: Contact) -> dict[str, Estimate | float | None]:
@@ -255,6 +295,13 @@ class Run:
         ]
 
     def _warnings(self) -> Iterator[str]:
+        if len(self.state.machines) > 1:
+            yield (
+                f"blocks were simulated on {len(self.state.machines)} kinds of machines: another "
+                "run agrees within the standard errors, not in every digit ("
+                + "; ".join(self.state.machines)
+                + ")"
+            )
         if not self.scene.beyond_one_oscillator():
             yield from scene_notes(self.scene.system())
         contacts = self.assembly.contacts
@@ -311,49 +358,44 @@ def _granted_alike(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
     return {name: replace(each, bias=largest * abs(each.value)) for name, each in group.items()}
 
 
-def _blocks(first_path: int, paths: int, size: int) -> Iterator[tuple[int, int]]:
-    """(first path, number of paths) of blocks that start at multiples of `size` where they can."""
-    end = first_path + paths
-    while first_path < end:
-        count = min(size - first_path % size, end - first_path)
-        yield first_path, count
-        first_path += count
-
-
 def until(run: Run, rel_error: float, budget: float | None) -> None:
-    """Double the number of paths until every governed quantity is as accurate as asked."""
+    """Double the number of paths until every governed quantity is as accurate as asked.
+
+    What is decided hangs on the state alone, but for the budget: a run that goes on from a
+    checkpoint takes the decisions of one that never stopped.
+    """
     deadline = math.inf if budget is None else budget
-    refinements = 0
-    paths = max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS)
-    run.expected_paths = 4.0 * paths  # until the first errors are known
+    if not run.state.goal:
+        run.aim(max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS))
+    run.expected_paths = 4.0 * run.state.goal  # until the first errors are known
     while True:
-        in_time = run.add_paths(paths, deadline)
+        in_time = run.reach_goal(deadline)
         if run.fine.count < 2:
             raise NotConverged(f"budget of {budget:g} s was too short for a single block of paths")
         errors, bias = _relative_errors(run)
         if errors <= rel_error:
             if bias <= rel_error:
+                run.aim(run.fine.count)  # also where time ran out: the answer is there
                 return
-            if not in_time or refinements == MOST_REFINEMENTS:
+            if not in_time or run.state.refinements == MOST_REFINEMENTS:
                 raise NotConverged(
                     f"the step still leaves a relative bias of {bias:.2g}, asked for "
                     f"{rel_error:g}; raise rel_error" + ("" if in_time else " or budget"),
                     run.response(("the accuracy asked for was not reached",)),
                 )
             run.refine()
-            refinements += 1
             continue
-        needed = run.elapsed * (errors / rel_error) ** 2
+        needed = run.seconds * (errors / rel_error) ** 2
         if not in_time or run.elapsed > deadline:
             raise NotConverged(
-                f"relative standard error {errors:.2g} after {run.elapsed:.1f} s, asked for "
+                f"relative standard error {errors:.2g} after {run.seconds:.1f} s, asked for "
                 f"{rel_error:g}, which takes about {needed:.0f} s; raise budget or rel_error",
                 run.response(("the accuracy asked for was not reached",)),
             )
         run.expected_paths = 1.1 * run.fine.count * (errors / rel_error) ** 2
         growth = (errors / rel_error) ** 2 - 1.0
         paths = math.ceil(run.fine.count * min(max(1.1 * growth, 0.1), 3.0))
-        paths = math.ceil(paths / run.plan.block) * run.plan.block
+        run.aim(run.fine.count + math.ceil(paths / run.plan.block) * run.plan.block)
 
 
 def _relative_errors(run: Run) -> tuple[float, float]:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 import time
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stochvi.assemblies import assemble
-from stochvi.errors import NotConverged
+from stochvi.errors import Interrupted, NotConverged
 from stochvi.estimates import Response
+from stochvi.monte_carlo.blocks import Crew, WorkersLost, workers_of
+from stochvi.monte_carlo.checkpoints import Asked, Checkpoint, Keeper, State
 from stochvi.monte_carlo.modal import ModalPlan, plan_modal
-from stochvi.monte_carlo.plans import Plan, make_plan
+from stochvi.monte_carlo.plans import Plan, layout_of, make_plan
 from stochvi.monte_carlo.quantities import (
     Key,
 )
@@ -32,13 +36,16 @@ def simulate(
     rel_error: float | None = None,
     paths: int | None = None,
     duration: float | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     threads: int | None = None,
     executor: Executor | None = None,
     speed_threshold: float | None = None,
     slow_impacts: bool = False,
     budget: float | None = 60.0,
     progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+    checkpoint_interval: float = 1.0,
+    resume: str | Path | None = None,
 ) -> Response:
     """Stationary response by Monte Carlo, with standard errors from independent paths.
 
@@ -57,9 +64,11 @@ def simulate(
         Instead: this many paths of this many seconds each, after burn-in.
     seed
         The streams of random numbers belong to (seed, path): same seed, same digits, on any
-        number of threads.
+        number of threads or machines of one kind. 0 if not given.
     threads, executor
-        Threads to start here, or any `concurrent.futures.Executor`.
+        Threads to start here; or any `concurrent.futures.Executor`, as `ProcessPoolExecutor()`,
+        `mpi4py.futures.MPIPoolExecutor()`, or Dask's `Client(address).get_executor()` (see
+        `monte_carlo.clusters`), with `threads` to correct how many tasks it does at once.
     speed_threshold
         Impacts slower than this (m/s) are left out of the rates, never out of F1 and F2. By
         default 0, or 5 % of the rms velocity where a stop loses energy.
@@ -70,15 +79,27 @@ def simulate(
         and get it then by themselves.
     budget
         Seconds after which `NotConverged` is raised; None for no limit.
+        It is counted from this start, not from that of the run that is resumed.
     progress
         Called with the fraction done and a sentence.
+    checkpoint, checkpoint_interval
+        File to keep what was simulated in: written at once, then every so many seconds and at the
+        end. A file that is there is replaced.
+    resume
+        Go on from this checkpoint, and on writing it unless `checkpoint` names another: with its
+        rel_error, paths, duration and seed, to the digits of a run that never stopped. That of a
+        run that ended gives its result again.
 
     Raises
     ------
     NotApplicable
         With every condition that the scene does not meet.
     NotConverged
-        Carries the response so far.
+        Carries the response so far; also if the executor loses its workers.
+    CheckpointError
+        If `resume` is damaged, or of another scene, seed, version or processor.
+    Interrupted
+        A KeyboardInterrupt that carries the response so far.
 
     Examples
     --------
@@ -95,26 +116,75 @@ def simulate(
     >>> abs(deviation.value - 0.53956) < 4.5 * deviation.standard_error
     True
     """
-    check_arguments(rel_error, paths, duration, seed, speed_threshold, budget, threads)
-    plan = make_plan(scene, speed_threshold, duration, slow_impacts)
-    workers = threads or len(os.sched_getaffinity(0))
-    compile_time = _compile(plan)
-    own = ThreadPoolExecutor(workers)
-    run = Run(scene, plan, seed, executor or own, workers, progress, compile_time)
+    asked = Asked(
+        rel_error=rel_error, paths=paths, duration=duration, seed=seed,
+        speed_threshold=speed_threshold, slow_impacts=slow_impacts,
+    )  # fmt: skip
+    before = None if resume is None else Checkpoint.read(Path(resume))
+    asked = asked.settled() if before is None else before.asked_again(asked)
+    check_asked(asked, budget, threads)
+    _check_seconds(checkpoint_interval=checkpoint_interval)
+    if before is not None:
+        before.check(scene)
+    plan = make_plan(scene, asked.speed_threshold, asked.duration, asked.slow_impacts)
+    state = State.start(layout_of(scene, plan)) if before is None else before.resumed(scene, plan)
+    target = resume if checkpoint is None else checkpoint
+    keeper = None
+    if target is not None:
+        keeper = Keeper(Path(target), scene, asked, state, checkpoint_interval)
+    compile_time, proof = _compile(plan)
+    if before is not None:
+        before.check(scene, proof)
+    if keeper is not None:
+        keeper.proof = proof
+    crew = _crew(executor, threads)
+    run = Run(scene, plan, asked.seed or 0, crew, progress, compile_time, state, keeper)
     try:
-        if paths is None:
-            until(run, 0.01 if rel_error is None else rel_error, budget)
-        elif not run.add_paths(paths, math.inf if budget is None else budget):
-            reached = (
-                run.response(("not all paths were simulated",)) if run.fine.count > 1 else None
-            )
-            raise NotConverged(
-                f"{run.fine.count} of {paths} paths were done in {budget:g} s; raise budget",
-                reached,
-            )
-        return run.response()
+        _simulate(run, asked, budget)
+    except KeyboardInterrupt:
+        raise Interrupted(
+            "interrupted by Ctrl-C",
+            _so_far(run, "interrupted before all paths were simulated", True),
+        ) from None
+    except WorkersLost as error:
+        raise NotConverged(
+            f"{error}, after {run.fine.count} paths; start workers that do, and resume from a "
+            "checkpoint if there is one",
+            _so_far(run, "not all paths were simulated, for want of workers"),
+        ) from error
     finally:
-        own.shutdown(cancel_futures=True)
+        run.keep()
+        if executor is None:
+            crew.executor.shutdown(cancel_futures=True)
+    return run.response()
+
+
+def _simulate(run: Run, asked: Asked, budget: float | None) -> None:
+    """As many paths, or as long, as was asked for."""
+    if asked.paths is None:
+        assert asked.rel_error is not None  # settled
+        until(run, asked.rel_error, budget)
+        return
+    run.aim(asked.paths)
+    if not run.reach_goal(math.inf if budget is None else budget):
+        raise NotConverged(
+            f"{run.fine.count} of {asked.paths} paths were done in {budget:g} s; raise budget",
+            _so_far(run, "not all paths were simulated"),
+        )
+
+
+def _so_far(run: Run, warning: str, interrupted: bool = False) -> Response | None:
+    """What the paths say that there are, if they say anything."""
+    if run.fine.count < 2:
+        return None
+    return run.response((f"{warning}: these are the first {run.fine.count}",), interrupted)
+
+
+def _crew(executor: Executor | None, threads: int | None) -> Crew:
+    if executor is not None:
+        return Crew(executor, threads or workers_of(executor), theirs=True)
+    workers = threads or len(os.sched_getaffinity(0))
+    return Crew(ThreadPoolExecutor(workers), workers, theirs=False)
 
 
 def record_path(
@@ -210,10 +280,10 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
     seconds(pilot) (pilot error / rel_error)^2, from the quantity that converges last.
     """
     plan = make_plan(scene, None, None)
-    workers = threads or len(os.sched_getaffinity(0))
-    compile_time = _compile(plan)
-    with ThreadPoolExecutor(workers) as own:
-        run = Run(scene, plan, seed, own, workers, None, compile_time)
+    compile_time, _ = _compile(plan)
+    crew = _crew(None, threads)
+    with crew.executor:
+        run = Run(scene, plan, seed, crew, None, compile_time)
         run.add_paths(max(2 * plan.block, FEWEST_PATHS))
         elapsed = run.elapsed
     relative = relative_standard_errors(run)
@@ -226,7 +296,7 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
         burn_in=plan.burn_in,
         duration=plan.duration,
         steps_per_path=plan.steps_per_path,
-        nanoseconds_per_step=1e9 * elapsed / run.steps,
+        nanoseconds_per_step=1e9 * elapsed / run.state.steps,
         seconds={
             target: None if unseen else elapsed * (relative[slowest] / target) ** 2
             for target in (0.01, 0.001)
@@ -240,6 +310,14 @@ def _spoken(scene: Scene, key: Key) -> str:
     owner, name = key
     alone = len(scene.structure.coordinates) == 1 and len(scene.impact_pairs) < 2
     return name if alone else f"{name} of {owner}"
+
+
+def check_asked(asked: Asked, budget: float | None, threads: int | None) -> None:
+    """ValueError for what makes no sense of what was asked for."""
+    check_arguments(
+        asked.rel_error, asked.paths, asked.duration, asked.seed or 0, asked.speed_threshold,
+        budget, threads,
+    )  # fmt: skip
 
 
 def check_arguments(
@@ -276,8 +354,11 @@ def _check_seconds(**times: float | None) -> None:
             raise ValueError(f"{name} must be a positive number of seconds, got {value}")
 
 
-def _compile(plan: Plan) -> float:
-    """Run the kernels once on next to nothing; seconds it took (machine code is cached)."""
+def _compile(plan: Plan) -> tuple[float, str]:
+    """Run the kernels once on next to nothing: seconds it took (machine code is cached), and a
+    digest of what came out."""
     start = time.perf_counter()
-    plan.shortest().averages(0, 0, 2)
-    return time.perf_counter() - start
+    averages = plan.shortest().averages(0, 0, 2)
+    lengths = np.array([plan.step, plan.burn_in, plan.duration, plan.block])
+    digest = hashlib.sha256(averages.tobytes() + lengths.tobytes()).hexdigest()
+    return time.perf_counter() - start, digest

@@ -67,7 +67,7 @@ class PathStatistics:
         return PathStatistics(
             count=count,
             mean=self.mean + shift * (other.count / count),
-            scatter=self.scatter + other.scatter + np.outer(shift, shift) * weight,
+            scatter=self.scatter + other.scatter + shift[:, None] * shift * weight,
             layout=self.layout,
         )
 

@@ -1,0 +1,249 @@
+"""What a run has come to, on disk: whole or not at all, and only for the same question.
+
+A checkpoint is one line, "stochvi checkpoint 1" and the SHA-256 of all that follows, and then a
+JSON document: the question (scene, arguments, versions and processor) and the state. Floats are
+written with all their digits: a run that goes on is the run that was never stopped, bit by bit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stochvi.errors import CheckpointError
+from stochvi.monte_carlo.blocks import machine
+from stochvi.monte_carlo.plans import Plan, layout_of
+from stochvi.monte_carlo.statistics import Layout, PathStatistics
+from stochvi.scenes import Scene
+
+HEADER = "stochvi checkpoint 1"
+"""What a checkpoint begins with; the number is that of the format."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """The arguments of `simulate` that its digits hang on."""
+
+    rel_error: float | None = None
+    paths: int | None = None
+    duration: float | None = None
+    seed: int | None = None
+    speed_threshold: float | None = None
+    slow_impacts: bool = False
+
+    def settled(self) -> Asked:
+        """With what is taken where nothing is said: seed 0, and 1 % where no number of paths is
+        given."""
+        rel_error = 0.01 if self.rel_error is None and self.paths is None else self.rel_error
+        return replace(self, rel_error=rel_error, seed=0 if self.seed is None else self.seed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """What a run has come to after some blocks; replaced whole, so it is never half a block old.
+
+    `goal` is the number of paths that the round under way ends with, `refinements` how often the
+    step was halved, `machines` where the blocks were simulated, `seconds` those spent so far.
+    """
+
+    fine: PathStatistics
+    coarse: PathStatistics
+    goal: int = 0
+    steps: int = 0
+    refinements: int = 0
+    machines: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @classmethod
+    def start(cls, layout: Layout) -> State:
+        """Of a run that has not begun."""
+        none = PathStatistics.none(layout)
+        return cls(fine=none, coarse=none)
+
+    def with_block(self, block: list[PathStatistics], steps: int, machine: str) -> State:
+        """After one block more: its statistics by the plan and, if there is bias, by the coarser
+        one; the steps they took."""
+        known = machine in self.machines
+        return replace(
+            self,
+            fine=self.fine.merge(block[0]),
+            coarse=self.coarse.merge(block[1]) if len(block) > 1 else self.coarse,
+            steps=self.steps + steps,
+            machines=self.machines if known else (*self.machines, machine),
+        )
+
+    def document(self) -> dict[str, Any]:
+        """As plain types."""
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name in ("fine", "coarse"):
+            part: PathStatistics = plain[name]
+            plain[name] = {
+                "count": part.count,
+                "mean": part.mean.tolist(),
+                "scatter": part.scatter.tolist(),
+            }
+        return plain | {"machines": list(self.machines)}
+
+    @classmethod
+    def from_document(cls, plain: Mapping[str, Any], layout: Layout) -> State:
+        """The state that was written; `layout` is that of the scene."""
+        parts = {
+            name: PathStatistics(
+                count=plain[name]["count"],
+                mean=np.array(plain[name]["mean"], float),
+                scatter=np.array(plain[name]["scatter"], float),
+                layout=layout,
+            )
+            for name in ("fine", "coarse")
+        }
+        return cls(**{**plain, **parts, "machines": tuple(plain["machines"])})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checkpoint:
+    """A question, and the state of its answer. `proof` is a digest of what two short paths give:
+    it stands for the tables that a scene names, and for the arithmetic of the machine."""
+
+    path: Path
+    scene: Mapping[str, Any]
+    asked: Asked
+    machine: str
+    proof: str = ""
+    state: Mapping[str, Any]
+
+    def write(self) -> None:
+        """Whole or not at all, and on the disk when this returns."""
+        document = {
+            "scene": self.scene,
+            "asked": asdict(self.asked),
+            "machine": self.machine,
+            "proof": self.proof,
+            "state": self.state,
+        }
+        body = json.dumps(document, allow_nan=False).encode()
+        part = self.path.with_name(self.path.name + ".part")
+        with open(part, "wb") as file:
+            file.write(_header(body) + body)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, self.path)
+
+    @classmethod
+    def read(cls, path: Path) -> Checkpoint:
+        """CheckpointError unless the file is exactly what was written."""
+        text = path.read_bytes()
+        header, newline, body = text.partition(b"\n")
+        if not text.startswith(HEADER.rsplit(" ", 1)[0].encode()):
+            raise CheckpointError(f"{path} is not a checkpoint of stochvi")
+        if header + newline != _header(body):
+            raise CheckpointError(
+                f"{path} is damaged: it was cut short or changed since it was written (its "
+                "checksum does not match); start again without it"
+            )
+        found = json.loads(body)
+        return cls(path=path, **(found | {"asked": Asked(**found["asked"])}))
+
+    def asked_again(self, given: Asked) -> Asked:
+        """What was asked, where nothing else is `given` now."""
+        for name, value in asdict(given).items():
+            before = getattr(self.asked, name)
+            if value is not None and value is not False and value != before:
+                raise CheckpointError(
+                    f"{self.path} is of a run with {name} {before}, not {value}; leave {name} out "
+                    "to go on with it, or start again without the checkpoint"
+                )
+        return self.asked
+
+    def check(self, scene: Scene, proof: str = "") -> None:
+        """CheckpointError if it is of another scene, of other versions or another processor."""
+        if differing := _difference(self.scene, plain_scene(scene)):
+            raise CheckpointError(f"{self.path} is of another scene: {differing}")
+        if self.machine != machine():
+            raise CheckpointError(
+                f"{self.path} is of another version or processor, where digits differ: it was made "
+                f"with {self.machine}; here is {machine()}"
+            )
+        if proof and self.proof and proof != self.proof:
+            raise CheckpointError(
+                f"{self.path} is of another scene: the same words give other paths now (a table "
+                "that the scene names has changed, or the package itself)"
+            )
+
+    def resumed(self, scene: Scene, plan: Plan) -> State:
+        """The state to go on from."""
+        return State.from_document(self.state, layout_of(scene, plan))
+
+
+class Keeper:
+    """Writes what a run has come to: at once, and when the run asks whether it is due."""
+
+    def __init__(
+        self, path: Path, scene: Scene, asked: Asked, state: State, interval: float
+    ) -> None:
+        self.path, self.asked, self.interval = path, asked, interval
+        self.scene, self.machine, self.proof = plain_scene(scene), machine(), ""
+        self.keep(state)
+
+    def due(self) -> bool:
+        """Whether the interval is over."""
+        return time.perf_counter() - self.written >= self.interval
+
+    def keep(self, state: State) -> None:
+        """Write."""
+        Checkpoint(
+            path=self.path,
+            scene=self.scene,
+            asked=self.asked,
+            machine=self.machine,
+            proof=self.proof,
+            state=state.document(),
+        ).write()
+        self.written = time.perf_counter()
+
+
+def plain_scene(scene: Scene) -> dict[str, Any]:
+    """The scene as it is in JSON, files without their folders, which may be reached by other
+    ways."""
+    document: dict[str, Any] = json.loads(json.dumps(scene.document()))
+    return {key: _without_folders(value) for key, value in document.items()}
+
+
+def _without_folders(part: Any) -> Any:
+    if isinstance(part, list):
+        return [_without_folders(each) for each in part]
+    if not isinstance(part, dict):
+        return part
+    return {
+        key: Path(value).name if key == "file" else _without_folders(value)
+        for key, value in part.items()
+    }
+
+
+def _difference(there: Any, here: Any, key: str = "") -> str:
+    """The first key in which two documents differ, in words; empty if they do not."""
+    if isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        there, here = dict(enumerate(there)), dict(enumerate(here))
+    if isinstance(there, dict) and isinstance(here, dict):
+        for name in [*there, *(name for name in here if name not in there)]:
+            place = f"{key}.{name}".lstrip(".")
+            if found := _difference(there.get(name), here.get(name), place):
+                return found
+        return ""
+    return "" if there == here else f"{key} is {_short(there)} in it, {_short(here)} here"
+
+
+def _short(value: Any) -> str:
+    text = "not there" if value is None else json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _header(body: bytes) -> bytes:
+    return f"{HEADER} {hashlib.sha256(body).hexdigest()}\n".encode()
