@@ -97,7 +97,7 @@ def workers_of(executor: Executor) -> int:
     else as many as there are cores here."""
     client: Any = getattr(executor, "_client", None)
     if hasattr(client, "nthreads"):
-        return max(1, sum(client.nthreads().values()))
+        return max(1, sum(int(threads) for threads in client.nthreads().values()))
     for name in ("num_workers", "_max_workers"):
         if isinstance(number := getattr(executor, name, None), int):
             return max(1, number)
