@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     )
     from stochvi.crosscheck import Check, check
     from stochvi.errors import (
+        CheckpointError,
+        Interrupted,
         NoExactSolution,
         NotApplicable,
         NotConverged,
@@ -71,6 +73,7 @@ if TYPE_CHECKING:
     from stochvi.scenes import ImpactPair, Scene, load_scene
     from stochvi.sizing import Sizing, size
     from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
+    from stochvi.sweeps import sweep
 
 _HOME = {
     "absorbers": ("AbsorberReport", "Design", "absorber", "design_absorber"),
@@ -93,7 +96,15 @@ _HOME = {
         "Viscoelastic",
     ),
     "crosscheck": ("Check", "check"),
-    "errors": ("NoExactSolution", "NotApplicable", "NotConverged", "SceneError", "StochviError"),
+    "errors": (
+        "CheckpointError",
+        "Interrupted",
+        "NoExactSolution",
+        "NotApplicable",
+        "NotConverged",
+        "SceneError",
+        "StochviError",
+    ),
     "estimates": ("Cost", "Estimate", "Response"),
     "excitations": (
         "ConstantLoad",
@@ -125,6 +136,7 @@ _HOME = {
     "scenes": ("ImpactPair", "Scene", "load_scene"),
     "sizing": ("Sizing", "size"),
     "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
+    "sweeps": ("sweep",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -132,6 +144,7 @@ __all__ = [
     "Absorber",
     "AbsorberReport",
     "Check",
+    "CheckpointError",
     "ConstantLoad",
     "Cost",
     "Design",
@@ -146,6 +159,7 @@ __all__ = [
     "HarmonicResonance",
     "Hertz",
     "ImpactPair",
+    "Interrupted",
     "Isolator",
     "Jolts",
     "Matrices",
@@ -194,6 +208,7 @@ __all__ = [
     "screen",
     "simulate",
     "size",
+    "sweep",
     "transient",
 ]
 

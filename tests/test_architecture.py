@@ -32,6 +32,7 @@ FLOORS = {
         "isolators",
         "absorbers",
         "sizing",
+        "sweeps",
         "files",
         "plots",
         "density_plots",

@@ -422,7 +422,7 @@ def test_three_kills(tmp_path: Path) -> None:
 
 @pytest.mark.verify
 def test_fifty_kills_of_two_minutes(tmp_path: Path) -> None:
-    killed_at_random(tmp_path, paths=800_000, kills=50, progress=2.4, interval=1.0)
+    killed_at_random(tmp_path, paths=2_500_000, kills=50, progress=2.4, interval=1.0)
 
 
 def test_control_c_ends_with_what_there_is(tmp_path: Path) -> None:

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stochvi.cli.shared import (
+    FAILED,
     console_for,
+    executor_at,
     main,
     numbers,
     options,
     progress_bar,
+    stop,
 )
 
 if TYPE_CHECKING:
@@ -296,3 +299,78 @@ def jolt(
         write_json(found.to_dict(), json_file)
     if out is not None:
         write_table(found.to_frame(), out / "jolts.csv")
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--vary", required=True, multiple=True, metavar="KEY=FIRST:LAST:NUMBER",
+    help="As impact_pair.0.law.coefficient=0.3:1:8; also ...:log, or KEY=VALUE,VALUE. Several: "
+    "all combinations.",
+)  # fmt: skip
+@click.option(
+    "--method", default="simulate", show_default=True,
+    type=click.Choice(["simulate", "exact", "closure", "fokker-planck", "average"]),
+    help="What answers for each scene.",
+)  # fmt: skip
+@click.option("--rel-error", type=float, help="Of simulations [0.01].")
+@click.option("--paths", type=int, help="Instead: this many paths ...")
+@click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
+@click.option(
+    "--random-numbers", type=click.Choice(["common", "independent"]), default="common",
+    show_default=True, help="The same in each row, so that differences are the scenes', or not.",
+)  # fmt: skip
+@click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster.")
+@click.option("--budget", type=float, metavar="SECONDS", help="Of a row [60; none with --paths].")
+@click.option("--seed", type=int, default=0, help="Same seed, same digits.")
+@options("threads", "out", "quiet")
+def sweep(
+    scene: str,
+    vary: tuple[str, ...],
+    method: str,
+    rel_error: float | None,
+    paths: int | None,
+    duration: float | None,
+    random_numbers: str,
+    dask: str | None,
+    budget: float | None,
+    seed: int,
+    threads: int | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """A scene over ranges of its keys: a table, a picture per quantity.
+
+    Rows are kept in --out as they come; the same command goes on where it was stopped.
+    """
+    from stochvi.sweeps import sweep as solve
+    from stochvi.sweeps import values_of, write_sweep
+    from stochvi.tables import print_frame
+
+    ranges = dict(values_of(text) for text in vary)
+    asked: dict[str, Any] = {
+        "rel_error": rel_error, "paths": paths, "duration": duration, "threads": threads,
+        "budget": budget,
+    }  # fmt: skip
+    asked = {name: value for name, value in asked.items() if value is not None}
+    if method != "simulate" and (useless := sorted(set(asked) | ({"dask"} if dask else set()))):
+        raise ValueError(f"--{useless[0].replace('_', '-')} is for --method simulate alone")
+    if paths is not None:
+        asked.setdefault("budget", None)
+    try:
+        with executor_at(dask) as executor, progress_bar(quiet, "sweep") as report:
+            table = solve(
+                scene, ranges, method=method, out=out, common=random_numbers == "common",
+                seed=seed, executor=executor, progress=report, **asked,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        kept = f"; rows are kept in {out}: the same command goes on" if out else ""
+        stop(f"interrupted by Ctrl-C{kept}", FAILED)
+    if not quiet:
+        governed = ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate")
+        shown = [name for name in table if str(name).rsplit(".", 1)[-1] in governed]
+        print_frame(console_for(None), table[[*ranges, *shown, "seconds"]], f"{method}, SI units")
+    if out is not None and not write_sweep(table, list(ranges), out) and not quiet:
+        click.echo(f"wrote {out}/sweep.csv; sweep.parquet needs pip install pyarrow", err=True)
+    if (noted := table[table["note"] != ""]).shape[0]:
+        stop(f"{len(noted)} of {len(table)} rows fell short: {noted['note'].iloc[0]}", FAILED)

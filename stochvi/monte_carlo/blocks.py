@@ -27,8 +27,15 @@ WINDOW = 4
 """Tasks per worker that may wait to be merged in order: bounds memory, hides stragglers."""
 
 TASK_SECONDS = 0.5
-"""Work of one task for somebody else's executor: some hundred times what it costs to send one to
-another machine, and no more than a checkpoint may lose."""
+"""Work of one task for somebody else's executor, at least: a hundred times what it costs to send
+it, and no more than a checkpoint may lose."""
+
+SENDING_SECONDS = 0.003
+"""CPU of a Dask client and its scheduler to send a task and to get its result back, measured; a
+pool of processes takes a tenth. Tasks last so long that this keeps all workers at work."""
+
+MOST_WAITING = 2**17
+"""Blocks that may be under way or wait to be merged, however many workers: some 300 MB."""
 
 MOST_ATTEMPTS = 4
 """How often a block is begun before it is given up. Schedulers do lost blocks again themselves."""
@@ -118,8 +125,10 @@ class Crew:
         work for everybody. Blocks are merged one by one either way."""
         if not self.theirs:
             return 1
-        enough = math.ceil(TASK_SECONDS / self.block_seconds) if self.block_seconds else blocks
-        return max(1, min(enough, blocks // (WINDOW * self.workers)))
+        tasks = WINDOW * self.workers
+        seconds = max(TASK_SECONDS, 2.0 * self.workers * SENDING_SECONDS)
+        enough = math.ceil(seconds / self.block_seconds) if self.block_seconds else blocks
+        return max(1, min(enough, blocks // tasks, MOST_WAITING // tasks))
 
     def do(
         self,

@@ -1,0 +1,384 @@
+"""A scene over ranges of its keys: one row for each, kept as soon as it is known."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import importlib.util
+import itertools
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stochvi.errors import NotApplicable, NotConverged, SceneError
+from stochvi.estimates import QUANTITY_UNITS, Response, provenance
+from stochvi.files import to_json, write_picture, write_table, write_text
+from stochvi.scenes import Scene, load_scene, scene_from
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+Progress = Callable[[float, str], None]
+Change = tuple[tuple[str, float], ...]
+"""Keys of a scene file, "impact_pair.0.law.coefficient", and what they are set to."""
+
+METHODS = ("simulate", "exact", "closure", "fokker-planck", "average")
+"""What answers for a row; closure is a form of linearisation."""
+
+ERROR, BIAS = "standard_error", "bias"
+MOST_IN_A_LEGEND = 12
+"""Lines of a picture that are named."""
+
+
+def sweep(
+    scene: Scene | str | Path,
+    vary: Mapping[str, Sequence[float]],
+    *,
+    method: str = "simulate",
+    out: str | Path | None = None,
+    common: bool = True,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    **arguments: Any,
+) -> pd.DataFrame:
+    """One answer for each combination of values: a row for each scene.
+
+    Columns are the keys, then for each quantity ("stops.collision_rate", SI units) its value and
+    its "... standard_error" and "... bias", the seed, the paths, seconds, and a note where there is
+    no answer or not as accurate as asked.
+
+    Parameters
+    ----------
+    vary
+        Key of the scene file, with numbers for places in lists, to its values.
+    method
+        "simulate", "exact", "closure", "fokker-planck" or "average".
+    out
+        Folder for rows as they come. Rows that are there, of the same scene, arguments and version,
+        are not computed again; one that was being simulated goes on from its checkpoint.
+    common
+        Common random numbers: the same seed in each row, so that what differs between rows is the
+        scene. Else each row has a seed of its own, made of `seed` and its scene.
+    arguments
+        Passed to the method: rel_error, paths, duration, threads, budget for "simulate".
+
+    Raises
+    ------
+    SceneError
+        For a key that the scene does not have, with the nearest that it has, before anything is
+        computed.
+
+    Examples
+    --------
+    >>> from stochvi.contacts import Restitution
+    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.scenes import ImpactPair
+    >>> from stochvi.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(upper=1.0, law=Restitution(coefficient=1.0))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> table = sweep(scene, {"impact_pair.0.upper": [0.5, 1.0, 2.0]}, method="exact")
+    >>> table["stops.collision_rate"].round(4).tolist()
+    [0.2031, 0.1147, 0.022]
+    """
+    import pandas as pd
+
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    document = (scene if isinstance(scene, Scene) else load_scene(scene)).document()
+    if not vary:
+        raise ValueError("vary must name at least one key of the scene")
+    grid = [tuple(zip(vary, point, strict=True)) for point in itertools.product(*vary.values())]
+    jobs = [
+        Job.of(changed_scene(document, change), change, method, common, seed, arguments)
+        for change in grid
+    ]
+    folder = None if out is None else Path(out) / "rows"
+    rows = []
+    for number, job in enumerate(jobs):
+
+        def report(done: float, text: str, number: int = number) -> None:
+            if progress:
+                progress((number + done) / len(jobs), f"row {number + 1} of {len(jobs)}, {text}")
+
+        rows.append(job.row(folder, executor, report))
+    return pd.DataFrame(rows).astype({"seed": "Int64", "paths": "Int64", "seconds": float})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """A row to be: its scene, how it is answered, and the name under which it is kept."""
+
+    scene: Scene
+    change: Change
+    method: str
+    seed: int
+    arguments: Mapping[str, Any]
+    name: str
+
+    @classmethod
+    def of(
+        cls, scene: Scene, change: Change, method: str, common: bool, seed: int,
+        arguments: Mapping[str, Any],
+    ) -> Job:  # fmt: skip
+        """The name is a digest of the scene, the tables in it, the arguments and the versions."""
+        document = scene.document()
+        words = json.dumps(document, sort_keys=True)
+        if not common:
+            own = int.from_bytes(hashlib.sha256(words.encode()).digest()[:8], "big")
+            seed = int(np.random.SeedSequence([seed, own]).generate_state(1, np.uint64)[0] >> 1)
+        # where and how fast a row is computed does not change it
+        asked = {key: arguments[key] for key in sorted(arguments) if key not in FREE}
+        whole = hashlib.sha256(f"{words} {method} {seed} {asked} {_versions(method)}".encode())
+        for file in _files(document):
+            whole.update(file.read_bytes())
+        return cls(
+            scene=scene, change=change, method=method, seed=seed, arguments=arguments,
+            name=whole.hexdigest()[:16],
+        )  # fmt: skip
+
+    def row(
+        self, folder: Path | None, executor: Executor | None, progress: Progress
+    ) -> dict[str, Any]:
+        """Of the table; kept in the folder once it is known, and taken from there if it was."""
+        kept = None if folder is None else folder / f"{self.name}.json"
+        if kept is not None and kept.exists():
+            return self._columns(json.loads(kept.read_text("utf-8")), "")
+        try:
+            document, note = self._answer(folder, executor, progress).to_dict(), ""
+        except NotApplicable as error:
+            document, note = {}, str(error)
+        except NotConverged as error:
+            document, note = error.response.to_dict() if error.response else {}, str(error)
+        if kept is not None and not note:
+            write_text(to_json(document) + "\n", kept)
+            kept.with_suffix(".checkpoint").unlink(missing_ok=True)
+        return self._columns(document, note)
+
+    def _answer(
+        self, folder: Path | None, executor: Executor | None, progress: Progress
+    ) -> Response:
+        match self.method:
+            case "simulate":
+                return self._simulated(folder, executor, progress)
+            case "exact":
+                from stochvi.closed_form import exact
+
+                return exact(self.scene, **self.arguments)
+            case "closure":
+                from stochvi.linearisation import linearise
+
+                return linearise(self.scene, form="closure", **self.arguments)
+            case "fokker-planck":
+                from stochvi.galerkin import fokker_planck
+
+                return fokker_planck(self.scene, **self.arguments)
+        from stochvi.averaging import average
+
+        return average(self.scene, **self.arguments)
+
+    def _simulated(
+        self, folder: Path | None, executor: Executor | None, progress: Progress
+    ) -> Response:
+        from stochvi.monte_carlo import simulate
+
+        if folder is None:
+            checkpoint = resume = None
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+            checkpoint = folder / f"{self.name}.checkpoint"
+            resume = checkpoint if checkpoint.exists() else None
+        return simulate(
+            self.scene, seed=self.seed, executor=executor, progress=progress,
+            checkpoint=checkpoint, resume=resume, **self.arguments,
+        )  # fmt: skip
+
+    def _columns(self, document: Mapping[str, Any], note: str) -> dict[str, Any]:
+        found: dict[str, Any] = dict(self.change)
+        for group in ("coordinates", "impact_pairs"):
+            for owner, quantities in document.get(group, {}).items():
+                for name, estimate in quantities.items():
+                    if isinstance(estimate, Mapping):
+                        found[f"{owner}.{name}"] = estimate["value"]
+                        found[f"{owner}.{name} {ERROR}"] = estimate["standard_error"]
+                        found[f"{owner}.{name} {BIAS}"] = estimate["bias"]
+        cost = document.get("cost", {})
+        return found | {
+            "method": self.method,
+            "seed": self.seed if self.method == "simulate" else None,
+            "paths": cost.get("paths"),
+            "seconds": cost.get("wall_time"),
+            "note": note,
+        }
+
+
+FREE = ("threads", "budget", "checkpoint_interval")
+"""Arguments that do not change a row."""
+
+
+def _versions(method: str) -> str:
+    """What the digits of a row hang on beside its scene."""
+    if method == "simulate":
+        from stochvi.monte_carlo.blocks import machine
+
+        return machine()
+    return str(provenance({}))
+
+
+def _files(part: Any) -> Iterator[Path]:
+    """Every file that a document names and that is there."""
+    for key, value in part.items() if isinstance(part, dict) else enumerate(part):
+        if isinstance(value, dict | list):
+            yield from _files(value)
+        elif key == "file" and Path(value).is_file():
+            yield Path(value)
+
+
+def changed_scene(document: Mapping[str, Any], change: Change) -> Scene:
+    """The scene of a document with some keys set to other values.
+
+    Raises
+    ------
+    SceneError
+        With the nearest key that there is, or what is wrong with the value.
+    """
+    changed = json.loads(json.dumps(document))
+    for key, value in change:
+        _set(changed, key, value)
+    try:
+        return scene_from(changed)
+    except SceneError as error:
+        values = ", ".join(f"{key} = {value:g}" for key, value in change)
+        raise SceneError(f"vary: with {values}, {error}") from None
+
+
+def _set(document: Any, key: str, value: float) -> None:
+    """Set a key that is there, or one that its part of the scene knows but leaves out."""
+    *way, last = key.split(".")
+    part = document
+    for word in way:
+        if isinstance(part, list) and word.isdigit() and int(word) < len(part):
+            part = part[int(word)]
+        elif isinstance(part, dict) and isinstance(part.get(word), dict | list):
+            part = part[word]
+        else:
+            raise _unknown(document, key)
+    if isinstance(part, list) and last.isdigit() and int(last) < len(part):
+        part[int(last)] = value
+    elif isinstance(part, dict) and not isinstance(part.get(last), dict | list | str):
+        part[last] = value
+    else:
+        raise _unknown(document, key)
+
+
+def _unknown(document: Any, key: str) -> SceneError:
+    known = [name for name, _ in _numbers(document)]
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+    return SceneError(
+        f"vary: {key} is not a number of the scene; did you mean {near[0]!r}? "
+        f"(it has {', '.join(known)})"
+    )
+
+
+def _numbers(part: Any, key: str = "") -> Iterator[tuple[str, float]]:
+    """Every number of a document by its key."""
+    if isinstance(part, dict | list):
+        items = part.items() if isinstance(part, dict) else enumerate(part)
+        for name, value in items:
+            yield from _numbers(value, f"{key}.{name}".lstrip("."))
+    elif isinstance(part, int | float) and not isinstance(part, bool):
+        yield key, part
+
+
+def quantities(table: pd.DataFrame) -> list[str]:
+    """Columns of a table that are quantities, in its order."""
+    return [str(name) for name in table if f"{name} {ERROR}" in table]
+
+
+def draw_sweep(table: pd.DataFrame, keys: Sequence[str], quantity: str, title: str = "") -> Axes:
+    """A quantity against the first key, a line for each combination of the others; bars are 95 %
+    intervals."""
+    import matplotlib.pyplot as plt
+
+    _, ax = plt.subplots(figsize=(7.2, 4.4), layout="constrained")
+    groups = table.groupby(list(keys[1:]), sort=True) if keys[1:] else [((), table)]
+    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.88, len(groups)))
+    for colour, (values, group) in zip(colours, groups, strict=True):
+        pairs = zip(keys[1:], values, strict=True)
+        label = ", ".join(f"{_last(key)} {value:.4g}" for key, value in pairs)
+        ax.errorbar(
+            group[keys[0]], group[quantity], 1.96 * group[f"{quantity} {ERROR}"],
+            fmt="o-", markersize=4, capsize=2, color=colour, label=label,
+        )  # fmt: skip
+    if 1 < len(groups) <= MOST_IN_A_LEGEND:
+        ax.legend(frameon=False, fontsize="small")
+    owner, name = quantity.rsplit(".", 1)
+    ax.set_xlabel(keys[0])
+    ax.set_ylabel(f"{name.replace('_', ' ')} of {owner} ({QUANTITY_UNITS[name]})")
+    ax.set_title(title)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    return ax
+
+
+def _last(key: str) -> str:
+    """The words at the end of a key that say enough: "law.coefficient"."""
+    words = [word for word in key.split(".") if not word.isdigit()]
+    return ".".join(words[-2:])
+
+
+def write_sweep(
+    table: pd.DataFrame, keys: Sequence[str], folder: str | Path, title: str = ""
+) -> bool:
+    """`sweep.csv`, `sweep.parquet` where pyarrow is installed (True), and a picture of each
+    quantity that changes."""
+    folder = Path(folder)
+    write_table(table, folder / "sweep.csv")
+    parquet = importlib.util.find_spec("pyarrow") is not None
+    if parquet:
+        table.to_parquet(folder / "sweep.parquet", index=False)
+    for quantity in quantities(table):
+        if table[quantity].nunique() > 1:
+            ax = draw_sweep(table, keys, quantity, title)
+            write_picture(ax, folder / f"{quantity}.png")
+    return parquet
+
+
+def values_of(text: str) -> tuple[str, list[float]]:
+    """A key and its values from "key=0.3:1:8" (eight from 0.3 to 1), "key=1:100:5:log" or
+    "key=0.3,0.5,1".
+
+    Examples
+    --------
+    >>> values_of("structure.damping=0.1:0.4:4")[1]
+    [0.1, 0.2, 0.3, 0.4]
+    >>> values_of("structure.damping=1:100:3:log")
+    ('structure.damping', [1.0, 10.0, 100.0])
+    """
+    key, equals, words = text.partition("=")
+    try:
+        if not key or not equals:
+            raise ValueError
+        if ":" not in words:
+            return key, [float(word) for word in words.split(",")]
+        first, last, number, *spacing = words.split(":")
+        start, stop, count = float(first), float(last), int(number)
+        if spacing not in ([], ["log"]) or count < 1 or (spacing and min(start, stop) <= 0.0):
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            "--vary must be KEY=FIRST:LAST:NUMBER, KEY=FIRST:LAST:NUMBER:log or "
+            f"KEY=VALUE,VALUE,..., got {text!r}"
+        ) from None
+    spaced = np.geomspace(start, stop, count) if spacing else np.linspace(start, stop, count)
+    # 0.1, 0.2, 0.3: what is written, not what is left of it after a sum
+    return key, [float(f"{value:.12g}") for value in spaced]
