@@ -282,7 +282,8 @@ def _set(document: Any, key: str, value: float) -> None:
 
 def _unknown(document: Any, key: str) -> SceneError:
     known = [name for name, _ in _numbers(document)]
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+    within = [name for name in known if name.startswith(f"{key}.")]
+    near = within or difflib.get_close_matches(key, known, n=1, cutoff=0.0)
     return SceneError(
         f"vary: {key} is not a number of the scene; did you mean {near[0]!r}? "
         f"(it has {', '.join(known)})"
