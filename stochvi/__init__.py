@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         WhiteNoise,
     )
     from stochvi.explanation import Explanation, explain
+    from stochvi.failures import Chance, Reliability, reliability
     from stochvi.galerkin import (
         FirstPassage,
         Gaussian,
@@ -105,6 +106,7 @@ _HOME = {
         "WhiteNoise",
     ),
     "explanation": ("Explanation", "explain"),
+    "failures": ("Chance", "Reliability", "reliability"),
     "galerkin": (
         "FirstPassage",
         "Gaussian",
@@ -131,6 +133,7 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 __all__ = [
     "Absorber",
     "AbsorberReport",
+    "Chance",
     "Check",
     "ConstantLoad",
     "Cost",
@@ -156,6 +159,7 @@ __all__ = [
     "Oscillator",
     "RandomResonance",
     "RecordedNoise",
+    "Reliability",
     "Response",
     "Restitution",
     "RoadNoise",
@@ -191,6 +195,7 @@ __all__ = [
     "linearise",
     "load_scene",
     "record_path",
+    "reliability",
     "screen",
     "simulate",
     "size",
