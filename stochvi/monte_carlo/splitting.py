@@ -178,7 +178,10 @@ def pilot_levels(plan: MissionPlan, seed: int, particles: int = PARTICLES) -> Le
         if happened >= SHARE:
             return Levels(tuple(levels), chance * happened, steps)
         level = float(np.quantile(fleet.top, 1.0 - SHARE, method="lower"))
-        if len(levels) == MOST_LEVELS or not level > (levels[-1] if levels else 0.0):
+        last = levels[-1] if levels else 0.0
+        if not level > last:  # most are copies of one path, and none of them rose
+            level = float(np.min(fleet.top[fleet.top > last], initial=math.inf))
+        if len(levels) == MOST_LEVELS or level == math.inf:
             raise NotConverged(
                 f"splitting found no way to the event: {len(levels)} levels of energy were reached "
                 f"with a chance of {chance:.2g}, and no higher one; the limit may be out of reach"

@@ -109,12 +109,17 @@ def fly_missions(
             if lane < lanes and not done[lane]:
                 lane += 1
                 continue
-            while waiting < x.shape[0] and left[waiting] <= 0.0:
+            while waiting < x.shape[0]:
+                energy = v[waiting] * v[waiting] + stiff * x[waiting] * x[waiting]
+                if left[waiting] > 0.0 and energy < level:
+                    break
+                if left[waiting] > 0.0:
+                    top[waiting], how[waiting] = energy, AT_LEVEL
                 waiting += 1
             if waiting < x.shape[0] and lane < LANES:
                 owner[lane], done[lane] = waiting, False
                 xs[lane], vs[lane], rest[lane] = x[waiting], v[waiting], left[waiting]
-                high[lane], seen[lane] = v[waiting] ** 2 + stiff * x[waiting] ** 2, 0.0
+                high[lane], seen[lane] = energy, 0.0
                 state[0, lane], state[1, lane] = streams[0, waiting], streams[1, waiting]
                 peaks[lane, :] = 0.0
                 waiting += 1
