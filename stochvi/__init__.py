@@ -53,6 +53,7 @@ if TYPE_CHECKING:
         WhiteNoise,
     )
     from stochvi.explanation import Explanation, explain
+    from stochvi.failures import Chance, Reliability, reliability
     from stochvi.galerkin import (
         FirstPassage,
         Gaussian,
@@ -116,6 +117,7 @@ _HOME = {
         "WhiteNoise",
     ),
     "explanation": ("Explanation", "explain"),
+    "failures": ("Chance", "Reliability", "reliability"),
     "galerkin": (
         "FirstPassage",
         "Gaussian",
@@ -143,6 +145,7 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 __all__ = [
     "Absorber",
     "AbsorberReport",
+    "Chance",
     "Check",
     "CheckpointError",
     "ConstantLoad",
@@ -170,6 +173,7 @@ __all__ = [
     "Oscillator",
     "RandomResonance",
     "RecordedNoise",
+    "Reliability",
     "Response",
     "Restitution",
     "RoadNoise",
@@ -205,6 +209,7 @@ __all__ = [
     "linearise",
     "load_scene",
     "record_path",
+    "reliability",
     "screen",
     "simulate",
     "size",

@@ -1,7 +1,7 @@
 """The command line. Nothing heavy is imported before a command needs it."""
 
 # importing a room registers its commands, in the order of the help page
-from stochvi.cli import methods, judging, jobs, starting  # isort: skip
+from stochvi.cli import methods, judging, jobs, failing, starting  # isort: skip
 from stochvi.cli.shared import main
 
-__all__ = ["jobs", "judging", "main", "methods", "starting"]
+__all__ = ["failing", "jobs", "judging", "main", "methods", "starting"]

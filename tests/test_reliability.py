@@ -1,0 +1,170 @@
+"""reliability: the way that a pilot chooses, what it answers, and what it refuses."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from known import oscillator
+from statistical import assert_agrees
+from test_cli import Run, one_document, stochvi  # noqa: F401
+from test_splitting import P_AT_3, RARE, TEN_PERIODS
+
+from stochvi import (
+    Elastic,
+    FilteredNoise,
+    ImpactPair,
+    NotApplicable,
+    NotConverged,
+    Oscillator,
+    Scene,
+    Sine,
+    exact,
+    reliability,
+)
+from stochvi.bursts import bursts
+from stochvi.datasets import shipped_scene
+from stochvi.estimates import Estimate
+from stochvi.files import to_json
+
+FREE, BOX, FAR = oscillator(), oscillator(-1.0, 1.0), oscillator(-4.5, 4.5)
+
+
+def test_likely_events_are_counted_and_rare_ones_split() -> None:
+    near = reliability(FREE, mission=TEN_PERIODS, barrier=2.0, start="rest", seed=1, threads=1)
+    assert near.chances["passage"].way == "crude"
+    assert "missions suffice" in near.chances["passage"].why
+    barrier, _, truth = RARE[0]
+    rare = reliability(FREE, mission=TEN_PERIODS, barrier=barrier, start="rest", seed=1, threads=1)
+    chance = rare.chances["passage"]
+    assert chance.way == "splitting" and chance.levels > 5
+    assert "crude simulation takes" in chance.why
+    assert chance.estimate.standard_error < 0.07 * chance.estimate.value
+    assert_agrees(chance.estimate, truth)
+    assert chance.lower < chance.estimate.value < chance.upper
+    assert chance.crude_seconds is not None and chance.crude_seconds > 100.0 * chance.seconds
+    no_hit = rare.no_hit
+    assert no_hit is not None and 1.0 - no_hit.value == pytest.approx(chance.estimate.value)
+    assert rare.hits is None
+
+
+def test_every_way_agrees_and_a_seed_gives_the_same_digits_on_any_threads() -> None:
+    asked: dict[str, Any] = {"mission": TEN_PERIODS, "barrier": 3.0, "rel_error": 0.03}
+    for way in ("crude", "splitting"):
+        found = reliability(FREE, start="rest", way=way, seed=2, threads=1, **asked)  # type: ignore[arg-type]
+        chance = found.chances["passage"]
+        assert chance.way == way
+        assert_agrees(chance.estimate, P_AT_3)
+        again = reliability(FREE, start="rest", way=way, seed=2, threads=2, **asked)  # type: ignore[arg-type]
+        assert again.chances["passage"].estimate == chance.estimate
+        assert (chance.wilson is None) == (way == "splitting")
+
+
+def test_a_stationary_start_is_a_matter_of_first_crossings() -> None:
+    barrier, _, truth = RARE[2]
+    found = reliability(FREE, mission=TEN_PERIODS, barrier=barrier, seed=1, threads=1)
+    chance = found.chances["passage"]
+    assert chance.way == "first crossings" and "need not be waited for" in chance.why
+    assert_agrees(chance.estimate, truth)
+
+
+def test_expected_hits_are_the_rate_times_the_mission() -> None:
+    found = reliability(
+        BOX, mission=TEN_PERIODS, impact_speed=4.0, seed=3, threads=1, rel_error=0.1
+    )
+    rate = exact(BOX).impact_pairs["stops"]["collision_rate"]
+    assert isinstance(rate, Estimate) and found.hits is not None
+    assert_agrees(replace(found.hits, bias=0.0), TEN_PERIODS * rate.value)
+    speed = found.chances["impact_speed"].estimate
+    assert (
+        0.0 < speed.value < TEN_PERIODS * rate.value * math.exp(-8.0) + 4.5 * speed.standard_error
+    )
+    assert found.chances["hit"].estimate.value > 0.99
+    document = to_json(found.to_dict())
+    assert "expected_hits" in document
+    assert list(found.to_frame()["event"]) == ["hit", "impact_speed"]
+    assert "expected hits" in repr(found)
+
+
+def test_accelerations_need_stops_that_give_way() -> None:
+    soft = FAR.model_copy(
+        update={"impact_pairs": (ImpactPair(upper=2.0, law=Elastic(stiffness=100.0)),)}
+    )
+    found = reliability(
+        soft, mission=30.0, peak_acceleration=25.0, start="rest", seed=1, threads=1, rel_error=0.2
+    )
+    sharp = found.chances["peak_acceleration"].estimate.value
+    assert 0.0 < sharp < found.chances["hit"].estimate.value
+    with pytest.raises(NotApplicable, match="restitution alone"):
+        reliability(FAR, mission=30.0, peak_acceleration=25.0)
+
+
+def test_noise_with_a_memory_goes_by_what_is_given() -> None:
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=oscillator(-5.0, 5.0, 0.8).impact_pairs,
+        excitations=[FilteredNoise(intensity=0.2, frequency_hz=0.2, zeta=0.5)],
+    )
+    found = reliability(scene, mission=60.0, impact_speed=0.5, seed=1, threads=1, rel_error=0.2)
+    hit, fast = found.chances["hit"], found.chances["impact_speed"]
+    assert (hit.way, fast.way) == ("first crossings", "bursts")
+    assert 0.0 < fast.estimate.value < hit.estimate.value + 4.5 * hit.estimate.standard_error
+    rate = bursts(scene, rel_error=0.2, seed=1, threads=1).hit_rate()
+    assert found.hits is not None and found.hits.value == pytest.approx(60.0 * rate.value)
+
+
+@pytest.mark.parametrize(
+    ("scene", "arguments", "sentence"),
+    [
+        (FREE, {"mission": 0.0, "barrier": 3.0}, "mission must be a positive number of seconds"),
+        (FREE, {}, "barrier must be given where the scene has no impact_pair"),
+        (BOX, {"barrier": 3.0}, "barrier is for scenes without stops"),
+        (FREE, {"barrier": (1.0, -1.0)}, "with lower < upper"),
+        (BOX, {"impact_speed": -1.0}, "impact_speed must be a positive number of m/s"),
+        (BOX, {"start": "asleep"}, "start must be 'rest' or 'stationary'"),
+        (BOX, {"way": "luck"}, "way must be 'crude', 'splitting'"),
+        (BOX, {"way": "first crossings", "start": "rest"}, "needs start = 'stationary'"),
+        (BOX, {"rel_error": 0.0}, "rel_error must be in"),
+        (BOX, {"confidence": 1.0}, "confidence must be between 0 and 1"),
+    ],
+)
+def test_arguments_out_of_range_are_named(
+    scene: Scene, arguments: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        reliability(scene, **({"mission": 10.0} | arguments))
+
+
+def test_what_does_not_apply_is_said() -> None:
+    sine = BOX.model_copy(update={"excitations": (Sine(amplitude=1.0, frequency_hz=0.1),)})
+    with pytest.raises(NotApplicable, match="got sine"):
+        reliability(sine, mission=10.0)
+    filtered = BOX.model_copy(
+        update={"excitations": (FilteredNoise(intensity=0.2, frequency_hz=0.2, zeta=0.5),)}
+    )
+    with pytest.raises(NotApplicable, match="start = 'rest' needs white noise"):
+        reliability(filtered, mission=10.0, start="rest")
+    with pytest.raises(NotApplicable, match="needs white noise; leave way out"):
+        reliability(filtered, mission=10.0, way="crude")
+    with pytest.raises(NotApplicable, match="without impact_pair"):
+        reliability(FREE, mission=10.0, barrier=3.0, impact_speed=1.0, start="rest")
+    with pytest.raises(NotConverged, match="raise budget or rel_error"):
+        reliability(FREE, mission=1e5, barrier=5.0, start="rest", way="crude", budget=1e-3)
+
+
+def test_the_command(stochvi: Run, tmp_path: Any) -> None:  # noqa: F811
+    scene = str(shipped_scene("oscillator-lossy"))
+    done = stochvi(
+        "reliability", scene, "--mission", "30", "--impact-speed", "2", "--start", "rest",
+        "--rel-error", "0.3", "--threads", "1", "--json", "-", "--out", tmp_path,
+    )  # fmt: skip
+    assert done.code == 0
+    document = one_document(done.out)
+    assert document["method"] == "reliability" and document["mission"] == 30.0
+    fast = document["chances"]["impact_speed"]
+    assert 0.0 < fast["lower"] < fast["estimate"]["value"] < fast["upper"] < 1.0
+    assert document["expected_hits"]["value"] > fast["estimate"]["value"]
+    assert "impact speed > 2 m/s" in done.err and "expected hits" in done.err
+    assert (tmp_path / "reliability.csv").exists()
+    done = stochvi("reliability", scene, "--mission", "30", "--barrier", "3")
+    assert done.code == 2 and "barrier is for scenes without stops" in done.err
