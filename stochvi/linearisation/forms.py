@@ -5,7 +5,15 @@ from __future__ import annotations
 from stochvi.linearisation.closure import rigid_closure
 from stochvi.linearisation.force import rigid_force
 from stochvi.linearisation.motion import rigid_motion
-from stochvi.linearisation.trial import ROOT_TWO_PI, Form, Trial, Unknowns, restitutions
+from stochvi.linearisation.soft_closure import soft_closure
+from stochvi.linearisation.trial import (
+    ROOT_TWO_PI,
+    Form,
+    Trial,
+    Unknowns,
+    restitutions,
+    soft_stops,
+)
 from stochvi.scenes import System
 
 __all__ = ["ROOT_TWO_PI", "Form", "Trial", "Unknowns", "choose", "restitutions"]
@@ -18,4 +26,4 @@ def choose(form: str, variant: str, system: System) -> Form:
         return rigid_motion(book)
     if form == "force":
         return rigid_force(book)
-    return rigid_closure(system)
+    return soft_closure(system) if soft_stops(system) else rigid_closure(system)

@@ -7,13 +7,16 @@ import time
 from dataclasses import replace
 
 from stochvi.answers import Answer, linear_acceleration
-from stochvi.collisions import NO_STOP
+from stochvi.collisions import NO_STOP, ContactStatistics
+from stochvi.contacts import Elastic, Viscoelastic
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Response
-from stochvi.linearisation.forms import ROOT_TWO_PI, Trial, choose, restitutions
-from stochvi.linearisation.scales import linear_moments
+from stochvi.gibbs_law import GibbsLaw
+from stochvi.linearisation.forms import choose
+from stochvi.linearisation.scales import gibbs_law, linear_moments
 from stochvi.linearisation.several import closure
 from stochvi.linearisation.solver import solve
+from stochvi.linearisation.trial import ROOT_TWO_PI, Trial, soft_stops
 from stochvi.scenes import Scene, System
 
 FORMS = ("closure", "motion", "force")
@@ -64,9 +67,9 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     """
     started = time.perf_counter()
     _check_words(form, variant)
-    if form == "closure" and scene.beyond_one_oscillator() and not scene.beyond_numbers():
+    if form == "closure" and _is_assembly(scene):
         return closure(scene)
-    unmet = scene.beyond_one_oscillator() or _unmet_conditions(scene.system(), form)
+    unmet = scene.beyond_one_oscillator(filtered=True) or _unmet_conditions(scene.system(), form)
     if unmet:
         raise NotApplicable("linearise", unmet)
     system = scene.system()
@@ -76,13 +79,13 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
             method, scene, how="exact: linear and Gaussian", started=started
         )
     trial = solve(system, choose(form, variant, system), method)
-    elastic = restitutions(system) == (1.0, 1.0)
+    white = not system.tables and not system.filters
     response = _answer(system, trial).response(
         method,
         scene,
         how=_HOW[form],
         started=started,
-        bias=0.0 if form == "closure" and elastic and not system.tables else None,
+        bias=0.0 if form == "closure" and system.elastic and white else None,
         assumptions=_ASSUMPTIONS[form, variant],
     )
     return replace(response, warnings=[*response.warnings, *_warnings(system, trial)])
@@ -123,6 +126,16 @@ _ASSUMPTIONS = {
 }
 
 
+def _is_assembly(scene: Scene) -> bool:
+    """Whether the closure for several coordinates, pairs or signals is the one to use.
+
+    Of filtered noise on one oscillator that is so as long as no stop gives way.
+    """
+    if scene.beyond_numbers() or not scene.beyond_one_oscillator():
+        return False
+    return bool(scene.beyond_one_oscillator(filtered=True)) or not soft_stops(scene.system())
+
+
 def _check_words(form: str, variant: str) -> None:
     if form not in FORMS:
         raise ValueError(f"form must be one of {', '.join(FORMS)}, got {form!r}")
@@ -134,19 +147,32 @@ def _check_words(form: str, variant: str) -> None:
 
 def _unmet_conditions(system: System, form: str) -> list[str]:
     """What keeps a scene from being linearised in this form; empty where nothing does."""
-    unmet = system.not_rigid()
-    if system.intensity == 0.0 and not system.tables:
+    unmet = []
+    if system.intensity == 0.0 and not system.tables and not system.filters:
         unmet.append("excitation must contain noise, got a constant load alone")
-    if system.damping_rate == 0.0 and restitutions(system) == (1.0, 1.0):
+    if system.damping_rate == 0.0 and system.elastic:
         unmet.append("damping must be positive where no stop takes energy, got 0")
     if system.omega == 0.0:
-        if not system.held:
+        if not _held(system):
             unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
         elif form == "motion":
             unmet.append("stiffness must be positive for form 'motion', got 0")
         elif form == "force" and (system.lower is None or system.upper is None):
             unmet.append("stiffness must be positive for form 'force' with one stop, got 0")
     return unmet
+
+
+def _held(system: System) -> bool:
+    """Whether spring or stops keep the mass, also a table whose force no longer grows."""
+    if not system.held:
+        return False
+    if not soft_stops(system):
+        return True
+    try:
+        gibbs_law(system, 1.0)
+    except ValueError:
+        return False
+    return True
 
 
 def _warnings(system: System, trial: Trial) -> list[str]:
@@ -171,8 +197,29 @@ def _answer(system: System, trial: Trial) -> Answer:
         upcrossing_rate=trial.density_at_mean * math.sqrt(trial.velocity_mean_square) / ROOT_TWO_PI,
         lower=trial.lower,
         upper=trial.upper,
+        contact_lower=_contact(system, trial, "lower"),
+        contact_upper=_contact(system, trial, "upper"),
         acceleration_mean_square=linear_acceleration(system),
     )
+
+
+def _contact(system: System, trial: Trial, side: str) -> ContactStatistics | None:
+    """A contact with its mean peak force: that of the elastic law at this speed, times what a
+    damper changes in it when a free mass hits the stop."""
+    contact: ContactStatistics | None = getattr(trial, f"contact_{side}")
+    law = soft_stops(system).get(side)
+    if contact is None or law is None:
+        return None
+    speed = math.sqrt(trial.velocity_mean_square)
+    elastic = gibbs_law(system, speed)
+    known = elastic.contact(side) if isinstance(elastic, GibbsLaw) else None
+    if known is None or known.peak_force is None:
+        return contact
+    factor = 1.0
+    if isinstance(law, Viscoelastic):
+        without = Elastic(stiffness=law.stiffness).impact(speed, 1.0)
+        factor = law.impact(speed, 1.0).peak_force / without.peak_force
+    return contact._replace(peak_force=factor * known.peak_force)
 
 
 def _without_stops(system: System) -> Trial:

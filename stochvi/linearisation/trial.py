@@ -10,9 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.collisions import ContactStatistics, StopStatistics
+from stochvi.contacts import CompliantLaw
 from stochvi.scenes import System
 
 ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
+
+SIGNS = {"lower": -1.0, "upper": 1.0}
+"""The sides of a mass, and which way they lie."""
 
 Unknowns = NDArray[np.float64]
 
@@ -50,3 +54,11 @@ def restitutions(system: System) -> tuple[float, float]:
     """R at the lower and the upper stop; 1 (no loss) where there is none."""
     lower, upper = system.restitution_lower, system.restitution_upper
     return 1.0 if lower is None else lower, 1.0 if upper is None else upper
+
+
+def soft_stops(system: System) -> dict[str, CompliantLaw]:
+    """The laws of the stops that give way, by side."""
+    laws = zip(SIGNS, (system.lower, system.upper), system.laws, strict=True)
+    return {
+        side: law for side, stop, law in laws if stop is not None and isinstance(law, CompliantLaw)
+    }
