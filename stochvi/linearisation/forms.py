@@ -6,6 +6,8 @@ from stochvi.linearisation.closure import rigid_closure
 from stochvi.linearisation.force import rigid_force
 from stochvi.linearisation.motion import rigid_motion
 from stochvi.linearisation.soft_closure import soft_closure
+from stochvi.linearisation.soft_force import soft_force
+from stochvi.linearisation.soft_motion import soft_motion
 from stochvi.linearisation.trial import (
     ROOT_TWO_PI,
     Form,
@@ -21,9 +23,9 @@ __all__ = ["ROOT_TWO_PI", "Form", "Trial", "Unknowns", "choose", "restitutions"]
 
 def choose(form: str, variant: str, system: System) -> Form:
     """The form for a scene whose only stop, where it has one stop, is the upper one."""
-    book = variant == "book"
+    book, soft = variant == "book", bool(soft_stops(system))
     if form == "motion":
-        return rigid_motion(book)
+        return soft_motion(book) if soft else rigid_motion(book)
     if form == "force":
-        return rigid_force(book)
-    return soft_closure(system) if soft_stops(system) else rigid_closure(system)
+        return soft_force(book) if soft else rigid_force(book)
+    return soft_closure(system) if soft else rigid_closure(system)

@@ -20,11 +20,11 @@ def rigid_motion(book: bool) -> Form:
 
 def _motion_start(system: System) -> Unknowns:
     """The deviation that balances at unit speed, with the mean of the elastic law."""
-    low = _motion_factor(min(restitutions(system)), book=False)
+    low = motion_factor(min(restitutions(system)), book=False)
 
     def imbalance(log_deviation: float) -> float:
         deviation = math.exp(log_deviation)
-        law = _normal_law(system, 0.0, deviation)
+        law = normal_law(system, 0.0, deviation)
         return (system.omega * deviation) ** 2 - 1.0 + low * (1.0 - law.variance / deviation**2)
 
     if imbalance(0.0) >= 0.0:
@@ -32,7 +32,7 @@ def _motion_start(system: System) -> Unknowns:
     return np.array([0.0, brentq(imbalance, 0.0, 1.0 - math.log(system.omega)), 0.0])
 
 
-def _normal_law(system: System, mean: float, deviation: float) -> CutNormal:
+def normal_law(system: System, mean: float, deviation: float) -> CutNormal:
     return CutNormal(
         slope=mean / deviation**2,
         curvature=deviation**-2,
@@ -41,7 +41,7 @@ def _normal_law(system: System, mean: float, deviation: float) -> CutNormal:
     )
 
 
-def _motion_factor(restitution: float, book: bool) -> float:
+def motion_factor(restitution: float, book: bool) -> float:
     """Mean stop force over p(stop) E v^2: (1 + R) / 2, or as printed (B 8.75, 13.12)."""
     return (1.0 + restitution**2) / 4.0 if book else (1.0 + restitution) / 2.0
 
@@ -56,7 +56,7 @@ def _motion_trial(system: System, unknowns: Unknowns, book: bool) -> Trial:
     bend, log_deviation, log_speed = unknowns.tolist()
     deviation, speed = math.exp(log_deviation), math.exp(log_speed)
     mean = deviation * math.sinh(bend)
-    law = _normal_law(system, mean, deviation)
+    law = normal_law(system, mean, deviation)
     r_lower, r_upper = restitutions(system)
     force = stiffness = damping = 0.0
     stops = []
@@ -64,7 +64,7 @@ def _motion_trial(system: System, unknowns: Unknowns, book: bool) -> Trial:
         hits = gaussian_stop(law.density_at(stop), speed**2)
         stops.append(hits)
         if stop is not None:
-            push = 2.0 * _motion_factor(restitution, book) * hits.speed_rate
+            push = 2.0 * motion_factor(restitution, book) * hits.speed_rate
             force += sign * push
             stiffness += push * sign * (stop - law.mean) / deviation**2
             damping += (1.0 - restitution**2) * hits.rate

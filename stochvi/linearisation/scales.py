@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Self
 
+import numpy as np
 from scipy.optimize import brentq
 
 from stochvi.collisions import ContactStatistics, StopStatistics
@@ -15,6 +17,12 @@ from stochvi.gibbs_law import GibbsLaw
 from stochvi.linearisation.trial import ROOT_TWO_PI, Trial, restitutions, soft_stops
 from stochvi.scenes import System
 from stochvi.spectra import Filter, Table, response_moments
+
+SCAN = (-6.9, 2.3)
+"""Logarithms of speeds, relative to one that balances, among which others are looked for."""
+
+LOOKED_AT = 60
+"""Speeds looked at: some fifteen a decade."""
 
 
 def linear_moments(system: System, stiffness: float, damping: float) -> tuple[float, float]:
@@ -202,20 +210,12 @@ def _gibbs_stops(system: System, speed: float) -> tuple[float, float]:
 def speed_scale(system: System) -> float:
     """The speed s at which the elastic law takes up the power that the noise supplies, m/s.
 
-    Exact for elastic stops and white noise, where s^2 = S0 / (2 b); else near the answer.
+    Exact for elastic stops and white noise, where s^2 = S0 / (2 b); else near the answer. Of
+    several such speeds the one that is found from above.
     """
 
     def surplus(log_speed: float) -> float:
-        speed = math.exp(log_speed)
-        try:
-            supplied = linear_moments(system, *_gibbs_stops(system, speed))[1]
-        except ValueError:
-            # so slow that the mass lies on a stop within rounding
-            return -1e3
-        if not 0.0 < supplied < math.inf:
-            # no loss at all, as far below the first impact; or no noise left to follow
-            return 1e3 if supplied > 0.0 else -1e3
-        return math.log(supplied) - 2.0 * log_speed
+        return _surplus(system, log_speed)
 
     # half a step above, so that no end of the bracket is a root
     high = math.log(_rough_speed(system)) + 0.5
@@ -231,6 +231,34 @@ def speed_scale(system: System) -> float:
         return math.exp(best)
     log_speed: float = brentq(surplus, low, high, xtol=1e-14, rtol=1e-14)
     return math.exp(log_speed)
+
+
+def balanced_speeds(system: System, near: float) -> list[float]:
+    """All speeds within three decades below and one above `near` at which the elastic law takes
+    up the power supplied, m/s; in coloured noise there may be several, where the linearised
+    resonance passes through a peak or an edge of the density."""
+    logs = math.log(near) + np.linspace(*SCAN, LOOKED_AT)
+    values = [_surplus(system, log_speed) for log_speed in logs.tolist()]
+    return [
+        math.exp(brentq(lambda log_speed: _surplus(system, log_speed), low, high, xtol=1e-9))
+        for (low, one), (high, two) in pairwise(zip(logs.tolist(), values, strict=True))
+        if one * two < 0.0
+    ]
+
+
+def _surplus(system: System, log_speed: float) -> float:
+    """log of the mean square speed that the noise supplies to the elastic law of a speed, over
+    that of the law."""
+    speed = math.exp(log_speed)
+    try:
+        supplied = linear_moments(system, *_gibbs_stops(system, speed))[1]
+    except ValueError:
+        # so slow that the mass lies on a stop within rounding
+        return -1e3
+    if not 0.0 < supplied < math.inf:
+        # no loss at all, as far below the first impact; or no noise left to follow
+        return 1e3 if supplied > 0.0 else -1e3
+    return math.log(supplied) - 2.0 * log_speed
 
 
 def _rough_speed(system: System) -> float:

@@ -66,6 +66,9 @@ def least_curvature(system: System) -> float:
         laws[side].restitution if side in laws else own
         for side, own in zip(SIGNS, restitutions(system), strict=True)
     )
+    if system.tables or system.filters:
+        # a narrow band makes x dwell near its turning points, whatever the restitution
+        lower = upper = 0.0
     hard = system._replace(restitution_lower=lower, restitution_upper=upper)
     return curvature_floor(hard) / half**2
 
