@@ -68,7 +68,12 @@ if TYPE_CHECKING:
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.jolts import Jolts
     from stochvi.kelvin_voigt import identify_viscoelastic
-    from stochvi.linearisation import linearise
+    from stochvi.linearisation import (
+        LinearisedOscillator,
+        linearise,
+        linearise_all,
+        linearised_oscillators,
+    )
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.resonance import HarmonicResonance, RandomResonance
     from stochvi.scenes import ImpactPair, Scene, load_scene
@@ -132,7 +137,14 @@ _HOME = {
     "jolts": ("Jolts",),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "kelvin_voigt": ("identify_viscoelastic",),
-    "linearisation": ("linearise",),
+    "linearisation": (
+        "LinearisedOscillator",
+        "linearise",
+        "linearise_all",
+        "linearised_oscillators",
+        "linearise_all",
+        "linearised_oscillators",
+    ),
     "monte_carlo": ("record_path", "simulate"),
     "resonance": ("HarmonicResonance", "RandomResonance"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
@@ -165,6 +177,7 @@ __all__ = [
     "Interrupted",
     "Isolator",
     "Jolts",
+    "LinearisedOscillator",
     "Matrices",
     "NoExactSolution",
     "NonlinearOscillator",
@@ -207,6 +220,8 @@ __all__ = [
     "fokker_planck_many",
     "identify_viscoelastic",
     "linearise",
+    "linearise_all",
+    "linearised_oscillators",
     "load_scene",
     "record_path",
     "reliability",

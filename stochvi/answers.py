@@ -225,6 +225,9 @@ def linear_acceleration(system: System) -> float | None:
     if system.moving_base and not system.noise_on_mass:
         theta = system.intensity / (2.0 * system.damping_rate)
         white = theta * (system.damping_rate**2 + system.omega**2)
+        for filtered in system.filters:
+            moments = filtered.response_moments(system.omega, system.damping_rate)
+            white += system.omega**4 * moments[0] + system.damping_rate**2 * moments[1]
         return (
             white
             + response_moments(

@@ -156,3 +156,7 @@ class CutNormal:
     def density_at(self, x: float | None) -> float:
         """Density at one place; 0 for the place of a stop that does not exist."""
         return 0.0 if x is None else float(self.density(x))
+
+    def log_density_at(self, x: float) -> float:
+        """Logarithm of the density between the stops, also where the density is no number."""
+        return float(self._relative_log(np.asarray(x - self.peak))) - math.log(self._mass)

@@ -21,12 +21,13 @@ from stochvi.excitations import (
     ConstantLoad,
     DensityNoise,
     Excitation,
+    FilteredNoise,
     Sine,
     WhiteNoise,
     check_unit,
     louder,
 )
-from stochvi.spectra import Table
+from stochvi.spectra import Filter, Table
 from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
 
 PerUnitMass = Callable[[ArrayLike], NDArray[np.float64]]
@@ -103,7 +104,8 @@ class ImpactPair(Checked):
 class System(NamedTuple):
     """A scene as numbers, per unit mass: x'' + b x' + omega^2 x = f(t) + load, stops in metres.
 
-    `intensity` is S0 of the white part of f; `tables` are one-sided acceleration densities.
+    `intensity` is S0 of the white part of f; `tables` are one-sided acceleration densities;
+    `filters` are white noises behind a resonance.
     What the scene does not have is None or empty; a stop that is not rigid has no restitution, nor
     has one whose law says R by speed (`law.restitution_at(speed)`). A spring that is a function has
     omega = 0, and `restoring` and `potential` stand for omega^2 x and its integral; a damper
@@ -127,6 +129,7 @@ class System(NamedTuple):
     restoring: PerUnitMass | None = None
     potential: PerUnitMass | None = None
     damping_law: PerUnitMass | None = None
+    filters: tuple[Filter, ...] = ()
 
     @property
     def laws(self) -> tuple[Law | None, Law | None]:
@@ -439,6 +442,7 @@ class Scene(Checked):
         if isinstance(self.structure, Oscillator):
             load = self.structure.gravity_load
         intensity, tables, noise_on_mass = 0.0, [], False
+        filters: list[Filter] = []
         for excitation in self.excitations:
             on_mass = self.place(excitation) != BASE
             noise_on_mass |= on_mass and not isinstance(excitation, ConstantLoad)
@@ -448,6 +452,10 @@ class Scene(Checked):
                 case DensityNoise():
                     table = self.table_of(excitation)
                     tables.append(table.scaled(mass**-2 if on_mass else 1.0))
+                case FilteredNoise():
+                    strength = excitation.si_intensity / (mass**2 if on_mass else 1.0)
+                    rate = 2.0 * excitation.zeta * excitation.omega
+                    filters.append(Filter(excitation.omega, rate, strength))
                 case ConstantLoad():
                     load += excitation.magnitude / mass if on_mass else -excitation.magnitude
         pair = self.impact_pairs[0] if self.impact_pairs else None
@@ -470,6 +478,7 @@ class Scene(Checked):
             restitution_upper=_restitution(law_upper),
             law_lower=law_lower,
             law_upper=law_upper,
+            filters=tuple(filters),
         )
 
     def _spring_and_damper(self, mass: float) -> dict[str, Any]:

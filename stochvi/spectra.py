@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -108,6 +109,52 @@ class LinearMoments:
     velocity: float
     absolute_acceleration: float
     relative_acceleration: float
+
+
+class Filter(NamedTuple):
+    """White noise w of intensity S0 through a resonance, f'' + b_f f' + w_f^2 f = w_f^2 w(t).
+
+    `omega` is w_f (rad/s), `damping_rate` b_f (1/s), `intensity` S0.
+    """
+
+    omega: float
+    damping_rate: float
+    intensity: float
+
+    def __call__(self, frequency_hz: ArrayLike) -> NDArray[np.float64]:
+        """One-sided density at the given frequencies, 2 S0 w_f^4 |H_f|^2."""
+        gain = squared_gain(frequency_hz, self.omega, self.damping_rate)
+        return np.asarray(2.0 * self.intensity * self.omega**4 * gain)
+
+    def response_moments(self, omega: float, damping_rate: float) -> tuple[float, float]:
+        """E x^2 and E x'^2 of x'' + b x' + W^2 x = f, in closed form.
+
+        The integral of 1 / |(W^2 - w^2 + i b w)(w_f^2 - w^2 + i b_f w)|^2, by the table of such
+        integrals for the fourth order (H. M. James, N. B. Nichols and R. S. Phillips, Theory of
+        Servomechanisms, 1947, appendix): with d = (W^2 - w_f^2)^2 + (b + b_f)(b w_f^2 + b_f W^2),
+
+            E x^2  = S0 w_f^2 (b W^2 + b_f w_f^2 + b b_f (b + b_f)) / (2 b b_f W^2 d),
+            E x'^2 = S0 w_f^4 (b + b_f) / (2 b b_f d).
+
+        Infinite where nothing damps or holds.
+
+        >>> sea = Filter(omega=1.0, damping_rate=0.2, intensity=0.2)
+        >>> [round(moment, 6) for moment in sea.response_moments(omega=1.0, damping_rate=0.1)]
+        [17.0, 16.666667]
+        """
+        own, own_rate = self.omega**2, self.damping_rate
+        if self.intensity == 0.0:
+            return 0.0, 0.0
+        if damping_rate <= 0.0:
+            return math.inf, math.inf
+        square, both = omega**2, damping_rate + own_rate
+        detuning = (square - own) ** 2 + both * (damping_rate * own + own_rate * square)
+        common = self.intensity * own / (2.0 * damping_rate * own_rate * detuning)
+        velocity = common * own * both
+        if square == 0.0:
+            return math.inf, velocity
+        stored = damping_rate * square + own_rate * own + damping_rate * own_rate * both
+        return common * stored / square, velocity
 
 
 def squared_gain(frequency_hz: ArrayLike, omega: float, damping_rate: float) -> NDArray[np.float64]:

@@ -16,6 +16,14 @@ forms of that last step:
   the inverse characteristic (B 8.79-8.87, 13.24-13.33).
 """
 
-from stochvi.linearisation.method import FORMS, VARIANTS, linearise
+from stochvi.linearisation.method import FORMS, VARIANTS, linearise, linearise_all
+from stochvi.linearisation.spectrum import LinearisedOscillator, linearised_oscillators
 
-__all__ = ["FORMS", "VARIANTS", "linearise"]
+__all__ = [
+    "FORMS",
+    "VARIANTS",
+    "LinearisedOscillator",
+    "linearise",
+    "linearise_all",
+    "linearised_oscillators",
+]

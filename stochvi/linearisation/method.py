@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 from stochvi.answers import Answer, linear_acceleration
-from stochvi.collisions import NO_STOP
+from stochvi.collisions import NO_STOP, ContactStatistics
+from stochvi.contacts import Elastic, Viscoelastic
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Response
-from stochvi.linearisation.forms import ROOT_TWO_PI, Trial, choose, restitutions
-from stochvi.linearisation.scales import linear_moments
+from stochvi.gibbs_law import GibbsLaw
+from stochvi.linearisation.forms import choose
+from stochvi.linearisation.scales import gibbs_law, linear_moments
 from stochvi.linearisation.several import closure
 from stochvi.linearisation.solver import solve
+from stochvi.linearisation.trial import ROOT_TWO_PI, Trial, soft_stops
 from stochvi.scenes import Scene, System
 
 FORMS = ("closure", "motion", "force")
@@ -26,8 +30,9 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     Parameters
     ----------
     scene
-        White and tabulated noise, any constant load, no stop or one or two rigid ones; by the
-        closure also several coordinates, pairs, filtered noise and sines (without tables).
+        White, filtered and tabulated noise, any constant load, no stop or one or two of any
+        law; by the closure also several coordinates, pairs and sines (without tables, rigid
+        stops).
     form
         "closure" (the best of the three), "motion" or "force", as `stochvi.linearisation` says.
     variant
@@ -38,8 +43,8 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     -------
     Response
         SI units. The error of a linearisation is not known: bias is None, except where the
-        answer is exact, that is without stops, and for the closure with elastic stops in white
-        noise.
+        answer is exact, that is without stops, and for the closure in white noise with stops
+        that lose nothing: rigid, elastic, Hertz or tabulated ones.
 
     Raises
     ------
@@ -62,30 +67,75 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     >>> print(f"{response.coordinates['x']['displacement_std'].value:.4f} m")
     0.5231 m
     """
+    return linearise_all(scene, form, variant)[0]
+
+
+def linearise_all(
+    scene: Scene, form: str = "closure", variant: str = "consistent"
+) -> tuple[Response, ...]:
+    """All responses that are their own linearisation; the first is that of `linearise`.
+
+    White noise has one. In coloured noise the linearised resonance may pass a peak or an edge of
+    the density more than once, as that of a hardening spring under a sine: which solution is
+    seen then depends on how the motion began, and each warns of the others. Parameters and
+    exceptions are those of `linearise`.
+
+    Examples
+    --------
+    >>> from stochvi.contacts import Restitution
+    >>> from stochvi.excitations import TabulatedNoise
+    >>> from stochvi.scenes import ImpactPair
+    >>> from stochvi.structures import Oscillator
+    >>> band = TabulatedNoise(on="x", frequency_hz=[0.5, 5.0], density=[0.4, 0.4], unit="N2/Hz")
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-0.2, upper=0.2, law=Restitution(coefficient=0.9))],
+    ...     excitations=[band],
+    ... )
+    >>> [f"{one.coordinates['x']['velocity_std'].value:.3f}" for one in linearise_all(scene)]
+    ['0.141', '0.379', '0.622']
+    """
     started = time.perf_counter()
     _check_words(form, variant)
-    if form == "closure" and scene.beyond_one_oscillator() and not scene.beyond_numbers():
-        return closure(scene)
-    unmet = scene.beyond_one_oscillator() or _unmet_conditions(scene.system(), form)
+    if form == "closure" and _is_assembly(scene):
+        return (closure(scene),)
+    system, trials = linear_oscillators(scene, form, variant)
+    free = system.lower is None and system.upper is None
+    white = not system.tables and not system.filters
+    exact = free or (form == "closure" and system.elastic and white)
+    found = [
+        _answer(system, trial).response(
+            method_name(form, variant),
+            scene,
+            how="exact: linear and Gaussian" if free else _HOW[form],
+            started=started,
+            bias=0.0 if exact else None,
+            assumptions=() if free else _assumptions(form, variant, system),
+        )
+        for trial in trials
+    ]
+    several = _several(trials)
+    return tuple(
+        replace(one, warnings=[*one.warnings, *several, *_warnings(system, trial)])
+        for one, trial in zip(found, trials, strict=True)
+    )
+
+
+def method_name(form: str, variant: str) -> str:
+    """What a response says of its method."""
+    return f"linearise:{form}" + ("" if variant == "consistent" else f":{variant}")
+
+
+def linear_oscillators(scene: Scene, form: str, variant: str) -> tuple[System, list[Trial]]:
+    """A scene of one oscillator per unit mass, and its solutions."""
+    _check_words(form, variant)
+    unmet = scene.beyond_one_oscillator(filtered=True) or _unmet_conditions(scene.system(), form)
     if unmet:
         raise NotApplicable("linearise", unmet)
     system = scene.system()
-    method = f"linearise:{form}" + (":book" if variant == "book" else "")
     if system.lower is None and system.upper is None:
-        return _answer(system, _without_stops(system)).response(
-            method, scene, how="exact: linear and Gaussian", started=started
-        )
-    trial = solve(system, choose(form, variant, system), method)
-    elastic = restitutions(system) == (1.0, 1.0)
-    response = _answer(system, trial).response(
-        method,
-        scene,
-        how=_HOW[form],
-        started=started,
-        bias=0.0 if form == "closure" and elastic and not system.tables else None,
-        assumptions=_ASSUMPTIONS[form, variant],
-    )
-    return replace(response, warnings=[*response.warnings, *_warnings(system, trial)])
+        return system, [_without_stops(system)]
+    return system, solve(system, choose(form, variant, system), method_name(form, variant))
 
 
 _HOW = {
@@ -123,6 +173,33 @@ _ASSUMPTIONS = {
 }
 
 
+def _is_assembly(scene: Scene) -> bool:
+    """Whether the closure for several coordinates, pairs or signals is the one to use.
+
+    Of filtered noise on one oscillator that is so as long as no stop gives way.
+    """
+    if scene.beyond_numbers() or not scene.beyond_one_oscillator():
+        return False
+    return bool(scene.beyond_one_oscillator(filtered=True)) or not soft_stops(scene.system())
+
+
+_WITHIN = {
+    "closure": "within a stop that gives way the density falls off with the energy stored there",
+    "motion": "the normal law goes on within a stop that gives way",
+    "force": "spring and stop together have one inverse characteristic",
+}
+
+
+def _assumptions(form: str, variant: str, system: System) -> tuple[str, ...]:
+    soft = soft_stops(system)
+    found = _ASSUMPTIONS[form, variant]
+    if soft:
+        found = (*found, _WITHIN[form])
+    if any(not law.conservative for law in soft.values()):
+        found = (*found, "a contact of a viscoelastic stop loses what that of a free mass does")
+    return found
+
+
 def _check_words(form: str, variant: str) -> None:
     if form not in FORMS:
         raise ValueError(f"form must be one of {', '.join(FORMS)}, got {form!r}")
@@ -134,19 +211,42 @@ def _check_words(form: str, variant: str) -> None:
 
 def _unmet_conditions(system: System, form: str) -> list[str]:
     """What keeps a scene from being linearised in this form; empty where nothing does."""
-    unmet = system.not_rigid()
-    if system.intensity == 0.0 and not system.tables:
+    unmet = []
+    if system.intensity == 0.0 and not system.tables and not system.filters:
         unmet.append("excitation must contain noise, got a constant load alone")
-    if system.damping_rate == 0.0 and restitutions(system) == (1.0, 1.0):
+    if system.damping_rate == 0.0 and system.elastic:
         unmet.append("damping must be positive where no stop takes energy, got 0")
     if system.omega == 0.0:
-        if not system.held:
+        if not _held(system):
             unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
         elif form == "motion":
             unmet.append("stiffness must be positive for form 'motion', got 0")
         elif form == "force" and (system.lower is None or system.upper is None):
             unmet.append("stiffness must be positive for form 'force' with one stop, got 0")
     return unmet
+
+
+def _held(system: System) -> bool:
+    """Whether spring or stops keep the mass, also a table whose force no longer grows."""
+    if not system.held:
+        return False
+    if not soft_stops(system):
+        return True
+    try:
+        gibbs_law(system, 1.0)
+    except ValueError:
+        return False
+    return True
+
+
+def _several(trials: Sequence[Trial]) -> list[str]:
+    if len(trials) == 1:
+        return []
+    deviations = ", ".join(f"{math.sqrt(trial.variance):.4g}" for trial in trials)
+    return [
+        f"this form has {len(trials)} solutions, of displacement_std {deviations} m: which one is "
+        "seen depends on how the motion began (linearise_all gives all of them)"
+    ]
 
 
 def _warnings(system: System, trial: Trial) -> list[str]:
@@ -171,8 +271,29 @@ def _answer(system: System, trial: Trial) -> Answer:
         upcrossing_rate=trial.density_at_mean * math.sqrt(trial.velocity_mean_square) / ROOT_TWO_PI,
         lower=trial.lower,
         upper=trial.upper,
+        contact_lower=_contact(system, trial, "lower"),
+        contact_upper=_contact(system, trial, "upper"),
         acceleration_mean_square=linear_acceleration(system),
     )
+
+
+def _contact(system: System, trial: Trial, side: str) -> ContactStatistics | None:
+    """A contact with its mean peak force: that of the elastic law at this speed, times what a
+    damper changes in it when a free mass hits the stop."""
+    contact: ContactStatistics | None = getattr(trial, f"contact_{side}")
+    law = soft_stops(system).get(side)
+    if contact is None or law is None:
+        return None
+    speed = math.sqrt(trial.velocity_mean_square)
+    elastic = gibbs_law(system, speed)
+    known = elastic.contact(side) if isinstance(elastic, GibbsLaw) else None
+    if known is None or known.peak_force is None:
+        return contact
+    factor = 1.0
+    if isinstance(law, Viscoelastic):
+        without = Elastic(stiffness=law.stiffness).impact(speed, 1.0)
+        factor = law.impact(speed, 1.0).peak_force / without.peak_force
+    return contact._replace(peak_force=factor * known.peak_force)
 
 
 def _without_stops(system: System) -> Trial:

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Self
 
+import numpy as np
 from scipy.optimize import brentq
 
-from stochvi.collisions import StopStatistics
+from stochvi.collisions import ContactStatistics, StopStatistics
+from stochvi.contacts import Elastic, ForceTable, Hertz, Law, Viscoelastic
 from stochvi.cut_normal import CutNormal
-from stochvi.linearisation.forms import ROOT_TWO_PI, Trial, restitutions
+from stochvi.gibbs_law import GibbsLaw
+from stochvi.linearisation.trial import ROOT_TWO_PI, Trial, restitutions, soft_stops
 from stochvi.scenes import System
-from stochvi.spectra import Table, response_moments
+from stochvi.spectra import Filter, Table, response_moments
+
+SCAN = (-6.9, 2.3)
+"""Logarithms of speeds, relative to one that balances, among which others are looked for."""
+
+LOOKED_AT = 60
+"""Speeds looked at: some fifteen a decade."""
 
 
 def linear_moments(system: System, stiffness: float, damping: float) -> tuple[float, float]:
@@ -27,6 +37,10 @@ def linear_moments(system: System, stiffness: float, damping: float) -> tuple[fl
         coloured = response_moments(system.tables, math.sqrt(total_stiffness), total_damping)
         displacement += coloured.displacement
         velocity += coloured.velocity
+    for filtered in system.filters:
+        moments = filtered.response_moments(math.sqrt(total_stiffness), total_damping)
+        displacement += moments[0]
+        velocity += moments[1]
     return displacement, velocity
 
 
@@ -46,7 +60,7 @@ class Frame:
     def of(cls, system: System, speed: float) -> Self:
         """The frame of a scene at a speed, m/s."""
         mirrored = system.upper is None
-        law = _gibbs_law(_mirror(system) if mirrored else system, speed)
+        law = gibbs_law(_mirror(system) if mirrored else system, speed)
         return cls(mirrored=mirrored, origin=law.mean, length=math.sqrt(law.variance), speed=speed)
 
     def shrink(self, system: System) -> System:
@@ -69,9 +83,19 @@ class Frame:
                 )
                 for table in system.tables
             ),
+            filters=tuple(
+                Filter(
+                    filtered.omega * time,
+                    filtered.damping_rate * time,
+                    filtered.intensity * time / self.speed**2,
+                )
+                for filtered in system.filters
+            ),
             load=(system.load - system.omega**2 * self.origin) * time / self.speed,
             lower=lower,
             upper=upper,
+            law_lower=_shrunk(system.law_lower, self.length, time),
+            law_upper=_shrunk(system.law_upper, self.length, time),
         )
 
     def grow(self, trial: Trial) -> Trial:
@@ -87,8 +111,19 @@ class Frame:
             )
             for hits in (trial.lower, trial.upper)
         )
+        contacts = [
+            hits
+            and ContactStatistics(
+                probability=hits.probability,
+                force=hits.force * self.speed * frequency,
+                peak_force=None,
+                power=hits.power * self.speed**2 * frequency,
+            )
+            for hits in (trial.contact_lower, trial.contact_upper)
+        ]
         if self.mirrored:
             lower, upper = upper, lower
+            contacts.reverse()
         return trial._replace(
             mean=sign * (self.origin + self.length * trial.mean),
             variance=trial.variance * self.length**2,
@@ -99,7 +134,24 @@ class Frame:
             damping=trial.damping * frequency,
             lower=lower,
             upper=upper,
+            contact_lower=contacts[0],
+            contact_upper=contacts[1],
         )
+
+
+def _shrunk(law: Law | None, length: float, time: float) -> Law | None:
+    """The law of a stop, per unit mass, in other units of length and time."""
+    match law:
+        case Elastic() | Viscoelastic():
+            return law.model_copy(update={"stiffness": law.stiffness * time**2})
+        case Hertz():
+            coefficient = law.coefficient * time**2 * math.sqrt(length)
+            return law.model_copy(update={"coefficient": coefficient})
+        case ForceTable():
+            deflection = tuple(y / length for y in law.deflection)
+            force = tuple(push * time**2 / length for push in law.force)
+            return law.model_copy(update={"deflection": deflection, "force": force})
+    return law
 
 
 def _mirror(system: System) -> System:
@@ -114,8 +166,18 @@ def _mirror(system: System) -> System:
     )
 
 
-def _gibbs_law(system: System, speed: float) -> CutNormal:
-    """exp(-U / speed^2) between the stops, the exact law for elastic stops (B 13.38)."""
+def gibbs_law(system: System, speed: float) -> CutNormal | GibbsLaw:
+    """exp(-U / speed^2), the exact law for stops that lose nothing (B 13.38)."""
+    if soft_stops(system):
+        return GibbsLaw(
+            theta=speed**2,
+            omega=system.omega,
+            load=system.load,
+            stop_lower=system.lower,
+            stop_upper=system.upper,
+            law_lower=system.law_lower,
+            law_upper=system.law_upper,
+        )
     return CutNormal(
         slope=system.load / speed**2,
         curvature=(system.omega / speed) ** 2,
@@ -128,33 +190,32 @@ def _gibbs_stops(system: System, speed: float) -> tuple[float, float]:
     """Stiffness and damping of stops under the elastic law at a speed s.
 
     s^2 = (omega^2 + k) Var x, and the loss of a stop is (1 - R^2) p_c s^3 / sqrt(2 pi) with
-    p_c = 2 p / (1 + R), the density at the stop that the balance of forces then calls for.
+    p_c = 2 p / (1 + R), the density at the stop that the balance of forces then calls for; of a
+    viscoelastic stop c s^2 P(contact).
     """
-    law = _gibbs_law(system, speed)
+    law = gibbs_law(system, speed)
     stiffness = max(speed**2 / law.variance - system.omega**2, 0.0)
     r_lower, r_upper = restitutions(system)
     loss = (1.0 - r_lower) * law.density_at(system.lower)
     loss += (1.0 - r_upper) * law.density_at(system.upper)
-    return stiffness, 2.0 * loss * speed / ROOT_TWO_PI
+    damping = 2.0 * loss * speed / ROOT_TWO_PI
+    for side, contact in soft_stops(system).items():
+        if isinstance(contact, Viscoelastic) and isinstance(law, GibbsLaw):
+            touching = law.contact(side)
+            assert touching is not None
+            damping += contact.damping(1.0) * touching.probability
+    return stiffness, damping
 
 
 def speed_scale(system: System) -> float:
     """The speed s at which the elastic law takes up the power that the noise supplies, m/s.
 
-    Exact for elastic stops and white noise, where s^2 = S0 / (2 b); else near the answer.
+    Exact for elastic stops and white noise, where s^2 = S0 / (2 b); else near the answer. Of
+    several such speeds the one that is found from above.
     """
 
     def surplus(log_speed: float) -> float:
-        speed = math.exp(log_speed)
-        try:
-            supplied = linear_moments(system, *_gibbs_stops(system, speed))[1]
-        except ValueError:
-            # so slow that the mass lies on a stop within rounding
-            return -1e3
-        if not 0.0 < supplied < math.inf:
-            # no loss at all, as far below the first impact; or no noise left to follow
-            return 1e3 if supplied > 0.0 else -1e3
-        return math.log(supplied) - 2.0 * log_speed
+        return _surplus(system, log_speed)
 
     # half a step above, so that no end of the bracket is a root
     high = math.log(_rough_speed(system)) + 0.5
@@ -172,6 +233,34 @@ def speed_scale(system: System) -> float:
     return math.exp(log_speed)
 
 
+def balanced_speeds(system: System, near: float) -> list[float]:
+    """All speeds within three decades below and one above `near` at which the elastic law takes
+    up the power supplied, m/s; in coloured noise there may be several, where the linearised
+    resonance passes through a peak or an edge of the density."""
+    logs = math.log(near) + np.linspace(*SCAN, LOOKED_AT)
+    values = [_surplus(system, log_speed) for log_speed in logs.tolist()]
+    return [
+        math.exp(brentq(lambda log_speed: _surplus(system, log_speed), low, high, xtol=1e-9))
+        for (low, one), (high, two) in pairwise(zip(logs.tolist(), values, strict=True))
+        if one * two < 0.0
+    ]
+
+
+def _surplus(system: System, log_speed: float) -> float:
+    """log of the mean square speed that the noise supplies to the elastic law of a speed, over
+    that of the law."""
+    speed = math.exp(log_speed)
+    try:
+        supplied = linear_moments(system, *_gibbs_stops(system, speed))[1]
+    except ValueError:
+        # so slow that the mass lies on a stop within rounding
+        return -1e3
+    if not 0.0 < supplied < math.inf:
+        # no loss at all, as far below the first impact; or no noise left to follow
+        return 1e3 if supplied > 0.0 else -1e3
+    return math.log(supplied) - 2.0 * log_speed
+
+
 def _rough_speed(system: System) -> float:
     """Any speed that scales as it should, m/s."""
     rate = system.damping_rate or system.omega
@@ -179,5 +268,9 @@ def _rough_speed(system: System) -> float:
         return math.sqrt(linear_moments(system._replace(damping_rate=rate), 0.0, 0.0)[1])
     assert system.lower is not None and system.upper is not None
     gap = system.upper - system.lower
-    rms = math.sqrt(sum(table.mean_square() for table in system.tables))
+    squares = [table.mean_square() for table in system.tables]
+    squares += [
+        each.omega**2 * each.intensity / (2.0 * each.damping_rate) for each in system.filters
+    ]
+    rms = math.sqrt(sum(squares))
     return max(math.sqrt(gap * rms), math.cbrt(gap * system.intensity))

@@ -6,11 +6,16 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import fsolve
+from scipy.optimize import fsolve, least_squares
 
 from stochvi.errors import NotConverged
 from stochvi.linearisation.forms import Form, Trial, Unknowns
-from stochvi.linearisation.scales import Frame, linear_moments, speed_scale
+from stochvi.linearisation.scales import (
+    Frame,
+    balanced_speeds,
+    linear_moments,
+    speed_scale,
+)
 from stochvi.scenes import System
 
 ACCEPTED = 1e-10
@@ -27,24 +32,54 @@ NOWHERE = 1e3
 Problem = Callable[[Unknowns], Unknowns]
 
 
-def solve(system: System, form: Form, method: str) -> Trial:
-    """The response that is its own linearisation.
+SAME = 1e-6
+"""Relative difference of the mean squares up to which two solutions are one."""
 
-    Newton's method from the elastic law, at the speed that balances its power. In tabulated
-    noise there may be several solutions, or none near that speed, where the linearised resonance
-    passes an edge of the table: then it starts from other speeds.
+
+def solve(system: System, form: Form, method: str) -> list[Trial]:
+    """The responses that are their own linearisation; the first is the one to believe first.
+
+    Newton's method from the elastic law, at the speed that balances its power. In coloured noise
+    there may be several solutions, or none near that speed, where the linearised resonance
+    passes a peak or an edge of the density: then it starts from all speeds that balance. The one
+    next to the response without stops comes first: a motion that starts from rest keeps to it.
+
+    Raises
+    ------
+    NotConverged
+        If there is none.
     """
     speed = speed_scale(system)
+    coloured = bool(system.tables or system.filters)
+    found: list[Trial] = []
     for factor in START_SPEEDS:
-        frame = Frame.of(system, factor * speed)
-        target = frame.shrink(system)
-        unknowns = root(_problem(form, target), form.start(target))
-        if unknowns is not None:
-            return frame.grow(form.trial(target, unknowns))
-    raise NotConverged(
-        f"{method} found no response that is its own linearisation, as where a preload "
-        "holds the mass on a stop; try another form, or simulate this scene."
-    )
+        trial = _from(system, form, factor * speed)
+        if trial is not None:
+            found.append(trial)
+            break
+    for other in balanced_speeds(system, speed) if coloured else []:
+        trial = _from(system, form, other)
+        if trial is not None and not any(_same(trial, one) for one in found):
+            found.append(trial)
+    if not found:
+        raise NotConverged(
+            f"{method} found no response that is its own linearisation, as where a preload "
+            "holds the mass on a stop; try another form, or simulate this scene."
+        )
+    return found
+
+
+def _from(system: System, form: Form, speed: float) -> Trial | None:
+    """The solution near the elastic law of a speed, or None."""
+    frame = Frame.of(system, speed)
+    target = frame.shrink(system)
+    unknowns = root(_problem(form, target), form.start(target))
+    return None if unknowns is None else frame.grow(form.trial(target, unknowns))
+
+
+def _same(one: Trial, two: Trial) -> bool:
+    squares = ((one.variance, two.variance), (one.velocity_mean_square, two.velocity_mean_square))
+    return all(abs(math.log(a / b)) < SAME for a, b in squares)
 
 
 def _problem(form: Form, system: System) -> Problem:
@@ -83,4 +118,11 @@ def root(problem: Problem, start: Unknowns) -> Unknowns | None:
 
     offset, *_ = fsolve(shifted, np.ones(len(start)), xtol=1e-13, maxfev=100, full_output=True)
     unknowns: Unknowns = start + (offset - 1.0)
+    if np.abs(problem(unknowns)).max() < ACCEPTED:
+        return unknowns
+    # where the hybrid steps of MINPACK stall: at a kink, or next to an edge of a density
+    slow = least_squares(
+        shifted, np.ones(len(start)), xtol=1e-14, ftol=None, gtol=None, max_nfev=60
+    )
+    unknowns = start + (slow.x - 1.0)
     return unknowns if np.abs(problem(unknowns)).max() < ACCEPTED else None
