@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -25,7 +25,8 @@ class Absorber(Checked):
     """Masses that a structure carries in boxes, to take energy from it by their impacts.
 
     Either the names of their coordinates, beside a structure of kind `matrices` and its impact
-    pairs, or, beside an oscillator or isolator, what is needed to build both.
+    pairs, or, beside an oscillator or isolator, what is needed to build both. Units that differ
+    are several absorbers: `absorber=[...]` of a scene, `[[absorber]]` in its file.
 
     Parameters
     ----------
@@ -91,52 +92,71 @@ class Absorber(Checked):
         """Coordinates of the units."""
         if self.mass_on:
             return self.mass_on
-        if self.units == 1:
-            return ("absorber",)
-        return tuple(f"absorber {number}" for number in range(1, self.units + 1))
+        return unit_names(self.units)
 
-    def structure(self, carrier: Oscillator) -> Matrices:
-        """The oscillator with its units: mass, damping and stiffness matrices.
-
-        Raises
-        ------
-        SceneError
-            If the oscillator has no mass to compare with.
-        """
+    @property
+    def unit(self) -> Absorber:
+        """One of its equal units."""
         assert self.mass is not None
-        if carrier.mass is None:
-            raise SceneError([("structure.mass", "is needed beside an absorber, got none")])
-        share = 1.0 / self.units
-        link = np.zeros((self.units + 1, self.units + 1))
-        link[0, 0] = 1.0
-        link[0, 1:] = link[1:, 0] = -share
-        link[1:, 1:] = share * np.eye(self.units)
-        own = np.zeros_like(link)
-        own[0, 0] = 1.0
-        mass, damping, stiffness = (float(matrix[0, 0]) for matrix in carrier.matrices)
-        return Matrices(
-            coordinates=(CARRIER, *self.names),
-            mass=np.diag([mass, *[self.mass * share] * self.units]),
-            damping=damping * own + self.damping * link,
-            stiffness=stiffness * own + self.stiffness * link,
+        return self.model_copy(
+            update={
+                "mass": self.mass / self.units,
+                "stiffness": self.stiffness / self.units,
+                "damping": self.damping / self.units,
+                "units": 1,
+            }
         )
 
-    def impact_pairs(self) -> list[dict[str, Any]]:
-        """Keys of an impact pair for each unit; y is its position in the box."""
+    def impact_pair(self, name: str) -> dict[str, Any]:
+        """Keys of the impact pair of a unit; y is its position in the box."""
         half = None if self.play is None else self.play / 2.0
         stops = {
             "lower": self.lower if half is None else -half,
             "upper": self.upper if half is None else half,
         }
-        return [
-            {
-                "name": name.replace("absorber", "box"),
-                "between": (name, CARRIER),
-                "law": self.law,
-                **{side: stop for side, stop in stops.items() if stop is not None},
-            }
-            for name in self.names
-        ]
+        return {
+            "name": name.replace("absorber", "box"),
+            "between": (name, CARRIER),
+            "law": self.law,
+            **{side: stop for side, stop in stops.items() if stop is not None},
+        }
+
+
+def unit_names(units: int) -> tuple[str, ...]:
+    """Coordinates of the units of a structure.
+
+    >>> unit_names(2)
+    ('absorber 1', 'absorber 2')
+    """
+    if units == 1:
+        return ("absorber",)
+    return tuple(f"absorber {number}" for number in range(1, units + 1))
+
+
+def carrying(carrier: Oscillator, units: Sequence[Absorber]) -> Matrices:
+    """An oscillator with units of absorbers on it: mass, damping and stiffness matrices.
+
+    Raises
+    ------
+    SceneError
+        If the oscillator has no mass to compare with.
+    """
+    if carrier.mass is None:
+        raise SceneError([("structure.mass", "is needed beside an absorber, got none")])
+    mass, damping, stiffness = (float(matrix[0, 0]) for matrix in carrier.matrices)
+    return Matrices(
+        coordinates=(CARRIER, *unit_names(len(units))),
+        mass=np.diag([mass, *(unit.mass for unit in units if unit.mass is not None)]),
+        damping=_linked(damping, [unit.damping for unit in units]),
+        stiffness=_linked(stiffness, [unit.stiffness for unit in units]),
+    )
+
+
+def _linked(own: float, links: Sequence[float]) -> np.ndarray:
+    """The matrix of a first coordinate held by `own`, to which others are linked."""
+    matrix = np.diag([own + sum(links), *links])
+    matrix[0, 1:] = matrix[1:, 0] = np.negative(links)
+    return matrix
 
 
 def built(document: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -144,19 +164,22 @@ def built(document: Mapping[str, Any]) -> Mapping[str, Any]:
 
     What is not a short form, or not valid, is left as it is.
     """
-    absorber, structure = document.get("absorber"), document.get("structure")
-    if isinstance(absorber, Mapping):
-        absorber = _at("absorber", Absorber, absorber)
+    structure = document.get("structure")
+    absorbers = _absorbers(document["absorber"])
     if isinstance(structure, Mapping) and structure.get("kind") in ("oscillator", "isolator"):
         kind = Isolator if structure["kind"] == "isolator" else Oscillator
         structure = _at("structure", kind, structure)
-    if not isinstance(absorber, Absorber) or absorber.mass_on:
+    if not absorbers or absorbers[0].mass_on:
         return document
     if not isinstance(structure, Oscillator):
         raise SceneError(
             [("absorber", "of mass, play and law needs structure.kind 'oscillator' or 'isolator'; "
               "beside matrices, name its coordinates in mass_on")]
         )  # fmt: skip
+    units = [each.unit for each in absorbers for _ in range(each.units)]
+    if len(units) > MOST_UNITS:
+        raise SceneError([("absorber", f"takes at most {MOST_UNITS} units, got {len(units)}")])
+    names = unit_names(len(units))
     pairs = document.get("impact_pair", document.get("impact_pairs")) or ()
     excitations = document.get("excitation", document.get("excitations")) or ()
     if not isinstance(pairs, list | tuple) or not isinstance(excitations, list | tuple):
@@ -169,11 +192,42 @@ def built(document: Mapping[str, Any]) -> Mapping[str, Any]:
     moving = isinstance(structure, Isolator)
     return {
         **rest,
-        "structure": absorber.structure(structure),
-        "impact_pair": [*(_on_carrier(pair) for pair in pairs), *absorber.impact_pairs()],
+        "structure": carrying(structure, units),
+        "impact_pair": [
+            *(_on_carrier(pair) for pair in pairs),
+            *(unit.impact_pair(name) for unit, name in zip(units, names, strict=True)),
+        ],
         "excitation": [_placed(excitation, moving) for excitation in excitations],
-        "absorber": Absorber(mass_on=absorber.names),
+        "absorber": Absorber(mass_on=names),
     }
+
+
+def _absorbers(given: Any) -> list[Absorber]:
+    """One absorber or a list of them, from their keys; empty if it is neither.
+
+    Raises
+    ------
+    SceneError
+        If the list is empty, or one of several names coordinates.
+    """
+    if not isinstance(given, list | tuple):
+        found = _at("absorber", Absorber, given) if isinstance(given, Mapping) else given
+        return [found] if isinstance(found, Absorber) else []
+    entries = [
+        _at(f"absorber.{number}", Absorber, each) if isinstance(each, Mapping) else each
+        for number, each in enumerate(given)
+    ]
+    for number, each in enumerate(entries):
+        if not isinstance(each, Absorber):
+            raise SceneError([(f"absorber.{number}", f"must be a table of keys, got {each!r}")])
+        if each.mass_on:
+            raise SceneError(
+                [(f"absorber.{number}", "of a list needs mass, play and law; beside matrices, name "
+                  "all coordinates in the mass_on of one [absorber]")]
+            )  # fmt: skip
+    if not entries:
+        raise SceneError([("absorber", "needs at least one entry, got none")])
+    return [each for each in entries if isinstance(each, Absorber)]
 
 
 def _at(key: str, kind: type[Checked], entries: Mapping[str, Any]) -> Checked:

@@ -70,6 +70,86 @@ def test_the_short_form_is_the_matrices_written_out() -> None:
     assert Scene(**scene.document()) == scene
 
 
+def two_different(restitution: float, units: int) -> Scene:
+    """A free unit and some sprung ones in boxes of another size, on a structure with theta = 1."""
+    law = Restitution(coefficient=restitution)
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        absorber=[
+            Absorber(mass=0.06, play=2.0, law=law),
+            Absorber(mass=0.08, lower=-0.4, upper=0.6, units=units, stiffness=0.2, law=law),
+        ],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+
+def test_units_that_differ_are_a_list_of_absorbers() -> None:
+    scene = two_different(0.5, 2)
+    assert scene.structure == Matrices(
+        coordinates=("structure", "absorber 1", "absorber 2", "absorber 3"),
+        mass=np.diag([1.0, 0.06, 0.04, 0.04]),
+        damping=np.diag([0.1, 0.0, 0.0, 0.0]),
+        stiffness=[[1.2, 0, -0.1, -0.1], [0, 0, 0, 0], [-0.1, 0, 0.1, 0], [-0.1, 0, 0, 0.1]],
+    )
+    assert [(pair.lower, pair.upper) for pair in scene.impact_pairs] == [
+        (-1.0, 1.0), (-0.4, 0.6), (-0.4, 0.6),
+    ]  # fmt: skip
+    assert scene.absorber.mass_on == ("absorber 1", "absorber 2", "absorber 3")
+    assert Scene(**json.loads(json.dumps(scene.document()))) == scene
+
+
+def test_different_units_that_lose_nothing_share_energy() -> None:
+    """Every unit has m E v^2 = theta, and free ones hit at sigma_rel sqrt(2 / pi) / d."""
+    response = simulate(two_different(1.0, 1), rel_error=0.03)
+    assert_agrees(response.coordinates["structure"]["displacement_mean_square"], 1.0)
+    for name, mass in (("absorber 1", 0.06), ("absorber 2", 0.08)):
+        assert_agrees(response.coordinates[name]["velocity_mean_square"], 1.0 / mass)
+    rate = math.sqrt((1.0 + 1.0 / 0.06) * 2.0 / math.pi) / 2.0
+    assert_agrees(response.impact_pairs["box 1"]["collision_rate"], rate)
+    # negative control: the rate of the box of the other unit
+    with pytest.raises(AssertionError):
+        assert_agrees(response.impact_pairs["box 2"]["collision_rate"], rate)
+
+
+def test_different_units_that_lose_energy_keep_their_balances() -> None:
+    response = simulate(two_different(0.5, 1), rel_error=0.03)
+    assert response.identities
+    for residual in response.identities.values():
+        assert abs(residual.value) <= Z * residual.standard_error + (residual.bias or 0.0)
+
+
+def test_a_list_of_absorbers_in_a_file(tmp_path) -> None:
+    file = tmp_path / "tower.toml"
+    unit = 'law = { kind = "restitution", coefficient = 0.5 }\n'
+    file.write_text(
+        '[structure]\nkind = "oscillator"\nmass = 1.0\ndamping = 0.02\nstiffness = 1.0\n'
+        f"[[absorber]]\nmass = 0.05\nplay = 2.0\n{unit}"
+        f"[[absorber]]\nmass = 0.02\nplay = 3.0\n{unit}"
+        '[[excitation]]\nkind = "white"\nintensity = 0.04\n'
+    )
+    assert [pair.upper for pair in load_scene(file).impact_pairs] == [1.0, 1.5]
+    file.write_text(file.read_text().replace("mass = 0.02", "mass = -0.02"))
+    with pytest.raises(SceneError, match=r"absorber\.1\.mass must be greater than 0"):
+        load_scene(file)
+
+
+@pytest.mark.parametrize(
+    ("absorbers", "sentence"),
+    [
+        ([], "absorber needs at least one entry"),
+        ([{"mass_on": "x"}], r"absorber\.0 of a list needs mass, play and law"),
+        ([3.0], r"absorber\.0 must be a table of keys"),
+        (
+            [{"mass": 0.1, "play": 1.0, "units": 40, "law": Restitution(coefficient=0.5)}] * 2,
+            "absorber takes at most 64 units, got 80",
+        ),
+    ],
+)
+def test_bad_lists_of_absorbers_are_refused(absorbers, sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        Scene(structure=LIGHTLY_DAMPED, absorber=absorbers, excitations=[UNIT_RMS])
+
+
 def test_a_scene_file_may_use_either_form(tmp_path) -> None:
     file = tmp_path / "tower.toml"
     file.write_text(
