@@ -71,6 +71,7 @@ if TYPE_CHECKING:
     from stochvi.scenes import ImpactPair, Scene, load_scene
     from stochvi.sizing import Sizing, size
     from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
+    from stochvi.zoo import Checks, check_many, zoo
 
 _HOME = {
     "absorbers": ("AbsorberReport", "Design", "absorber", "design_absorber"),
@@ -125,6 +126,7 @@ _HOME = {
     "scenes": ("ImpactPair", "Scene", "load_scene"),
     "sizing": ("Sizing", "size"),
     "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
+    "zoo": ("Checks", "check_many", "zoo"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -132,6 +134,7 @@ __all__ = [
     "Absorber",
     "AbsorberReport",
     "Check",
+    "Checks",
     "ConstantLoad",
     "Cost",
     "Design",
@@ -176,6 +179,7 @@ __all__ = [
     "autocorrelation",
     "average",
     "check",
+    "check_many",
     "clearance_curve",
     "cost",
     "design_absorber",
@@ -195,6 +199,7 @@ __all__ = [
     "simulate",
     "size",
     "transient",
+    "zoo",
 ]
 
 

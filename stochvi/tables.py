@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from stochvi.galerkin import FirstPassage
     from stochvi.isolators import Screening
     from stochvi.sizing.answer import Sizing
+    from stochvi.zoo import Checks
 
 QUANTITY_NAMES = {
     "displacement_mean": "mean displacement",
@@ -123,6 +124,24 @@ def print_check(console: Console, verdict: Check) -> None:
     for response in verdict.responses[:1]:
         for warning in response.warnings:
             console.print(f"note: {warning}", style="yellow", highlight=False)
+    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+
+
+def print_checks(console: Console, verdict: Checks) -> None:
+    """A line for each scene, every alarm, and the verdict in a sentence."""
+    overview = verdict.overview()
+    table = _table("scenes, under one alarm rate", list(overview), ["scene", "methods", "verdict"])
+    for row in overview.itertuples(index=False):
+        cells = [_cell(cell, ".2f" if isinstance(cell, float) else "") for cell in row]
+        cells = ["" if cell == "nan" else cell for cell in cells]
+        table.add_row(*cells, style="" if row[-1] == "passed" else "bold red")
+    _show(console, table)
+    for name, row in verdict.alarms:
+        _say(
+            console,
+            f"alarm: {name}: {row.quantity} of {row.of}: {row.method} {row.value:.6g}, "
+            f"{row.reference} {row.reference_value:.6g}, allowed {row.tolerance:.1e}",
+        )
     console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
 
 
