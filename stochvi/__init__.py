@@ -66,12 +66,12 @@ if TYPE_CHECKING:
     from stochvi.jolts import Jolts
     from stochvi.kelvin_voigt import identify_viscoelastic
     from stochvi.linearisation import linearise
+    from stochvi.many_scenes import Checks, check_many, zoo
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.resonance import HarmonicResonance, RandomResonance
     from stochvi.scenes import ImpactPair, Scene, load_scene
     from stochvi.sizing import Sizing, size
     from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
-    from stochvi.zoo import Checks, check_many, zoo
 
 _HOME = {
     "absorbers": ("AbsorberReport", "Design", "absorber", "design_absorber"),
@@ -126,7 +126,7 @@ _HOME = {
     "scenes": ("ImpactPair", "Scene", "load_scene"),
     "sizing": ("Sizing", "size"),
     "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
-    "zoo": ("Checks", "check_many", "zoo"),
+    "many_scenes": ("Checks", "check_many", "zoo"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

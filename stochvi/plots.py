@@ -19,8 +19,8 @@ from stochvi.monte_carlo import record_path
 if TYPE_CHECKING:
     from stochvi.accuracy import WorkPrecision
     from stochvi.galerkin import FirstPassage
+    from stochvi.many_scenes import Checks
     from stochvi.scenes import Scene
-    from stochvi.zoo import Checks
 
 COLOURS = {
     "exact": "#1b1b1b",
@@ -389,7 +389,7 @@ def draw_scores(found: Checks) -> Axes:
         expected = norm.ppf((np.arange(len(scores)) + 0.5) / max(len(scores), 1))
         ax.plot(expected, scores, ".", color=colour, label=f"{len(scores)} {label}")
     ax.set_xlim(-reach, reach)
-    ax.set_ylim(-1.1 * reach, 1.1 * reach)
+    ax.set_ylim(-1.6 * reach, 1.2 * reach)  # the legend stands below the lower line
     ax.set_xlabel("score expected of a normal variable")
     ax.set_ylabel("difference / standard error")
     ax.legend(frameon=False, loc="lower right")

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from stochvi.explanation import Explanation
     from stochvi.galerkin import FirstPassage
     from stochvi.isolators import Screening
+    from stochvi.many_scenes import Checks
     from stochvi.sizing.answer import Sizing
-    from stochvi.zoo import Checks
 
 QUANTITY_NAMES = {
     "displacement_mean": "mean displacement",

@@ -34,7 +34,7 @@ FLOORS = {
         "first_crossings",
         "bursts",
         "jolts",
-        "zoo",
+        "many_scenes",
         "testing",
     ),
     5: (

@@ -50,11 +50,11 @@ def check(
     from stochvi.crosscheck import Check
     from stochvi.crosscheck import check as compare
     from stochvi.files import write_json, write_picture, write_table
+    from stochvi.many_scenes import Checks, check_many
+    from stochvi.many_scenes import zoo as shipped
     from stochvi.plots import draw_scores
     from stochvi.scenes import load_scene
     from stochvi.tables import print_check, print_checks
-    from stochvi.zoo import Checks, check_many
-    from stochvi.zoo import zoo as shipped
 
     if not scenes and not zoo:
         raise ValueError("check needs a scene file, several, or --zoo, got none")

@@ -8,13 +8,14 @@ is off where it does not, and what that looks like. `known_answers` are those an
 
 from stochvi.testing.agreement import assert_agrees
 from stochvi.testing.answers import known_answers
-from stochvi.testing.judging import Finding, Judgement, judge
+from stochvi.testing.judging import Finding, Judgement, as_response, judge
 from stochvi.testing.problems import Problem, problem_of
 
 __all__ = [
     "Finding",
     "Judgement",
     "Problem",
+    "as_response",
     "assert_agrees",
     "judge",
     "known_answers",

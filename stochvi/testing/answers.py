@@ -8,8 +8,8 @@ from functools import cache
 
 from stochvi.datasets import data_folder
 from stochvi.estimates import Estimate, Response
+from stochvi.many_scenes import zoo
 from stochvi.scenes import Scene
-from stochvi.zoo import zoo
 
 
 def known_answers(*names: str) -> dict[str, Response]:

@@ -20,15 +20,15 @@ from stochvi.crosscheck import (
     student_quantile,
 )
 from stochvi.errors import NoExactSolution
-from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
+from stochvi.estimates import QUANTITY_UNITS, Cost, Estimate, Response, format_with_error
 from stochvi.galerkin import fokker_planck
+from stochvi.many_scenes import seeds_of, zoo
 from stochvi.monte_carlo.plans import layout_of, make_plan
 from stochvi.scenes import Scene
 from stochvi.testing.answers import known_answers
 from stochvi.testing.hints import Measured, hints_of
 from stochvi.testing.problems import Problem, problem_of
 from stochvi.testing.samples import QUANTITIES, Sample, sample_of
-from stochvi.zoo import seeds_of, zoo
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,6 +52,8 @@ SURELY_SEEN = 100.0
 """Expected impacts from which to see none is a disagreement, and no matter of chance."""
 
 NOT_FINITE = "not finite"
+
+IMPACTS = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +123,7 @@ class Judgement:
                 f"{seen[len(seen) // 2]:.2g} % would have been seen in half of them, of "
                 f"{seen[-1]:.2g} % in all"
             )
-        worst = max(self.failures, key=_badness)
+        worst = max(self.failures, key=lambda row: abs(row.bias_percent or math.inf))
         bias = "not finite" if worst.bias_percent is None else f"{worst.bias_percent:+.2g} %"
         return (
             f"{len(self.failures)} of {len(compared)} quantities DISAGREE in "
@@ -160,10 +162,6 @@ class Judgement:
             "allowed_percent": self.allowed_percent,
             "findings": [dict(vars(row)) for row in self.findings],
         }
-
-
-def _badness(row: Finding) -> float:
-    return math.inf if row.score is None else abs(row.score)
 
 
 def _told(row: Finding) -> str:
@@ -365,11 +363,41 @@ def _finding(
 
 def _too_rare(problem: Problem, quantity: str, value: float, error: float, truth: float) -> bool:
     """Whether so few impacts were seen that the standard error cannot be trusted."""
-    if quantity not in ("collision_rate", "impact_speed_rate", "impact_speed_square_rate"):
+    if quantity not in IMPACTS:
         return False
     if value == 0.0:
-        speed = 1.0 if quantity == "collision_rate" else abs(problem.speed_scale)
-        power = {"impact_speed_rate": 1, "impact_speed_square_rate": 2}.get(quantity, 0)
-        expected = truth / speed**power * problem.duration * problem.paths
+        # a sum of w^k over n impacts is about n times the k-th power of a typical speed
+        speed = problem.speed_scale
+        expected = truth / speed ** IMPACTS.index(quantity) * problem.duration * problem.paths
         return expected < SURELY_SEEN
     return error >= RARE * abs(value)
+
+
+def as_response(problem: Problem, returned: Mapping[str, Any], method: str = "") -> Response:
+    """What an integrator returned as a `Response`, for `stochvi.crosscheck.compare` and tables.
+
+    Examples
+    --------
+    >>> problem = problem_of(zoo("linear")["linear"], name="linear")
+    >>> as_response(problem, {"velocity_std": (1.02, 0.01)}, "mine")
+    <mine
+      x.velocity_std = 1.020(10) m/s>
+    """
+    sample = sample_of(problem, returned)
+    found: dict[str, Estimate | None] = {}
+    for name in sample.names():
+        value, error = sample.evaluate(lambda values, name=name: values[name])  # type: ignore[misc]
+        found[name] = Estimate(value=value, standard_error=error, how="returned by an integrator")
+    count = 0 if math.isinf(sample.degrees) else round(sample.degrees) + 1
+    impacts = {name: found.pop(name) for name in IMPACTS if name in found}
+    pairs = {pair.name: impacts for pair in problem.scene.impact_pairs}
+    return Response(
+        method=method or "integrator",
+        coordinates={"x": found},
+        impact_pairs={
+            name: {**known, "speed_threshold": problem.speed_threshold}
+            for name, known in pairs.items()
+        },
+        effects=problem.scene.effects(),
+        cost=Cost(paths=count),
+    )

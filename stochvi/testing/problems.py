@@ -97,7 +97,7 @@ def problem_of(
 
     Examples
     --------
-    >>> from stochvi.zoo import zoo
+    >>> from stochvi.many_scenes import zoo
     >>> problem = problem_of(zoo("elastic-upper-stop")["elastic-upper-stop"])
     >>> problem.lower, problem.upper, problem.intensity, problem.duration
     (-inf, 1.0, 0.2, 400.0)
