@@ -71,8 +71,8 @@ def shipped_scene(name: str) -> Path:
 
 def zoo_files() -> dict[str, Path]:
     """Every scene of the zoo, `data/scenes/zoo/NAME.toml`, by name."""
-    files = sorted((data_folder() / "scenes" / "zoo").glob("*.toml"))
-    return {path.name.removesuffix(".toml"): path for path in files}
+    files = (data_folder() / "scenes" / "zoo").glob("*.toml")
+    return dict(sorted((path.name.removesuffix(".toml"), path) for path in files))
 
 
 def scene_files(name: str) -> list[Path]:

@@ -130,11 +130,12 @@ def print_check(console: Console, verdict: Check) -> None:
 def print_checks(console: Console, verdict: Checks) -> None:
     """A line for each scene, every alarm, and the verdict in a sentence."""
     overview = verdict.overview()
-    table = _table("scenes, under one alarm rate", list(overview), ["scene", "methods", "verdict"])
-    for row in overview.itertuples(index=False):
-        cells = [_cell(cell, ".2f" if isinstance(cell, float) else "") for cell in row]
+    headings = [str(name) for name in overview.columns]
+    table = _table("scenes, under one alarm rate", headings, ["scene", "methods", "verdict"])
+    for line in overview.itertuples(index=False):
+        cells = [_cell(cell, ".2f" if isinstance(cell, float) else "") for cell in line]
         cells = ["" if cell == "nan" else cell for cell in cells]
-        table.add_row(*cells, style="" if row[-1] == "passed" else "bold red")
+        table.add_row(*cells, style="" if cells[-1] == "passed" else "bold red")
     _show(console, table)
     for name, row in verdict.alarms:
         _say(

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import norm, t
 
 from stochvi import Estimate, Response, check, check_many, exact, simulate, zoo
+from stochvi.cli import main
 from stochvi.crosscheck import (
     AGREES,
     DISAGREES,
@@ -61,7 +62,7 @@ def test_the_readme_lists_every_scene_and_who_knows_it() -> None:
 
 
 def test_a_name_that_is_not_in_the_zoo_is_answered_with_those_that_are() -> None:
-    with pytest.raises(ValueError, match=r"'lossy' .*known: .*lossy-0\.5"):
+    with pytest.raises(ValueError, match=r"'lossy'; known: .*lossy-0\.5"):
         zoo("lossy")
 
 
@@ -163,3 +164,21 @@ def test_the_error_of_a_sampled_bias_counts() -> None:
 def test_seeds_differ_from_scene_to_scene_and_do_not_depend_on_their_number() -> None:
     assert list(seeds_of(3, 5))[:2] == list(seeds_of(3, 2))
     assert len({*seeds_of(0, 50), *seeds_of(1, 50)}) == 100
+
+
+def test_the_command_judges_several_files_together(tmp_path, capsys) -> None:
+    files = [str(zoo_files()[name]) for name in SHARE[:2]]
+    options = ["--rel-error", "0.03", "--threads", "1", "--out", str(tmp_path), "--json", "-"]
+    main(["check", *files, *options], standalone_mode=False)
+    printed = capsys.readouterr()
+    document = json.loads(printed.out)
+    assert document["passed"] and set(document["scenes"]) == set(files)
+    assert "2 scenes" in " ".join(printed.err.split())
+    assert {path.name for path in tmp_path.iterdir()} == {"check.csv", "scores.png"}
+
+
+def test_the_command_without_a_scene_says_what_it_takes(capsys) -> None:
+    with pytest.raises(SystemExit) as failure:
+        main(["check"], standalone_mode=False)
+    assert failure.value.code == 2
+    assert "a scene file, several, or --zoo" in capsys.readouterr().err

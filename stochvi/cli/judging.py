@@ -64,14 +64,22 @@ def check(
         if len(loaded) == 1:
             (scene,) = loaded.values()
             verdict = compare(
-                scene, rel_error=rel_error or ONE_SCENE, budget=budget, seed=seed, threads=threads,
+                scene,
+                rel_error=ONE_SCENE if rel_error is None else rel_error,
+                budget=budget,
+                seed=seed,
+                threads=threads,
                 progress=report,
-            )  # fmt: skip
+            )
         else:
             verdict = check_many(
-                loaded, rel_error=rel_error or MANY_SCENES, budget=budget, seed=seed,
-                threads=threads, progress=report,
-            )  # fmt: skip
+                loaded,
+                rel_error=MANY_SCENES if rel_error is None else rel_error,
+                budget=budget,
+                seed=seed,
+                threads=threads,
+                progress=report,
+            )
     if not quiet:
         show = print_check if isinstance(verdict, Check) else print_checks
         show(console_for(json_file), verdict)  # type: ignore[arg-type]

@@ -271,7 +271,7 @@ def judge(
         _finding(each.problem, each.sample, quantity, truth, rate, allowed_percent / 100.0)
         for each, quantity, truth in pairs
     ]
-    failed = any(row.verdict == DISAGREES for row in findings)
+    failed = any(row.verdict in (DISAGREES, NOT_FINITE) for row in findings)
     return Judgement(
         findings=tuple(findings),
         hints=tuple(hints_of([each for each, _ in measured])) if failed else (),
@@ -326,7 +326,7 @@ def _finding(
     allowed: float,
 ) -> Finding:
     value, error = sample.evaluate(lambda quantities: quantities[quantity])
-    row = {
+    row: dict[str, Any] = {
         "scene": problem.name,
         "quantity": quantity,
         "unit": QUANTITY_UNITS[quantity],

@@ -54,7 +54,9 @@ SHORTEST_BATCH = 3.0
 class Sample(Protocol):
     """Quantities of one scene, and functions of them, with standard errors."""
 
-    degrees: float
+    @property
+    def degrees(self) -> float:
+        """Degrees of freedom of the standard errors; infinite where they are not known."""
 
     def names(self) -> Sequence[str]:
         """Which of `QUANTITIES` there are."""

@@ -108,7 +108,7 @@ def solve_ivp_events(problem, seed: int) -> dict[str, object]:
     while t < end:
         own = grid[(grid > t) & (grid <= end)]
         run = solve_ivp(motion, (t, end), y, events=stops or None, t_eval=own, rtol=1e-5)
-        records.append(run.y)
+        records.append(np.reshape(run.y, (2, -1)))  # a list where no sample fell
         if run.status != 1:
             break
         side = next(k for k, found in enumerate(run.t_events) if len(found))
@@ -121,7 +121,7 @@ def solve_ivp_events(problem, seed: int) -> dict[str, object]:
         y[1] *= -(problem.restitution_lower if at_lower else problem.restitution_upper)
         if abs(y[1]) < 1e-3 * problem.speed_scale:  # it would stick, and restart for ever
             y[1] = (1.0 if at_lower else -1.0) * 1e-3 * problem.speed_scale
-    x, v = np.concatenate([part for part in records if part.size], axis=1)
+    x, v = np.concatenate(records, axis=1)
     return {"displacement": x, "velocity": v, "impact_speed": speeds, "impact_time": times}
 
 
@@ -172,3 +172,4 @@ FIRST = {
     "semi-implicit Euler, overshoot mirrored": mirrored_overshoot,
 }
 """In the order in which people come to them."""
+LIBRARIES = {"diffrax Euler, overshoot mirrored": diffrax_euler}
