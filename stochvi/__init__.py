@@ -74,6 +74,7 @@ if TYPE_CHECKING:
         linearise_all,
         linearised_oscillators,
     )
+    from stochvi.many_scenes import Checks, check_many, zoo
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.resonance import HarmonicResonance, RandomResonance
     from stochvi.scenes import ImpactPair, Scene, load_scene
@@ -151,6 +152,7 @@ _HOME = {
     "sizing": ("Sizing", "size"),
     "structures": ("Isolator", "Matrices", "NonlinearOscillator", "Oscillator"),
     "sweeps": ("sweep",),
+    "many_scenes": ("Checks", "check_many", "zoo"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
@@ -160,6 +162,7 @@ __all__ = [
     "Chance",
     "Check",
     "CheckpointError",
+    "Checks",
     "ConstantLoad",
     "Cost",
     "Design",
@@ -207,6 +210,7 @@ __all__ = [
     "autocorrelation",
     "average",
     "check",
+    "check_many",
     "clearance_curve",
     "cost",
     "design_absorber",
@@ -230,6 +234,7 @@ __all__ = [
     "size",
     "sweep",
     "transient",
+    "zoo",
 ]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtr, stdtrit
 
 from stochvi.averaging import average
 from stochvi.closed_form import exact
@@ -43,7 +43,11 @@ it costs less, and its bounds on the error are safer."""
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """One quantity by two methods; `relative` is the difference in units of the reference."""
+    """One quantity by two methods; `relative` is the difference in units of the reference.
+
+    `score` is what of the difference the stated biases do not cover, in standard errors, on the
+    scale of a normal variable (Student's law where paths are few); None where nothing was sampled.
+    """
 
     of: str
     quantity: str
@@ -55,6 +59,7 @@ class Comparison:
     relative: float
     tolerance: float | None
     verdict: str
+    score: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -122,6 +127,26 @@ class Check:
         }
 
 
+@dataclass(frozen=True, kw_only=True)
+class Answers:
+    """What the methods say of one scene: first those that claim to be right, the reference in
+    front, then the approximations; and why the others are left out."""
+
+    responses: Sequence[Response]
+    approximations: Sequence[Response] = ()
+    left_out: Sequence[str] = ()
+
+    @property
+    def judged(self) -> int:
+        """How many comparisons and balances can be judged."""
+        if not self.responses:
+            return 0
+        known = self.responses[0].estimates()
+        rivals = _shared(self.responses[1:], known)
+        telling = sum(not _untold(rival[-1], known[rival[1], rival[2]]) for rival in rivals)
+        return telling + sum(len(response.identities) for response in self.responses)
+
+
 def check(
     scene: Scene,
     *,
@@ -135,9 +160,12 @@ def check(
 
     Closed form, Fokker-Planck equation and Monte Carlo must agree within z standard errors plus
     the stated bias of mesh and step, and the energy, virial and force residuals must vanish
-    within theirs; z is set so that all these comparisons together raise a false alarm with
-    probability `FAMILY_ALARM_RATE` (Sidak). A quantity whose bias a method cannot tell is not
-    judged. Averaging and linearisation are approximations: their errors are shown, not judged.
+    within theirs (the standard error of a bias that was itself sampled counts like that of the
+    value); z is set so that all these comparisons together raise a false alarm with
+    probability `FAMILY_ALARM_RATE` (Sidak), and widened for the paths that a standard error
+    comes from as Student's law says. `check_many` does this for several scenes. A quantity
+    whose bias a method cannot tell is not judged. Averaging and linearisation are approximations:
+    their errors are shown, not judged.
 
     Examples
     --------
@@ -153,6 +181,22 @@ def check(
     >>> check(scene, rel_error=0.01).passed
     True
     """
+    found = answers(
+        scene, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=progress
+    )
+    return compare(found.responses, found.approximations, found.left_out)
+
+
+def answers(
+    scene: Scene,
+    *,
+    rel_error: float,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> Answers:
+    """Every method that covers a scene; arguments as for `check`."""
     left_out: list[str] = []
     responses: list[Response] = []
     simulated: list[Response] = []
@@ -179,7 +223,7 @@ def check(
             simulated.append(reason.response)
     responses += [*_solved(scene, SHARPER * rel_error, simulated, left_out), *simulated]
     approximate = approximations(scene, left_out)
-    return compare(responses, approximate, left_out)
+    return Answers(responses=responses, approximations=approximate, left_out=left_out)
 
 
 def _solved(
@@ -222,38 +266,99 @@ def compare(
     responses: Sequence[Response],
     approximations: Sequence[Response] = (),
     left_out: Sequence[str] = (),
+    family: int | None = None,
 ) -> Check:
     """Judge `responses` against the first of them, and show the error of `approximations`.
 
     The first response is the reference. Responses that claim to be right are judged, and so are
-    the residuals of their balances; at least one is needed.
+    the residuals of their balances; at least one is needed. `family` is the number of comparisons
+    that share one alarm rate, by default those that are judged here.
     """
     if not responses:
         return Check(comparisons=(), responses=approximations, left_out=left_out, z=0.0)
     reference = responses[0]
     known = reference.estimates()
-    rivals = list(_shared(responses[1:], known))
-    balances = [
-        (response, name, residual)
+    judged = Answers(responses=responses).judged
+    alarm_rate = single_alarm_rate(max(judged if family is None else family, 1))
+    rows = [_row(*rival, known, reference, alarm_rate) for rival in _shared(responses[1:], known)]
+    rows += [
+        _row(response, BALANCE, name, residual, {}, None, alarm_rate)
         for response in responses
         for name, residual in response.identities.items()
     ]
-    telling = [rival for rival in rivals if not _untold(rival[-1], known[rival[1], rival[2]])]
-    judged = max(len(telling) + len(balances), 1)
-    z = -float(ndtri((1.0 - (1.0 - FAMILY_ALARM_RATE) ** (1.0 / judged)) / 2.0))
-    rows = [_row(*rival, known, reference.method, z) for rival in rivals]
-    rows += [
-        _row(response, BALANCE, name, residual, {}, "identity", z)
-        for response, name, residual in balances
-    ]
-    rows += [
-        _row(*shown, known, reference.method, None) for shown in _shared(approximations, known)
-    ]
+    rows += [_row(*shown, known, reference, None) for shown in _shared(approximations, known)]
     return Check(
         comparisons=tuple(rows),
         responses=(*responses, *approximations),
         left_out=tuple(left_out),
-        z=z,
+        z=normal_quantile(alarm_rate),
+    )
+
+
+def single_alarm_rate(family: int, family_alarm_rate: float = FAMILY_ALARM_RATE) -> float:
+    """Chance of a false alarm that one of `family` comparisons may have, so that all of them
+    together, were they independent, have the rate of the family (Z. Sidak 1967).
+
+    >>> round(single_alarm_rate(20), 8)
+    0.00015021
+    """
+    # log1p and expm1 keep the digits where the family is large
+    return -math.expm1(math.log1p(-family_alarm_rate) / family)
+
+
+def normal_quantile(alarm_rate: float) -> float:
+    """Standard errors that a normal variable exceeds, on either side, with this probability."""
+    return -float(ndtri(alarm_rate / 2.0))
+
+
+def student_quantile(alarm_rate: float, degrees: float) -> float:
+    """The same for a standard error that has itself been estimated, with so many degrees of
+    freedom (infinite: the normal law).
+
+    >>> round(student_quantile(0.0027, 63.0), 3), round(student_quantile(0.0027, math.inf), 3)
+    (3.122, 3.0)
+    """
+    if math.isinf(degrees):
+        return normal_quantile(alarm_rate)
+    return -float(stdtrit(degrees, alarm_rate / 2.0))
+
+
+def normal_score(difference: float, standard_error: float, degrees: float) -> float | None:
+    """A difference in standard errors, on the scale of a normal variable: the score of the same
+    probability. None where nothing was sampled.
+
+    >>> round(normal_score(3.122, 1.0, 63.0), 2)
+    3.0
+    """
+    if standard_error <= 0.0:
+        return None
+    away = abs(difference) / standard_error
+    if not math.isinf(degrees):
+        tail = float(stdtr(degrees, -away))
+        away = -float(ndtri(tail)) if tail > 0.0 else math.inf
+        away = min(away, LARGEST_SCORE)
+    return math.copysign(away, difference)
+
+
+LARGEST_SCORE = 37.0
+"""Standard errors beyond which the probability of a normal variable is 0 in double precision."""
+
+
+def degrees_of_freedom(first: Response, second: Response | None, errors: Sequence[float]) -> float:
+    """Of the standard error of a difference, after F. E. Satterthwaite (1946)
+
+        (s1^2 + s2^2)^2 / (s1^4 / (n1 - 1) + s2^4 / (n2 - 1)),
+
+    n the number of independent paths; infinite where nothing was sampled.
+    """
+    paths = [0 if response is None else response.cost.paths for response in (first, second)]
+    sampled = [(e, n - 1) for e, n in zip(errors, paths, strict=True) if e > 0.0 and n > 1]
+    largest = max((error for error, _ in sampled), default=0.0)
+    shares = [((error / largest) ** 2, degrees) for error, degrees in sampled]
+    if not shares:
+        return math.inf
+    return sum(share for share, _ in shares) ** 2 / sum(
+        share**2 / degrees for share, degrees in shares
     )
 
 
@@ -288,37 +393,43 @@ def _row(
     of: str,
     quantity: str,
     estimate: Estimate,
-    reference: Mapping[tuple[str, str], Estimate],
-    reference_method: str,
-    z: float | None,
+    known: Mapping[tuple[str, str], Estimate],
+    reference: Response | None,
+    alarm_rate: float | None,
 ) -> Comparison:
-    """Compare with the reference, or a balance with 0; judged at z standard errors, or only shown.
+    """Compare with the reference, or a balance with 0; judged at an alarm rate, or only shown.
 
     Balances are relative already; a mean, which may be zero, is measured by the deviation.
     """
-    known = reference.get((of, quantity), Estimate(value=0.0))
-    size = 1.0 if of == BALANCE else abs(known.value)
+    truth = known.get((of, quantity), Estimate(value=0.0))
+    size = 1.0 if of == BALANCE else abs(truth.value)
     if quantity == "displacement_mean":
-        size = reference[of, "displacement_std"].value
-    difference = estimate.value - known.value
-    tolerance, verdict = None, APPROXIMATE
-    if z is not None:
-        tolerance = z * math.hypot(estimate.standard_error, known.standard_error)
-        tolerance += (estimate.bias or 0.0) + (known.bias or 0.0) + ROUNDING * size
+        size = known[of, "displacement_std"].value
+    difference = estimate.value - truth.value
+    tolerance, score, verdict = None, None, APPROXIMATE
+    if alarm_rate is not None:
+        errors = (estimate.standard_error, truth.standard_error)
+        degrees = degrees_of_freedom(response, reference, errors)
+        whole = math.hypot(*errors, estimate.bias_error, truth.bias_error)
+        biases = (estimate.bias or 0.0) + (truth.bias or 0.0) + ROUNDING * size
+        tolerance = student_quantile(alarm_rate, degrees) * whole + biases
+        beyond = math.copysign(max(abs(difference) - biases, 0.0), difference)
+        score = normal_score(beyond, whole, degrees)
         verdict = AGREES if abs(difference) <= tolerance else DISAGREES
-        if (of, quantity) in reference and of in response.impact_pairs and _rare(estimate):
+        if (of, quantity) in known and of in response.impact_pairs and _rare(estimate):
             verdict = TOO_RARE
-        elif of != BALANCE and _untold(estimate, known):
+        elif of != BALANCE and _untold(estimate, truth):
             tolerance, verdict = None, BIAS_UNKNOWN
     return Comparison(
         of=of,
         quantity=quantity,
-        reference=reference_method,
+        reference="identity" if reference is None else reference.method,
         method=response.method,
-        reference_value=known.value,
+        reference_value=truth.value,
         value=estimate.value,
         difference=difference,
         relative=difference / size if size else 0.0,
         tolerance=tolerance,
         verdict=verdict,
+        score=score,
     )

@@ -69,6 +69,12 @@ def shipped_scene(name: str) -> Path:
     return path
 
 
+def zoo_files() -> dict[str, Path]:
+    """Every scene of the zoo, `data/scenes/zoo/NAME.toml`, by name."""
+    files = (data_folder() / "scenes" / "zoo").glob("*.toml")
+    return dict(sorted((path.name.removesuffix(".toml"), path) for path in files))
+
+
 def scene_files(name: str) -> list[Path]:
     """A scene that ships, and the tables beside it that it names."""
     path = shipped_scene(name)

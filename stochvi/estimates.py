@@ -57,6 +57,8 @@ class Estimate:
         Where the two errors come from, in words.
     upper_95
         Upper 95 % confidence limit of a rate that was never seen.
+    bias_error
+        Standard error of `bias`, where that was itself sampled. For comparisons; not in the JSON.
 
     Examples
     --------
@@ -69,9 +71,10 @@ class Estimate:
     bias: float | None = 0.0
     how: str = ""
     upper_95: float | None = None
+    bias_error: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("value", "standard_error", "bias", "upper_95"):
+        for name in ("value", "standard_error", "bias", "upper_95", "bias_error"):
             number = getattr(self, name)
             if number is None and name in ("bias", "upper_95"):
                 continue
@@ -86,6 +89,7 @@ class Estimate:
     def to_dict(self) -> dict[str, Any]:
         """The JSON form; `upper_95` appears only where it means something."""
         document = asdict(self)
+        del document["bias_error"]
         if self.upper_95 is None:
             del document["upper_95"]
         return document

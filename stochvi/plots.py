@@ -12,12 +12,14 @@ from scipy.stats import norm
 
 from stochvi.accuracy import NOISE
 from stochvi.closed_form import displacement_density, exact, unmet_conditions
+from stochvi.crosscheck import AGREES, DISAGREES
 from stochvi.estimates import Estimate
 from stochvi.monte_carlo import record_path
 
 if TYPE_CHECKING:
     from stochvi.accuracy import WorkPrecision
     from stochvi.galerkin import FirstPassage
+    from stochvi.many_scenes import Checks
     from stochvi.scenes import Scene
 
 COLOURS = {
@@ -362,6 +364,36 @@ def _work_precision_panel(found: WorkPrecision, of: str, quantity: str, ax: Axes
     ax.set_ylim(*ERROR_PERCENT)
     ax.grid(which="major", color="#dddddd", linewidth=0.6)
     ax.set_title(f"{WORK_TITLES[quantity]}, {of}", fontsize="medium")
+
+
+def draw_scores(found: Checks) -> Axes:
+    """Normal quantile plot of the scores of all comparisons: a line of slope 1 if all agree.
+
+    Scores of one simulation hang together. Against an exact answer there is no bias; the others
+    are what stated biases do not cover, and lie within the line where these are generous.
+    """
+    frame = found.to_frame()
+    frame = frame[frame["verdict"].isin([AGREES, DISAGREES]) & frame["score"].notna()]
+    exactly = frame["reference"] == "exact"
+    ax = _axes(None)
+    reach = 1.1 * max(found.z, float(frame["score"].abs().max()) if len(frame) else 0.0)
+    ax.plot([-reach, reach], [-reach, reach], color=COLOURS["stop"], label="normal law")
+    for side in (-found.z, found.z):
+        ax.axhline(side, color=COLOURS["linearise:closure"], linestyle="--")
+    ax.text(-reach, found.z, f"  alarm at {found.z:.2f}", va="bottom")
+    for chosen, colour, label in (
+        (~exactly, COLOURS["linearise:motion"], "others, beyond their stated bias"),
+        (exactly, COLOURS["simulate"], "against the exact answer"),
+    ):
+        scores = np.sort(frame.loc[chosen, "score"].to_numpy())
+        expected = norm.ppf((np.arange(len(scores)) + 0.5) / max(len(scores), 1))
+        ax.plot(expected, scores, ".", color=colour, label=f"{len(scores)} {label}")
+    ax.set_xlim(-reach, reach)
+    ax.set_ylim(-1.6 * reach, 1.2 * reach)  # the legend stands below the lower line
+    ax.set_xlabel("score expected of a normal variable")
+    ax.set_ylabel("difference / standard error")
+    ax.legend(frameon=False, loc="lower right")
+    return ax
 
 
 def draw_overview(scene: Scene, title: str) -> Axes:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from stochvi.explanation import Explanation
     from stochvi.galerkin import FirstPassage
     from stochvi.isolators import Screening
+    from stochvi.many_scenes import Checks
     from stochvi.sizing.answer import Sizing
 
 QUANTITY_NAMES = {
@@ -123,6 +124,25 @@ def print_check(console: Console, verdict: Check) -> None:
     for response in verdict.responses[:1]:
         for warning in response.warnings:
             console.print(f"note: {warning}", style="yellow", highlight=False)
+    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+
+
+def print_checks(console: Console, verdict: Checks) -> None:
+    """A line for each scene, every alarm, and the verdict in a sentence."""
+    overview = verdict.overview()
+    headings = [str(name) for name in overview.columns]
+    table = _table("scenes, under one alarm rate", headings, ["scene", "methods", "verdict"])
+    for line in overview.itertuples(index=False):
+        cells = [_cell(cell, ".2f" if isinstance(cell, float) else "") for cell in line]
+        cells = ["" if cell == "nan" else cell for cell in cells]
+        table.add_row(*cells, style="" if cells[-1] == "passed" else "bold red")
+    _show(console, table)
+    for name, row in verdict.alarms:
+        _say(
+            console,
+            f"alarm: {name}: {row.quantity} of {row.of}: {row.method} {row.value:.6g}, "
+            f"{row.reference} {row.reference_value:.6g}, allowed {row.tolerance:.1e}",
+        )
     console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
 
 

@@ -27,7 +27,17 @@ FLOORS = {
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers", "modes", "pair_scales"),
     3: ("averaging", "closed_form", "galerkin", "linearisation", "monte_carlo"),
-    4: ("accuracy", "crosscheck", "explanation", "first_crossings", "bursts", "jolts", "failures"),
+    4: (
+        "accuracy",
+        "crosscheck",
+        "many_scenes",
+        "testing",
+        "explanation",
+        "first_crossings",
+        "bursts",
+        "jolts",
+        "failures",
+    ),
     5: (
         "isolators",
         "absorbers",

@@ -20,13 +20,22 @@ if TYPE_CHECKING:
     pass
 
 
+ONE_SCENE, MANY_SCENES = 0.003, 0.01
+"""Default relative error of Monte Carlo for one scene and for each of many."""
+
+
 @main.command()
-@click.argument("scene")
-@click.option("--rel-error", type=float, default=0.003, show_default=True, help="Of Monte Carlo.")
+@click.argument("scenes", metavar="SCENE...", nargs=-1)
+@click.option("--zoo", is_flag=True, help="Every scene of the zoo that ships, too.")
+@click.option(
+    "--rel-error", type=float,
+    help=f"Of Monte Carlo; default {ONE_SCENE:g}, of several scenes {MANY_SCENES:g}.",
+)  # fmt: skip
 @options("budget", "seed", "threads", "json", "out", "quiet")
 def check(
-    scene: str,
-    rel_error: float,
+    scenes: tuple[str, ...],
+    zoo: bool,
+    rel_error: float | None,
     budget: float,
     seed: int,
     threads: int | None,
@@ -34,23 +43,52 @@ def check(
     out: Path | None,
     quiet: bool,
 ) -> None:
-    """All methods that apply, compared; exit 1 if they disagree."""
-    from stochvi.crosscheck import check as compare
-    from stochvi.files import write_json, write_table
-    from stochvi.scenes import load_scene
-    from stochvi.tables import print_check
+    """All methods that apply, compared; exit 1 if they disagree.
 
-    loaded = load_scene(scene)
+    Several scenes, or the zoo, are judged under one alarm rate for all their comparisons.
+    """
+    from stochvi.crosscheck import Check
+    from stochvi.crosscheck import check as compare
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.many_scenes import Checks, check_many
+    from stochvi.many_scenes import zoo as shipped
+    from stochvi.plots import draw_scores
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_check, print_checks
+
+    if not scenes and not zoo:
+        raise ValueError("check needs a scene file, several, or --zoo, got none")
+    loaded = {name: load_scene(name) for name in scenes} | (shipped() if zoo else {})
+    verdict: Check | Checks
     with progress_bar(quiet, "checking") as report:
-        verdict = compare(
-            loaded, rel_error=rel_error, budget=budget, seed=seed, threads=threads, progress=report
-        )
+        if len(loaded) == 1:
+            (scene,) = loaded.values()
+            verdict = compare(
+                scene,
+                rel_error=ONE_SCENE if rel_error is None else rel_error,
+                budget=budget,
+                seed=seed,
+                threads=threads,
+                progress=report,
+            )
+        else:
+            verdict = check_many(
+                loaded,
+                rel_error=MANY_SCENES if rel_error is None else rel_error,
+                budget=budget,
+                seed=seed,
+                threads=threads,
+                progress=report,
+            )
     if not quiet:
-        print_check(console_for(json_file), verdict)
+        show = print_check if isinstance(verdict, Check) else print_checks
+        show(console_for(json_file), verdict)  # type: ignore[arg-type]
     if json_file is not None:
         write_json(verdict.to_dict(), json_file)
     if out is not None:
         write_table(verdict.to_frame(), out / "check.csv")
+        if isinstance(verdict, Checks):
+            write_picture(draw_scores(verdict), out / "scores.png")
     if not verdict.passed:
         stop(f"check failed: {verdict.summary()}", FAILED)
 

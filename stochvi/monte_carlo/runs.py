@@ -178,10 +178,17 @@ class Run:
             return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
         if self.plan.elastic:
             return Estimate(value=value, standard_error=error, how=how)
-        difference = abs(self.coarse.evaluate(quantity)[0] - value)
-        bias = self.plan.step_bias(name, difference)
+        coarse, coarse_error = self.coarse.evaluate(quantity)
+        bias = self.plan.step_bias(name, abs(coarse - value))
         source = "bias of the step unknown" if bias is None else "bias from twice the step"
-        return Estimate(value=value, standard_error=error, bias=bias, how=f"{how}; {source}")
+        return Estimate(
+            value=value,
+            standard_error=error,
+            bias=bias,
+            how=f"{how}; {source}",
+            # paths at the two steps may share their noise: as if they did not is on the safe side
+            bias_error=self.plan.step_bias(name, math.hypot(error, coarse_error)) or 0.0,
+        )
 
     def _limit_unseen(self, name: str) -> float:
         """Upper limit of a rate of which nothing was seen: that of clusters of hits, times the

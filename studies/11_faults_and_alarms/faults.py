@@ -1,0 +1,93 @@
+"""Mistakes that users make, as a scene converted wrongly or an integrator that mirrors too late.
+
+Each change takes the name of a scene of the zoo and returns the scene that is simulated in its
+place; the truth stays that of the right one.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import stochvi
+from stochvi.testing import as_response, problem_of
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "10_judging_integrators"))
+from integrators import end_of_step_mirror
+
+Document = dict
+Change = Callable[[Document], None]
+
+
+def law_changed(factor: Callable[[float], float]) -> Change:
+    def change(document: Document) -> None:
+        for pair in document["impact_pair"]:
+            pair["law"]["coefficient"] = factor(pair["law"]["coefficient"])
+
+    return change
+
+
+def noise_doubled(document: Document) -> None:
+    for excitation in document["excitation"]:
+        for key in ("intensity", "density"):
+            if key in excitation and excitation["kind"] == "white":
+                excitation[key] *= 2.0
+        if excitation["kind"] == "psd":
+            excitation["level_db"] = 10.0 * math.log10(2.0)
+
+
+def damping_halved(document: Document) -> None:
+    structure = document["structure"]
+    structure["damping" if "damping" in structure else "zeta"] *= 0.5
+
+
+def play_for_clearance(document: Document) -> None:
+    for pair in document["impact_pair"]:
+        pair["lower"], pair["upper"] = 2.0 * pair["lower"], 2.0 * pair["upper"]
+
+
+def laws_swapped(document: Document) -> None:
+    for pair in document["impact_pair"]:
+        pair["lower_law"], pair["upper_law"] = pair["upper_law"], pair["lower_law"]
+
+
+FAULTS: dict[str, tuple[Change | None, tuple[str, ...]]] = {
+    "mirror at the end of the step": (None, ("elastic-half-sigma", "lossy-0.5")),
+    "0.5 % of the energy lost per impact": (
+        law_changed(lambda r: r * math.sqrt(0.995)), ("elastic-half-sigma", "lossy-0.95")),
+    "density twice too large": (
+        noise_doubled, ("linear", "elastic-half-sigma", "psd-truck-linear")),
+    "R^2 for R": (law_changed(lambda r: r**2), ("lossy-0.95", "lossy-0.5")),
+    "half the damping": (damping_halved, ("linear", "elastic-isolator")),
+    "total play for clearance": (play_for_clearance, ("elastic-half-sigma", "lossy-half-sigma")),
+    "laws of two stops swapped": (laws_swapped, ("lossy-unequal-restitutions",)),
+}  # fmt: skip
+
+
+def answer(change: Change | None, name: str, rel_error: float, seed: int) -> stochvi.Response:
+    """What somebody with this mistake finds for a scene."""
+    scene = stochvi.zoo(name)[name]
+    pairs = truth(name).impact_pairs.values()
+    threshold = next((pair["speed_threshold"] for pair in pairs), 0.0)
+    if change is None:
+        problem = problem_of(scene, name=name, paths=512, speed_threshold=threshold)
+        return as_response(problem, end_of_step_mirror(problem, seed), "end-of-step mirror")
+    document = scene.document()
+    change(document)
+    wrong = stochvi.Scene(**document)
+    return stochvi.simulate(
+        wrong, rel_error=rel_error, seed=seed, threads=1, speed_threshold=threshold
+    )
+
+
+@cache
+def truth(name: str) -> stochvi.Response:
+    """The certain answer, its rates counted above what `simulate` counts them."""
+    scene = stochvi.zoo(name)[name]
+    try:
+        return stochvi.exact(scene)
+    except stochvi.NoExactSolution:
+        pairs = stochvi.simulate(scene, paths=2, threads=1).impact_pairs.values()
+        threshold = next(iter(pairs))["speed_threshold"]
+        return stochvi.fokker_planck(scene, rtol=1e-4, speed_threshold=threshold)
