@@ -17,6 +17,7 @@ from stochvi.spectra import Table
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Waves = NDArray[np.complex128]
 Tables = Sequence[tuple[Table, Vector]]
 """Densities, and the modal forces p per unit of what they describe."""
 
@@ -27,7 +28,7 @@ NARROWEST = 1e-9
 """Width of a resonance, relative to its frequency, that is looked at."""
 
 
-def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Vector) -> NDArray:
+def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Vector) -> Waves:
     """H of displacements over what shakes, complex (frequencies, n).
 
     >>> still = gains(np.array([0.0]), np.diag([4.0]), np.diag([0.1]), np.array([2.0]))
@@ -36,10 +37,9 @@ def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Vecto
     """
     w = 2.0 * np.pi * frequency_hz[:, None, None]
     dynamic = stiffness - w**2 * np.eye(len(stiffness)) + 1j * w * damping
-    solved: NDArray = np.linalg.solve(dynamic, np.broadcast_to(force[:, None] + 0j, (
-        len(frequency_hz), len(force), 1,
-    )))  # fmt: skip
-    return solved[:, :, 0]
+    forces = np.broadcast_to(force[:, None].astype(complex), (len(frequency_hz), len(force), 1))
+    solved: Waves = np.linalg.solve(dynamic, forces)[:, :, 0]
+    return solved
 
 
 def quadrature(table: Table, stiffness: Matrix, damping: Matrix) -> tuple[Vector, Vector]:
@@ -60,12 +60,12 @@ def quadrature(table: Table, stiffness: Matrix, damping: Matrix) -> tuple[Vector
     return (middle + half * nodes).ravel(), (half * weights).ravel()
 
 
-def eigenvalues(stiffness: Matrix, damping: Matrix) -> NDArray[np.complex128]:
+def eigenvalues(stiffness: Matrix, damping: Matrix) -> Waves:
     """Of the free motion q'' + B q' + K q = 0, one of each conjugate pair."""
     n = len(stiffness)
     companion = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
     found = np.linalg.eigvals(companion).astype(complex)
-    kept: NDArray[np.complex128] = found[found.imag >= 0.0]
+    kept: Waves = found[found.imag >= 0.0]
     return kept
 
 
@@ -111,7 +111,7 @@ NODES_OF_BIN = 3
 
 def bin_amplitudes(
     table: Table, force: Vector, stiffness: Matrix, damping: Matrix, length: float, count: int
-) -> tuple[NDArray[np.complex128], Matrix]:
+) -> tuple[Waves, Matrix]:
     """Amplitudes B of the bins 1 ... count - 1, [(k -+ 1/2)] / length, and their E q'^2.
 
     |B|^2 is the integral of |H|^2 G over the bin, so that the edges of a table are exact; the

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from scipy.fft import ifft
 
 from stochvi.assemblies import Assembly
 from stochvi.errors import NotApplicable
-from stochvi.frequency_response import beyond, bin_amplitudes, covariance, eigenvalues
+from stochvi.frequency_response import Waves, beyond, bin_amplitudes, covariance, eigenvalues
 from stochvi.modes import UNSTABLE, Modes
 from stochvi.monte_carlo.kernels.driven_modes import fill_modal_spectrum
 from stochvi.monte_carlo.kernels.random_numbers import seed_streams
@@ -41,8 +42,6 @@ from stochvi.monte_carlo.tabulated import (
     WARM_UP_RELAXATIONS,
     _even_fast_length,
 )
-
-Waves = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,9 +232,9 @@ def plan_modal_tables(
     return plan
 
 
-def _interval(assembly: Assembly, known: dict) -> float:
+def _interval(assembly: Assembly, known: dict[str, Any]) -> float:
     """Longest time between samples: of the steps of states, of a period, of the way to a stop."""
-    limits = [known["step"]]
+    limits: list[float] = [known["step"]]
     fastest = known["modes"].fastest
     if fastest > 0.0:
         limits.append(2.0 * math.pi / fastest / SAMPLES_PER_PERIOD)

@@ -116,7 +116,7 @@ def pull(modal, d, r, a, structure):
 def accelerate(t, d, r, a, weight, room, inside, stops, laws, structure):
     """modal[a] = r' at t, with the forces of the stops in contact, which are summed with `weight`;
     and where the end of a sub-step is to be known, `weight` 0, their values and rates."""
-    modal, gap, at_stop, q = room
+    modal, _, at_stop, q = room
     _, _, rows, shares, _ = structure
     kinds, counts, data = laws
     pull(modal, d, r, a, structure)
@@ -162,7 +162,7 @@ def look(t, d, r, a, gap_row, stop_row, room, inside, stops, laws, structure):
 @numba.njit(cache=True, error_model="numpy")
 def sub_step(t, h, room, inside, stops, laws, structure):
     """d and r after h by the Runge-Kutta method, and what all gaps and stops are like there."""
-    modal, gap, at_stop, q = room
+    modal, _, at_stop, _ = room
     count = modal.shape[1]
     at_stop[IMPULSE_NOW : WORK_NOW + 1] = 0.0
     accelerate(t, D, R, A_1, 1.0, room, inside, stops, laws, structure)
@@ -187,9 +187,8 @@ def sub_step(t, h, room, inside, stops, laws, structure):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def first_event(h, gap, inside, resting, stops, laws):
+def first_event(h, gap, inside, resting, stops):
     """Fraction of a sub-step until a stop is touched or left, 2 for none, and which."""
-    kinds, _, _ = laws
     first, pair, upper = 2.0, -1, 0
     for j in range(stops.shape[0]):
         for which in range(2):
@@ -326,7 +325,7 @@ def press(gaps, span, step, room, inside, resting, stops, laws, structure, peaks
         h = min(shorter_for_hertz(longest, gap, inside, stops, laws), span - t)
         ends = h == span - t
         sub_step(t, h, room, inside, stops, laws, structure)
-        s, pair, upper = first_event(h, gap, inside, resting, stops, laws)
+        s, pair, upper = first_event(h, gap, inside, resting, stops)
         if s <= 1.0:
             side = 2.0 * upper - 1.0
             way = -side if inside[pair, upper] != 0 else side
@@ -349,7 +348,7 @@ def press(gaps, span, step, room, inside, resting, stops, laws, structure, peaks
             continue
         strike(room, inside, resting, step, pair, upper, stops, laws, structure, peaks, sums)
         events += 1
-        if events >= MOST_BOUNCES and kinds_of(laws, pair, upper) == RIGID:
+        if events >= MOST_BOUNCES and laws[0][pair, upper] == RIGID:
             resting[pair, upper] = 1.0
         still = 0
         for j in range(stops.shape[0]):
@@ -361,12 +360,6 @@ def press(gaps, span, step, room, inside, resting, stops, laws, structure, peaks
         gap[Y, pair] = held
         longest = longest_sub_step(gaps, gap, inside, stops, laws, structure)
     return min(t, span)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def kinds_of(laws, pair, upper):
-    """Kind of a stop."""
-    return laws[0][pair, upper]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -409,15 +402,16 @@ def meet_stops(
 ):  # fmt: skip
     """One step of one path with any number of contacts and impacts on any pair.
 
-    `gaps`, `stops`, `resets` and `stack` as in `modes.bounce`, `sums` (pairs, ROWS_OF_CONTACT_PAIR).
+    `gaps`, `stops`, `resets` and `stack` as in `modes.bounce`; `sums` (pairs,
+    ROWS_OF_CONTACT_PAIR).
 
     Parameters
     ----------
     inside, peaks : (pairs, 2), room for what is in contact; the largest forces so far of contacts
         that last from step to step.
     laws : kinds (pairs, 2), lengths (pairs, 2) and data (pairs, 2, longest, 3) of the stops' laws.
-    structure : omega^2 (modes,), damping in the flow (modes, modes), or (modes, 0), phi (pairs, modes),
-        mu phi, and the fastest rate of the flow.
+    structure : omega^2 (modes,), damping in the flow (modes, modes) or (modes, 0), phi (pairs,
+        modes), mu phi, and the fastest rate of the flow.
     room : (10, modes), (6, pairs), (6, pairs, 2) and (pairs, 6) to work in.
     """
     kinds, _, _ = laws
