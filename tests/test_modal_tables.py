@@ -140,7 +140,8 @@ def test_without_stops_the_variances_are_exact(white: bool) -> None:
             estimate = found[quantity]
             assert_agrees(estimate, exact)
             assert estimate.standard_error < 0.03 * exact
-    assert all(abs(residual.value) < 1e-9 for residual in response.identities.values()) or white
+    for residual in response.identities.values():
+        assert_agrees(residual, 0.0)
 
 
 # ---- one oscillator, by the engine of its own -------------------------------------------------
@@ -227,17 +228,16 @@ def test_two_stages_balance_their_forces(law: Law) -> None:
 def loose(**noise: object) -> Scene:
     """A mass in a box on a mount of 12 Hz."""
     return Scene(
-        structure=Isolator(frequency_hz=12.0, zeta=0.02, mass=1.0),
+        structure=Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0),
         absorber=Absorber(mass=0.1, play=8e-3, law=Viscoelastic(stiffness=2e4, damping_ratio=0.4)),
         excitations=[TabulatedNoise(on="base", **noise)],
     )
 
 
 def test_a_loose_mass_on_a_shaken_base() -> None:
-    """It has no stiffness: what the table brings it alone is 1 / w^2 of it. Power by the table
-    enters through it as well, and both see the same walls."""
+    """It has no stiffness: what the table brings it alone is 1 / w^2 of it."""
     response = simulate(
-        loose(frequency_hz=[5.0, 40.0], density=[1.0, 1.0], unit="(m/s2)2/Hz"), paths=48, seed=6
+        loose(frequency_hz=[5.0, 40.0], density=[1.0, 1.0], unit="(m/s2)2/Hz"), paths=32, seed=6
     )
     for residual in response.identities.values():
         assert_agrees(residual, 0.0)
