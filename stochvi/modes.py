@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from stochvi.assemblies import Assembly
+from stochvi.frequency_response import Tables
+from stochvi.frequency_response import covariance as tabulated_covariance
 from stochvi.state_space import stationary_covariance
 
 Vector = NDArray[np.float64]
@@ -45,6 +47,8 @@ class Modes(NamedTuple):
         matrix (m, m) of the white noise that drives them.
     sines
         (first state, omega, amplitude) of the signals that are sines.
+    tables
+        Densities of what else shakes, and the modal forces (n,) per unit of it.
     """
 
     shapes: Matrix
@@ -57,6 +61,7 @@ class Modes(NamedTuple):
     coupling: Matrix
     signal_noise: Matrix
     sines: tuple[tuple[int, float, float], ...]
+    tables: Tables = ()
 
     @property
     def size(self) -> int:
@@ -146,6 +151,7 @@ def modes_of(assembly: Assembly) -> Modes:
         coupling=coupling,
         signal_noise=noise,
         sines=tuple(sines),
+        tables=tuple((table, shapes.T @ direction) for table, direction in assembly.tables),
     )
 
 
@@ -213,6 +219,8 @@ def linear_law(modes: Modes, substitutes: Sequence[Substitute] = ()) -> LinearLa
         warnings.simplefilter("ignore", RuntimeWarning)
         scaled = stationary_covariance(inner * size / size[:, None], noise / np.outer(size, size))
     covariance[np.ix_(fading, fading)] = scaled * np.outer(size, size)
+    if modes.tables:
+        covariance[: 2 * n, : 2 * n] += tabulated_covariance(modes.tables, stiffness, damping)
     waves = []
     for first, omega, amplitude in modes.sines:
         wave = np.zeros(len(generator), complex)

@@ -18,6 +18,7 @@ FLOORS = {
         "records",
         "roads",
         "spectra",
+        "frequency_response",
         "state_space",
         "cut_normal",
         "gibbs_law",

@@ -67,6 +67,9 @@ SERIES_ERROR = 1e-13
 MOST_TERMS = 20
 """Of such a series."""
 
+SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
+"""Names of the ROWS_OF_PAIR sums over the impacts of a pair."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ModalPlan:
@@ -83,6 +86,7 @@ class ModalPlan:
 
     method = "kick-flow-kick in modal coordinates"
     contacts = False
+    sums_of_pair = SUMS_OF_PAIR
 
     @property
     def elastic(self) -> bool:
@@ -106,11 +110,7 @@ class ModalPlan:
         ]
         thresholds = {}
         for contact, scale in zip(self.assembly.contacts, self.pairs, strict=True):
-            rows += [
-                (contact.name, f"{what}_{side}")
-                for side in ("lower", "upper")
-                for what in ("n", "f1", "f2")
-            ]
+            rows += [(contact.name, name) for name in self.sums_of_pair]
             thresholds[contact.name] = self._threshold(contact, scale)
         origins = dict(zip(self.assembly.coordinates, self._origin.tolist(), strict=True))
         for contact in self._relative:
@@ -207,15 +207,22 @@ class ModalPlan:
         state = self.start(streams)
         n, pairs = self.modes.size, len(self.assembly.contacts)
         moments = n + n * (n + 1)
-        sums = np.zeros((moments + ROWS_OF_PAIR * pairs, paths))
+        sums = np.zeros((moments + len(self.sums_of_pair) * pairs, paths))
         stride = self._stride
-        run_modes(
-            state, streams, sums, *self._kernel_constants,
+        self._fly(
+            state, streams, sums,
             0 if record is not None else self._burn_in_steps, self.steps, stride, record,
         )  # fmt: skip
         sums[:moments] /= math.ceil(self.steps / stride)
         sums[moments:] /= self.steps * self.step
         return self._physical(sums)
+
+    def _fly(
+        self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, burn_in: int, steps: int,
+        stride: int, record: NDArray[np.float64] | None,
+    ) -> None:  # fmt: skip
+        """Fly paths on, and add what the last `steps` bring to `sums`."""
+        run_modes(state, streams, sums, *self._kernel_constants, burn_in, steps, stride, record)
 
     def counts(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> NDArray[np.float64]:
         """Fly paths on for some steps: impacts of each pair on its stops (pairs, 2, paths).
@@ -424,14 +431,21 @@ class ModalPlan:
 
 
 def plan_modal(assembly: Assembly, threshold: float | None, duration: float | None) -> ModalPlan:
-    """Choose step, burn-in and length for a scene of any structure."""
+    """Choose step, burn-in and length for a scene of any structure with rigid stops, no tables."""
     unmet = assembly.not_rigid()
     if assembly.tables:
-        unmet.append("tabulated noise is simulated on one oscillator with at most one impact pair")
-    elif not np.any(assembly.white) and not assembly.signals:
-        unmet.append("excitation must contain noise or a sine, got a constant load alone")
+        unmet.append("excitation must not be tabulated where the paths are steps of states alone")
     if unmet:
         raise NotApplicable("simulate", unmet)
+    return ModalPlan(**basis(assembly, threshold, duration))
+
+
+def basis(assembly: Assembly, threshold: float | None, duration: float | None) -> dict[str, Any]:
+    """What any plan in modal coordinates begins with: modes, a rough law, step and lengths."""
+    if not np.any(assembly.white) and not assembly.signals and not assembly.tables:
+        raise NotApplicable(
+            "simulate", ["excitation must contain noise or a sine, got a constant load alone"]
+        )
     modes = modes_of(assembly)
     found = scales_of(assembly, modes)
     if found is None:
@@ -453,10 +467,10 @@ def plan_modal(assembly: Assembly, threshold: float | None, duration: float | No
              f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_MODAL_STEPS:.2g} are made: "
              "the times in which the scene hits, swings and settles lie too far apart"],
         )  # fmt: skip
-    return ModalPlan(
-        assembly=assembly, modes=modes, law=law, pairs=pairs, step=step, burn_in=burn_in,
-        duration=length, speed_threshold=threshold,
-    )  # fmt: skip
+    return {
+        "assembly": assembly, "modes": modes, "law": law, "pairs": pairs, "step": step,
+        "burn_in": burn_in, "duration": length, "speed_threshold": threshold,
+    }  # fmt: skip
 
 
 def _step(assembly: Assembly, modes: Modes, law: LinearLaw, pairs: tuple[PairScale, ...]) -> float:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from stochvi.assemblies import assemble
+from stochvi.assemblies import Assembly, assemble
 from stochvi.errors import NotApplicable
 from stochvi.monte_carlo.compliant import CONTACT_ROWS, plan_compliant
 from stochvi.monte_carlo.modal import ModalPlan, plan_modal
+from stochvi.monte_carlo.modal_contacts import plan_modal_contacts
+from stochvi.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.monte_carlo.statistics import Layout
 from stochvi.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.monte_carlo.white import WhitePlan, plan_white
 from stochvi.scenes import Scene
+from stochvi.structures import Matrices
 
 Plan = WhitePlan | TabulatedPlan | ModalPlan
 
@@ -26,7 +29,7 @@ def make_plan(
     if unmet := scene.beyond_numbers():
         raise NotApplicable("simulate", unmet)
     assembly = assemble(scene)
-    single = len(assembly.coordinates) == 1 and len(assembly.contacts) <= 1
+    single = not isinstance(scene.structure, Matrices) and len(assembly.contacts) <= 1
     coloured = any(signal.intensity > 0.0 for signal in assembly.signals)
     noisy = coloured or bool(np.any(assembly.white))
     # where a stop gives way, signals are tables and sines beside them
@@ -38,7 +41,7 @@ def make_plan(
             raise NotApplicable(
                 "slow_impacts", ["steps near stops are refined for one oscillator only"]
             )
-        return plan_modal(assembly, speed_threshold, duration)
+        return plan_several(assembly, speed_threshold, duration)
     system = scene.system()
     if system.intensity == 0.0:
         raise NotApplicable(
@@ -47,6 +50,17 @@ def make_plan(
     if system.not_rigid():
         return plan_compliant(system, speed_threshold, duration, slow_impacts)
     return plan_white(system, speed_threshold, duration, slow_impacts)
+
+
+def plan_several(
+    assembly: Assembly, speed_threshold: float | None, duration: float | None
+) -> ModalPlan:
+    """The plan in modal coordinates, with no more in it than the scene calls for."""
+    if assembly.tables:
+        return plan_modal_tables(assembly, speed_threshold, duration)
+    if assembly.not_rigid():
+        return plan_modal_contacts(assembly, speed_threshold, duration)
+    return plan_modal(assembly, speed_threshold, duration)
 
 
 def layout_of(scene: Scene, plan: Plan) -> Layout:

@@ -244,7 +244,7 @@ class Run:
                 found[name] = self.estimate(quantity)
         threshold = self.layout.thresholds[contact.name]
         found |= dict.fromkeys(CONTACT_QUANTITIES)
-        if hit and self.plan.contacts:
+        if hit and any(not law.rigid for _, _, law in contact.stops):
             pressed = {
                 name: self.estimate(quantity, name)
                 for name, quantity in of_compliant_pair(contact).items()

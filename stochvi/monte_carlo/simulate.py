@@ -18,8 +18,8 @@ from stochvi.errors import Interrupted, NotConverged
 from stochvi.estimates import Response
 from stochvi.monte_carlo.blocks import Crew, WorkersLost, workers_of
 from stochvi.monte_carlo.checkpoints import Asked, Checkpoint, Keeper, State
-from stochvi.monte_carlo.modal import ModalPlan, plan_modal
-from stochvi.monte_carlo.plans import Plan, layout_of, make_plan
+from stochvi.monte_carlo.modal import ModalPlan
+from stochvi.monte_carlo.plans import Plan, layout_of, make_plan, plan_several
 from stochvi.monte_carlo.quantities import (
     Key,
 )
@@ -244,8 +244,8 @@ def record_paths(
     import pandas as pd
 
     check_arguments(None, None, duration, seed, None, None, None)
-    settling = plan_modal(assemble(scene), None, duration).burn_in
-    plan = plan_modal(assemble(scene), None, settling + duration)
+    settling = plan_several(assemble(scene), None, duration).burn_in
+    plan = plan_several(assemble(scene), None, settling + duration)
     record = np.zeros((plan.recorded_samples, paths, plan.record_width))
     plan.averages(seed, 0, paths, record)
     time = {"time": plan.step * np.arange(1, plan.recorded_samples + 1)}
