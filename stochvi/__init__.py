@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from stochvi.linearisation import linearise
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.resonance import HarmonicResonance, RandomResonance
+    from stochvi.response_spectra import ResponseSpectrum, spectrum
     from stochvi.scenes import ImpactPair, Scene, load_scene
     from stochvi.sizing import Sizing, size
     from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
@@ -121,6 +122,7 @@ _HOME = {
     "kelvin_voigt": ("identify_viscoelastic",),
     "linearisation": ("linearise",),
     "monte_carlo": ("record_path", "simulate"),
+    "response_spectra": ("ResponseSpectrum", "spectrum"),
     "resonance": ("HarmonicResonance", "RandomResonance"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
     "sizing": ("Sizing", "size"),
@@ -157,6 +159,7 @@ __all__ = [
     "RandomResonance",
     "RecordedNoise",
     "Response",
+    "ResponseSpectrum",
     "Restitution",
     "RoadNoise",
     "Scene",
@@ -194,6 +197,7 @@ __all__ = [
     "screen",
     "simulate",
     "size",
+    "spectrum",
     "transient",
 ]
 

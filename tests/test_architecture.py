@@ -27,7 +27,16 @@ FLOORS = {
     ),
     2: ("scenes", "assemblies", "identities", "notes", "answers", "modes", "pair_scales"),
     3: ("averaging", "closed_form", "galerkin", "linearisation", "monte_carlo"),
-    4: ("accuracy", "crosscheck", "explanation", "first_crossings", "bursts", "jolts"),
+    4: (
+        "accuracy",
+        "crosscheck",
+        "explanation",
+        "first_crossings",
+        "bursts",
+        "jolts",
+        "response_spectra",
+        "impact_statistics",
+    ),
     5: (
         "isolators",
         "absorbers",
