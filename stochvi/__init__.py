@@ -62,6 +62,7 @@ if TYPE_CHECKING:
         fokker_planck_many,
         transient,
     )
+    from stochvi.impact_statistics import ImpactStatistics, impacts
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.jolts import Jolts
     from stochvi.kelvin_voigt import identify_viscoelastic
@@ -117,6 +118,7 @@ _HOME = {
         "StationaryDensity",
         "fokker_planck_density",
     ),
+    "impact_statistics": ("ImpactStatistics", "impacts"),
     "jolts": ("Jolts",),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "kelvin_voigt": ("identify_viscoelastic",),
@@ -148,6 +150,7 @@ __all__ = [
     "HarmonicResonance",
     "Hertz",
     "ImpactPair",
+    "ImpactStatistics",
     "Isolator",
     "Jolts",
     "Matrices",
@@ -191,6 +194,7 @@ __all__ = [
     "fokker_planck_density",
     "fokker_planck_many",
     "identify_viscoelastic",
+    "impacts",
     "linearise",
     "load_scene",
     "record_path",

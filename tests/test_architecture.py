@@ -44,6 +44,7 @@ FLOORS = {
         "files",
         "plots",
         "density_plots",
+        "record_plots",
         "tables",
         "report",
         "demo",

@@ -113,6 +113,27 @@ class ResponseSpectrum:
             ignore_index=True,
         )
 
+    def peaks(self) -> pd.DataFrame:
+        """For people: each density where it is largest, with its band."""
+        import pandas as pd
+
+        rows = []
+        for owner, curves in self.curves.items():
+            for name, curve in curves.items():
+                k = int(np.argmax(curve.value))
+                rows.append(
+                    {
+                        "of": owner,
+                        "quantity": name.replace("_", " "),
+                        "frequency (Hz)": curve.frequency_hz[k],
+                        "value": curve.value[k],
+                        "95 % from": curve.lower[k],
+                        "to": curve.upper[k],
+                        "unit": UNITS[name],
+                    }
+                )
+        return pd.DataFrame(rows)
+
     def to_dict(self) -> dict[str, Any]:
         """The JSON document."""
         return {
