@@ -65,6 +65,7 @@ if TYPE_CHECKING:
         fokker_planck_many,
         transient,
     )
+    from stochvi.impact_statistics import ImpactStatistics, impacts
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.jolts import Jolts
     from stochvi.kelvin_voigt import identify_viscoelastic
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
     from stochvi.many_scenes import Checks, check_many, zoo
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.resonance import HarmonicResonance, RandomResonance
+    from stochvi.response_spectra import ResponseSpectrum, spectrum
     from stochvi.scenes import ImpactPair, Scene, load_scene
     from stochvi.sizing import Sizing, size
     from stochvi.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
@@ -135,6 +137,7 @@ _HOME = {
         "StationaryDensity",
         "fokker_planck_density",
     ),
+    "impact_statistics": ("ImpactStatistics", "impacts"),
     "jolts": ("Jolts",),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "kelvin_voigt": ("identify_viscoelastic",),
@@ -143,10 +146,9 @@ _HOME = {
         "linearise",
         "linearise_all",
         "linearised_oscillators",
-        "linearise_all",
-        "linearised_oscillators",
     ),
     "monte_carlo": ("record_path", "simulate"),
+    "response_spectra": ("ResponseSpectrum", "spectrum"),
     "resonance": ("HarmonicResonance", "RandomResonance"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
     "sizing": ("Sizing", "size"),
@@ -177,6 +179,7 @@ __all__ = [
     "HarmonicResonance",
     "Hertz",
     "ImpactPair",
+    "ImpactStatistics",
     "Interrupted",
     "Isolator",
     "Jolts",
@@ -191,6 +194,7 @@ __all__ = [
     "RecordedNoise",
     "Reliability",
     "Response",
+    "ResponseSpectrum",
     "Restitution",
     "RoadNoise",
     "Scene",
@@ -223,6 +227,7 @@ __all__ = [
     "fokker_planck_density",
     "fokker_planck_many",
     "identify_viscoelastic",
+    "impacts",
     "linearise",
     "linearise_all",
     "linearised_oscillators",
@@ -232,6 +237,7 @@ __all__ = [
     "screen",
     "simulate",
     "size",
+    "spectrum",
     "sweep",
     "transient",
     "zoo",

@@ -38,6 +38,8 @@ FLOORS = {
         "bursts",
         "jolts",
         "failures",
+        "response_spectra",
+        "impact_statistics",
     ),
     5: (
         "isolators",
@@ -47,6 +49,7 @@ FLOORS = {
         "files",
         "plots",
         "density_plots",
+        "record_plots",
         "tables",
         "report",
         "demo",

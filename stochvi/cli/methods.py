@@ -204,6 +204,115 @@ def average(scene: str, variant: str, json_file: str | None, out: Path | None, q
 
 @main.command()
 @click.argument("scene")
+@click.option("--rel-error", type=float, default=0.05, show_default=True, help="At a frequency.")
+@click.option("--paths", type=int, help="Instead: this many paths.")
+@click.option(
+    "--method", type=click.Choice(["welch", "multitaper"]), default="welch", show_default=True,
+    help="Overlapping segments, or several tapers over whole paths.",
+)  # fmt: skip
+@click.option("--highest", type=float, metavar="HZ", help="Highest frequency [4 times the mode's].")
+@click.option("--segment", type=float, metavar="SECONDS", help="Length [21 / bandwidth].")
+@options("budget", "seed", "threads", "json", "out", "quiet")
+def spectrum(
+    scene: str,
+    rel_error: float,
+    paths: int | None,
+    method: str,
+    highest: float | None,
+    segment: float | None,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Spectra of the response, transmissibility, coherence, with bands."""
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.response_spectra import spectrum as solve
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_frame
+
+    loaded = load_scene(scene)
+    with progress_bar(quiet, "simulating") as report:
+        found = solve(
+            loaded, rel_error=rel_error, paths=paths,
+            method="welch" if method == "welch" else "multitaper", highest=highest,
+            segment=segment, budget=budget, seed=seed, threads=threads, progress=report,
+        )  # fmt: skip
+    if not quiet:
+        console = console_for(json_file)
+        print_frame(console, found.peaks(), "at the peak of each spectrum, one-sided per hertz")
+        for name, meaning in found.meanings.items():
+            console.print(f"{name}: {meaning}", style="dim", highlight=False)
+        console.print(found.summary(), highlight=False)
+        for warning in found.warnings:
+            console.print(f"note: {warning}", style="yellow", highlight=False)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        from stochvi.record_plots import draw_spectrum
+
+        write_table(found.to_frame(), out / "spectrum.csv")
+        write_picture(draw_spectrum(found, loaded.title), out / "spectrum.png")
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--rel-error", type=float, default=0.02, show_default=True, help="Of the rate.")
+@click.option("--paths", type=int, help="Instead: this many paths ...")
+@click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
+@click.option("--speed-threshold", type=float, help="Slowest impact that counts, m/s.")
+@click.option("--slow-impacts", is_flag=True, help="Resolve impacts down to the threshold.")
+@click.option("--first-hits", is_flag=True, help="Simulate the rate of first hits, too.")
+@options("budget", "seed", "threads", "json", "out", "quiet")
+def impacts(
+    scene: str,
+    rel_error: float,
+    paths: int | None,
+    duration: float | None,
+    speed_threshold: float | None,
+    slow_impacts: bool,
+    first_hits: bool,
+    budget: float,
+    seed: int,
+    threads: int | None,
+    json_file: str | None,
+    out: Path | None,
+    quiet: bool,
+) -> None:
+    """Impacts one by one: rates, intervals, speeds, energy, clusters."""
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.impact_statistics import impacts as solve
+    from stochvi.scenes import load_scene
+    from stochvi.tables import print_frame
+
+    loaded = load_scene(scene)
+    with progress_bar(quiet, "simulating") as report:
+        found = solve(
+            loaded, rel_error=rel_error, paths=paths, duration=duration,
+            speed_threshold=speed_threshold, slow_impacts=slow_impacts, first_hits=first_hits,
+            budget=budget, seed=seed, threads=threads, progress=report,
+        )  # fmt: skip
+    if not quiet:
+        console = console_for(json_file)
+        print_frame(console, found.to_table(), "impacts, with 95 % intervals of the rates")
+        console.print(found.summary(), highlight=False)
+        for warning in found.warnings:
+            console.print(f"note: {warning}", style="yellow", highlight=False)
+    if json_file is not None:
+        write_json(found.to_dict(), json_file)
+    if out is not None:
+        write_table(found.to_frame(), out / "impacts.csv")
+        write_table(found.histograms(), out / "histograms.csv")
+        from stochvi.record_plots import draw_impacts
+
+        if any(pair.speeds is not None for pair in found.pairs.values()):
+            write_picture(draw_impacts(found, loaded.title), out / "impacts.png")
+
+
+@main.command()
+@click.argument("scene")
 @click.option("--rel-error", type=float, help="Relative standard error to reach [0.01].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")
 @click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")

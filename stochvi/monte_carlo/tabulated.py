@@ -163,12 +163,12 @@ class TabulatedPlan:
     @property
     def steps_per_path(self) -> int:
         """All samples of a path, warm-up included."""
-        return (self._counted_samples + self._warm_up_samples) * self.blocks_per_path
+        return (self._counted_samples + self.warm_up_samples) * self.blocks_per_path
 
     @property
     def _counted_samples(self) -> int:
         # a sine does not wrap with the block: what is flown first must not be counted as well
-        most = self.samples - (self._warm_up_samples if self.waves else 0)
+        most = self.samples - (self.warm_up_samples if self.waves else 0)
         return max(1, min(most, math.ceil(self.counted / self.step)))
 
     @property
@@ -177,8 +177,14 @@ class TabulatedPlan:
         return max(1.0, self.system.omega / (2.0 * math.pi) / self.system.damping_rate)
 
     @property
-    def _warm_up_samples(self) -> int:
+    def warm_up_samples(self) -> int:
+        """Samples of a block that are flown before counting starts."""
         return min(self.samples - 1, math.ceil(self.warm_up / self.step))
+
+    @property
+    def speed(self) -> float:
+        """Rms velocity under the noise, without stops."""
+        return math.sqrt(self._velocity_variance)
 
     @property
     def rest(self) -> float:
@@ -242,7 +248,7 @@ class TabulatedPlan:
                 block_record = record[number * counted : (number + 1) * counted]
             self.fly(
                 self.free_response(seed, first_path, paths, number),
-                self._warm_up_samples,
+                self.warm_up_samples,
                 self._counted_samples,
                 sums,
                 block_record,
@@ -347,7 +353,7 @@ class TabulatedPlan:
         first, second = np.empty((2, 1, paths))
         normal_rows(streams[0], streams[1], first, second)
         sample = np.arange(self.samples)
-        sample[self.samples - self._warm_up_samples - 1 :] -= self.samples
+        sample[self.samples - self.warm_up_samples - 1 :] -= self.samples
         time = self.step * (sample + number * self._counted_samples)
         turn = np.exp(1j * (omega * time[:, None] + np.arctan2(first, second)))
         free: NDArray[np.complex128] = (amplitude * turn).real + 1j * (

@@ -196,10 +196,15 @@ class WhitePlan:
         return self.steps
 
     def averages(
-        self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
+        self,
+        seed: int,
+        first_path: int,
+        paths: int,
+        record: NDArray[np.float64] | None = None,
+        log: tuple[NDArray[np.float64], NDArray[np.int64]] | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
-        from `origin`."""
+        from `origin`; a `log` takes every impact on rigid stops (`kernels.flight.run_white`)."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         x, v = self._start(streams)
@@ -209,6 +214,7 @@ class WhitePlan:
         self._kernel(
             x, v, streams, sums, *self._kernel_constants(), self.threshold,
             burn_in, self.steps, stride, self.origin - self.rest, record,
+            *(() if log is None else (log,)),
         )  # fmt: skip
         sums[:N_LOWER] /= math.ceil(self.steps / stride)
         sums[N_LOWER:] /= self.steps * self.step

@@ -161,8 +161,27 @@ def fly_between(x, v, z, hit, kick, flow, lower, upper):
     return again
 
 
+@numba.njit(cache=True, error_model="numpy")
+def entry(log, path, sample):
+    """Where a path writes its impacts down in a step that is counted (sample >= 0), or None."""
+    if log is None:
+        return None
+    return log[0], log[1], path, sample
+
+
+@numba.njit(cache=True, error_model="numpy")
+def write_down(page, speed):
+    """One impact into the next row, as long as there are rows; all are counted."""
+    events, count, path, sample = page
+    if sample >= 0:
+        k = count[0]
+        if k < events.shape[0]:
+            events[k, 0], events[k, 1], events[k, 2] = path, sample, speed
+        count[0] = k + 1
+
+
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def bounce(x, v, flow, lower, upper, threshold, sums):
+def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
     """One flow with any number of impacts, added up in `sums`; returns the end (x, v).
 
     A mass that is pressed against a stop and bounces too low to leave it rests there; its impacts
@@ -199,6 +218,9 @@ def bounce(x, v, flow, lower, upper, threshold, sums):
         sums[row] += 1.0 if w >= threshold else 0.0
         sums[row + 1] += w
         sums[row + 2] += w * w
+        if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
+            if w >= threshold:
+                write_down(page, speed)
         x1 -= (1.0 + restitution) * speed * s_r
         v1 -= (1.0 + restitution) * speed * c_r
         x = position
@@ -233,7 +255,7 @@ def find_in_corner(x, v, owed, usual, box, lower, upper, found):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def fly_corner(x, v, owed, s0, s1, ladder, noise, stiff, lower, upper, threshold, sums):
+def fly_corner(x, v, owed, s0, s1, ladder, noise, stiff, lower, upper, threshold, sums, page=None):
     """One step near a stop as shorter steps, each short enough for the state it starts from.
 
     Free of any other scale, noise of intensity S0 changes a velocity v in the time v^2 / S0 and a
@@ -276,7 +298,7 @@ def fly_corner(x, v, owed, s0, s1, ladder, noise, stiff, lower, upper, threshold
         # S0 (1 - e^(-2 b t)) / (2 b), which is S0 t (1 + e^(-2 b t)) / 2 to third order in b t
         v = decay * v + math.sqrt(intensity * kick * 0.5 * (1.0 + decay * decay)) * z
         flow = (length, ladder[level, 1], ladder[level, 2], stiff)
-        x, v = bounce(x, v, flow, lower, upper, threshold, sums)
+        x, v = bounce(x, v, flow, lower, upper, threshold, sums, page)
     return x, v, owed, s0, s1
 
 
@@ -335,6 +357,7 @@ def run_white(
     stride,
     origin,
     record,
+    log=None,
 ):
     """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
 
@@ -351,6 +374,9 @@ def run_white(
     corner : None, or ((width, speed), (b, S0), ladder) to refine steps near a stop.
     record : None, or zeros (steps, paths, 3) to take x, v and the impact speed of every step;
         the burn-in must then be 0.
+    log : None, or (events, count) to write down every impact as fast as the threshold in the
+        counted steps: rows (path, step, speed, negative at the lower stop) of `events`, and how
+        many there are, stored or not, in `count` (1,).
     """
     first = np.empty(LANES)
     second = np.empty(LANES)
@@ -383,6 +409,7 @@ def run_white(
                         corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = fly_corner(
                             xs[i], vs[i], owed[i], state0[i], state1[i], ladder, noise, flow[3],
                             lower, upper, threshold, several,
+                            entry(log, start + i, step - burn_in),
                         )  # fmt: skip
                         take_several(several, counted, local, record, step - burn_in, start, i)
             z = z1 if step % 2 == 0 else z2
@@ -400,10 +427,17 @@ def run_white(
             for i in range(end - start if again > 0 else 0):
                 if hits[i] == AGAIN:
                     several[:] = 0.0
-                    xs[i], vs[i] = bounce(xs[i], vs[i], flow, lower, upper, threshold, several)
+                    xs[i], vs[i] = bounce(
+                        xs[i], vs[i], flow, lower, upper, threshold, several,
+                        entry(log, start + i, step - burn_in),
+                    )  # fmt: skip
                     hits[i] = 0.0
                     take_several(several, counted, local, record, step - burn_in, start, i)
             if counted:
+                if log is not None:
+                    for i in range(end - start):
+                        if (hits[i] != 0.0) & (abs(hits[i]) >= threshold):
+                            write_down(entry(log, start + i, step - burn_in), hits[i])
                 if upper is not None:
                     count_side(hits, threshold, local[N_UPPER], local[F1_UPPER], local[F2_UPPER])
                 if lower is not None:
