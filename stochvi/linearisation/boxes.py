@@ -44,7 +44,7 @@ RANGES = {"mass_ratio": (0.005, 0.2), "play_in_sigma": (0.5, 12.0), "zeta": (0.0
 LARGEST_RESTITUTION = 0.98
 """Of the table: near 1 a mass in a moving box gains speed for ever longer."""
 
-NEIGHBOURS = 6
+NEIGHBOURS = 10
 """Scenes of the atlas, nearest in what the box does and in its play, whose largest error is taken
 for that of a scene."""
 
