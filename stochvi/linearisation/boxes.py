@@ -23,7 +23,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.interpolate import RegularGridInterpolator
 
 from stochvi.assemblies import Assembly, Contact
@@ -146,10 +146,10 @@ def moments(box: Box) -> dict[str, float]:
     diffusion = box.intensity / box.mass**2
     fall = 2.0 / diffusion * (box.damping / box.mass + power / energy)
     density = np.exp(-cumulative_trapezoid(fall, energy, initial=0))
-    total = float(np.trapezoid(density, energy))
+    total = float(trapezoid(density, energy))
 
     def mean(values: Vector) -> float:
-        return float(np.trapezoid(values * density, energy)) / total
+        return float(trapezoid(values * density, energy)) / total
 
     return {
         "velocity": mean(energy),
