@@ -21,6 +21,7 @@ from stochvi.assemblies import Assembly, Contact, assemble
 from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, Response, provenance
 from stochvi.identities import residuals
+from stochvi.linearisation import boxes
 from stochvi.linearisation.forms import Form, Trial, Unknowns, choose
 from stochvi.linearisation.solver import NOWHERE, START_SPEEDS, root
 from stochvi.modes import LinearLaw, Modes, Substitute, linear_law, modes_of
@@ -84,7 +85,8 @@ def closure(scene: Scene) -> Response:
     """Approximate stationary response of several coordinates, pairs, or signals.
 
     White and filtered noise, sines and loads; rigid stops of any restitution. Exact without stops,
-    and for one pair that loses nothing where noise matches damping.
+    and for one pair that loses nothing where noise matches damping. One loose mass in a box on one
+    mode under white noise is linearised at every amplitude instead, see `boxes`.
 
     Raises
     ------
@@ -97,6 +99,9 @@ def closure(scene: Scene) -> Response:
     unmet = _unmet_conditions(assembly)
     if unmet:
         raise NotApplicable("linearise", unmet)
+    box = boxes.box_of(assembly)
+    if box is not None:
+        return boxes.response(scene, assembly, box, METHOD)
     modes = modes_of(assembly)
     rough = scales_of(assembly, modes, "linearise")
     if rough is None:
@@ -250,7 +255,10 @@ def _response(
             ),
         ],
         cost=Cost(wall_time=time.perf_counter() - started),
-        warnings=_warnings(gaps, trials),
+        warnings=[
+            *_warnings(gaps, trials),
+            *([boxes.NOT_IN_ATLAS] if scene.absorber is not None and bias is None else []),
+        ],
         provenance=provenance(scene.document()),
         identities={
             name: Estimate(value=float(value), how=how) for name, value in balances.items()
