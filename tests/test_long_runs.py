@@ -1,6 +1,7 @@
 """Long runs: nothing lost in a crash, on any executor, and the same digits as one never stopped."""
 
 import json
+import math
 import random
 import resource
 import signal
@@ -8,7 +9,13 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+)
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +29,7 @@ from stochvi.errors import CheckpointError, Interrupted, NotConverged
 from stochvi.estimates import Response
 from stochvi.excitations import TabulatedNoise, WhiteNoise
 from stochvi.monte_carlo import blocks, simulate
-from stochvi.monte_carlo.blocks import TASK_SECONDS, WINDOW, Crew, blocks_of
+from stochvi.monte_carlo.blocks import SENDING_SECONDS, TASK_SECONDS, WINDOW, Crew, blocks_of
 from stochvi.monte_carlo.checkpoints import Checkpoint
 from stochvi.scenes import ImpactPair, Scene
 from stochvi.structures import Isolator, Oscillator
@@ -253,7 +260,7 @@ class Later(Future):
         self.executor.open -= 1
         if self.executor.random.random() < 1 / 3:
             self.executor.lost += 1
-            raise self.executor.random.choice([ConnectionError("lost"), TimeoutError("lost")])
+            raise self.executor.random.choice([ConnectionError("lost"), CancelledError()])
         self.executor.done += 1
         function, arguments = self.call
         return function(*arguments)
@@ -274,7 +281,7 @@ def test_an_executor_that_dies_says_so_and_the_run_goes_on_elsewhere(tmp_path: P
     scene, kept = oscillator(), tmp_path / "run"
     with pytest.raises(NotConverged, match="takes no more work") as reason:
         simulate(
-            scene, paths=20_000, duration=20.0, seed=4, executor=Flaky(2, broken_after=9),
+            scene, paths=20_000, duration=20.0, seed=4, executor=Flaky(2, broken_after=3),
             threads=1, checkpoint=kept,
         )  # fmt: skip
     assert 0 < reason.value.response.cost.paths < 20_000
@@ -291,6 +298,29 @@ def test_an_error_of_its_own_threads_is_not_hidden(monkeypatch: pytest.MonkeyPat
         simulate(oscillator(), paths=64)
     with ThreadPoolExecutor(1) as executor, pytest.raises(NotConverged, match="failed 4 times"):
         simulate(oscillator(), paths=64, executor=executor)
+
+
+def test_a_task_that_is_late_is_begun_again_and_counted_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A worker that hangs: somebody else does its task, and the run does not wait for it."""
+    monkeypatch.setattr(blocks, "LOOK_SECONDS", 0.02)
+    hangs, begun = threading.Event(), []
+
+    class Hangs(ThreadPoolExecutor):
+        def submit(self, function, *arguments):
+            first, _ = arguments[3][0]
+            begun.append((first, arguments[0].step, arguments[4]))
+            if first == 5 * 1024 and arguments[4] == 1:
+                return super().submit(hangs.wait, 60.0)
+            return super().submit(function, *arguments)
+
+    monkeypatch.setattr(blocks, "TASK_SECONDS", 0.0)  # a block to a task
+    with Hangs(4) as executor:
+        there = simulate(oscillator(), paths=8 * 1024, duration=20.0, seed=4, executor=executor)
+        hangs.set()
+    assert sum(attempt == 2 for *_, attempt in begun) >= 2  # fine and coarse
+    assert digits(there) == digits(simulate(oscillator(), paths=8 * 1024, duration=20.0, seed=4))
 
 
 def test_a_mixed_cluster_is_said() -> None:
@@ -313,9 +343,13 @@ def test_a_mixed_cluster_is_said() -> None:
 def test_blocks_to_a_task_never_show() -> None:
     """Tasks for other machines hold several blocks once it is known how long one takes."""
     with ThreadPoolExecutor(1) as executor:
-        crew = Crew(executor, 1, theirs=True, block_seconds=TASK_SECONDS / 10.0)
-        assert crew.per_task(1000) == 10
-        assert crew.per_task(13) == 3  # work for everybody, to the end
+        crew = Crew(executor, 1, theirs=True)
+        assert crew.per_task(1000) == crew.window == 1  # to know how long a block takes
+        crew.block_seconds = TASK_SECONDS / 10.0
+        assert (crew.per_task(1000), crew.window) == (10, WINDOW)
+        crew.workers = 200
+        assert crew.per_task(1000) == math.ceil(math.sqrt(1000 * SENDING_SECONDS / 0.05))
+        assert crew.per_task(4000) == 20  # some for everybody
         assert Crew(executor, 1, theirs=False, block_seconds=1e-3).per_task(1000) == 1
         far = simulate(oscillator(), paths=30_000, duration=1.0, seed=3, executor=executor)
     assert digits(far) == digits(simulate(oscillator(), paths=30_000, duration=1.0, seed=3))
