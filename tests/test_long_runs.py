@@ -410,12 +410,12 @@ def answer(path: Path) -> dict[str, object]:
 
 
 def killed_at_random(
-    folder: Path, paths: int, kills: int, progress: float, interval: float
+    folder: Path, paths: int, kills: int, progress: float, interval: float, moves_first: bool
 ) -> None:
     """A job killed -9 so often, after some seconds of progress, ends as one never killed.
 
     The moments are random from the start of the process on, so that some come before it has done
-    anything.
+    anything; or from its first progress on.
     """
     scene, kept = folder / "scene.toml", folder / "run.checkpoint"
     scene.write_text(SCENE)
@@ -428,21 +428,30 @@ def killed_at_random(
         starting = time.perf_counter() - start
         assert process.wait() == 0
     print(f"never killed: {cpu_of_children() - spent:.1f} s of CPU, {starting:.1f} s to the start")
-    spent, reached = cpu_of_children(), []
-    for moment in np.random.default_rng(6).uniform(0.0, 2.0 * starting + progress, kills):
+    spent, reached = cpu_of_children(), [0]
+    latest = progress + (0.0 if moves_first else 2.0 * starting)
+    for moment in np.random.default_rng(6).uniform(0.0, latest, kills):
         ask = ["--resume", kept, "--quiet"] if kept.exists() else [*job, "--checkpoint", kept]
-        ask += ["--checkpoint-interval", interval]
-        with subprocess.Popen(command("simulate", scene, *ask, "--threads", 1)) as process:
+        ask += ["--checkpoint-interval", interval, "--threads", 1]
+        with subprocess.Popen(command("simulate", scene, *ask)) as process:
+            while moves_first and paths_in(kept) == reached[-1]:
+                time.sleep(0.02)
+                assert process.poll() is None
             with pytest.raises(subprocess.TimeoutExpired):  # it is still at work
                 process.wait(moment)
             process.send_signal(signal.SIGKILL)
-        reached.append(Checkpoint.read(kept).state["fine"]["count"] if kept.exists() else 0)
+        reached.append(paths_in(kept))
     assert reached == sorted(reached)
+    assert not moves_first or len(set(reached)) == kills + 1
     assert reached[-1] < paths
     last = command("simulate", scene, "--resume", kept) if kept.exists() else whole
     subprocess.run([*last, "--quiet", "--json", folder / "killed.json"], check=True)
     print(f"killed {kills} times: {cpu_of_children() - spent:.1f} s of CPU; paths kept: {reached}")
     assert answer(folder / "killed.json") == answer(folder / "whole.json")
+
+
+def paths_in(kept: Path) -> int:
+    return Checkpoint.read(kept).state["fine"]["count"] if kept.exists() else 0
 
 
 def cpu_of_children() -> float:
@@ -451,12 +460,14 @@ def cpu_of_children() -> float:
 
 
 def test_three_kills(tmp_path: Path) -> None:
-    killed_at_random(tmp_path, paths=24_000, kills=3, progress=1.0, interval=0.1)
+    killed_at_random(tmp_path, paths=20_000, kills=3, progress=0.3, interval=0.05, moves_first=True)
 
 
 @pytest.mark.verify
 def test_fifty_kills_of_two_minutes(tmp_path: Path) -> None:
-    killed_at_random(tmp_path, paths=2_500_000, kills=50, progress=2.4, interval=1.0)
+    killed_at_random(
+        tmp_path, paths=2_500_000, kills=50, progress=2.4, interval=1.0, moves_first=False
+    )
 
 
 def test_control_c_ends_with_what_there_is(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ class Cluster(Executor):
         self.late, self.lost, self.real = late, lost, real
         self.random = random.Random(seed)
         self.known: dict[tuple[float, int], object] = {}
-        self.now = self.work = 0.0
+        self.now = 0.0
         self.tasks = self.again = self.open_blocks = self.most_open_blocks = 0
 
     def submit(self, function, plan, layout, seed, blocks, attempt=1):
@@ -45,7 +45,6 @@ class Cluster(Executor):
         self.open_blocks += len(blocks) * (attempt == 1)
         self.most_open_blocks = max(self.most_open_blocks, self.open_blocks)
         seconds = self.block_seconds * len(blocks)
-        self.work += seconds
         seconds *= self.random.lognormvariate(0.0, SPREAD)
         seconds *= STRAGGLER if self.random.random() < self.late else 1.0
         lost = self.random.random() < self.lost
