@@ -223,8 +223,10 @@ def test_a_table_that_changed_is_another_scene(tmp_path: Path) -> None:
 
     simulate(scene(0.01), paths=8, duration=5.0, checkpoint=tmp_path / "run")
     simulate(scene(0.01), resume=tmp_path / "run")
-    with pytest.raises(CheckpointError, match="a table that the scene names has changed"):
-        simulate(scene(0.02), resume=tmp_path / "run")
+    for _ in range(2):  # to be refused changes nothing
+        with pytest.raises(CheckpointError, match="a table that the scene names has changed"):
+            simulate(scene(0.02), resume=tmp_path / "run")
+    simulate(scene(0.01), resume=tmp_path / "run")
 
 
 # ---- executors ---------------------------------------------------------------------------------
@@ -315,7 +317,8 @@ def test_a_task_that_is_late_is_begun_again_and_counted_once(
                 return super().submit(hangs.wait, 60.0)
             return super().submit(function, *arguments)
 
-    monkeypatch.setattr(blocks, "TASK_SECONDS", 0.0)  # a block to a task
+    monkeypatch.setattr(blocks, "SENDING_SECONDS", 0.0)
+    monkeypatch.setattr(blocks, "TASK_SECONDS", 1e-9)  # a block to a task
     with Hangs(4) as executor:
         there = simulate(oscillator(), paths=8 * 1024, duration=20.0, seed=4, executor=executor)
         hangs.set()

@@ -55,6 +55,10 @@ Block = tuple[int, int]
 """First path, and how many."""
 
 
+BlockDone = tuple[Block, list[PathStatistics], list[str]]
+"""A block with its statistics by every plan, and the machines that they come from."""
+
+
 class WorkersLost(Exception):
     """The executor cannot do a block, however often it is asked."""
 
@@ -157,8 +161,8 @@ class Crew:
         blocks: Iterator[Block],
         total: int,
         late: Callable[[], bool],
-    ) -> Generator[tuple[Block, list[PathStatistics], str], None, None]:
-        """Each block with its statistics by every plan, in order, and the machine it comes from.
+    ) -> Generator[BlockDone, None, None]:
+        """Each block in order, once it is done.
 
         `total` is how many blocks there are. Once `late()`, no task is begun that has not been.
 
@@ -180,7 +184,7 @@ class Crew:
             for task in waiting:
                 task.cancel()
 
-    def _hand_on(self, waiting: deque[_Task]) -> Iterator[tuple[Block, list[PathStatistics], str]]:
+    def _hand_on(self, waiting: deque[_Task]) -> Iterator[BlockDone]:
         """The blocks of the task that is first in line, and what it takes to get them."""
         task = waiting[0]
         expected = self.block_seconds * len(task.blocks)
@@ -192,9 +196,9 @@ class Crew:
         done = task.results(look)
         waiting.popleft()
         self.block_seconds = sum(each.seconds for each in done) / (len(done) * len(task.blocks))
+        where = [each.machine for each in done]
         for number, block in enumerate(task.blocks):
-            where = {each.machine for each in done}
-            yield block, [each.statistics[number] for each in done], " | ".join(sorted(where))
+            yield block, [each.statistics[number] for each in done], where
 
 
 Call = tuple[Plan, Layout, int, tuple[Block, ...]]
