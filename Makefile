@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test verify lint studies bench clean
+.PHONY: demo test verify distributed lint studies bench clean
 
 demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
@@ -12,6 +12,9 @@ test: .venv/test-installed
 
 verify: .venv/test-installed
 	$(BIN)/python -m pytest -m verify
+
+distributed: .venv/test-installed .venv/distributed-installed
+	$(BIN)/python -m pytest tests/test_long_runs.py -k dask
 
 lint: .venv/dev-installed
 	$(BIN)/ruff check .

@@ -1,6 +1,7 @@
 """Long runs: nothing lost in a crash, on any executor, and the same digits as one never stopped."""
 
 import json
+import math
 import random
 import resource
 import signal
@@ -8,7 +9,13 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+)
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +29,7 @@ from stochvi.errors import CheckpointError, Interrupted, NotConverged
 from stochvi.estimates import Response
 from stochvi.excitations import TabulatedNoise, WhiteNoise
 from stochvi.monte_carlo import blocks, simulate
-from stochvi.monte_carlo.blocks import TASK_SECONDS, WINDOW, Crew, blocks_of
+from stochvi.monte_carlo.blocks import SENDING_SECONDS, TASK_SECONDS, WINDOW, Crew, blocks_of
 from stochvi.monte_carlo.checkpoints import Checkpoint
 from stochvi.scenes import ImpactPair, Scene
 from stochvi.structures import Isolator, Oscillator
@@ -216,8 +223,10 @@ def test_a_table_that_changed_is_another_scene(tmp_path: Path) -> None:
 
     simulate(scene(0.01), paths=8, duration=5.0, checkpoint=tmp_path / "run")
     simulate(scene(0.01), resume=tmp_path / "run")
-    with pytest.raises(CheckpointError, match="a table that the scene names has changed"):
-        simulate(scene(0.02), resume=tmp_path / "run")
+    for _ in range(2):  # to be refused changes nothing
+        with pytest.raises(CheckpointError, match="a table that the scene names has changed"):
+            simulate(scene(0.02), resume=tmp_path / "run")
+    simulate(scene(0.01), resume=tmp_path / "run")
 
 
 # ---- executors ---------------------------------------------------------------------------------
@@ -253,7 +262,7 @@ class Later(Future):
         self.executor.open -= 1
         if self.executor.random.random() < 1 / 3:
             self.executor.lost += 1
-            raise self.executor.random.choice([ConnectionError("lost"), TimeoutError("lost")])
+            raise self.executor.random.choice([ConnectionError("lost"), CancelledError()])
         self.executor.done += 1
         function, arguments = self.call
         return function(*arguments)
@@ -274,7 +283,7 @@ def test_an_executor_that_dies_says_so_and_the_run_goes_on_elsewhere(tmp_path: P
     scene, kept = oscillator(), tmp_path / "run"
     with pytest.raises(NotConverged, match="takes no more work") as reason:
         simulate(
-            scene, paths=20_000, duration=20.0, seed=4, executor=Flaky(2, broken_after=9),
+            scene, paths=20_000, duration=20.0, seed=4, executor=Flaky(2, broken_after=3),
             threads=1, checkpoint=kept,
         )  # fmt: skip
     assert 0 < reason.value.response.cost.paths < 20_000
@@ -291,6 +300,30 @@ def test_an_error_of_its_own_threads_is_not_hidden(monkeypatch: pytest.MonkeyPat
         simulate(oscillator(), paths=64)
     with ThreadPoolExecutor(1) as executor, pytest.raises(NotConverged, match="failed 4 times"):
         simulate(oscillator(), paths=64, executor=executor)
+
+
+def test_a_task_that_is_late_is_begun_again_and_counted_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A worker that hangs: somebody else does its task, and the run does not wait for it."""
+    monkeypatch.setattr(blocks, "LOOK_SECONDS", 0.02)
+    hangs, begun = threading.Event(), []
+
+    class Hangs(ThreadPoolExecutor):
+        def submit(self, function, *arguments):
+            first, _ = arguments[3][0]
+            begun.append((first, arguments[0].step, arguments[4]))
+            if first == 5 * 1024 and arguments[4] == 1:
+                return super().submit(hangs.wait, 60.0)
+            return super().submit(function, *arguments)
+
+    monkeypatch.setattr(blocks, "SENDING_SECONDS", 0.0)
+    monkeypatch.setattr(blocks, "TASK_SECONDS", 1e-9)  # a block to a task
+    with Hangs(4) as executor:
+        there = simulate(oscillator(), paths=8 * 1024, duration=20.0, seed=4, executor=executor)
+        hangs.set()
+    assert sum(attempt == 2 for *_, attempt in begun) >= 2  # fine and coarse
+    assert digits(there) == digits(simulate(oscillator(), paths=8 * 1024, duration=20.0, seed=4))
 
 
 def test_a_mixed_cluster_is_said() -> None:
@@ -313,9 +346,13 @@ def test_a_mixed_cluster_is_said() -> None:
 def test_blocks_to_a_task_never_show() -> None:
     """Tasks for other machines hold several blocks once it is known how long one takes."""
     with ThreadPoolExecutor(1) as executor:
-        crew = Crew(executor, 1, theirs=True, block_seconds=TASK_SECONDS / 10.0)
-        assert crew.per_task(1000) == 10
-        assert crew.per_task(13) == 3  # work for everybody, to the end
+        crew = Crew(executor, 1, theirs=True)
+        assert crew.per_task(1000) == crew.window == 1  # to know how long a block takes
+        crew.block_seconds = TASK_SECONDS / 10.0
+        assert (crew.per_task(1000), crew.window) == (10, WINDOW)
+        crew.workers = 200
+        assert crew.per_task(1000) == math.ceil(math.sqrt(1000 * SENDING_SECONDS / 0.05))
+        assert crew.per_task(4000) == 20  # some for everybody
         assert Crew(executor, 1, theirs=False, block_seconds=1e-3).per_task(1000) == 1
         far = simulate(oscillator(), paths=30_000, duration=1.0, seed=3, executor=executor)
     assert digits(far) == digits(simulate(oscillator(), paths=30_000, duration=1.0, seed=3))
@@ -376,12 +413,12 @@ def answer(path: Path) -> dict[str, object]:
 
 
 def killed_at_random(
-    folder: Path, paths: int, kills: int, progress: float, interval: float
+    folder: Path, paths: int, kills: int, progress: float, interval: float, moves_first: bool
 ) -> None:
     """A job killed -9 so often, after some seconds of progress, ends as one never killed.
 
     The moments are random from the start of the process on, so that some come before it has done
-    anything.
+    anything; or from its first progress on.
     """
     scene, kept = folder / "scene.toml", folder / "run.checkpoint"
     scene.write_text(SCENE)
@@ -394,21 +431,30 @@ def killed_at_random(
         starting = time.perf_counter() - start
         assert process.wait() == 0
     print(f"never killed: {cpu_of_children() - spent:.1f} s of CPU, {starting:.1f} s to the start")
-    spent, reached = cpu_of_children(), []
-    for moment in np.random.default_rng(6).uniform(0.0, 2.0 * starting + progress, kills):
+    spent, reached = cpu_of_children(), [0]
+    latest = progress + (0.0 if moves_first else 2.0 * starting)
+    for moment in np.random.default_rng(6).uniform(0.0, latest, kills):
         ask = ["--resume", kept, "--quiet"] if kept.exists() else [*job, "--checkpoint", kept]
-        ask += ["--checkpoint-interval", interval]
-        with subprocess.Popen(command("simulate", scene, *ask, "--threads", 1)) as process:
+        ask += ["--checkpoint-interval", interval, "--threads", 1]
+        with subprocess.Popen(command("simulate", scene, *ask)) as process:
+            while moves_first and paths_in(kept) == reached[-1]:
+                time.sleep(0.02)
+                assert process.poll() is None
             with pytest.raises(subprocess.TimeoutExpired):  # it is still at work
                 process.wait(moment)
             process.send_signal(signal.SIGKILL)
-        reached.append(Checkpoint.read(kept).state["fine"]["count"] if kept.exists() else 0)
+        reached.append(paths_in(kept))
     assert reached == sorted(reached)
+    assert not moves_first or len(set(reached)) == kills + 1
     assert reached[-1] < paths
     last = command("simulate", scene, "--resume", kept) if kept.exists() else whole
     subprocess.run([*last, "--quiet", "--json", folder / "killed.json"], check=True)
     print(f"killed {kills} times: {cpu_of_children() - spent:.1f} s of CPU; paths kept: {reached}")
     assert answer(folder / "killed.json") == answer(folder / "whole.json")
+
+
+def paths_in(kept: Path) -> int:
+    return Checkpoint.read(kept).state["fine"]["count"] if kept.exists() else 0
 
 
 def cpu_of_children() -> float:
@@ -417,12 +463,14 @@ def cpu_of_children() -> float:
 
 
 def test_three_kills(tmp_path: Path) -> None:
-    killed_at_random(tmp_path, paths=24_000, kills=3, progress=1.0, interval=0.1)
+    killed_at_random(tmp_path, paths=20_000, kills=3, progress=0.3, interval=0.05, moves_first=True)
 
 
 @pytest.mark.verify
 def test_fifty_kills_of_two_minutes(tmp_path: Path) -> None:
-    killed_at_random(tmp_path, paths=2_500_000, kills=50, progress=2.4, interval=1.0)
+    killed_at_random(
+        tmp_path, paths=2_500_000, kills=50, progress=2.4, interval=1.0, moves_first=False
+    )
 
 
 def test_control_c_ends_with_what_there_is(tmp_path: Path) -> None:

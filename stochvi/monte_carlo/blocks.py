@@ -14,10 +14,11 @@ import os
 import platform
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from typing import Any
 
 from stochvi.monte_carlo.plans import Plan
@@ -37,11 +38,25 @@ pool of processes takes a tenth. Tasks last so long that this keeps all workers 
 MOST_WAITING = 2**17
 """Blocks that may be under way or wait to be merged, however many workers: some 300 MB."""
 
+LATE = 3.0
+"""Times what a task should take, after which what is not done is begun a second time: a few slow or
+dead machines would hold up all that waits to be merged in order."""
+
+LOOK_SECONDS = 0.5
+"""Between looks at tasks that are lost or late, while the first in line is waited for."""
+
+SHORTEST_BLOCK = 1e-6
+"""Seconds, where the clock saw none."""
+
 MOST_ATTEMPTS = 4
 """How often a block is begun before it is given up. Schedulers do lost blocks again themselves."""
 
 Block = tuple[int, int]
 """First path, and how many."""
+
+
+BlockDone = tuple[Block, list[PathStatistics], list[str]]
+"""A block with its statistics by every plan, and the machines that they come from."""
 
 
 class WorkersLost(Exception):
@@ -121,26 +136,35 @@ class Crew:
     block_seconds: float = math.inf
 
     def per_task(self, blocks: int) -> int:
-        """Blocks to a task, where `blocks` are left: enough that sending it does not count, but
-        work for everybody. Blocks are merged one by one either way."""
-        if not self.theirs:
+        """Blocks to a task, of so many in all. They are merged one by one either way.
+
+        Enough that one sender keeps all workers at work, but some for everybody; unless that makes
+        so many tasks that sending them takes longer than the last of them.
+        """
+        if not self.theirs or math.isinf(self.block_seconds):
             return 1
-        tasks = WINDOW * self.workers
-        seconds = max(TASK_SECONDS, 2.0 * self.workers * SENDING_SECONDS)
-        enough = math.ceil(seconds / self.block_seconds) if self.block_seconds else blocks
-        return max(1, min(enough, blocks // tasks, MOST_WAITING // tasks))
+        each = max(self.block_seconds, SHORTEST_BLOCK)
+        enough = max(TASK_SECONDS, 2.0 * self.workers * SENDING_SECONDS) / each
+        fair = max(blocks / self.workers, math.sqrt(blocks * SENDING_SECONDS / each))
+        return math.ceil(min(enough, fair))
+
+    @property
+    def window(self) -> int:
+        """Tasks that may be under way; one, far away, until it is known how long a block takes."""
+        return 1 if self.theirs and math.isinf(self.block_seconds) else WINDOW * self.workers
 
     def do(
         self,
         plans: list[Plan],
         layout: Layout,
         seed: int,
-        blocks: Iterable[Block],
+        blocks: Iterator[Block],
+        total: int,
         late: Callable[[], bool],
-    ) -> Generator[tuple[Block, list[PathStatistics], str], None, None]:
-        """Each block with its statistics by every plan, in order, and the machine it comes from.
+    ) -> Generator[BlockDone, None, None]:
+        """Each block in order, once it is done.
 
-        Once `late()`, no task is begun that has not been.
+        `total` is how many blocks there are. Once `late()`, no task is begun that has not been.
 
         Raises
         ------
@@ -148,27 +172,33 @@ class Crew:
             If a block cannot be done; all before it have been handed on.
         """
         waiting: deque[_Task] = deque()
-        left = deque(blocks)
         try:
-            while left and not late():
-                count = self.per_task(len(left))
-                chunk = tuple(left.popleft() for _ in range(count))
+            while not late() and (chunk := tuple(islice(blocks, self.per_task(total)))):
                 calls = [(plan, layout, seed, chunk) for plan in plans]
                 waiting.append(_Task(self.executor, calls, MOST_ATTEMPTS if self.theirs else 1))
-                if len(waiting) >= WINDOW * self.workers:
-                    yield from self._hand_on(waiting.popleft())
+                while len(waiting) >= min(self.window, max(1, MOST_WAITING // len(chunk))):
+                    yield from self._hand_on(waiting)
             while waiting and not (late() and waiting[0].cancel()):
-                yield from self._hand_on(waiting.popleft())
+                yield from self._hand_on(waiting)
         finally:
             for task in waiting:
                 task.cancel()
 
-    def _hand_on(self, task: _Task) -> Iterator[tuple[Block, list[PathStatistics], str]]:
-        done = task.results()
+    def _hand_on(self, waiting: deque[_Task]) -> Iterator[BlockDone]:
+        """The blocks of the task that is first in line, and what it takes to get them."""
+        task = waiting[0]
+        expected = self.block_seconds * len(task.blocks)
+
+        def look(waited: float) -> None:
+            for each in waiting:
+                each.ask_again(also_late=waited > LATE * expected)
+
+        done = task.results(look)
+        waiting.popleft()
         self.block_seconds = sum(each.seconds for each in done) / (len(done) * len(task.blocks))
+        where = [each.machine for each in done]
         for number, block in enumerate(task.blocks):
-            where = {each.machine for each in done}
-            yield block, [each.statistics[number] for each in done], " | ".join(sorted(where))
+            yield block, [each.statistics[number] for each in done], where
 
 
 Call = tuple[Plan, Layout, int, tuple[Block, ...]]
@@ -176,42 +206,88 @@ Call = tuple[Plan, Layout, int, tuple[Block, ...]]
 
 
 class _Task:
-    """Some blocks by every plan: futures that are asked for again where they fail."""
+    """Some blocks by every plan."""
 
     def __init__(self, executor: Executor, calls: list[Call], attempts: int) -> None:
-        self.executor, self.calls, self.attempts = executor, calls, attempts
         self.blocks = calls[0][-1]
-        self.futures = [self._submit(call) for call in calls]
+        self.asked = [_Asked(executor, call, attempts) for call in calls]
 
-    def _submit(self, call: Call, attempt: int = 1) -> Future[Done]:
-        try:
-            return self.executor.submit(simulate_blocks, *call, attempt)
-        except (BrokenExecutor, RuntimeError) as error:  # also one that was shut down
-            raise WorkersLost(f"the executor takes no more work ({error})") from error
-
-    def results(self) -> list[Done]:
+    def results(self, look: Callable[[float], None]) -> list[Done]:
         """Of every plan, each once, however often it was begun."""
-        return [self._result(number) for number in range(len(self.futures))]
+        return [asked.result(look) for asked in self.asked]
 
-    def _result(self, number: int) -> Done:
-        for attempt in range(1, self.attempts + 1):
-            try:
-                return self.futures[number].result()
-            except BrokenExecutor as error:
-                raise WorkersLost(f"the executor lost its workers ({error})") from error
-            except Exception as error:
-                if self.attempts == 1:
-                    raise
-                if attempt == self.attempts:
-                    first, _ = self.blocks[0]
-                    raise WorkersLost(
-                        f"the block that starts at path {first} failed {attempt} times "
-                        f"({type(error).__name__}: {error})"
-                    ) from error
-                self.futures[number] = self._submit(self.calls[number], attempt + 1)
-        raise AssertionError("at least one attempt is made")
+    def ask_again(self, *, also_late: bool) -> None:
+        """For what is lost; and a second time for what is not done, if that is late."""
+        for asked in self.asked:
+            asked.ask_again(also_late)
 
     def cancel(self) -> bool:
         """Whether some of it had not begun, and now never will."""
-        cancelled = [future.cancel() for future in self.futures]
+        cancelled = [asked.cancel() for asked in self.asked]
         return any(cancelled)
+
+
+class _Asked:
+    """A call of `simulate_blocks` that was asked for, again where it failed or is late. All tries
+    give the same; the first that is done is taken."""
+
+    def __init__(self, executor: Executor, call: Call, attempts: int) -> None:
+        self.executor, self.call, self.attempts = executor, call, attempts
+        self.tries: list[Future[Done]] = []
+        self.begun = 0
+        self._ask()
+
+    def _ask(self) -> None:
+        self.begun += 1
+        try:
+            self.tries.append(self.executor.submit(simulate_blocks, *self.call, self.begun))
+        except (BrokenExecutor, RuntimeError) as error:  # also one that was shut down
+            raise WorkersLost(f"the executor takes no more work ({error})") from error
+
+    def result(self, look: Callable[[float], None]) -> Done:
+        """Wait for it; `look` is called now and then with the seconds that this takes."""
+        if self.attempts == 1:
+            return self.tries[0].result()
+        waited = 0.0
+        while True:
+            future = self._done() or self.tries[0]
+            try:
+                found = future.result(timeout=LOOK_SECONDS)
+            except Exception as error:
+                if isinstance(error, TimeoutError) and not future.done():
+                    waited += LOOK_SECONDS
+                    look(waited)
+                else:
+                    self._lost(future, error)
+            else:
+                self.cancel()
+                return found
+
+    def _done(self) -> Future[Done] | None:
+        return next((future for future in self.tries if future.done()), None)
+
+    def _lost(self, future: Future[Done], error: BaseException) -> None:
+        if isinstance(error, BrokenExecutor):
+            raise WorkersLost(f"the executor lost its workers ({error})") from error
+        if self.begun >= self.attempts:
+            raise WorkersLost(
+                f"the block that starts at path {self.call[-1][0][0]} failed {self.begun} times "
+                f"({type(error).__name__}: {error})"
+            ) from error
+        self.tries.remove(future)
+        if not self.tries:
+            self._ask()
+
+    def ask_again(self, also_late: bool) -> None:
+        """If it is lost; or not done and late, and was asked for once."""
+        if future := self._done():
+            error = CancelledError() if future.cancelled() else future.exception()
+            if error is not None:
+                self._lost(future, error)
+        elif also_late and len(self.tries) == 1 and self.begun < self.attempts:
+            self._ask()
+
+    def cancel(self) -> bool:
+        """Whether it had not begun, and now never will."""
+        cancelled = [future.cancel() for future in self.tries]
+        return all(cancelled)

@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -68,16 +68,15 @@ class State:
         none = PathStatistics.none(layout)
         return cls(fine=none, coarse=none)
 
-    def with_block(self, block: list[PathStatistics], steps: int, machine: str) -> State:
+    def with_block(self, block: list[PathStatistics], steps: int, where: Sequence[str]) -> State:
         """After one block more: its statistics by the plan and, if there is bias, by the coarser
         one; the steps they took."""
-        known = machine in self.machines
         return replace(
             self,
             fine=self.fine.merge(block[0]),
             coarse=self.coarse.merge(block[1]) if len(block) > 1 else self.coarse,
             steps=self.steps + steps,
-            machines=self.machines if known else (*self.machines, machine),
+            machines=tuple(dict.fromkeys((*self.machines, *where))),
         )
 
     def document(self) -> dict[str, Any]:
@@ -186,10 +185,10 @@ class Keeper:
     """Writes what a run has come to: at once, and when the run asks whether it is due."""
 
     def __init__(
-        self, path: Path, scene: Scene, asked: Asked, state: State, interval: float
+        self, path: Path, scene: Scene, asked: Asked, state: State, proof: str, interval: float
     ) -> None:
-        self.path, self.asked, self.interval = path, asked, interval
-        self.scene, self.machine, self.proof = plain_scene(scene), machine(), ""
+        self.path, self.asked, self.proof, self.interval = path, asked, proof, interval
+        self.scene, self.machine = plain_scene(scene), machine()
         self.keep(state)
 
     def due(self) -> bool:

@@ -122,7 +122,10 @@ class Run:
         goal = self.state.goal
         self.expected_paths = max(self.expected_paths, goal)
         left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
-        results = self.crew.do(plans, self.layout, self.seed, left, lambda: self.elapsed > deadline)
+        total = math.ceil((goal - self.fine.count) / self.plan.block)
+        results = self.crew.do(
+            plans, self.layout, self.seed, left, total, lambda: self.elapsed > deadline
+        )
         with closing(results):  # at once, so that an interrupt leaves no task to be begun
             for (_, paths), statistics, where in results:
                 self.state = self.state.with_block(statistics, paths * steps_per_path, where)

@@ -131,7 +131,8 @@ def simulate(
     target = resume if checkpoint is None else checkpoint
     keeper = None
     if target is not None:
-        keeper = Keeper(Path(target), scene, asked, state, checkpoint_interval)
+        proof = "" if before is None else before.proof  # a new one takes time to compile
+        keeper = Keeper(Path(target), scene, asked, state, proof, checkpoint_interval)
     compile_time, proof = _compile(plan)
     if before is not None:
         before.check(scene, proof)
@@ -153,9 +154,9 @@ def simulate(
             _so_far(run, "not all paths were simulated, for want of workers"),
         ) from error
     finally:
-        run.keep()
         if executor is None:
-            crew.executor.shutdown(cancel_futures=True)
+            crew.executor.shutdown(wait=False, cancel_futures=True)
+        run.keep()
     return run.response()
 
 
