@@ -184,7 +184,8 @@ def pilot_levels(plan: MissionPlan, seed: int, particles: int = PARTICLES) -> Le
         if len(levels) == MOST_LEVELS or level == math.inf:
             raise NotConverged(
                 f"splitting found no way to the event: {len(levels)} levels of energy were reached "
-                f"with a chance of {chance:.2g}, and no higher one; the limit may be out of reach"
+                f"with a chance of {chance:.2g}, and no higher one; the limit is out of reach, or "
+                "the stops take so much energy in an impact that it is no guide: ask for less"
             )
         steps += plan.fly(again, level)
         reached = np.flatnonzero(again.top >= level)
