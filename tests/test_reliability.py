@@ -148,6 +148,8 @@ def test_what_does_not_apply_is_said() -> None:
         reliability(filtered, mission=10.0, way="crude")
     with pytest.raises(NotApplicable, match="without impact_pair"):
         reliability(FREE, mission=10.0, barrier=3.0, impact_speed=1.0, start="rest")
+    with pytest.raises(NotApplicable, match="ask for a shorter mission"):
+        reliability(FREE, mission=1e9, barrier=5.0, start="rest")
     with pytest.raises(NotConverged, match="raise budget or rel_error"):
         reliability(FREE, mission=1e5, barrier=5.0, start="rest", way="crude", budget=1e-3)
 

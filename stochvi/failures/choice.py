@@ -40,6 +40,12 @@ Hits = tuple[Estimate, tuple[float, float]]
 PILOT_MISSIONS = 4096
 """Of crude simulation."""
 
+PILOT_FEWEST = 256
+"""Of them, where missions are long."""
+
+PILOT_STEPS = 2.0**27
+"""Of all pilot missions together: a second or two."""
+
 ENOUGH_FAILURES = 20
 """In the pilot, for a guess of a chance within some 20 %."""
 
@@ -133,28 +139,28 @@ class Jobs:
             seconds_per_mission=found.price,
         )
 
-    def hits(self, plan: MissionPlan, way: Way | None) -> Hits:
-        """Expected impacts in a mission, and their interval."""
+    def hits(self, plan: MissionPlan, way: Way | None, missions: float = 1.0) -> Hits:
+        """Expected impacts in so many missions of the plan, and their interval."""
         found = self._found(plan, way, hits=True)
         fine = found.fine
-        interval = logarithmic_interval(
+        lower, upper = logarithmic_interval(
             fine.hits, fine.hits_error, fine.trials - 1, self.confidence
         )
+        bias = _bias(plan, fine.hits, found.coarse.hits)
         estimate = Estimate(
-            value=fine.hits,
-            standard_error=fine.hits_error,
-            bias=_bias(plan, fine.hits, found.coarse.hits),
+            value=missions * fine.hits,
+            standard_error=missions * fine.hits_error,
+            bias=None if bias is None else missions * bias,
             how=f"{found.way}, {fine.trials} {_trials(found.way)}; bias from twice the step",
         )
-        return estimate, interval
+        return estimate, (missions * lower, missions * upper)
 
     def _found(self, plan: MissionPlan, way: Way | None, hits: bool) -> Found:
         """Pilot, choice, second stage."""
         self._deadline = math.inf if self.budget is None else time.perf_counter() + self.budget
         plan.fly(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
-        pilot = of_missions(
-            self._missions(plan, self._seed("pilot missions"), PILOT_MISSIONS, hits)
-        )
+        tried = int(min(max(PILOT_STEPS // plan.steps_per_path, PILOT_FEWEST), PILOT_MISSIONS))
+        pilot = of_missions(self._missions(plan, self._seed("pilot missions"), tried, hits))
         price, steps = pilot.seconds / pilot.missions, pilot.steps
         spent = pilot.seconds
         levels: Levels | None = None
@@ -162,7 +168,7 @@ class Jobs:
         particles = PARTICLES
         if way != "crude" and (way == "splitting" or pilot.chance < SHARE):
             started = time.thread_time()
-            levels = pilot_levels(plan, self._seed("levels"), particles)
+            levels = pilot_levels(plan, self._seed("levels"), particles, self._deadline)
             steps, spent = steps + levels.steps, spent + time.thread_time() - started
             while True:
                 repeated = self._repeated(
@@ -187,7 +193,7 @@ class Jobs:
         else:
             levels = None
             fine = of_missions(self._missions(plan, self._seed("answer"), missions, hits))
-            less = max(PILOT_MISSIONS, math.ceil(COARSE_SHARE * missions))
+            less = max(pilot.missions, math.ceil(COARSE_SHARE * missions))
             coarse = of_missions(
                 self._missions(plan.coarser(), self._seed("twice the step"), less, hits)
             )
@@ -209,7 +215,7 @@ class Jobs:
             variance = _variance(pilot, hits) if pilot.failed else float(pilot.missions)
         else:
             variance = (1.0 - repeated.chance) / max(repeated.chance, 1e-300)
-        return max(PILOT_MISSIONS, math.ceil(MARGIN * variance / self.rel_error**2))
+        return max(pilot.missions, math.ceil(MARGIN * variance / self.rel_error**2))
 
     def _choice(
         self,
@@ -247,7 +253,9 @@ class Jobs:
         seed = self._seed(purpose)
         return of_repetitions(
             self._all(
-                lambda index: repetition(plan, levels.levels, seed, index, particles, hits),
+                lambda index: repetition(
+                    plan, levels.levels, seed, index, particles, hits, self._deadline
+                ),
                 range(count),
             )
         )

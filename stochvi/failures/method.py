@@ -26,6 +26,7 @@ from stochvi.monte_carlo.missions import (
     acceleration_plan,
     impact_plan,
     passage_plan,
+    settling_time,
 )
 from stochvi.monte_carlo.runs import Progress
 from stochvi.scenes import Scene, System
@@ -152,8 +153,9 @@ def _sampled(
     if way == "first crossings" or (way is None and start == "stationary"):
         found = first_hit(scene, ends, mission, jobs, surely=way is not None)
     missions = None if way == "first crossings" else way
-    plan = passage_plan(system, *ends, mission, start)
-    chances[name] = found or jobs.chance(plan, name, None, missions)
+    if found is None:
+        found = jobs.chance(passage_plan(system, *ends, mission, start), name, None, missions)
+    chances[name] = found
     if "impact_speed" in limits:
         speed = limits["impact_speed"]
         plan = impact_plan(system, mission, start, speed)
@@ -164,7 +166,11 @@ def _sampled(
         chances["peak_acceleration"] = jobs.chance(plan, "peak_acceleration", sharpest, missions)
     if not scene.impact_pairs:
         return chances, None
-    return chances, jobs.hits(impact_plan(system, mission, start), missions)
+    part = mission
+    if start == "stationary":
+        # hits of a stationary motion are proportional to its duration: a part of it tells all
+        part = min(mission, settling_time(system))
+    return chances, jobs.hits(impact_plan(system, part, start), missions, mission / part)
 
 
 def _check(

@@ -22,7 +22,7 @@ from stochvi.monte_carlo.kernels.missions import (
     fly_missions,
 )
 from stochvi.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
-from stochvi.monte_carlo.white import RELAXATIONS, WhitePlan, _flow, _kick, plan_white
+from stochvi.monte_carlo.white import MOST_STEPS, RELAXATIONS, WhitePlan, _flow, _kick, plan_white
 from stochvi.scenes import System
 
 Vector = NDArray[np.float64]
@@ -243,6 +243,16 @@ def _base(system: System) -> WhitePlan:
     return plan_white(system, None, None)
 
 
+def settling_time(system: System) -> float:
+    """Seconds that a stationary motion with stops is flown before a mission."""
+    return _settling(_base(system))
+
+
+def _settling(base: WhitePlan) -> float:
+    """What is not the stationary law itself at its start has to settle."""
+    return CLIMB_RELAXATIONS / RELAXATIONS * base.burn_in if base.elastic else base.burn_in
+
+
 def _stops(base: WhitePlan) -> tuple[Any, Any]:
     """Both stops for the kernel."""
     system = base.system
@@ -266,10 +276,14 @@ def _plan(
     step = min(base.step, MISSION_ANGLE / system.omega) if system.omega else base.step
     if speed > 0.0 and system.lower is not None and system.upper is not None:
         step = min(step, GAP_PER_STEP * (system.upper - system.lower) / speed)
+    if mission > MOST_STEPS * step:
+        raise NotApplicable(
+            "reliability",
+            [f"a mission takes {mission / step:.2g} steps of {step:.2g} s, at most "
+             f"{MOST_STEPS:.0g} are made: ask for a shorter mission"],
+        )  # fmt: skip
     counted = max(LEAST_STEPS, math.ceil(mission / step))
-    # what is not the stationary law itself at its start has to settle
-    settling = CLIMB_RELAXATIONS / RELAXATIONS * base.burn_in if base.elastic else base.burn_in
-    before = math.ceil(settling * counted / mission) if start == "stationary" else 0
+    before = math.ceil(_settling(base) * counted / mission) if start == "stationary" else 0
     return MissionPlan(
         base=base,
         event=event,

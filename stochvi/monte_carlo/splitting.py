@@ -99,14 +99,22 @@ def crude_block(plan: MissionPlan) -> int:
 
 
 def repetition(
-    plan: MissionPlan, levels: tuple[float, ...], seed: int, index: int, particles: int, hits: bool
+    plan: MissionPlan,
+    levels: tuple[float, ...],
+    seed: int,
+    index: int,
+    particles: int,
+    hits: bool,
+    deadline: float = math.inf,
 ) -> Trial:
-    """One splitting with fixed levels, a function of its arguments alone."""
+    """One splitting with fixed levels, a function of its arguments alone; `deadline` is a time of
+    `time.perf_counter` after which it is given up."""
     started = time.thread_time()
     fleet = plan.fleet(seed, _first_path(index, 0, particles), particles)
     random = np.random.default_rng([seed, index])
     chance, steps = 1.0, 0
     for stage, level in enumerate((*levels, math.inf)):
+        _look_at_the_clock(deadline)
         steps += plan.fly(fleet, level)
         reached = np.flatnonzero(fleet.top >= level)
         chance *= len(reached) / particles
@@ -150,6 +158,14 @@ def _hits_of(plan: MissionPlan, fleet: Fleet) -> tuple[Vector, int]:
     return fleet.hits[chosen] + rest.hits, steps
 
 
+def _look_at_the_clock(deadline: float) -> None:
+    if time.perf_counter() > deadline:
+        raise NotConverged(
+            "the budget ended before a splitting did; raise budget or rel_error, or ask for a "
+            "shorter mission"
+        )
+
+
 def _first_path(index: int, stage: int, particles: int) -> int:
     return (index * (MOST_LEVELS + 1) + stage) * particles
 
@@ -162,7 +178,9 @@ class Levels(NamedTuple):
     steps: int
 
 
-def pilot_levels(plan: MissionPlan, seed: int, particles: int = PARTICLES) -> Levels:
+def pilot_levels(
+    plan: MissionPlan, seed: int, particles: int = PARTICLES, deadline: float = math.inf
+) -> Levels:
     """Levels that a share of about `SHARE` of the paths reach from the one before.
 
     Every stage is flown twice: to its end, for the largest energies, and up to the level.
@@ -172,6 +190,7 @@ def pilot_levels(plan: MissionPlan, seed: int, particles: int = PARTICLES) -> Le
     levels: list[float] = []
     chance, steps = 1.0, 0
     while True:
+        _look_at_the_clock(deadline)
         again = fleet.chosen(np.arange(particles))
         steps += plan.fly(fleet, math.inf)
         happened = float(fleet.happened.mean())
@@ -184,7 +203,8 @@ def pilot_levels(plan: MissionPlan, seed: int, particles: int = PARTICLES) -> Le
         if len(levels) == MOST_LEVELS or level == math.inf:
             raise NotConverged(
                 f"splitting found no way to the event: {len(levels)} levels of energy were reached "
-                f"with a chance of {chance:.2g}, and no higher one; the limit may be out of reach"
+                f"with a chance of {chance:.2g}, and no higher one; the limit is out of reach, or "
+                "the stops take so much energy in an impact that it is no guide: ask for less"
             )
         steps += plan.fly(again, level)
         reached = np.flatnonzero(again.top >= level)
