@@ -258,6 +258,8 @@ def _warnings(system: System, trial: Trial) -> list[str]:
         )
     for side, sign in (("lower", -1.0), ("upper", 1.0)):
         stop = getattr(system, side)
+        if side in soft_stops(system):
+            continue
         if stop is not None and sign * (trial.mean - stop) > 0.0:
             found.append(f"the mean that this form gives lies beyond the {side} stop")
     return found

@@ -51,9 +51,17 @@ for a density that is higher right at the stop."""
 
 
 def soft_closure(system: System) -> Form:
-    """The closure where at least one stop gives way."""
+    """The closure where at least one stop gives way.
+
+    Where the mass is pressed onto one of two stops, there may be no law but with the least
+    curvature of a single stop; where it stays within stops for most of the time, none but with
+    the curvature of the elastic law and other tau.
+    """
     least = least_curvature(system)
-    return Form(_start, lambda system, x: _trial(system, x, least))
+    one_stop = Form(_start, lambda system, x: _trial(system, x, math.inf))
+    stretched = Form(_start_stretched, _stretched)
+    others = (stretched,) if math.isinf(least) else (one_stop, stretched)
+    return Form(_start, lambda system, x: _trial(system, x, least), others)
 
 
 def least_curvature(system: System) -> float:
@@ -93,6 +101,24 @@ def _trial(system: System, unknowns: Unknowns, least: float) -> Trial:
     return law.trial()
 
 
+def _start_stretched(system: System) -> Unknowns:
+    return np.array([system.load, 0.0, 0.0])
+
+
+def _stretched(system: System, unknowns: Unknowns) -> Trial:
+    """Unknowns lambda, log of a factor on every tau, and log s."""
+    slope, log_stretch, log_speed = unknowns.tolist()
+    speed = math.exp(log_speed)
+    law = SoftLaw(
+        system=system,
+        slope=slope,
+        curvature=(system.omega / speed) ** 2,
+        speed=speed,
+        stretch=math.exp(log_stretch),
+    )
+    return law.trial()
+
+
 @dataclass(frozen=True, kw_only=True)
 class SoftLaw:
     """The law of x of this closure, and what it makes of the stops. Per unit mass.
@@ -107,6 +133,8 @@ class SoftLaw:
         s, m/s.
     rise
         Factor on the densities at and within the stops, or on their tau.
+    stretch
+        Factor on every tau.
     """
 
     system: System
@@ -114,6 +142,7 @@ class SoftLaw:
     curvature: float
     speed: float
     rise: float = 1.0
+    stretch: float = 1.0
 
     @cached_property
     def between(self) -> CutNormal:
@@ -135,7 +164,7 @@ class SoftLaw:
 
     def _layer(self, law: CompliantLaw, stop: float, sign: float) -> _Within:
         push = sign * (self.slope - self.curvature * stop)
-        square = self.speed**2
+        square = self.stretch * self.speed**2
 
         def log_density(y: Vector, energy: float = square) -> Vector:
             shape: Vector = y * (push - self.curvature * y / 2.0) - law.potential_at(y) / energy
