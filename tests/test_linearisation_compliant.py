@@ -120,7 +120,9 @@ def test_closure_is_exact_where_stops_lose_nothing() -> None:
             quantity = name[1]
             if quantity in QUANTITIES and expected.value > 1e-30:
                 assert value(found, quantity) == pytest.approx(expected.value, rel=1e-9), name
-        assert all(entry.bias == 0.0 for name, entry in found.estimates().items() if name[1] != PEAK)
+        assert all(
+            entry.bias == 0.0 for name, entry in found.estimates().items() if name[1] != PEAK
+        )
 
 
 def test_mean_peak_force_is_that_of_the_exact_law() -> None:
