@@ -157,12 +157,15 @@ class SoftLaw:
     @cached_property
     def layers(self) -> dict[str, _Within]:
         """What lies within each stop that gives way."""
-        return {
-            side: self._layer(law, getattr(self.system, side), SIGNS[side])
-            for side, law in soft_stops(self.system).items()
-        }
+        return {side: self._layer(law, side) for side, law in soft_stops(self.system).items()}
 
-    def _layer(self, law: CompliantLaw, stop: float, sign: float) -> _Within:
+    def _rise_at(self, side: str) -> float:
+        """What does not bounce lies on stops that take energy, where there are any."""
+        law = getattr(self.system, f"law_{side}")
+        return 1.0 if law.conservative and not self.system.elastic else self.rise
+
+    def _layer(self, law: CompliantLaw, side: str) -> _Within:
+        stop, sign = getattr(self.system, side), SIGNS[side]
         push = sign * (self.slope - self.curvature * stop)
         square = self.stretch * self.speed**2
 
@@ -177,7 +180,7 @@ class SoftLaw:
             energy *= 1.0 - brief * (1.0 - law.restitution) / 2.0
             energy *= self.rise ** (1.0 - brief)
             inside = layer(lambda y: log_density(y, energy), law)
-        log_surface = brief * math.log(self.rise) + self.between.log_density_at(stop)
+        log_surface = brief * math.log(self._rise_at(side)) + self.between.log_density_at(stop)
         return _Within(
             law=law,
             stop=stop,
@@ -194,15 +197,13 @@ class SoftLaw:
         logs = [0.0, *(each.log_weight for each in self.layers.values())]
         return float(np.logaddexp.reduce(logs))
 
-    def density_at(self, stop: float | None) -> float:
+    def density_at(self, side: str) -> float:
         """Density at the surface of a stop, 1/m."""
-        if stop is None:
-            return 0.0
-        rise = self.rise
-        for each in self.layers.values():
-            if each.stop == stop:
-                rise = self.rise**each.brief
-        return rise * math.exp(self.between.log_density_at(stop) - self.log_total)
+        rise = self._rise_at(side)
+        if side in self.layers:
+            rise **= self.layers[side].brief
+        log_density = self.between.log_density_at(getattr(self.system, side))
+        return rise * math.exp(log_density - self.log_total)
 
     @cached_property
     def regions(self) -> list[tuple[float, float, float]]:
@@ -261,7 +262,7 @@ class SoftLaw:
             if stop is None:
                 stops[side] = NO_STOP
                 continue
-            hits = stops[side] = gaussian_stop(self.density_at(stop), self.speed**2)
+            hits = stops[side] = gaussian_stop(self.density_at(side), self.speed**2)
             if side in self.layers:
                 contact, product = self._contact(self.layers[side])
                 contacts[side] = contact
