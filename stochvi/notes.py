@@ -23,13 +23,16 @@ def scene_notes(system: System) -> list[str]:
     linear = response_moments(system.tables, system.omega, system.damping_rate)
     displacement = linear.displacement + theta / system.omega**2
     velocity = linear.velocity + theta
+    for filtered in system.filters:
+        moments = filtered.response_moments(system.omega, system.damping_rate)
+        displacement, velocity = displacement + moments[0], velocity + moments[1]
     natural = system.omega / (2.0 * math.pi)
     ratio = system.damping_rate / (2.0 * system.omega)
     if ratio > 1.0:
         found.append(
             f"the damping ratio zeta is {ratio:.3g}, above critical: 10 % of critical is zeta = 0.1"
         )
-    if system.tables and not theta:
+    if system.tables and not theta and not system.filters:
         low = min(float(table.frequency_hz[0]) for table in system.tables)
         high = max(float(table.frequency_hz[-1]) for table in system.tables)
         if not low <= natural <= high:

@@ -172,8 +172,8 @@ def _finish_passage(
     show_default=True, help="What is linearised, and with which law.",
 )  # fmt: skip
 @click.option(
-    "--variant", type=click.Choice(["consistent", "book"]), default="consistent",
-    show_default=True, help="Coefficients that obey the balances, or as printed in the book.",
+    "--variant", type=click.Choice(["consistent", "book", "box"]), default="consistent",
+    show_default=True, help="Coefficients that obey the balances, as printed, or of a box.",
 )  # fmt: skip
 @options("json", "out", "quiet")
 def linearise(

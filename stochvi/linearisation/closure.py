@@ -1,4 +1,13 @@
-"""The moment closure between rigid stops."""
+"""The moment closure between rigid stops.
+
+In the variant "box" the law of what meets a stop is taken from a free mass in a box: without
+spring and damper, under white noise, a mass between two stops of restitution R has one law up to
+units. There F1 = A p s^2 / 2 and F2 = A g p s^3 sqrt(2 / pi), with the density p at the stop of
+the family of this closure, and A and g that depend on R alone (the slow rebounds of an inelastic
+stop fill the density near it, but hardly add to the force). Near a stop any gap looks like such a
+box, so A is used as it is; g, which stands for the law of speeds, to the power of the share of the
+impacts in all losses, so that it vanishes where damping makes the speeds Gaussian.
+"""
 
 from __future__ import annotations
 
@@ -6,44 +15,67 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
-from stochvi.collisions import gaussian_stop
+from stochvi.collisions import StopStatistics, gaussian_stop
 from stochvi.cut_normal import CutNormal
 from stochvi.linearisation.trial import Form, Trial, Unknowns, restitutions
 from stochvi.scenes import System
 
+BOX_RESTITUTION = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
+"""Restitutions of the two tables below; between them they are interpolated by cubics (PCHIP)."""
 
-def rigid_closure(system: System) -> Form:
+BOX_DENSITY = (
+    0.7974, 0.7515, 0.7564, 0.7933, 0.8483, 0.9093, 0.9650, 1.0061, 1.0269, 1.0253, 1.0160, 1.0,
+)  # fmt: skip
+"""A of a box, by `fokker_planck` to four digits; 1 for elastic stops, where x is uniform. With the
+half width D and the displacement variance there, A = 1 / ((1 + R) D p), the balance of virial."""
+
+BOX_SPEED = (
+    0.9554, 1.0382, 1.0935, 1.1217, 1.1262, 1.1121, 1.0845, 1.0480, 1.0061, 0.9615, 0.9388, 0.9154,
+)  # fmt: skip
+"""g of a box, likewise: S0 D / ((1 - R) s^3) sqrt(pi / 8), the balance of energy. Towards R = 1 it
+goes to that of speeds with the density exp(-c |v|^3); the last entry goes on with the slope before
+it. It is not felt, since elastic stops have no share in the losses."""
+
+_DENSITY = PchipInterpolator(BOX_RESTITUTION, BOX_DENSITY)
+_SPEED = PchipInterpolator(BOX_RESTITUTION, BOX_SPEED)
+
+
+def rigid_closure(system: System, box: bool = False) -> Form:
     """The closure of a scene whose only stop, where it has one stop, is the upper one."""
     if system.lower is None or system.upper is None:
         return Form(_one_stop_start, _one_stop_trial)
-    floor = curvature_floor(system)
-    return Form(_closure_start, lambda system, x: _closure_trial(system, x, floor))
+    floor = curvature_floor(system, box)
+    return Form(_closure_start, lambda system, x: _closure_trial(system, x, floor, box))
 
 
 def _closure_start(system: System) -> Unknowns:
     return np.array([system.load, system.omega**2, 0.0])
 
 
-def curvature_floor(system: System) -> float:
+def curvature_floor(system: System, box: bool = False) -> float:
     """kappa D^2 of an evenly filled, very narrow gap of half width D, the least that is needed.
 
-    There the balance of forces asks for a density 1 / ((1 + R) D) at the stops. A law that is
-    more hollow than this would heap up mass at a far stop that nothing drives there.
+    There the balance of forces asks for a density 1 / ((1 + R) A D) at the stops, A = 1 but for
+    the variant "box". A law that is more hollow than this would heap up mass at a far stop that
+    nothing drives there.
     """
-    wanted = 1.0 / (1.0 + min(restitutions(system)))
+    wanted = max(
+        1.0 / ((1.0 + r) * (float(_DENSITY(r)) if box else 1.0)) for r in restitutions(system)
+    )
 
     def excess(curvature: float) -> float:
         law = CutNormal(slope=0.0, curvature=curvature, lower=-1.0, upper=1.0)
         return law.density_at(1.0) - wanted
 
-    # for R = 0 the floor is -3.53, for R = 1 it is 0
-    floor: float = brentq(excess, -4.0, 0.5)
+    # for R = 0 the floor is -3.53, or -5.5 of a box; for R = 1 it is 0
+    floor: float = brentq(excess, -8.0, 0.5)
     return floor
 
 
-def _closure_trial(system: System, unknowns: Unknowns, floor: float) -> Trial:
+def _closure_trial(system: System, unknowns: Unknowns, floor: float, box: bool) -> Trial:
     """Unknowns lambda, kappa and log s_v; two stops.
 
     Below its floor kappa stays there, and the density right at the stops rises instead, as for
@@ -68,6 +100,7 @@ def _closure_trial(system: System, unknowns: Unknowns, floor: float) -> Trial:
         density_upper=rise * law.density_at(system.upper),
         density_at_mean=law.density_at(law.mean),
         rise=rise,
+        box=box,
     )
 
 
@@ -81,6 +114,7 @@ def _closed(
     density_upper: float,
     density_at_mean: float,
     rise: float = 1.0,
+    box: bool = False,
 ) -> Trial:
     """m_F = mean stop force, k = its covariance with x / Var x, beta = impact loss / E v^2.
 
@@ -90,6 +124,8 @@ def _closed(
     r_lower, r_upper = restitutions(system)
     lower = gaussian_stop(density_lower, speed**2)
     upper = gaussian_stop(density_upper, speed**2)
+    if box:
+        lower, upper = _boxed(system, lower, upper, speed)
     push = (1.0 + r_lower) * lower.speed_rate
     pull = (1.0 + r_upper) * upper.speed_rate
     covariance = 0.0
@@ -111,6 +147,27 @@ def _closed(
         upper=upper,
         rise=rise,
     )
+
+
+def _boxed(
+    system: System, lower: StopStatistics, upper: StopStatistics, speed: float
+) -> tuple[StopStatistics, StopStatistics]:
+    """What two stops see, by the law of a box."""
+    r_both = restitutions(system)
+    found = [
+        StopStatistics(*(float(_DENSITY(r)) * entry for entry in hits))
+        for r, hits in zip(r_both, (lower, upper), strict=True)
+    ]
+    loss = sum(
+        (1.0 - r * r) * hits.speed_square_rate / (2.0 * speed**2)
+        for r, hits in zip(r_both, found, strict=True)
+    )
+    share = loss / (system.damping_rate + loss) if loss > 0.0 else 0.0
+    lower, upper = (
+        hits._replace(speed_square_rate=hits.speed_square_rate * float(_SPEED(r)) ** share)
+        for r, hits in zip(r_both, found, strict=True)
+    )
+    return lower, upper
 
 
 class OneStopLaw(NamedTuple):

@@ -28,4 +28,4 @@ def choose(form: str, variant: str, system: System) -> Form:
         return soft_motion(book) if soft else rigid_motion(book)
     if form == "force":
         return soft_force(book) if soft else rigid_force(book)
-    return soft_closure(system) if soft else rigid_closure(system)
+    return soft_closure(system) if soft else rigid_closure(system, variant == "box")

@@ -57,9 +57,12 @@ def layer(log_density: Callable[[Vector], Vector], law: CompliantLaw) -> Layer:
     left = max(peak - _fall(log_density, peak, top, -1.0), 0.0)
     knots = law.pieces[0] if isinstance(law, ForceTable) else np.zeros(1)
     edges = np.unique([left, peak, right, *knots[(knots > left) & (knots < right)]])
-    half = np.diff(edges)[:, None] / 2.0
-    y = (edges[:-1, None] + half * (1.0 + NODES)).ravel()
-    weight = (half * WEIGHTS).ravel() * np.exp(log_density(y) - top)
+    # in the root of the deflection the energy of a Hertz stop is a polynomial
+    roots = np.sqrt(edges)
+    half = np.diff(roots)[:, None] / 2.0
+    t = (roots[:-1, None] + half * (1.0 + NODES)).ravel()
+    y = t * t
+    weight = 2.0 * t * (half * WEIGHTS).ravel() * np.exp(log_density(y) - top)
     return Layer(y, weight, top + math.log(float(weight.sum())))
 
 

@@ -21,7 +21,7 @@ from stochvi.linearisation.trial import ROOT_TWO_PI, Trial, soft_stops
 from stochvi.scenes import Scene, System
 
 FORMS = ("closure", "motion", "force")
-VARIANTS = ("consistent", "book")
+VARIANTS = ("consistent", "book", "box")
 
 
 def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") -> Response:
@@ -36,8 +36,9 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     form
         "closure" (the best of the three), "motion" or "force", as `stochvi.linearisation` says.
     variant
-        "consistent", or "book": the factors of m_F as in (B 13.12) for "motion", and of beta as
-        in (B 8.54) for "force". The closure is not in the book.
+        "consistent"; "book": the factors of m_F as in (B 13.12) for "motion", and of beta as in
+        (B 8.54) for "force"; "box" for the closure between two rigid stops: hits as those of a
+        free mass in a box, which is the better the narrower the gap.
 
     Returns
     -------
@@ -97,7 +98,7 @@ def linearise_all(
     """
     started = time.perf_counter()
     _check_words(form, variant)
-    if form == "closure" and _is_assembly(scene):
+    if form == "closure" and variant == "consistent" and _is_assembly(scene):
         return (closure(scene),)
     system, trials = linear_oscillators(scene, form, variant)
     free = system.lower is None and system.upper is None
@@ -130,6 +131,8 @@ def linear_oscillators(scene: Scene, form: str, variant: str) -> tuple[System, l
     """A scene of one oscillator per unit mass, and its solutions."""
     _check_words(form, variant)
     unmet = scene.beyond_one_oscillator(filtered=True) or _unmet_conditions(scene.system(), form)
+    if variant == "box" and not unmet:
+        unmet = _unmet_by_box(scene.system())
     if unmet:
         raise NotApplicable("linearise", unmet)
     system = scene.system()
@@ -150,6 +153,11 @@ _ASSUMPTIONS = {
         "x has the density C exp(lambda x - kappa x^2 / 2) between the stops; v is Gaussian and "
         "independent of x",
         _RAYLEIGH,
+    ),
+    ("closure", "box"): (
+        "x has the density C exp(lambda x - kappa x^2 / 2) between the stops",
+        "hits have the strength and the speeds of those of a free mass in a box, the speeds as far "
+        "as impacts take the energy",
     ),
     ("motion", "consistent"): (
         "x has a normal law cut at the stops, whose mean and deviation before the cut are taken "
@@ -206,7 +214,11 @@ def _check_words(form: str, variant: str) -> None:
     if variant not in VARIANTS:
         raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
     if form == "closure" and variant == "book":
-        raise ValueError("variant must be 'consistent' for the closure, which is not in the book")
+        raise ValueError(
+            "variant must be 'consistent' or 'box' for the closure, which is not in the book"
+        )
+    if form != "closure" and variant == "box":
+        raise ValueError(f"variant must be 'consistent' or 'book' for form {form!r}, got 'box'")
 
 
 def _unmet_conditions(system: System, form: str) -> list[str]:
@@ -223,6 +235,13 @@ def _unmet_conditions(system: System, form: str) -> list[str]:
             unmet.append("stiffness must be positive for form 'motion', got 0")
         elif form == "force" and (system.lower is None or system.upper is None):
             unmet.append("stiffness must be positive for form 'force' with one stop, got 0")
+    return unmet
+
+
+def _unmet_by_box(system: System) -> list[str]:
+    unmet = system.not_rigid()
+    if (system.lower is None) != (system.upper is None):
+        unmet.append("variant 'box' needs stops on both sides, got one")
     return unmet
 
 
@@ -258,6 +277,8 @@ def _warnings(system: System, trial: Trial) -> list[str]:
         )
     for side, sign in (("lower", -1.0), ("upper", 1.0)):
         stop = getattr(system, side)
+        if side in soft_stops(system):
+            continue
         if stop is not None and sign * (trial.mean - stop) > 0.0:
             found.append(f"the mean that this form gives lies beyond the {side} stop")
     return found

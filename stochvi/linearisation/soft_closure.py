@@ -51,9 +51,17 @@ for a density that is higher right at the stop."""
 
 
 def soft_closure(system: System) -> Form:
-    """The closure where at least one stop gives way."""
+    """The closure where at least one stop gives way.
+
+    Where the mass is pressed onto one of two stops, there may be no law but with the least
+    curvature of a single stop; where it stays within stops for most of the time, none but with
+    the curvature of the elastic law and other tau.
+    """
     least = least_curvature(system)
-    return Form(_start, lambda system, x: _trial(system, x, least))
+    one_stop = Form(_start, lambda system, x: _trial(system, x, math.inf))
+    stretched = Form(_start_stretched, _stretched)
+    others = (stretched,) if math.isinf(least) else (one_stop, stretched)
+    return Form(_start, lambda system, x: _trial(system, x, least), others)
 
 
 def least_curvature(system: System) -> float:
@@ -93,6 +101,24 @@ def _trial(system: System, unknowns: Unknowns, least: float) -> Trial:
     return law.trial()
 
 
+def _start_stretched(system: System) -> Unknowns:
+    return np.array([system.load, 0.0, 0.0])
+
+
+def _stretched(system: System, unknowns: Unknowns) -> Trial:
+    """Unknowns lambda, log of a factor on every tau, and log s."""
+    slope, log_stretch, log_speed = unknowns.tolist()
+    speed = math.exp(log_speed)
+    law = SoftLaw(
+        system=system,
+        slope=slope,
+        curvature=(system.omega / speed) ** 2,
+        speed=speed,
+        stretch=math.exp(log_stretch),
+    )
+    return law.trial()
+
+
 @dataclass(frozen=True, kw_only=True)
 class SoftLaw:
     """The law of x of this closure, and what it makes of the stops. Per unit mass.
@@ -107,6 +133,8 @@ class SoftLaw:
         s, m/s.
     rise
         Factor on the densities at and within the stops, or on their tau.
+    stretch
+        Factor on every tau.
     """
 
     system: System
@@ -114,6 +142,7 @@ class SoftLaw:
     curvature: float
     speed: float
     rise: float = 1.0
+    stretch: float = 1.0
 
     @cached_property
     def between(self) -> CutNormal:
@@ -128,14 +157,17 @@ class SoftLaw:
     @cached_property
     def layers(self) -> dict[str, _Within]:
         """What lies within each stop that gives way."""
-        return {
-            side: self._layer(law, getattr(self.system, side), SIGNS[side])
-            for side, law in soft_stops(self.system).items()
-        }
+        return {side: self._layer(law, side) for side, law in soft_stops(self.system).items()}
 
-    def _layer(self, law: CompliantLaw, stop: float, sign: float) -> _Within:
+    def _rise_at(self, side: str) -> float:
+        """What does not bounce lies on stops that take energy, where there are any."""
+        law = getattr(self.system, f"law_{side}")
+        return 1.0 if law.conservative and not self.system.elastic else self.rise
+
+    def _layer(self, law: CompliantLaw, side: str) -> _Within:
+        stop, sign = getattr(self.system, side), SIGNS[side]
         push = sign * (self.slope - self.curvature * stop)
-        square = self.speed**2
+        square = self.stretch * self.speed**2
 
         def log_density(y: Vector, energy: float = square) -> Vector:
             shape: Vector = y * (push - self.curvature * y / 2.0) - law.potential_at(y) / energy
@@ -148,7 +180,7 @@ class SoftLaw:
             energy *= 1.0 - brief * (1.0 - law.restitution) / 2.0
             energy *= self.rise ** (1.0 - brief)
             inside = layer(lambda y: log_density(y, energy), law)
-        log_surface = brief * math.log(self.rise) + self.between.log_density_at(stop)
+        log_surface = brief * math.log(self._rise_at(side)) + self.between.log_density_at(stop)
         return _Within(
             law=law,
             stop=stop,
@@ -165,15 +197,13 @@ class SoftLaw:
         logs = [0.0, *(each.log_weight for each in self.layers.values())]
         return float(np.logaddexp.reduce(logs))
 
-    def density_at(self, stop: float | None) -> float:
+    def density_at(self, side: str) -> float:
         """Density at the surface of a stop, 1/m."""
-        if stop is None:
-            return 0.0
-        rise = self.rise
-        for each in self.layers.values():
-            if each.stop == stop:
-                rise = self.rise**each.brief
-        return rise * math.exp(self.between.log_density_at(stop) - self.log_total)
+        rise = self._rise_at(side)
+        if side in self.layers:
+            rise **= self.layers[side].brief
+        log_density = self.between.log_density_at(getattr(self.system, side))
+        return rise * math.exp(log_density - self.log_total)
 
     @cached_property
     def regions(self) -> list[tuple[float, float, float]]:
@@ -232,7 +262,7 @@ class SoftLaw:
             if stop is None:
                 stops[side] = NO_STOP
                 continue
-            hits = stops[side] = gaussian_stop(self.density_at(stop), self.speed**2)
+            hits = stops[side] = gaussian_stop(self.density_at(side), self.speed**2)
             if side in self.layers:
                 contact, product = self._contact(self.layers[side])
                 contacts[side] = contact

@@ -41,8 +41,12 @@ def _trial(system: System, unknowns: Unknowns, book: bool) -> Trial:
     bend, log_deviation, log_speed = unknowns.tolist()
     deviation, speed = math.exp(log_deviation), math.exp(log_speed)
     mean = deviation * math.sinh(bend)
-    law = normal_law(system, mean, deviation)
     softs = soft_stops(system)
+    cut = system._replace(
+        lower=None if "lower" in softs else system.lower,
+        upper=None if "upper" in softs else system.upper,
+    )
+    law = normal_law(cut, mean, deviation)
     force = covariance = power = 0.0
     hits: dict[str, StopStatistics] = {}
     contacts: dict[str, ContactStatistics | None] = {"lower": None, "upper": None}

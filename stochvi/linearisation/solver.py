@@ -61,6 +61,8 @@ def solve(system: System, form: Form, method: str) -> list[Trial]:
         trial = _from(system, form, other)
         if trial is not None and not any(_same(trial, one) for one in found):
             found.append(trial)
+    if not found and form.others:
+        return solve(system, form.others[0]._replace(others=form.others[1:]), method)
     if not found:
         raise NotConverged(
             f"{method} found no response that is its own linearisation, as where a preload "

@@ -44,10 +44,14 @@ class Trial(NamedTuple):
 
 
 class Form(NamedTuple):
-    """One way to linearise: where to start, and what a set of unknowns stands for."""
+    """One way to linearise: where to start, and what a set of unknowns stands for.
+
+    `others` are to be tried in turn where this one has no solution.
+    """
 
     start: Callable[[System], Unknowns]
     trial: Callable[[System, Unknowns], Trial]
+    others: tuple[Form, ...] = ()
 
 
 def restitutions(system: System) -> tuple[float, float]:
