@@ -78,6 +78,8 @@ def draw_spectrum(
     if transfer is not None:
         for name, (label, colour) in TRANSFERS.items():
             plot_curve(transfer[name], axes[-1], colour=colour, label=label)
+        values = np.concatenate([transfer[name].value for name in TRANSFERS])
+        axes[-1].set_ylim(0.5 * max(values.min(), 1e-3 * values.max()), 2.0 * values.max())
         axes[-1].set_ylabel("to the excitation")
         axes[-1].legend(frameon=False, fontsize="small")
         axes[-1].grid(alpha=0.25)

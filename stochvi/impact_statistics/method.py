@@ -319,7 +319,7 @@ def _first_hits(
         found = first_crossings(scene, lower=lower, upper=upper, seed=seed, threads=threads)
     except (NotApplicable, ValueError):  # a scene, or stops, that it does not cover
         return None
-    chance = found.probability(2.0 * found.horizon)[0]
+    chance = found.probability(found.horizon)[0]
     # where hardly any motion outlasts the memory there is no limiting rate to be seen
     hardly = (chance.bias or 0.0) >= 1.0 - chance.value
     return None if hardly else found.first_rate()[0]

@@ -28,8 +28,8 @@ LEVEL = 0.95
 """Of intervals."""
 
 LARGEST_DISPERSION = 1.25
-"""Upper limit of the dispersion up to which counts pass for Poisson's: an interval is then at most
-12 % too narrow."""
+"""Upper limit of the dispersion up to which counts pass for Poisson's, and its inverse from which
+on: an interval is then at most 12 % too narrow or too wide."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,7 +170,7 @@ def passes_for_poisson(found: Estimate | None) -> bool:
     if found is None:
         return True
     low, high = (found.value + side * 2.0 * found.standard_error for side in (-1.0, 1.0))
-    return low <= 1.0 and high <= LARGEST_DISPERSION
+    return low <= 1.0 and 1.0 / LARGEST_DISPERSION <= high <= LARGEST_DISPERSION
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

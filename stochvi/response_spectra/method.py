@@ -71,7 +71,7 @@ FEWEST_PATHS = 64
 WINDOW = 2
 """Blocks per thread that wait to be merged in order."""
 
-EXCITED = 1e-4
+EXCITED = 1e-3
 """Density of an excitation, of its largest, below which there may be nothing but what tapers leak:
 transmissibility and coherence are told above."""
 

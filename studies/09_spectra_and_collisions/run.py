@@ -1,0 +1,68 @@
+"""Spectra between two stops and statistics of their impacts, against what is known of them."""
+
+import argparse
+import time
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pandas as pd
+from cases import linear, linearised, oscillator
+
+import stochvi
+from stochvi.files import write_picture
+from stochvi.record_plots import plot_curve, plot_histogram
+
+COLOURS = {None: "#3a8f5c", 1.0: "#0b6fb8", 0.8: "#d1495b"}
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--quick", action="store_true", help="larger errors")
+parser.add_argument("--out", type=Path, default=Path(__file__).parent)
+options = parser.parse_args()
+QUICK = options.quick
+rows = []
+figure, (above, left, right) = plt.subplots(3, 1, figsize=(7.2, 10.5), layout="constrained")
+for restitution, colour in COLOURS.items():
+    scene = oscillator(restitution, -1.0, 1.0)
+    before = time.process_time()
+    found = stochvi.spectrum(scene, rel_error=0.05 if QUICK else 0.02, seed=1, threads=1)
+    cost = time.process_time() - before
+    curve, f = found.curves["x"]["displacement"], found.frequency_hz
+    label = "no stops" if restitution is None else f"R = {restitution:g}"
+    reference = linearised(scene, f) if restitution else linear(f)
+    plot_curve(curve, above, colour=colour, label=label)
+    above.plot(f, reference, ":" if restitution else "--", color="#1b1b1b", linewidth=1.0)
+    rows.append({"quantity": "share of frequencies with the reference in the band",
+                 "restitution": restitution, "value": curve.holds(reference).mean(),
+                 "reference": "linearised" if restitution else "exact",
+                 "cpu_seconds": cost})  # fmt: skip
+for restitution, position in [(r, p) for r in (1.0, 0.8, 0.5) for p in (1.0, 0.0)]:
+    lower = -1.0 if position else None
+    before = time.process_time()
+    found = stochvi.impacts(
+        oscillator(restitution, lower, position), paths=1024 if QUICK else 16384,
+        speed_threshold=0.02, slow_impacts=restitution < 1.0, seed=1, threads=1, budget=None,
+    ).pairs["stops"]  # fmt: skip
+    cost, exponent = time.process_time() - before, found.exponents["both"]
+    for name, estimate, reference in (
+        ("exponent of slow impacts", exponent.fitted, exponent.theory),
+        ("rate", found.rates["both"].estimate, found.rice_rates["both"]),
+        ("variance / mean of counts", found.dispersion, 1.0),
+    ):
+        rows.append({"quantity": name, "restitution": restitution, "stop_at": position,
+                     "value": estimate.value, "standard_error": estimate.standard_error,
+                     "bias": estimate.bias, "reference": reference,
+                     "cpu_seconds": cost})  # fmt: skip
+    if position and restitution in COLOURS:
+        colour, w = COLOURS[restitution], found.speeds.middles
+        for ax, each in ((left, found.speeds), (right, found.intervals)):
+            plot_histogram(each, ax, colour=colour, label=f"R = {restitution:g}")
+        left.plot(w, found.rayleigh(w), "--", color=colour, linewidth=1.0)
+pd.DataFrame(rows).to_csv(options.out / "result.csv", index=False)
+for ax, text, low in ((above, ("frequency (Hz)", "displacement (m²/Hz)"), 1e-3),
+                      (left, ("impact speed (m/s); dashed: Rayleigh", "density (s/m)"), 1e-4),
+                      (right, ("time between impacts (s)", "density (1/s)"), 1e-6)):  # fmt: skip
+    ax.set(xlabel=text[0], ylabel=text[1])
+    ax.set_ylim(bottom=low)
+    ax.legend(frameon=False, fontsize="small")
+    ax.grid(alpha=0.25)
+above.set_title("spectra with 95 % bands; dashed exact, dotted linearised", fontsize="medium")
+write_picture(above, options.out / "figure.png")
