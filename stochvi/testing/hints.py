@@ -156,12 +156,14 @@ def _elastic_stops(measured: Sequence[Measured]) -> Iterator[str]:
     if not sure:
         return
     name, share, error = max(sure, key=lambda entry: abs(entry[1]))
-    does = "take" if share > 0.0 else "give"
+    does, also = "give", ""
+    if share > 0.0:
+        does, also = "take", ", or the noise ends below the frequencies of motion between the stops"
     yield (
         f"elastic stops {does} {format_with_error(100.0 * abs(share), 100.0 * error)} % of the "
         f"energy of an impact ({name}), and without stops the motion is right or was not asked: "
         "impacts are taken at the end of the step (mirror the overshoot of a semi-implicit step, "
-        "x = c - R (x - c), or end the step at the stop), or the restitution is not 1"
+        f"x = c - R (x - c), or end the step at the stop), or the restitution is not 1{also}"
     )
 
 

@@ -6,11 +6,16 @@ place; the truth stays that of the right one.
 
 import math
 import sys
+from collections import Counter
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
+import pandas as pd
+
 import stochvi
+from stochvi.crosscheck import Answers
+from stochvi.many_scenes import compare_many, seeds_of
 from stochvi.testing import as_response, problem_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "10_judging_integrators"))
@@ -91,3 +96,34 @@ def truth(name: str) -> stochvi.Response:
         pairs = stochvi.simulate(scene, paths=2, threads=1).impact_pairs.values()
         threshold = next(iter(pairs))["speed_threshold"]
         return stochvi.fokker_planck(scene, rtol=1e-4, speed_threshold=threshold)
+
+
+def injected(seeds: int, rel_error: float) -> pd.DataFrame:
+    """Each fault in its scenes, for several seeds: how often caught, and by what."""
+    rows = []
+    for name, (change, scenes) in FAULTS.items():
+        found = []
+        for seed in seeds_of(1, seeds):
+            wrong = {
+                each: Answers(responses=[truth(each), answer(change, each, rel_error, seed)])
+                for each in scenes
+            }
+            found.append(compare_many(wrong).alarms)
+        scores = [
+            (row.score or 0.0, row.quantity, each) for alarms in found for each, row in alarms
+        ]
+        clearest = max(scores, key=lambda entry: abs(entry[0]), default=(0.0, "nothing", ""))
+        told = Counter(quantity for _, quantity, _ in scores).most_common(4)
+        rows.append(
+            {
+                "fault": name,
+                "scenes": " ".join(FAULTS[name][1]),
+                "seeds": seeds,
+                "caught": sum(bool(alarms) for alarms in found),
+                "alarms_per_seed": len(scores) / seeds,
+                "alarmed": " ".join(quantity for quantity, _ in told),
+                "clearest": f"{clearest[1]} of {clearest[2]}",
+                "clearest_z": clearest[0],
+            }
+        )
+    return pd.DataFrame(rows)

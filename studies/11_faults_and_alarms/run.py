@@ -5,43 +5,16 @@ import csv
 from pathlib import Path
 
 import pandas as pd
-from faults import FAULTS, answer, truth
+from faults import injected, truth
+from pictures import draw
 from scipy.stats import beta
 
 import stochvi
-from stochvi.crosscheck import Answers
+from stochvi.crosscheck import Answers, normal_quantile, single_alarm_rate
 from stochvi.many_scenes import compare_many, seeds_of
 
 SHORT = ("linear", "elastic-unequal-gaps", "lossy-unequal-gaps", "spring-stops", "psd-truck-linear")
 PATHS = 64
-
-
-def injected(seeds: int, rel_error: float) -> pd.DataFrame:
-    """Each fault in its scenes, for several seeds: how often caught, and by what."""
-    rows = []
-    for name, (change, scenes) in FAULTS.items():
-        known = {each: truth(each) for each in scenes}
-        found = []
-        for seed in seeds_of(1, seeds):
-            wrong = {
-                each: Answers(responses=[known[each], answer(change, each, rel_error, seed)])
-                for each in scenes
-            }
-            found.append(compare_many(wrong).alarms)
-        scores = pd.DataFrame(
-            [(each, row.quantity, row.score) for alarms in found for each, row in alarms],
-            columns=["scene", "quantity", "score"],
-        )
-        worst = scores.loc[scores["score"].abs().idxmax()] if len(scores) else None
-        rows.append({
-            "fault": name, "scenes": " ".join(scenes), "seeds": seeds,
-            "caught": sum(bool(alarms) for alarms in found),
-            "alarms_per_seed": len(scores) / seeds,
-            "alarmed": " ".join(scores["quantity"].value_counts().index[:4]),
-            "clearest": None if worst is None else f"{worst['quantity']} of {worst['scene']}",
-            "clearest_z": None if worst is None else worst["score"],
-        })  # fmt: skip
-    return pd.DataFrame(rows)
 
 
 def false_alarms(seeds: int, file: Path) -> pd.DataFrame:
@@ -74,14 +47,13 @@ def false_alarms(seeds: int, file: Path) -> pd.DataFrame:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few seeds")
-    parser.add_argument("--part", choices=["faults", "alarms"], help="one half of the study")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent)
     options = parser.parse_args()
-    if options.part != "alarms":
-        faults = injected(2 if options.quick else 20, 0.005)
-        faults.to_csv(options.out / "result.csv", index=False, float_format="%.4g")
-        print(faults.to_string())
-    if options.part != "faults":
-        alarms = false_alarms(10 if options.quick else 1000, options.out / "alarms.csv")
-        seen, count = int((alarms["alarms"] > 0).sum()), len(alarms)
-        print(f"{seen} of {count} seeds: at most {beta.ppf(0.95, seen + 1, count - seen):.2%}")
+    faults = injected(2 if options.quick else 20, 0.005)
+    faults.to_csv(options.out / "result.csv", index=False, float_format="%.4g")
+    print(faults.to_string())
+    alarms = false_alarms(10 if options.quick else 1000, options.out / "alarms.csv")
+    seen, count = int((alarms["alarms"] > 0).sum()), len(alarms)
+    print(f"{seen} of {count} seeds: at most {beta.ppf(0.95, seen + 1, count - seen):.2%}")
+    z = normal_quantile(single_alarm_rate(int(alarms["comparisons"].iloc[0])))
+    draw(faults, alarms, z, options.out / "figure.png")
