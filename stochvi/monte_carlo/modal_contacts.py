@@ -73,10 +73,10 @@ class ModalContactsPlan(ModalPlan):
         }
         longest = max(len(data) for _, data in found.values())
         kinds = np.zeros((len(contacts), 2), np.int64)
-        counts = np.zeros_like(kinds)
         laws = np.zeros((len(contacts), 2, longest, 3))
+        laws[:, :, 1:, 0] = np.inf
         for place, (kind, data) in found.items():
-            kinds[place], counts[place] = kind, len(data)
+            kinds[place] = kind
             laws[(*place, slice(len(data)), slice(data.shape[1]))] = data
         masses = np.array([contact.mass for contact in contacts])
         damping = np.zeros((modes.size, 0)) if modes.kicked else modes.damping
@@ -85,7 +85,7 @@ class ModalContactsPlan(ModalPlan):
             modes.squares, damping, modes.gaps, modes.gaps * masses[:, None],
             max(modes.fastest, decay),
         )  # fmt: skip
-        return (kinds, counts, laws), structure
+        return (kinds, laws), structure
 
 
 def plan_modal_contacts(

@@ -102,9 +102,8 @@ def along(rows, j, modal, row):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def pull(modal, d, r, a, structure):
+def pull(modal, d, r, a, squares, damping):
     """modal[a] = -omega^2 d - B r: the acceleration by the structure alone."""
-    squares, damping, _, _, _ = structure
     for k in range(squares.shape[0]):
         total = -squares[k] * modal[d, k]
         for m in range(damping.shape[1]):
@@ -113,13 +112,15 @@ def pull(modal, d, r, a, structure):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def accelerate(t, d, r, a, weight, room, inside, stops, laws, structure):
-    """modal[a] = r' at t, with the forces of the stops in contact, which are summed with `weight`;
-    and where the end of a sub-step is to be known, `weight` 0, their values and rates."""
-    modal, _, at_stop, q = room
-    _, _, rows, shares, _ = structure
-    kinds, counts, data = laws
-    pull(modal, d, r, a, structure)
+def accelerate(
+    t, d, r, a, weight, modal, at_stop, q, inside, stops, kinds, data, squares, damping, rows,
+    shares,
+):  # fmt: skip
+    """modal[a] = r' at t, with the forces of the stops in contact, which are summed with `weight`.
+
+    Arrays one by one: to take them out of tuples would cost more than what is done with them.
+    """
+    pull(modal, d, r, a, squares, damping)
     for j in range(rows.shape[0]):
         for which in range(2):
             if inside[j, which] == 0:
@@ -128,7 +129,7 @@ def accelerate(t, d, r, a, weight, room, inside, stops, laws, structure):
             z, slope, _ = quintic_at(q, j, t)
             y = side * (z + along(rows, j, modal, d) - stops[j, which, 0])
             v = side * (slope + along(rows, j, modal, r))
-            force, _, _ = stop_force(y, v, kinds[j, which], data[j, which, : counts[j, which]])
+            force, _, _ = stop_force(y, v, kinds[j, which], data[j, which])
             at_stop[IMPULSE_NOW, j, which] += weight * force
             at_stop[WORK_NOW, j, which] += weight * force * v
             for k in range(rows.shape[1]):
@@ -139,9 +140,12 @@ def accelerate(t, d, r, a, weight, room, inside, stops, laws, structure):
 def look(t, d, r, a, gap_row, stop_row, room, inside, stops, laws, structure):
     """Values, slopes and curvatures of all gaps at t, and forces of stops and their rates."""
     modal, gap, at_stop, q = room
-    _, _, rows, _, _ = structure
-    kinds, counts, data = laws
-    accelerate(t, d, r, a, 0.0, room, inside, stops, laws, structure)
+    squares, damper, rows, shares, _ = structure
+    kinds, data = laws
+    accelerate(
+        t, d, r, a, 0.0, modal, at_stop, q, inside, stops, kinds, data, squares, damper, rows,
+        shares,
+    )  # fmt: skip
     curve = A if gap_row == Y else A_END
     for j in range(rows.shape[0]):
         z, slope, bend = quintic_at(q, j, t)
@@ -152,9 +156,7 @@ def look(t, d, r, a, gap_row, stop_row, room, inside, stops, laws, structure):
             if inside[j, which] != 0:
                 side = 2.0 * which - 1.0
                 y, v = side * (gap[gap_row, j] - stops[j, which, 0]), side * gap[gap_row + 1, j]
-                force, stiffness, damping = stop_force(
-                    y, v, kinds[j, which], data[j, which, : counts[j, which]]
-                )
+                force, stiffness, damping = stop_force(y, v, kinds[j, which], data[j, which])
                 at_stop[stop_row, j, which] = force
                 at_stop[stop_row + 1, j, which] = stiffness * v + damping * side * gap[curve, j]
 
@@ -162,22 +164,38 @@ def look(t, d, r, a, gap_row, stop_row, room, inside, stops, laws, structure):
 @numba.njit(cache=True, error_model="numpy")
 def sub_step(t, h, room, inside, stops, laws, structure):
     """d and r after h by the Runge-Kutta method, and what all gaps and stops are like there."""
-    modal, _, at_stop, _ = room
+    modal, _, at_stop, q = room
+    squares, damping, rows, shares, _ = structure
+    kinds, data = laws
     count = modal.shape[1]
-    at_stop[IMPULSE_NOW : WORK_NOW + 1] = 0.0
-    accelerate(t, D, R, A_1, 1.0, room, inside, stops, laws, structure)
+    for j in range(stops.shape[0]):
+        for which in range(2):
+            at_stop[IMPULSE_NOW, j, which] = at_stop[WORK_NOW, j, which] = 0.0
+    accelerate(
+        t, D, R, A_1, 1.0, modal, at_stop, q, inside, stops, kinds, data, squares,
+        damping, rows, shares,
+    )  # fmt: skip
     for k in range(count):
         modal[D_STAGE, k] = modal[D, k] + 0.5 * h * modal[R, k]
         modal[R_STAGE, k] = modal[R, k] + 0.5 * h * modal[A_1, k]
-    accelerate(t + 0.5 * h, D_STAGE, R_STAGE, A_2, 2.0, room, inside, stops, laws, structure)
+    accelerate(
+        t + 0.5 * h, D_STAGE, R_STAGE, A_2, 2.0, modal, at_stop, q, inside, stops, kinds, data,
+        squares, damping, rows, shares,
+    )  # fmt: skip
     for k in range(count):
         modal[D_STAGE, k] = modal[D, k] + 0.5 * h * (modal[R, k] + 0.5 * h * modal[A_1, k])
         modal[R_STAGE, k] = modal[R, k] + 0.5 * h * modal[A_2, k]
-    accelerate(t + 0.5 * h, D_STAGE, R_STAGE, A_3, 2.0, room, inside, stops, laws, structure)
+    accelerate(
+        t + 0.5 * h, D_STAGE, R_STAGE, A_3, 2.0, modal, at_stop, q, inside, stops, kinds, data,
+        squares, damping, rows, shares,
+    )  # fmt: skip
     for k in range(count):
         modal[D_STAGE, k] = modal[D, k] + h * (modal[R, k] + 0.5 * h * modal[A_2, k])
         modal[R_STAGE, k] = modal[R, k] + h * modal[A_3, k]
-    accelerate(t + h, D_STAGE, R_STAGE, A_4, 1.0, room, inside, stops, laws, structure)
+    accelerate(
+        t + h, D_STAGE, R_STAGE, A_4, 1.0, modal, at_stop, q, inside, stops, kinds, data, squares,
+        damping, rows, shares,
+    )  # fmt: skip
     sixth = h / 6.0
     for k in range(count):
         a_1, a_2, a_3 = modal[A_1, k], modal[A_2, k], modal[A_3, k]
@@ -211,7 +229,7 @@ def first_event(h, gap, inside, resting, stops):
 @numba.njit(cache=True, error_model="numpy")
 def longest_sub_step(gaps, gap, inside, stops, laws, structure):
     """A fixed part of the shortest time scale: the squares of all rates add up, at most."""
-    kinds, counts, data = laws
+    kinds, data = laws
     _, _, _, _, fastest = structure
     square = fastest * fastest
     for j in range(stops.shape[0]):
@@ -221,7 +239,7 @@ def longest_sub_step(gaps, gap, inside, stops, laws, structure):
                 push = max(max(side * gaps[j, 2], side * gaps[j, 5]), 0.0)
                 rate = contact_rate(
                     side * (gap[Y, j] - stops[j, which, 0]), side * gap[V, j], push, (0.0, 0.0),
-                    kinds[j, which], data[j, which, : counts[j, which]],
+                    kinds[j, which], data[j, which],
                 )  # fmt: skip
                 square += rate * rate
     return CONTACT_ANGLE / math.sqrt(square)
@@ -230,7 +248,7 @@ def longest_sub_step(gaps, gap, inside, stops, laws, structure):
 @numba.njit(cache=True, error_model="numpy")
 def shorter_for_hertz(h, gap, inside, stops, laws):
     """Sub-steps that double after the touch of a Hertz stop, and halve before its end."""
-    kinds, _, _ = laws
+    kinds, _ = laws
     shortest = HERTZ_START * h
     for j in range(stops.shape[0]):
         for which in range(2):
@@ -246,13 +264,13 @@ def shorter_for_hertz(h, gap, inside, stops, laws):
 @numba.njit(cache=True, error_model="numpy")
 def add_contacts(h, gap, at_stop, inside, stops, laws, peaks, sums):
     """Add what a sub-step of all contacts brought."""
-    kinds, counts, data = laws
+    kinds, data = laws
     for j in range(stops.shape[0]):
         for which in range(2):
             if inside[j, which] == 0:
                 continue
             side, stop = 2.0 * which - 1.0, stops[j, which, 0]
-            law = data[j, which, : counts[j, which]]
+            law = data[j, which]
             y0, v0 = side * (gap[Y, j] - stop), side * gap[V, j]
             y1, v1 = side * (gap[Y_END, j] - stop), side * gap[V_END, j]
             row = ROWS_OF_PAIR + ROWS_OF_STOP * which
@@ -277,7 +295,7 @@ def add_contacts(h, gap, at_stop, inside, stops, laws, peaks, sums):
 def strike(room, inside, resting, step, pair, upper, stops, laws, structure, peaks, sums):
     """What happens at an event: a contact begins or ends, or a rigid stop throws back."""
     modal, gap, _, _ = room
-    kinds, _, _ = laws
+    kinds, _ = laws
     _, _, rows, shares, _ = structure
     side = 2.0 * upper - 1.0
     gap[Y, pair] = stops[pair, upper, 0]
@@ -306,6 +324,18 @@ def strike(room, inside, resting, step, pair, upper, stops, laws, structure, pea
     pressing = side * gap[A, pair]
     if pressing > 0.0 and restitution * w <= RESTING * pressing * step:
         resting[pair, upper] = 1.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def go_on(modal, gap, at_stop):
+    """The end of a sub-step is the start of the next; number by number, which is quicker."""
+    for k in range(modal.shape[1]):
+        modal[D, k], modal[R, k] = modal[D_END, k], modal[R_END, k]
+    for j in range(gap.shape[1]):
+        gap[Y, j], gap[V, j], gap[A, j] = gap[Y_END, j], gap[V_END, j], gap[A_END, j]
+        for which in range(2):
+            at_stop[FORCE, j, which] = at_stop[FORCE_END, j, which]
+            at_stop[RATE, j, which] = at_stop[RATE_END, j, which]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -341,9 +371,7 @@ def press(gaps, span, step, room, inside, resting, stops, laws, structure, peaks
             ends = False
         add_contacts(h, gap, at_stop, inside, stops, laws, peaks, sums)
         t = span if ends else t + h
-        modal[D], modal[R] = modal[D_END], modal[R_END]
-        gap[Y], gap[V], gap[A] = gap[Y_END], gap[V_END], gap[A_END]
-        at_stop[FORCE], at_stop[RATE] = at_stop[FORCE_END], at_stop[RATE_END]
+        go_on(modal, gap, at_stop)
         if s > 1.0:
             continue
         strike(room, inside, resting, step, pair, upper, stops, laws, structure, peaks, sums)
@@ -366,9 +394,9 @@ def press(gaps, span, step, room, inside, resting, stops, laws, structure, peaks
 def coast(state, lane, gaps, t, span, room, terms, structure):
     """Leave contact at t: gaps start there, and the decay of d and r is added to all ends."""
     modal, gap, _, q = room
-    squares, _, rows, _, _ = structure
+    squares, damping, rows, _, _ = structure
     count = squares.shape[0]
-    pull(modal, D, R, A_1, structure)
+    pull(modal, D, R, A_1, squares, damping)
     for j in range(rows.shape[0]):
         _, _, bend = quintic_at(q, j, t)
         gaps[j, 0], gaps[j, 1] = gap[Y, j], gap[V, j]
@@ -384,8 +412,8 @@ def coast(state, lane, gaps, t, span, room, terms, structure):
             modal[D, k], modal[R, k] = modal[D_STAGE, k], modal[R_STAGE, k]
             modal[D_END, k] += modal[D, k]
             modal[R_END, k] += modal[R, k]
-        pull(modal, D, R, A_1, structure)
-    pull(modal, D_END, R_END, A_1, structure)
+        pull(modal, D, R, A_1, squares, damping)
+    pull(modal, D_END, R_END, A_1, squares, damping)
     for k in range(count):
         state[k, lane] += modal[D_END, k]
         state[count + k, lane] += modal[R_END, k]
@@ -409,12 +437,13 @@ def meet_stops(
     ----------
     inside, peaks : (pairs, 2), room for what is in contact; the largest forces so far of contacts
         that last from step to step.
-    laws : kinds (pairs, 2), lengths (pairs, 2) and data (pairs, 2, longest, 3) of the stops' laws.
+    laws : kinds (pairs, 2) and data (pairs, 2, longest, 3) of the stops' laws; pieces that a force
+        does not have begin at infinity.
     structure : omega^2 (modes,), damping in the flow (modes, modes) or (modes, 0), phi (pairs,
         modes), mu phi, and the fastest rate of the flow.
     room : (10, modes), (6, pairs), (6, pairs, 2) and (pairs, 6) to work in.
     """
-    kinds, _, _ = laws
+    kinds, _ = laws
     pairs, terms = gaps.shape[0], resets[0].shape[2]
     span = step
     resting[:] = 0.0
