@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from stochvi.isolators import Screening, clearance_curve, screen
     from stochvi.jolts import Jolts
     from stochvi.kelvin_voigt import identify_viscoelastic
-    from stochvi.linearisation import linearise
+    from stochvi.linearisation import linearise, linearise_many
     from stochvi.monte_carlo import record_path, simulate
     from stochvi.resonance import HarmonicResonance, RandomResonance
     from stochvi.scenes import ImpactPair, Scene, load_scene
@@ -119,7 +119,7 @@ _HOME = {
     "jolts": ("Jolts",),
     "isolators": ("Screening", "clearance_curve", "screen"),
     "kelvin_voigt": ("identify_viscoelastic",),
-    "linearisation": ("linearise",),
+    "linearisation": ("linearise", "linearise_many"),
     "monte_carlo": ("record_path", "simulate"),
     "resonance": ("HarmonicResonance", "RandomResonance"),
     "scenes": ("ImpactPair", "Scene", "load_scene"),
@@ -189,6 +189,7 @@ __all__ = [
     "fokker_planck_many",
     "identify_viscoelastic",
     "linearise",
+    "linearise_many",
     "load_scene",
     "record_path",
     "screen",

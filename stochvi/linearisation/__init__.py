@@ -16,6 +16,7 @@ forms of that last step:
   the inverse characteristic (B 8.79-8.87, 13.24-13.33).
 """
 
+from stochvi.linearisation.many import Linearised, linearise_many
 from stochvi.linearisation.method import FORMS, VARIANTS, linearise
 
-__all__ = ["FORMS", "VARIANTS", "linearise"]
+__all__ = ["FORMS", "VARIANTS", "Linearised", "linearise", "linearise_many"]
