@@ -10,6 +10,7 @@ from stochvi.answers import Answer, linear_acceleration
 from stochvi.collisions import NO_STOP
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Response
+from stochvi.linearisation.atlas import with_bounds
 from stochvi.linearisation.forms import ROOT_TWO_PI, Trial, choose, restitutions
 from stochvi.linearisation.scales import linear_moments
 from stochvi.linearisation.several import closure
@@ -37,9 +38,10 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     Returns
     -------
     Response
-        SI units. The error of a linearisation is not known: bias is None, except where the
-        answer is exact, that is without stops, and for the closure with elastic stops in white
-        noise.
+        SI units. `bias` is a bound on the error that is read from an atlas of errors
+        (`stochvi.linearisation.atlas`; more than 99 % of the bounds hold) for one oscillator in
+        white noise; None, with the reason in `how`, outside of the atlas; 0 where the answer is
+        exact, that is without stops, and for the closure with elastic stops in white noise.
 
     Raises
     ------
@@ -77,15 +79,17 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
         )
     trial = solve(system, choose(form, variant, system), method)
     elastic = restitutions(system) == (1.0, 1.0)
+    exact = form == "closure" and elastic and not system.tables
     response = _answer(system, trial).response(
         method,
         scene,
         how=_HOW[form],
         started=started,
-        bias=0.0 if form == "closure" and elastic and not system.tables else None,
+        bias=0.0 if exact else None,
         assumptions=_ASSUMPTIONS[form, variant],
     )
-    return replace(response, warnings=[*response.warnings, *_warnings(system, trial)])
+    response = replace(response, warnings=[*response.warnings, *_warnings(system, trial)])
+    return response if exact else with_bounds(response, system)
 
 
 _HOW = {
