@@ -116,7 +116,8 @@ def _grid(rows: Sequence[Mapping[str, str]]) -> Grid:
             for axis, name in zip(axes, ("gap", "restitution", "zeta"), strict=True)
         ]
         errors[tuple(place)] = [float(row[name] or "nan") for name in QUANTITIES]
-    return Grid(*axes, errors)
+    gaps, restitutions, zetas = axes
+    return Grid(gaps, restitutions, zetas, errors)
 
 
 class Place(NamedTuple):

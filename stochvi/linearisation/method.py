@@ -11,13 +11,14 @@ from stochvi.collisions import NO_STOP
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Response
 from stochvi.linearisation.atlas import with_bounds
+from stochvi.linearisation.clumps import clumped
 from stochvi.linearisation.forms import ROOT_TWO_PI, Trial, choose, restitutions
 from stochvi.linearisation.scales import linear_moments
 from stochvi.linearisation.several import closure
 from stochvi.linearisation.solver import solve
 from stochvi.scenes import Scene, System
 
-FORMS = ("closure", "motion", "force")
+FORMS = ("closure", "motion", "force", "clumps")
 VARIANTS = ("consistent", "book")
 
 
@@ -30,7 +31,8 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
         White and tabulated noise, any constant load, no stop or one or two rigid ones; by the
         closure also several coordinates, pairs, filtered noise and sines (without tables).
     form
-        "closure" (the best of the three), "motion" or "force", as `stochvi.linearisation` says.
+        "closure", "motion" or "force", as `stochvi.linearisation` says; "clumps", the closure
+        corrected by the law of the energy, the best of them for one oscillator in white noise.
     variant
         "consistent", or "book": the factors of m_F as in (B 13.12) for "motion", and of beta as
         in (B 8.54) for "force". The closure is not in the book.
@@ -77,9 +79,12 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
         return _answer(system, _without_stops(system)).response(
             method, scene, how="exact: linear and Gaussian", started=started
         )
-    trial = solve(system, choose(form, variant, system), method)
+    clumps = form == "clumps"
+    trial = solve(system, choose("closure" if clumps else form, variant, system), method)
+    if clumps:
+        trial = clumped(system, trial)
     elastic = restitutions(system) == (1.0, 1.0)
-    exact = form == "closure" and elastic and not system.tables
+    exact = form in ("closure", "clumps") and elastic and not system.tables
     response = _answer(system, trial).response(
         method,
         scene,
@@ -94,16 +99,26 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
 
 _HOW = {
     "closure": "moment closure",
+    "clumps": "moment closure and law of the energy",
     "motion": "linearisation, cut normal law of the motion",
     "force": "linearisation, Gaussian law of the force",
 }
 
 _RAYLEIGH = "impact speeds are Rayleigh distributed, mean square 2 E v^2"
+_CLUMPS = (
+    "hits come in clumps as a slowly varying energy has them, in the measure of "
+    "gap / (gap + 50 zeta), gap in deviations without stops"
+)
 _ASSUMPTIONS = {
     ("closure", "consistent"): (
         "x has the density C exp(lambda x - kappa x^2 / 2) between the stops; v is Gaussian and "
         "independent of x",
         _RAYLEIGH,
+    ),
+    ("clumps", "consistent"): (
+        "x has the density C exp(lambda x - kappa x^2 / 2) between the stops; v is Gaussian and "
+        "independent of x; impact speeds are Rayleigh distributed",
+        _CLUMPS,
     ),
     ("motion", "consistent"): (
         "x has a normal law cut at the stops, whose mean and deviation before the cut are taken "
@@ -132,7 +147,7 @@ def _check_words(form: str, variant: str) -> None:
         raise ValueError(f"form must be one of {', '.join(FORMS)}, got {form!r}")
     if variant not in VARIANTS:
         raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
-    if form == "closure" and variant == "book":
+    if form in ("closure", "clumps") and variant == "book":
         raise ValueError("variant must be 'consistent' for the closure, which is not in the book")
 
 
@@ -141,6 +156,8 @@ def _unmet_conditions(system: System, form: str) -> list[str]:
     unmet = system.not_rigid()
     if system.intensity == 0.0 and not system.tables:
         unmet.append("excitation must contain noise, got a constant load alone")
+    if form == "clumps" and system.tables:
+        unmet.append("excitation must be white noise for form 'clumps', got a tabulated density")
     if system.damping_rate == 0.0 and restitutions(system) == (1.0, 1.0):
         unmet.append("damping must be positive where no stop takes energy, got 0")
     if system.omega == 0.0:

@@ -1,4 +1,4 @@
-"""The approximate side: every form on the rows of a table of truths, and whether its bounds hold."""
+"""Every form of linearisation on the rows of a table of truths, and whether its bounds hold."""
 
 import math
 from pathlib import Path
@@ -16,7 +16,10 @@ FORMS = {
     "force": lambda scene: sv.linearise(scene, "force"),
     "force-book": lambda scene: sv.linearise(scene, "force", "book"),
 }
-AVERAGING = {"average": lambda scene: sv.average(scene)}
+ENERGY = {
+    "clumps": lambda scene: sv.linearise(scene, "clumps"),
+    "average": lambda scene: sv.average(scene),
+}
 QUANTITIES = ("mean", "sigma_x", "sigma_v", "upcrossing", "rate", "f1", "f2")
 NAMES = ("displacement_mean", "displacement_std", "velocity_std", "upcrossing_rate",
          "collision_rate", "impact_speed_rate", "impact_speed_square_rate")  # fmt: skip

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 RESTITUTION = 0.8
 PANELS = (
-    ("closure", "two", "f1"), ("force", "two", "f1"), ("motion", "two", "f1"),
-    ("average", "two", "f1"), ("closure", "two", "sigma_x"), ("force", "two", "sigma_x"),
-    ("motion", "two", "sigma_x"), ("closure", "one", "f1"),
+    ("closure", "two", "f1"), ("clumps", "two", "f1"), ("force", "two", "f1"),
+    ("average", "two", "f1"), ("closure", "two", "sigma_x"), ("clumps", "two", "sigma_x"),
+    ("motion", "two", "sigma_x"), ("clumps", "one", "f1"),
 )  # fmt: skip
 LEVELS = (-50, -20, -10, -5, -2, -1, 1, 2, 5, 10, 20, 50, 100)
 WORDS = {"f1": "F1", "sigma_x": "sigma_x"}
@@ -33,10 +33,12 @@ def figure_of(folder: Path) -> Figure:
                 number = errors.loc[zeta, gap]
                 strong = number > 20.0 or number < -20.0
                 text = f"{number:.1f}" if abs(number) < 9.95 else f"{number:.0f}"
-                ax.text(column, row, text, ha="center", va="center", fontsize=6.5,
+                ax.text(column, row, text, ha="center", va="center", fontsize=7,
                         color="white" if strong else "#222222")  # fmt: skip
-        ax.set_xticks(range(len(errors.columns)), [f"{gap:g}" for gap in errors.columns])
-        ax.set_yticks(range(len(errors.index)), [f"{zeta:g}" for zeta in errors.index])
+        ax.set_xticks(
+            range(len(errors.columns)), [f"{gap:g}" for gap in errors.columns], fontsize=8
+        )
+        ax.set_yticks(range(len(errors.index)), [f"{zeta:g}" for zeta in errors.index], fontsize=8)
         ax.set_title(f"{form}: {WORDS[quantity]}, {STOPS[stops]}", fontsize=10)
         ax.set_xlabel("gap / sigma without stops")
         ax.set_ylabel("zeta")
