@@ -611,7 +611,7 @@ def test_force_of_the_book_has_no_law_of_impact_speeds() -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("spline",), "form must be one of closure, motion, force, got 'spline'"),
+        (("spline",), "form must be one of closure, motion, force, clumps, got 'spline'"),
         (("force", "best"), "variant must be one of consistent, book, got 'best'"),
         (
             ("closure", "book"),

@@ -54,26 +54,33 @@ def clumped(system: System, closure: Trial) -> Trial:
     weight = energy_weight(system)
     if weight < UNSEEN:
         return closure
-    law = energy_law(system)
-    orbits = law.moment(lambda o: o.first), law.moment(lambda o: o.second)
+    # seen from the rest position, so that a large load costs no digits
+    rest = system.load / system.omega**2
+    law = energy_law(
+        system._replace(
+            load=0.0,
+            lower=None if system.lower is None else system.lower - rest,
+            upper=None if system.upper is None else system.upper - rest,
+        )
+    )
+    first, second = law.moment(lambda o: o.first), law.moment(lambda o: o.second)
 
     def mixed(closed: float, energetic: float) -> float:
         return (1.0 - weight) * closed + weight * energetic
 
-    mean = mixed(closure.mean, orbits[0])
-    square = mixed(closure.variance + closure.mean**2, orbits[1])
-    variance = square - mean**2
+    away = mixed(closure.mean - rest, first)
+    variance = mixed(closure.variance + (closure.mean - rest) ** 2, second) - away**2
     velocity = mixed(closure.velocity_mean_square, law.velocity_mean_square)
     crossings = mixed(
         closure.density_at_mean * math.sqrt(closure.velocity_mean_square) / ROOT_TWO_PI,
-        law.rate_of_cycles_above(float(law.well.energy(orbits[0]))),
+        law.rate_of_cycles_above(float(law.well.energy(first))),
     )
     return closure._replace(
-        mean=mean,
+        mean=rest + away,
         variance=variance,
         velocity_mean_square=velocity,
         density_at_mean=crossings * ROOT_TWO_PI / math.sqrt(velocity),
-        stop_force=system.load - system.omega**2 * mean,
+        stop_force=-(system.omega**2) * away,
         stiffness=velocity / variance - system.omega**2,
         damping=system.intensity / (2.0 * velocity) - system.damping_rate,
         lower=_mixed_stop(closure.lower, law, "lower", weight),
