@@ -23,8 +23,9 @@ from stochvi.scenes import System
 
 CLUMPING = 50.0
 """A gap of one deviation is half closed, half energy at zeta = 1 / CLUMPING. Chosen on the grid of
-the atlas, where it brings the mean error of F1 from 11 to 3 %, and at zeta up to .05 with gaps
-from 2 deviations from 38 to 3 % (studies/13_linearisation_atlas); 25 and 100 do little worse."""
+the atlas, where it brings the mean error of F1 between two stops from 11 to 3 %, and at zeta up to
+.05 with gaps from 2 deviations from 38 to 3 %; with 25 or 100 the first is 2.6 or 3.8 %
+(studies/13_linearisation_atlas)."""
 
 UNSEEN = 1e-6
 """Weight below which the law of the energy is not computed."""

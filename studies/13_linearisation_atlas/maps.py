@@ -33,7 +33,7 @@ def figure_of(folder: Path) -> Figure:
                 number = errors.loc[zeta, gap]
                 strong = number > 20.0 or number < -20.0
                 text = f"{number:.1f}" if abs(number) < 9.95 else f"{number:.0f}"
-            text = "0.0" if text == "-0.0" else text
+                text = "0.0" if text == "-0.0" else text
                 ax.text(column, row, text, ha="center", va="center", fontsize=7,
                         color="white" if strong else "#222222")  # fmt: skip
         ax.set_xticks(
