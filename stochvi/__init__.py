@@ -73,6 +73,7 @@ if TYPE_CHECKING:
         LinearisedOscillator,
         linearise,
         linearise_all,
+        linearise_many,
         linearised_oscillators,
     )
     from stochvi.many_scenes import Checks, check_many, zoo
@@ -145,6 +146,7 @@ _HOME = {
         "LinearisedOscillator",
         "linearise",
         "linearise_all",
+        "linearise_many",
         "linearised_oscillators",
     ),
     "monte_carlo": ("record_path", "simulate"),
@@ -230,6 +232,7 @@ __all__ = [
     "impacts",
     "linearise",
     "linearise_all",
+    "linearise_many",
     "linearised_oscillators",
     "load_scene",
     "record_path",

@@ -51,6 +51,9 @@ QUANTITY_NAMES = {
 NOISE = 4.0
 """Standard errors below which a number may be nothing but noise."""
 
+ROUGH = 1e-3
+"""Relative bias from which on four digits are enough."""
+
 NEGLIGIBLE = 1e-12
 """Means below this share of the standard deviation are rounding, and shown as 0."""
 
@@ -509,8 +512,9 @@ def _value(estimate: Estimate, scale: float = 0.0) -> str:
     if abs(estimate.value) < NEGLIGIBLE * scale:
         return "0"
     if estimate.standard_error == 0.0:
-        # an approximation of unknown error has no use for many digits
-        return f"{estimate.value:.4g}" if estimate.bias is None else f"{estimate.value:.7g}"
+        # an approximation has no use for many digits
+        rough = estimate.bias is None or estimate.bias > ROUGH * abs(estimate.value)
+        return f"{estimate.value:.4g}" if rough else f"{estimate.value:.7g}"
     return format_with_error(estimate.value, estimate.standard_error)
 
 

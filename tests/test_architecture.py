@@ -26,7 +26,16 @@ FLOORS = {
         "collisions",
         "resonance",
     ),
-    2: ("scenes", "assemblies", "identities", "notes", "answers", "modes", "pair_scales"),
+    2: (
+        "scenes",
+        "assemblies",
+        "identities",
+        "notes",
+        "answers",
+        "modes",
+        "pair_scales",
+        "energy_law",
+    ),
     3: ("averaging", "closed_form", "galerkin", "linearisation", "monte_carlo"),
     4: (
         "accuracy",

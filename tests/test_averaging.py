@@ -10,9 +10,10 @@ from known import RIGID_STOPS, oscillator, values
 from scipy.integrate import quad
 from statistical import assert_agrees
 
-from stochvi.averaging import CONTINUOUS, FINITE_JUMPS, UNFOLDED, VARIANTS, Well, average
+from stochvi.averaging import CONTINUOUS, FINITE_JUMPS, UNFOLDED, VARIANTS, average
 from stochvi.closed_form import exact
 from stochvi.contacts import Elastic, SpeedRestitution
+from stochvi.energy_law import Well
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Estimate
 from stochvi.excitations import WhiteNoise

@@ -168,7 +168,7 @@ def _finish_passage(
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--form", type=click.Choice(["closure", "motion", "force"]), default="closure",
+    "--form", type=click.Choice(["closure", "motion", "force", "clumps"]), default="closure",
     show_default=True, help="What is linearised, and with which law.",
 )  # fmt: skip
 @click.option(

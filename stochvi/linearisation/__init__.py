@@ -5,7 +5,7 @@ The stop force in x'' + b x' + omega^2 x = f + g + stop force is replaced by
     -(m_F + k (x - m) + beta x'),        m = E x,                              (B 13.3, 13.4)
 
 the linear system x'' + (b + beta) x' + (omega^2 + k)(x - m) = f is solved exactly, for white or
-tabulated noise, and m_F, k and beta follow from the response that they are to produce. Three
+tabulated noise, and m_F, k and beta follow from the response that they are to produce. Four
 forms of that last step:
 
 * "closure": x has the density C exp(lambda x - kappa x^2 / 2) between the stops and x' is
@@ -14,16 +14,23 @@ forms of that last step:
 * "motion": x has a normal law cut at the stops (B 8.58-8.77, 13.12-13.20).
 * "force": the force of spring and stops together is Gaussian, and x follows from it through
   the inverse characteristic (B 8.79-8.87, 13.24-13.33).
+* "clumps": the closure, corrected by the law of a slowly varying energy where light damping lets
+  hits come in clumps.
+
+`linearise_many` is the closure for arrays; `atlas` holds the errors that `linearise` states.
 """
 
+from stochvi.linearisation.many import Linearised, linearise_many
 from stochvi.linearisation.method import FORMS, VARIANTS, linearise, linearise_all
 from stochvi.linearisation.spectrum import LinearisedOscillator, linearised_oscillators
 
 __all__ = [
     "FORMS",
     "VARIANTS",
+    "Linearised",
     "LinearisedOscillator",
     "linearise",
     "linearise_all",
+    "linearise_many",
     "linearised_oscillators",
 ]
