@@ -316,7 +316,7 @@ def student_quantile(alarm_rate: float, degrees: float) -> float:
     freedom (infinite: the normal law).
 
     >>> round(student_quantile(0.0027, 63.0), 3), round(student_quantile(0.0027, math.inf), 3)
-    (3.122, 3.0)
+    (3.123, 3.0)
     """
     if math.isinf(degrees):
         return normal_quantile(alarm_rate)
