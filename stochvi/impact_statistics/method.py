@@ -56,7 +56,8 @@ times as large, and to half of that."""
 RESOLVED_EXPONENT = 0.8
 """Restitution from which on an exponent is free of the steps near a stop. These are a share of the
 time in which noise changes a slow mass, at any speed, so that they shift the power itself: at a
-stop in the rest position by +0.09 at R = 0.5 and +0.13 at 0.3, by less than 0.01 at 0.8."""
+stop in the rest position by +0.09 at R = 0.5 and +0.13 at 0.3, by less than 0.01 at 0.8. (At steps
+a quarter as long it was 0.001(7) at R = 0.5.)"""
 
 FEWEST_FITTED = 100
 """Impacts in the shorter range for an exponent to be fitted."""

@@ -38,7 +38,7 @@ for restitution, position in [(r, p) for r in (1.0, 0.8, 0.5) for p in (1.0, 0.0
     lower = -1.0 if position else None
     before = time.process_time()
     found = stochvi.impacts(
-        oscillator(restitution, lower, position), paths=1024 if QUICK else 16384,
+        oscillator(restitution, lower, position), paths=1024 if QUICK else 8192,
         speed_threshold=0.02, slow_impacts=restitution < 1.0, seed=1, threads=1, budget=None,
     ).pairs["stops"]  # fmt: skip
     cost, exponent = time.process_time() - before, found.exponents["both"]
