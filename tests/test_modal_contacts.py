@@ -31,6 +31,7 @@ from stochvi.attachments import Absorber
 from stochvi.contacts import Law
 from stochvi.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.identities import residuals
+from stochvi.monte_carlo.kernels.compliant_response import KINK_ERROR
 from stochvi.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.monte_carlo.plans import make_plan
 from stochvi.monte_carlo.statistics import PathStatistics
@@ -279,7 +280,11 @@ def test_a_path_is_that_of_brute_force(laws: tuple[Law, Law]) -> None:
     brute = solved.y.T + np.hstack([value[:count], slope[:count]])
     assert min(touched) > 100
     size = np.abs(brute).max(axis=0)
-    np.testing.assert_allclose(record[:count, 0, : 2 * n] / size, brute / size, rtol=0, atol=2e-3)
+    # what a sub-step leaves of a contact whose force has kinks, over several of them
+    tolerance = 3.0 * KINK_ERROR
+    np.testing.assert_allclose(
+        record[:count, 0, : 2 * n] / size, brute / size, rtol=0, atol=tolerance
+    )
 
 
 def two_stages(first: Law, second: Law) -> Scene:
