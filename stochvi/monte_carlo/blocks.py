@@ -39,11 +39,12 @@ MOST_WAITING = 2**17
 """Blocks that may be under way or wait to be merged, however many workers: some 300 MB."""
 
 LATE = 3.0
-"""Times what a task should take, after which what is not done is begun a second time: a few slow or
-dead machines would hold up all that waits to be merged in order."""
+"""Times what a task should take, after which what others overtook is begun a second time: a few
+slow or dead machines would hold up all that waits to be merged in order."""
 
 LOOK_SECONDS = 0.5
-"""Between looks at tasks that are lost or late, while the first in line is waited for."""
+"""Between looks at tasks that are lost or late, while the first in line is waited for; or half of
+what a task should take, if that is longer."""
 
 SHORTEST_BLOCK = 1e-6
 """Seconds, where the clock saw none."""
@@ -190,10 +191,13 @@ class Crew:
         expected = self.block_seconds * len(task.blocks)
 
         def look(waited: float) -> None:
-            for each in waiting:
-                each.ask_again(also_late=waited > LATE * expected)
+            overtaken = False  # by a task that was begun after it: it does not just wait its turn
+            for each in reversed(waiting):
+                each.ask_again(also_late=overtaken and waited > LATE * expected)
+                overtaken = overtaken or each.done()
 
-        done = task.results(look)
+        known = math.isfinite(expected)
+        done = task.results(look, max(LOOK_SECONDS, expected / 2.0) if known else LOOK_SECONDS)
         waiting.popleft()
         self.block_seconds = sum(each.seconds for each in done) / (len(done) * len(task.blocks))
         where = [each.machine for each in done]
@@ -212,9 +216,13 @@ class _Task:
         self.blocks = calls[0][-1]
         self.asked = [_Asked(executor, call, attempts) for call in calls]
 
-    def results(self, look: Callable[[float], None]) -> list[Done]:
+    def results(self, look: Callable[[float], None], every: float) -> list[Done]:
         """Of every plan, each once, however often it was begun."""
-        return [asked.result(look) for asked in self.asked]
+        return [asked.result(look, every) for asked in self.asked]
+
+    def done(self) -> bool:
+        """Whether all of it is."""
+        return all(asked.done() is not None for asked in self.asked)
 
     def ask_again(self, *, also_late: bool) -> None:
         """For what is lost; and a second time for what is not done, if that is late."""
@@ -244,18 +252,18 @@ class _Asked:
         except (BrokenExecutor, RuntimeError) as error:  # also one that was shut down
             raise WorkersLost(f"the executor takes no more work ({error})") from error
 
-    def result(self, look: Callable[[float], None]) -> Done:
-        """Wait for it; `look` is called now and then with the seconds that this takes."""
+    def result(self, look: Callable[[float], None], every: float) -> Done:
+        """Wait for it; `look` is called every so many seconds with those that this took so far."""
         if self.attempts == 1:
             return self.tries[0].result()
         waited = 0.0
         while True:
-            future = self._done() or self.tries[0]
+            future = self.done() or self.tries[0]
             try:
-                found = future.result(timeout=LOOK_SECONDS)
+                found = future.result(timeout=every)
             except Exception as error:
                 if isinstance(error, TimeoutError) and not future.done():
-                    waited += LOOK_SECONDS
+                    waited += every
                     look(waited)
                 else:
                     self._lost(future, error)
@@ -263,7 +271,8 @@ class _Asked:
                 self.cancel()
                 return found
 
-    def _done(self) -> Future[Done] | None:
+    def done(self) -> Future[Done] | None:
+        """A try that is over, if there is one."""
         return next((future for future in self.tries if future.done()), None)
 
     def _lost(self, future: Future[Done], error: BaseException) -> None:
@@ -280,7 +289,7 @@ class _Asked:
 
     def ask_again(self, also_late: bool) -> None:
         """If it is lost; or not done and late, and was asked for once."""
-        if future := self._done():
+        if future := self.done():
             error = CancelledError() if future.cancelled() else future.exception()
             if error is not None:
                 self._lost(future, error)

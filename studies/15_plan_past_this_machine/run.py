@@ -18,7 +18,7 @@ PRICE = 0.04
 LONG_BLOCK = 2.0
 """Seconds of a block in a study of a week, of paths of some 10^7 steps."""
 
-CLUSTERS = ((0.0, 0.0), (0.001, 0.0), (0.01, 0.0), (0.01, 0.001), (0.1, 0.01))
+CLUSTERS = ((0.0, 0.0), (0.01, 0.0), (0.01, 0.001), (0.1, 0.01))
 """Share of tasks that take ten times as long, and of those that are lost."""
 
 parser = argparse.ArgumentParser(description=__doc__)
