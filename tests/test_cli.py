@@ -336,7 +336,7 @@ def test_an_option_of_check_out_of_range_is_one_sentence(stochvi: Run, arguments
 
 def test_the_closure_has_no_variant_of_the_book(stochvi: Run):
     sentence = refused(stochvi("linearise", LOSSY, "--form", "closure", "--variant", "book"))
-    assert sentence.startswith("variant must be 'consistent' for the closure")
+    assert sentence.startswith("variant must be 'consistent' or 'box' for form 'closure'")
 
 
 @pytest.mark.parametrize(
