@@ -71,10 +71,12 @@ if TYPE_CHECKING:
     from stochvi.kelvin_voigt import identify_viscoelastic
     from stochvi.linearisation import (
         LinearisedOscillator,
+        LinearisedStructure,
         linearise,
         linearise_all,
         linearise_many,
         linearised_oscillators,
+        linearised_structures,
     )
     from stochvi.many_scenes import Checks, check_many, zoo
     from stochvi.monte_carlo import record_path, simulate
@@ -144,10 +146,12 @@ _HOME = {
     "kelvin_voigt": ("identify_viscoelastic",),
     "linearisation": (
         "LinearisedOscillator",
+        "LinearisedStructure",
         "linearise",
         "linearise_all",
         "linearise_many",
         "linearised_oscillators",
+        "linearised_structures",
     ),
     "monte_carlo": ("record_path", "simulate"),
     "response_spectra": ("ResponseSpectrum", "spectrum"),
@@ -186,6 +190,7 @@ __all__ = [
     "Isolator",
     "Jolts",
     "LinearisedOscillator",
+    "LinearisedStructure",
     "Matrices",
     "NoExactSolution",
     "NonlinearOscillator",
@@ -234,6 +239,7 @@ __all__ = [
     "linearise_all",
     "linearise_many",
     "linearised_oscillators",
+    "linearised_structures",
     "load_scene",
     "record_path",
     "reliability",

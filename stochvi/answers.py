@@ -71,6 +71,26 @@ class Answer:
             "upcrossing_rate": self.upcrossing_rate,
         }
         coordinate = {name: estimate(name, value) for name, value in values.items()}
+        return Response(
+            method=method,
+            coordinates={"x": coordinate},
+            impact_pairs={
+                entry.name: self.pair(system, how, bias, speed_threshold)
+                for entry in scene.impact_pairs
+            },
+            effects=scene.effects(),
+            assumptions=[*scene.assumptions(), *assumptions],
+            cost=Cost(wall_time=time.perf_counter() - started),
+            warnings=scene_notes(system),
+            provenance=provenance(scene.document()),
+            identities=self._identities(scene, how),
+        )
+
+    def pair(
+        self, system: System, how: str, bias: float | None = 0.0, speed_threshold: float = 0.0
+    ) -> dict[str, Estimate | float | None]:
+        """The entries of the impact pair, by name."""
+        biases = self._biases(system)
         values = {
             "collision_rate": _total(self.lower.rate, self.upper.rate),
             "collision_rate_lower": None if system.lower is None else self.lower.rate,
@@ -82,22 +102,14 @@ class Answer:
             ),
             **self._contacts(system),
         }
-        pair = {name: estimate(name, value) for name, value in values.items()}
-        pair["peak_force"] = self._peak_force(system, how)
-        return Response(
-            method=method,
-            coordinates={"x": coordinate},
-            impact_pairs={
-                entry.name: {**pair, "speed_threshold": speed_threshold}
-                for entry in scene.impact_pairs
-            },
-            effects=scene.effects(),
-            assumptions=[*scene.assumptions(), *assumptions],
-            cost=Cost(wall_time=time.perf_counter() - started),
-            warnings=scene_notes(system),
-            provenance=provenance(scene.document()),
-            identities=self._identities(scene, how),
-        )
+        found: dict[str, Estimate | float | None] = {
+            name: None
+            if value is None
+            else Estimate(value=value, bias=biases.get(name, bias), how=how)
+            for name, value in values.items()
+        }
+        found["peak_force"] = self._peak_force(system, how)
+        return found | {"speed_threshold": speed_threshold}
 
     def _contacts(self, system: System) -> dict[str, float | None]:
         """Share of time in contact with either stop, and the mean forces on them, N."""

@@ -10,8 +10,10 @@ import numpy as np
 
 from stochvi.assemblies import Assembly, Contact
 from stochvi.collisions import gaussian_stop
+from stochvi.contacts import CompliantLaw, Viscoelastic
 from stochvi.cut_normal import CutNormal
 from stochvi.errors import NotApplicable
+from stochvi.gibbs_law import GibbsLaw
 from stochvi.modes import LinearLaw, Modes, Substitute, Vector, linear_law
 
 UNSHAKEN = 1e-24
@@ -33,13 +35,14 @@ class PairScale(NamedTuple):
 
 
 def scales_of(
-    assembly: Assembly, modes: Modes, method: str = "simulate"
+    assembly: Assembly, modes: Modes, method: str = "simulate", *, giving_way: bool = False
 ) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
     """A linear law close to the stationary one, for a method; None where it finds none.
 
     Every pair is replaced by a spring, which brings mean and variance of the gap to those of a
     normal law cut at the stops, and a damper, which takes the power that restitution takes at
-    Rayleigh impact speeds; found by repetition.
+    Rayleigh impact speeds; found by repetition. Stops that give way count as rigid ones of their
+    restitution, or, `giving_way`, by the energy that they store.
     """
     substitutes = [_first_guess(modes, contact) for contact in assembly.contacts]
     scales: tuple[PairScale, ...] = ()
@@ -57,6 +60,7 @@ def scales_of(
                 old,
                 _without_own_spring(modes, substitutes, j),
                 method,
+                giving_way,
             )
             for j, (contact, old) in enumerate(zip(assembly.contacts, substitutes, strict=True))
         ]
@@ -113,6 +117,7 @@ def _substitute(
     old: Substitute,
     held: tuple[float, float],
     method: str,
+    giving_way: bool,
 ) -> tuple[Substitute, PairScale] | None:
     """The next spring and damper: what the gap's law would be without the old spring, cut; None
     where nothing holds the gap on a side without a stop."""
@@ -124,20 +129,12 @@ def _substitute(
     energy = contact.mass * square
     own, slope = held[0], held[1] / energy
     try:
-        cut = CutNormal(
-            slope=slope, curvature=own / energy, lower=contact.lower, upper=contact.upper
-        )
+        cut = _law_of_gap(contact, square, slope, own / energy, giving_way)
     except ValueError:
         return None
     needed = energy / cut.variance
     spring = max(needed - own, SOFTEST * needed)
-    power = sum(
-        (1.0 - restitution.restitution**2)
-        / 2.0
-        * contact.mass
-        * gaussian_stop(cut.density_at(stop), square).speed_square_rate
-        for _, stop, restitution in contact.stops
-    )
+    power = _power_of_stops(contact, cut, square)
     pressing = max(
         (1.0 if side == "upper" else -1.0) * square * (slope - own / energy * stop)
         for side, stop, _ in contact.stops
@@ -155,6 +152,40 @@ def _substitute(
         curvature=own / energy,
         deviation=math.sqrt(cut.variance),
     )
+
+
+def _law_of_gap(
+    contact: Contact, square: float, slope: float, curvature: float, giving_way: bool
+) -> CutNormal | GibbsLaw:
+    """The normal law exp(slope y - curvature y^2 / 2) between the stops, and within those that
+    give way times exp(-V / (mass square)), V the energy stored there."""
+    if not giving_way or not any(isinstance(law, CompliantLaw) for _, _, law in contact.stops):
+        return CutNormal(slope=slope, curvature=curvature, lower=contact.lower, upper=contact.upper)
+    laws = {side: law.per_unit_mass(contact.mass) for side, _, law in contact.stops}
+    return GibbsLaw(
+        theta=square,
+        omega=math.sqrt(curvature * square),
+        load=slope * square,
+        stop_lower=contact.lower,
+        stop_upper=contact.upper,
+        law_lower=laws.get("lower"),
+        law_upper=laws.get("upper"),
+    )
+
+
+def _power_of_stops(contact: Contact, law: CutNormal | GibbsLaw, square: float) -> float:
+    """What stops take, W: (1 - R^2) / 2 F2 of Rayleigh speeds; c E y'^2 P(contact) of a damper."""
+    power = 0.0
+    for side, stop, stop_law in contact.stops:
+        if isinstance(law, CutNormal) or stop_law.rigid:
+            hits = gaussian_stop(law.density_at(stop), square)
+            loss = (1.0 - stop_law.restitution**2) / 2.0
+            power += loss * contact.mass * hits.speed_square_rate
+        elif isinstance(stop_law, Viscoelastic):
+            touching = law.contact(side)
+            assert touching is not None
+            power += stop_law.damping(contact.mass) * square * touching.probability
+    return power
 
 
 LEANING = 0.5

@@ -1,124 +1,17 @@
-"""Statistical linearisation against printed values, exact densities and its own balances."""
+"""Statistical linearisation in all forms: printed values, symmetries, extremes, what is said."""
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
+from linearised import WAYS, make_scene, random_scene, summary, value
 
-from stochvi.assemblies import assemble
-from stochvi.contacts import Restitution
-from stochvi.errors import NotApplicable, NotConverged
-from stochvi.estimates import Estimate, Response
-from stochvi.excitations import ConstantLoad, Excitation, TabulatedNoise, WhiteNoise
-from stochvi.galerkin import fokker_planck
-from stochvi.identities import residuals
+from stochvi.errors import NotApplicable
 from stochvi.linearisation import linearise
-from stochvi.linearisation.forms import choose
-from stochvi.scenes import ImpactPair, Scene
-from stochvi.spectra import response_moments
-from stochvi.structures import Isolator, Oscillator
-
-WAYS = [
-    ("closure", "consistent"),
-    ("motion", "consistent"),
-    ("motion", "book"),
-    ("force", "consistent"),
-    ("force", "book"),
-]
-
-
-def make_scene(
-    lower: float | None = -1.0,
-    upper: float | None = 1.0,
-    *,
-    restitution: float = 0.8,
-    restitution_lower: float | None = None,
-    intensity: float | None = 0.2,
-    damping: float = 0.1,
-    stiffness: float = 1.0,
-    mass: float = 1.0,
-    load: float = 0.0,
-    extra: tuple[Excitation, ...] = (),
-) -> Scene:
-    """An oscillator; what is None is not there."""
-    excitations = list(extra)
-    if intensity is not None:
-        excitations.append(WhiteNoise(intensity=intensity))
-    if load:
-        excitations.append(ConstantLoad(force=load))
-    pairs = []
-    if lower is not None or upper is not None:
-        own = restitution_lower is not None and lower is not None
-        pairs.append(
-            ImpactPair(
-                lower=lower,
-                upper=upper,
-                law=Restitution(coefficient=restitution),
-                lower_law=Restitution(coefficient=restitution_lower) if own else None,
-            )
-        )
-    return Scene(
-        structure=Oscillator(mass=mass, damping=damping, stiffness=stiffness),
-        impact_pairs=pairs,
-        excitations=excitations,
-    )
-
-
-def random_scene(rng: np.random.Generator, *, elastic: bool = False) -> tuple[Scene, float]:
-    """Any rigid stops in white noise; and the deviation that x would have without them."""
-    omega = 10.0 ** rng.uniform(-2.0, 3.0)
-    deviation = 10.0 ** rng.uniform(-6.0, 2.0)
-    damping = 2.0 * 10.0 ** rng.uniform(-3.0, 0.0) * omega
-    intensity = 2.0 * damping * (deviation * omega) ** 2
-    restitution = 1.0 if elastic else float(rng.choice([0.0, rng.uniform(), rng.uniform(0.8, 1.0)]))
-    other = 1.0 if elastic else float(rng.choice([restitution, rng.uniform()]))
-    near, far = deviation * 10.0 ** rng.uniform(-3.0, 3.0, 2)
-    preloaded = -rng.uniform(0.0, 3.0) * deviation
-    lower, upper = [
-        (-near, near),
-        (-near, far),
-        (None, near),
-        (None, preloaded),
-        (-near, None),
-        (-preloaded, None),
-        (preloaded - near, preloaded),
-    ][rng.integers(7)]
-    loss_by_impacts_alone = not elastic and restitution < 1.0 and other < 1.0
-    scene = make_scene(
-        None if lower is None else float(lower),
-        None if upper is None else float(upper),
-        restitution=restitution,
-        restitution_lower=other,
-        intensity=intensity,
-        damping=0.0 if loss_by_impacts_alone and rng.uniform() < 0.2 else damping,
-        stiffness=omega**2,
-        load=float(rng.choice([0.0, rng.uniform(-3.0, 3.0)])) * deviation * omega**2,
-    )
-    return scene, deviation
-
-
-def value(response: Response, name: str) -> float:
-    """A quantity of the only coordinate or impact pair."""
-    groups = [*response.coordinates.values(), *response.impact_pairs.values()]
-    found = next(group[name] for group in groups if name in group)
-    assert isinstance(found, Estimate)
-    return found.value
-
-
-def summary(response: Response) -> tuple[float, float, float]:
-    return (
-        value(response, "displacement_std"),
-        value(response, "velocity_std"),
-        value(response, "collision_rate"),
-    )
-
-
-# Printed values (omega = 1, b = .1, S0 = .2, stops at -1 and 1) -----------------------------
+from stochvi.scenes import Scene
 
 
 @pytest.mark.parametrize(
@@ -143,153 +36,6 @@ def test_reproduces_printed_values(
 ) -> None:
     response = linearise(make_scene(restitution=restitution), form, variant)
     assert tuple(round(number, 4) for number in summary(response)) == printed
-
-
-@pytest.mark.parametrize(("restitution", "printed"), [(1.0, 0.7101), (0.8, 0.6440), (0.5, 0.6177)])
-def test_reproduces_printed_deviation_of_consistent_motion(
-    restitution: float, printed: float
-) -> None:
-    response = linearise(make_scene(restitution=restitution), "motion")
-    assert round(value(response, "displacement_std"), 4) == printed
-
-
-def test_reproduces_printed_asymmetric_closure() -> None:
-    response = linearise(make_scene(-0.5, 1.0))
-    names = ("displacement_mean", "displacement_mean_square", "velocity_mean_square")
-    found = tuple(round(value(response, name), 5) for name in names)
-    assert found == (0.16604, 0.19004, 0.49047)
-
-
-def test_closure_is_nearer_to_the_truth_than_the_book() -> None:
-    # near-exact values for R = .8: deviations and rate of impacts
-    truth = (0.53209075, 0.78288187, 0.193109)
-    errors = {
-        way: max(
-            abs(found / true - 1.0)
-            for found, true in zip(summary(linearise(make_scene(), *way)), truth, strict=True)
-        )
-        for way in WAYS
-    }
-    assert min(errors, key=lambda way: errors[way]) == ("closure", "consistent")
-
-
-@pytest.mark.parametrize("form", ["motion", "force"])
-def test_dominant_frequency_of_the_book(form: str) -> None:
-    """(B 13.20): s_v / (s_x erf(D / (s_x sqrt 2))); (B 13.32): sqrt(k), where s_v = sqrt(k) s_x."""
-    response = linearise(make_scene(), form, "book")
-    s_x, s_v, _ = summary(response)
-    omega = s_v / s_x
-    if form == "motion":
-        omega /= math.erf(1.0 / (s_x * math.sqrt(2.0)))
-    assert 2.0 * math.pi * value(response, "upcrossing_rate") == pytest.approx(omega, rel=1e-12)
-
-
-def test_strong_noise_takes_the_force_form_to_its_own_limit() -> None:
-    response = linearise(make_scene(restitution=1.0, intensity=1e8), "force")
-    # s_x -> D sqrt(2 / pi), with a correction of order D omega / s_v
-    limit = math.sqrt(2.0 / math.pi)
-    assert value(response, "displacement_std") == pytest.approx(limit, rel=1.0 / math.sqrt(1e8))
-
-
-# Exactness with elastic stops -----------------------------------------------------------------
-
-
-def gibbs_moments(scene: Scene) -> dict[str, float]:
-    """Moments and rates from exp(-U / theta) by adaptive quadrature."""
-    system = scene.system()
-    theta = system.intensity / (2.0 * system.damping_rate)
-    spread = math.sqrt(theta) / system.omega
-    rest = system.load / system.omega**2
-    low = -math.inf if system.lower is None else system.lower
-    high = math.inf if system.upper is None else system.upper
-    nearest = min(max(rest, low), high)
-
-    def log_density(x: float) -> float:
-        return -(x - nearest) * (x + nearest - 2.0 * rest) / (2.0 * spread**2)
-
-    # e^-50 of the largest density is as good as nothing
-    steep = abs(nearest - rest) / spread
-    reach = spread * 100.0 / (steep + math.hypot(steep, 10.0))
-    start, end = max(low, nearest - reach), min(high, nearest + reach)
-
-    def integral(power: int, about: float) -> float:
-        options = {"epsabs": 0.0, "epsrel": 1e-12, "limit": 200}
-        pieces = np.unique(
-            np.linspace(start, nearest, 6).tolist() + np.linspace(nearest, end, 6).tolist()
-        )
-        return sum(
-            quad(lambda x: (x - about) ** power * math.exp(log_density(x)), a, b, **options)[0]
-            for a, b in itertools.pairwise(pieces.tolist())
-        )
-
-    mass = integral(0, 0.0)
-    shift = integral(1, nearest) / mass
-    rates = [
-        0.0
-        if stop is None
-        else math.exp(log_density(stop)) / mass * math.sqrt(theta / (2.0 * math.pi))
-        for stop in (system.lower, system.upper)
-    ]
-    return {
-        "displacement_mean": nearest + shift,
-        "displacement_std": math.sqrt(integral(2, nearest + shift) / mass),
-        "velocity_std": math.sqrt(theta),
-        **({} if system.lower is None else {"collision_rate_lower": rates[0]}),
-        **({} if system.upper is None else {"collision_rate_upper": rates[1]}),
-        "impact_speed_rate": sum(rates) * math.sqrt(math.pi * theta / 2.0),
-        "impact_speed_square_rate": sum(rates) * 2.0 * theta,
-    }
-
-
-def test_closure_is_exact_for_elastic_stops() -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(100):
-        scene, _ = random_scene(rng, elastic=True)
-        response = linearise(scene)
-        truth = gibbs_moments(scene)
-        deviation = truth["displacement_std"]
-        for name, expected in truth.items():
-            # a mean may vanish by symmetry, a rate far out in the tail
-            scale = deviation if name == "displacement_mean" else 0.0
-            floor = 1e-9 * scale + 1e-30 * truth["velocity_std"] / deviation
-            assert value(response, name) == pytest.approx(expected, rel=1e-9, abs=floor), name
-        assert all(entry.bias == 0.0 for entry in response.estimates().values())
-
-
-def test_square_of_restitution_would_be_seen() -> None:
-    """Negative control: R^2 put for R moves the answer far beyond every tolerance here."""
-    right, wrong = linearise(make_scene(restitution=0.8)), linearise(make_scene(restitution=0.64))
-    assert abs(value(right, "velocity_std") / value(wrong, "velocity_std") - 1.0) > 0.03
-
-
-# Balances and symmetries ----------------------------------------------------------------------
-
-
-def test_closure_obeys_the_balances() -> None:
-    rng = np.random.default_rng(2)
-    for _ in range(100):
-        scene, _ = random_scene(rng)
-        found = linearise(scene).identities
-        assert set(found) == {"energy", "virial", "force"}
-        for name, residual in found.items():
-            assert abs(residual.value) < 1e-9, (name, scene)
-
-
-def test_balances_see_a_wrong_restitution() -> None:
-    """Negative control: the answer for R does not balance as one for R^2."""
-    response, wrong = linearise(make_scene(restitution=0.8)), make_scene(restitution=0.64)
-    half = {name: value(response, f"impact_speed_{name}rate") / 2.0 for name in ("", "square_")}
-    moments = {
-        ("x", "x"): value(response, "displacement_mean"),
-        ("x", "variance"): value(response, "displacement_std") ** 2,
-        ("x", "vv"): value(response, "velocity_mean_square"),
-    }
-    for side in ("lower", "upper"):
-        moments["stops", f"f1_{side}"] = half[""]
-        moments["stops", f"f2_{side}"] = half["square_"]
-    found = residuals(assemble(wrong), moments, (0.0,))
-    assert abs(found["energy"]) > 0.01
-    assert abs(found["virial"]) > 0.01
 
 
 @pytest.mark.parametrize(("form", "variant"), WAYS)
@@ -359,174 +105,6 @@ def test_a_far_stop_is_no_stop(form: str, variant: str) -> None:
         assert value(two, name) == pytest.approx(value(one, name), rel=1e-9), name
 
 
-def test_deep_preload_joins_on_where_the_family_ends() -> None:
-    """No jump where the law turns exponential: half the step in position, half in the answer."""
-
-    def largest_step(count: int) -> float:
-        positions = np.linspace(-0.5, -0.3, count + 1)
-        found = [linearise(make_scene(None, float(c), restitution=0.5)) for c in positions]
-        assert {bool(response.warnings) for response in found} == {False, True}
-        return float(np.abs(np.diff([value(one, "displacement_std") for one in found])).max())
-
-    assert largest_step(60) == pytest.approx(largest_step(30) / 2.0, rel=0.05)
-
-
-def test_deep_preload_between_two_stops_tends_to_one_stop() -> None:
-    """What the limit of kappa bends the law between stops 2 D apart falls as 1 / D^2."""
-    one = linearise(make_scene(None, -0.9, restitution=0.5))
-
-    def error(gap: float) -> float:
-        two = linearise(make_scene(-gap, -0.9, restitution=0.5))
-        return value(two, "displacement_std") / value(one, "displacement_std") - 1.0
-
-    assert one.warnings
-    assert error(1000.0) == pytest.approx(error(100.0) / 100.0, rel=0.05)
-
-
-# Linearised coefficients ----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("variant", ["consistent", "book"])
-def test_motion_stiffness_is_the_slope_of_the_mean_force(variant: str) -> None:
-    """k = d m_F / d m at fixed deviations."""
-    system = make_scene(-0.5, 1.2, restitution=0.6, restitution_lower=0.9).system()
-    form = choose("motion", variant, system)
-    step = 1e-5
-    for mean, log_deviation, log_speed in [(0.0, 0.0, 0.0), (0.4, -1.0, 0.3), (2.0, -0.5, -1.0)]:
-        ahead, here, behind = (
-            form.trial(
-                system,
-                np.array(
-                    [
-                        math.asinh((mean + shift) / math.exp(log_deviation)),
-                        log_deviation,
-                        log_speed,
-                    ]
-                ),
-            )
-            for shift in (step, 0.0, -step)
-        )
-        slope = (ahead.stop_force - behind.stop_force) / (2.0 * step)
-        # central differences: error of order (step / s_x)^2, and rounding / step
-        tolerance = (step / math.exp(log_deviation)) ** 2 + 1e-15 / step
-        assert here.stiffness == pytest.approx(slope, rel=10.0 * tolerance)
-
-
-def test_force_stiffness_is_the_slope_of_the_inverse_characteristic() -> None:
-    """1 / k = E dx/dF, and E x, by adaptive quadrature over the Gaussian force."""
-    system = make_scene(-0.5, 1.2, load=0.3, stiffness=1.7).system()
-    form, deviation = choose("force", "consistent", system), 1.4
-    trial = form.trial(system, np.array([math.log(deviation), 0.0]))
-    low, high = -0.5 * 1.7, 1.2 * 1.7
-
-    def density(force: float) -> float:
-        z = (force - system.load) / deviation
-        return math.exp(-0.5 * z * z) / (deviation * math.sqrt(2.0 * math.pi))
-
-    inside = quad(density, low, high, epsabs=0.0, epsrel=1e-13)[0]
-    mean = quad(
-        lambda force: min(max(force, low), high) / 1.7 * density(force),
-        -15.0,
-        15.0,
-        points=[low, high],
-        epsrel=1e-13,
-    )[0]
-    assert trial.stiffness + 1.7 == pytest.approx(1.7 / inside, rel=1e-12)
-    assert trial.mean == pytest.approx(mean, rel=1e-11)
-
-
-# Tabulated noise ------------------------------------------------------------------------------
-
-
-def flat(low: float, high: float, density: float = 0.4) -> TabulatedNoise:
-    return TabulatedNoise(on="x", frequency_hz=[low, high], density=[density] * 2, unit="N2/Hz")
-
-
-@pytest.mark.parametrize(("form", "variant"), WAYS)
-@pytest.mark.parametrize(("lower", "upper"), [(-1.0, 1.0), (-0.3, 1.2), (None, 0.5)])
-def test_wide_flat_table_is_white(
-    form: str, variant: str, lower: float | None, upper: float
-) -> None:
-    white = linearise(make_scene(lower, upper), form, variant)
-    names = ("displacement_std", "velocity_std", "collision_rate")
-
-    def error(decades: int) -> float:
-        table = flat(10.0**-decades, 10.0**decades)
-        coloured = linearise(
-            make_scene(lower, upper, intensity=None, extra=(table,)), form, variant
-        )
-        return max(abs(value(coloured, name) / value(white, name) - 1.0) for name in names)
-
-    # what the table leaves out falls as 1 / (its limits), so 100-fold over two decades
-    assert error(5) < 1e-4
-    assert error(7) == pytest.approx(error(5) / 100.0, rel=0.05)
-
-
-@pytest.mark.parametrize("profile", ["mil-std-810h-truck-vertical-5hz", "navmat-p-9492"])
-@pytest.mark.parametrize("extra", [(), (WhiteNoise(on="base", intensity=0.05),)])
-def test_closure_of_an_isolator_is_its_own_linearisation(
-    profile: str, extra: tuple[Excitation, ...]
-) -> None:
-    """k and beta from the reported rates alone give back the reported deviations."""
-    table = TabulatedNoise(on="base", profile=profile)
-    scene = Scene(
-        structure=Isolator(frequency_hz=12.0, zeta=0.1),
-        impact_pairs=[
-            ImpactPair(
-                lower=-1e-3,
-                upper=2e-3,
-                law=Restitution(coefficient=0.6),
-                lower_law=Restitution(coefficient=0.9),
-            )
-        ],
-        excitations=[table, *extra],
-    )
-    system, response = scene.system(), linearise(scene)
-    mean, speed = value(response, "displacement_mean"), value(response, "velocity_std")
-    variance = value(response, "displacement_std") ** 2
-    stiffness = damping = force = 0.0
-    for side, sign, restitution in (("lower", -1.0, 0.9), ("upper", 1.0, 0.6)):
-        rate = value(response, f"collision_rate_{side}")
-        push = (1.0 + restitution) * rate * math.sqrt(math.pi / 2.0) * speed
-        stiffness += push * abs(getattr(system, side) - mean) / variance
-        force += sign * push
-        damping += (1.0 - restitution**2) * rate
-    total = system.omega**2 + stiffness
-    coloured = response_moments(system.tables, math.sqrt(total), system.damping_rate + damping)
-    white = system.intensity / (2.0 * (system.damping_rate + damping))
-    assert variance == pytest.approx(coloured.displacement + white / total, rel=1e-8)
-    assert speed**2 == pytest.approx(coloured.velocity + white, rel=1e-8)
-    assert system.omega**2 * mean == pytest.approx(-force, rel=1e-8)
-    assert all(entry.bias is None for entry in response.estimates().values())
-
-
-@pytest.mark.parametrize(("form", "variant"), WAYS)
-def test_random_scenes_of_tabulated_noise(form: str, variant: str) -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        frequency = 10.0 ** rng.uniform(0.0, 2.0)
-        table = TabulatedNoise(on="base", profile="mil-std-810h-truck-vertical-5hz")
-        structure = Isolator(frequency_hz=frequency, zeta=10.0 ** rng.uniform(-2.0, -0.3))
-        free = response_moments([table.table], structure.omega, structure.damping_rate)
-        gaps = math.sqrt(free.displacement) * 10.0 ** rng.uniform(-1.0, 1.0, 2)
-        scene = Scene(
-            structure=structure,
-            impact_pairs=[
-                ImpactPair(
-                    lower=-float(gaps[0]) if rng.uniform() < 0.7 else None,
-                    upper=float(gaps[1]),
-                    law=Restitution(coefficient=float(rng.uniform())),
-                )
-            ],
-            excitations=[table],
-        )
-        response = linearise(scene, form, variant)
-        assert value(response, "displacement_std") > 0.0
-
-
-# No stops, and extremes -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("form", "variant"), WAYS)
 def test_without_stops_the_answer_is_the_linear_one(form: str, variant: str) -> None:
     response = linearise(make_scene(None, None, stiffness=2.0, load=0.6), form, variant)
@@ -541,7 +119,7 @@ def test_without_stops_the_answer_is_the_linear_one(form: str, variant: str) -> 
 
 @pytest.mark.parametrize(
     ("form", "variant", "count"),
-    [(*way, 500) for way in WAYS[:1]] + [(*way, 100) for way in WAYS[1:]],
+    [(*way, 200) for way in WAYS[:1]] + [(*way, 40) for way in WAYS[1:]],
 )
 def test_random_sweep_ends_in_finite_answers(form: str, variant: str, count: int) -> None:
     """Gaps of .001 to 1000 deviations, preload to 3, any R, also without damping.
@@ -561,36 +139,6 @@ def test_random_sweep_ends_in_finite_answers(form: str, variant: str, count: int
             assert system.upper is None or mean < system.upper + slack
 
 
-def test_free_mass_in_a_box() -> None:
-    """No spring: between elastic stops x is uniform, (B 13.38) with U = 0."""
-    response = linearise(make_scene(-1.0, 1.0, stiffness=0.0, restitution=1.0))
-    assert value(response, "displacement_std") == pytest.approx(1.0 / math.sqrt(3.0), rel=1e-12)
-    assert value(response, "collision_rate") == pytest.approx(1.0 / math.sqrt(2.0 * math.pi))
-    assert summary(linearise(make_scene(-1.0, 1.0, stiffness=0.0), "force"))[2] > 0.0
-
-
-def test_ball_on_a_table() -> None:
-    """No spring, one stop, pressed on by a load: for R = 1 the height is exponential."""
-    elastic = linearise(make_scene(None, 0.0, stiffness=0.0, restitution=1.0, load=2.0))
-    assert value(elastic, "displacement_mean") == pytest.approx(-0.5, rel=1e-9)
-    assert value(elastic, "displacement_std") == pytest.approx(0.5, rel=1e-9)
-    inelastic = linearise(make_scene(None, 0.0, stiffness=0.0, restitution=0.7, load=2.0))
-    # E v^2 = g E y, from the virial with stop and origin in one place
-    assert value(inelastic, "velocity_mean_square") == pytest.approx(
-        -2.0 * value(inelastic, "displacement_mean"), rel=1e-9
-    )
-    assert "leans on a stop" in inelastic.warnings[0]
-
-
-def test_motion_says_when_its_mean_lies_beyond_a_stop() -> None:
-    response = linearise(make_scene(None, -2.0), "motion")
-    assert value(response, "displacement_mean") > -2.0
-    assert response.warnings == ["the mean that this form gives lies beyond the upper stop"]
-
-
-# What a response says -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("form", "variant"), WAYS)
 def test_response_names_method_and_assumptions(form: str, variant: str) -> None:
     response = linearise(make_scene(), form, variant)
@@ -599,14 +147,6 @@ def test_response_names_method_and_assumptions(form: str, variant: str) -> None:
     assert response.estimates()["x", "velocity_std"].bias
     assert any("Gaussian" in sentence for sentence in response.assumptions)
     response.to_dict()
-
-
-def test_force_of_the_book_has_no_law_of_impact_speeds() -> None:
-    response = linearise(make_scene(), "force", "book")
-    pair = response.impact_pairs["stops"]
-    assert pair["impact_speed_rate"] is None and pair["impact_speed_mean"] is None
-    expected = value(response, "collision_rate") * value(response, "velocity_mean_square")
-    assert value(response, "impact_speed_square_rate") == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -657,60 +197,3 @@ def test_unmet_conditions_are_listed(scene: Scene, form: str, conditions: tuple[
     with pytest.raises(NotApplicable) as caught:
         linearise(scene, form)
     assert caught.value.conditions == conditions
-
-
-def test_no_balance_is_said_in_a_sentence() -> None:
-    """Noise of at most a hundredth of the preload does not lift the mass off its stop."""
-    scene = make_scene(None, -1.0, intensity=None, extra=(flat(0.05, 0.3, 1e-4),))
-    with pytest.raises(NotConverged, match="a preload holds the mass on a stop"):
-        linearise(scene)
-
-
-# The variant "box" ------------------------------------------------------------------------------
-
-
-def test_box_constants_solve_the_fokker_planck_equation_of_a_box() -> None:
-    """s_x and s_v of a free mass in a box, between and at the tabulated restitutions."""
-    for restitution in (0.0, 0.5, 0.75):
-        scene = make_scene(stiffness=0.0, damping=0.0, restitution=restitution, intensity=1.0)
-        truth = fokker_planck(scene, rtol=1e-3)
-        found, plain = linearise(scene, variant="box"), linearise(scene)
-        for name in ("displacement_std", "velocity_std", "impact_speed_rate"):
-            # four digits of the table, and what interpolation leaves
-            assert value(found, name) == pytest.approx(value(truth, name), rel=2e-3), name
-            assert abs(value(plain, name) / value(truth, name) - 1.0) > 2e-3, name
-
-
-def test_box_is_exact_for_elastic_stops() -> None:
-    for lower, upper in [(-1.0, 1.0), (-0.2, 1.5)]:
-        scene = make_scene(lower, upper, restitution=1.0, load=0.3)
-        one, two = linearise(scene, variant="box"), linearise(scene)
-        assert summary(one) == pytest.approx(summary(two), rel=1e-12)
-
-
-@pytest.mark.parametrize("damping", [0.1, 1.0])
-@pytest.mark.parametrize("restitution", [0.2, 0.5])
-def test_box_is_nearer_to_the_truth_than_the_plain_closure(
-    damping: float, restitution: float
-) -> None:
-    """And within what is asked of it: 6 % between half a deviation and a whole one."""
-    names = ("displacement_std", "velocity_std", "impact_speed_rate")
-    errors: dict[str, list[float]] = {"box": [], "consistent": []}
-    for gap in (0.2, 1.0):
-        scene = make_scene(
-            -gap, gap, restitution=restitution, damping=damping, intensity=2.0 * damping
-        )
-        truth = fokker_planck(scene, rtol=1e-3)
-        for variant, found in errors.items():
-            answer = linearise(scene, variant=variant)
-            found += [abs(value(answer, name) / value(truth, name) - 1.0) for name in names]
-            assert max(abs(one.value) for one in answer.identities.values()) < 1e-9
-    assert max(errors["box"]) < 0.06
-    assert np.mean(errors["box"]) < np.mean(errors["consistent"])
-
-
-def test_box_needs_two_rigid_stops() -> None:
-    with pytest.raises(NotApplicable, match="variant 'box' needs stops on both sides, got one"):
-        linearise(make_scene(None, 1.0), variant="box")
-    with pytest.raises(ValueError, match="for form 'force', got 'box'"):
-        linearise(make_scene(), "force", "box")

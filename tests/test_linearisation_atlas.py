@@ -178,7 +178,7 @@ def test_says_that_tables_have_no_atlas() -> None:
     changed = scene().model_copy(update={"excitations": (table,)})
     answer = found(linearise(changed))["displacement_std"]
     assert answer.bias is None
-    assert "white noise, not tabulated" in answer.how
+    assert "the atlas knows white noise alone" in answer.how
     with pytest.raises(NotApplicable, match="white noise for form 'clumps'"):
         linearise(changed, "clumps")
 

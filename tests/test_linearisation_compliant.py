@@ -110,7 +110,7 @@ def random_lossless(rng: np.random.Generator) -> Scene:
 
 def test_closure_is_exact_where_stops_lose_nothing() -> None:
     rng = np.random.default_rng(5)
-    for _ in range(25):
+    for _ in range(15):
         scene = random_lossless(rng)
         found, truth = linearise(scene), exact(scene)
         deviation = value(truth, "displacement_std")
@@ -151,9 +151,10 @@ def test_stiff_stops_tend_to_rigid_ones(lower: float | None, upper: float, z: fl
         soft = linearise(make_scene(law, lower, upper))
         return value(soft, "displacement_std") / value(rigid, "displacement_std") - 1.0
 
-    assert abs(error(1e10)) < 1e-4
+    stiffest = error(1e10)
+    assert abs(stiffest) < 1e-4
     # the next order is one more factor 1 / sqrt(stiffness), of some ten times its size
-    assert error(1e10) == pytest.approx(error(1e8) / 10.0, rel=0.02)
+    assert stiffest == pytest.approx(error(1e8) / 10.0, rel=0.02)
 
 
 def test_a_mass_that_never_leaves_its_stop_is_linear() -> None:
@@ -167,7 +168,7 @@ def test_a_mass_that_never_leaves_its_stop_is_linear() -> None:
     assert value(found, "contact_probability") == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("lower", "upper"), [(-1.0, 1.0), (-0.4, 1.0), (None, 0.5)])
+@pytest.mark.parametrize(("lower", "upper"), [(-0.4, 1.0), (None, 0.5)])
 def test_closure_is_nearest_to_the_fokker_planck_equation(
     lower: float | None, upper: float
 ) -> None:
@@ -371,8 +372,9 @@ def test_broad_noise_is_white(form: str, variant: str) -> None:
         return FilteredNoise(intensity=0.2, frequency_hz=frequency, zeta=0.5)
 
     # what filter and table leave out falls with their frequency
-    assert error(filtered(1e4)) < 1e-4
-    assert error(filtered(1e4)) < 0.2 * error(filtered(1e3)) + 1e-9
+    far = error(filtered(1e4))
+    assert far < 1e-4
+    assert far < 0.2 * error(filtered(1e3)) + 1e-9
     table = TabulatedNoise(on="x", frequency_hz=[1e-5, 1e5], density=[0.4] * 2, unit="N2/Hz")
     assert error(table) < 1e-4
 
@@ -385,8 +387,9 @@ def test_stiff_stops_in_filtered_noise_tend_to_the_closure_of_assemblies() -> No
         soft = linearise(make_scene(Elastic(stiffness=stiffness), noise=noise))
         return value(soft, "displacement_std") / value(rigid, "displacement_std") - 1.0
 
-    assert abs(error(1e10)) < 1e-4
-    assert error(1e10) == pytest.approx(error(1e8) / 10.0, rel=0.02)
+    stiffest = error(1e10)
+    assert abs(stiffest) < 1e-4
+    assert stiffest == pytest.approx(error(1e8) / 10.0, rel=0.02)
 
 
 # Units and symmetry -----------------------------------------------------------------------------

@@ -132,9 +132,9 @@ def test_agrees_with_linearise() -> None:
 
 
 def test_exact_for_elastic_stops() -> None:
-    columns = random_columns(np.random.default_rng(2), 200, elastic=True)
+    columns = random_columns(np.random.default_rng(2), 100, elastic=True)
     found = linearise_many(**columns)
-    for k in range(200):
+    for k in range(100):
         apart = differences(found, k, exact(scene_of(columns, k)))
         assert max(apart.values()) < 1e-10, (k, apart)
 
@@ -171,7 +171,7 @@ def balances(columns: Columns, found: Linearised) -> np.ndarray:
 
 
 def test_every_one_of_many_thousand_is_answered() -> None:
-    columns = random_columns(np.random.default_rng(3), 100_000)
+    columns = random_columns(np.random.default_rng(3), 40_000)
     found = linearise_many(**columns)
     assert found.converged.all()
     assert all(np.isfinite(column).all() for column in found)

@@ -23,14 +23,17 @@ forms of that last step:
 from stochvi.linearisation.many import Linearised, linearise_many
 from stochvi.linearisation.method import FORMS, VARIANTS, linearise, linearise_all
 from stochvi.linearisation.spectrum import LinearisedOscillator, linearised_oscillators
+from stochvi.linearisation.structure import LinearisedStructure, linearised_structures
 
 __all__ = [
     "FORMS",
     "VARIANTS",
     "Linearised",
     "LinearisedOscillator",
+    "LinearisedStructure",
     "linearise",
     "linearise_all",
     "linearise_many",
     "linearised_oscillators",
+    "linearised_structures",
 ]

@@ -7,18 +7,16 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from stochvi.answers import Answer, linear_acceleration
-from stochvi.collisions import NO_STOP, ContactStatistics
-from stochvi.contacts import Elastic, Viscoelastic
+from stochvi.collisions import NO_STOP
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Response
-from stochvi.gibbs_law import GibbsLaw
 from stochvi.linearisation.atlas import with_bounds
 from stochvi.linearisation.clumps import clumped
 from stochvi.linearisation.forms import choose
 from stochvi.linearisation.scales import gibbs_law, linear_moments
 from stochvi.linearisation.several import closure
 from stochvi.linearisation.solver import solve
+from stochvi.linearisation.told import answer_of
 from stochvi.linearisation.trial import ROOT_TWO_PI, Trial, soft_stops
 from stochvi.scenes import Scene, System
 
@@ -104,13 +102,13 @@ def linearise_all(
     started = time.perf_counter()
     _check_words(form, variant)
     if form == "closure" and variant == "consistent" and _is_assembly(scene):
-        return (closure(scene),)
+        return closure(scene)
     system, trials = linear_oscillators(scene, form, variant)
     free = system.lower is None and system.upper is None
     white = not system.tables and not system.filters
     exact = free or (form in ("closure", "clumps") and system.elastic and white)
     found = [
-        _answer(system, trial).response(
+        answer_of(system, trial).response(
             method_name(form, variant),
             scene,
             how="exact: linear and Gaussian" if free else _HOW[form],
@@ -304,39 +302,6 @@ def _warnings(system: System, trial: Trial) -> list[str]:
         if stop is not None and sign * (trial.mean - stop) > 0.0:
             found.append(f"the mean that this form gives lies beyond the {side} stop")
     return found
-
-
-def _answer(system: System, trial: Trial) -> Answer:
-    return Answer(
-        mean=trial.mean,
-        variance=trial.variance,
-        velocity_mean_square=trial.velocity_mean_square,
-        upcrossing_rate=trial.density_at_mean * math.sqrt(trial.velocity_mean_square) / ROOT_TWO_PI,
-        lower=trial.lower,
-        upper=trial.upper,
-        contact_lower=_contact(system, trial, "lower"),
-        contact_upper=_contact(system, trial, "upper"),
-        acceleration_mean_square=linear_acceleration(system),
-    )
-
-
-def _contact(system: System, trial: Trial, side: str) -> ContactStatistics | None:
-    """A contact with its mean peak force: that of the elastic law at this speed, times what a
-    damper changes in it when a free mass hits the stop."""
-    contact: ContactStatistics | None = getattr(trial, f"contact_{side}")
-    law = soft_stops(system).get(side)
-    if contact is None or law is None:
-        return None
-    speed = math.sqrt(trial.velocity_mean_square)
-    elastic = gibbs_law(system, speed)
-    known = elastic.contact(side) if isinstance(elastic, GibbsLaw) else None
-    if known is None or known.peak_force is None:
-        return contact
-    factor = 1.0
-    if isinstance(law, Viscoelastic):
-        without = Elastic(stiffness=law.stiffness).impact(speed, 1.0)
-        factor = law.impact(speed, 1.0).peak_force / without.peak_force
-    return contact._replace(peak_force=factor * known.peak_force)
 
 
 def _without_stops(system: System) -> Trial:

@@ -18,10 +18,10 @@ from stochvi.linearisation.trial import ROOT_TWO_PI, Trial, restitutions, soft_s
 from stochvi.scenes import System
 from stochvi.spectra import Filter, Table, response_moments
 
-SCAN = (-6.9, 2.3)
+SCAN = (-6.9, 4.6)
 """Logarithms of speeds, relative to one that balances, among which others are looked for."""
 
-LOOKED_AT = 60
+LOOKED_AT = 75
 """Speeds looked at: some fifteen a decade."""
 
 
@@ -234,7 +234,7 @@ def speed_scale(system: System) -> float:
 
 
 def balanced_speeds(system: System, near: float) -> list[float]:
-    """All speeds within three decades below and one above `near` at which the elastic law takes
+    """All speeds within three decades below and two above `near` at which the elastic law takes
     up the power supplied, m/s; in coloured noise there may be several, where the linearised
     resonance passes through a peak or an edge of the density."""
     logs = math.log(near) + np.linspace(*SCAN, LOOKED_AT)

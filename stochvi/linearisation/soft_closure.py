@@ -50,21 +50,22 @@ SOFTEST_CURVATURE = 1e-3
 for a density that is higher right at the stop."""
 
 
-def soft_closure(system: System) -> Form:
-    """The closure where at least one stop gives way.
+def soft_closure(system: System, coloured: bool = False) -> Form:
+    """The closure where at least one stop gives way; `coloured`: what shakes is not white, or
+    reaches the mass through others.
 
     Where the mass is pressed onto one of two stops, there may be no law but with the least
     curvature of a single stop; where it stays within stops for most of the time, none but with
     the curvature of the elastic law and other tau.
     """
-    least = least_curvature(system)
+    least = least_curvature(system, coloured)
     one_stop = Form(_start, lambda system, x: _trial(system, x, math.inf))
     stretched = Form(_start_stretched, _stretched)
     others = (stretched,) if math.isinf(least) else (one_stop, stretched)
     return Form(_start, lambda system, x: _trial(system, x, least), others)
 
 
-def least_curvature(system: System) -> float:
+def least_curvature(system: System, coloured: bool = False) -> float:
     """Least kappa between two stops, below which the density at the stops rises instead."""
     if system.lower is None or system.upper is None:
         return math.inf
@@ -74,7 +75,7 @@ def least_curvature(system: System) -> float:
         laws[side].restitution if side in laws else own
         for side, own in zip(SIGNS, restitutions(system), strict=True)
     )
-    if system.tables or system.filters:
+    if coloured or system.tables or system.filters:
         # a narrow band makes x dwell near its turning points, whatever the restitution
         lower = upper = 0.0
     hard = system._replace(restitution_lower=lower, restitution_upper=upper)
