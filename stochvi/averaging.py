@@ -71,10 +71,14 @@ def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
         raise NotApplicable("average", unmet)
     system = scene.system()
     law = energy_law(system, variant)
-    mean = law.moment(lambda orbits: orbits.first) if system.omega or system.load else law.centre
+    if system.omega or system.load:
+        away = law.moment(lambda orbits: orbits.first)
+    else:
+        away = law.centre - law.well.place
+    mean = law.well.place + away
     return Answer(
         mean=mean,
-        variance=law.moment(lambda orbits: orbits.second) - mean**2,
+        variance=law.moment(lambda orbits: orbits.second) - away**2,
         velocity_mean_square=law.velocity_mean_square,
         upcrossing_rate=law.rate_of_cycles_above(float(law.well.energy(mean))),
         lower=law.stop("lower"),

@@ -36,6 +36,10 @@ INTEGRATED = np.polynomial.legendre.Legendre.basis
 PANELS = 14
 """Between two stops' energies, and above the last; twice as many change the ninth digit."""
 
+LARGEST_FALL = 2.0
+"""Of ln G in the first panel above a stop, before that is halved: a mass pressed hard against a
+stop that takes much has little energy for most of the time, and a long tail."""
+
 CUT = 40.0
 """The energy ends where G has fallen by e^-CUT, some 4e-18, from what it is at the last stop."""
 
@@ -43,11 +47,15 @@ UNREACHED = 600.0
 """Energy of a stop, in theta, from which on it is never reached in numbers of this size."""
 
 MOST_DOUBLINGS = 200
-"""Of the largest energy."""
+"""Of the largest energy, and halvings of first panels."""
 
 
 class Orbits(NamedTuple):
-    """Of orbits of given energies: T, J, and the integrals of x dt and x^2 dt over a cycle."""
+    """Of orbits of given energies: T, J, and the integrals of y dt and y^2 dt over a cycle.
+
+    y = x - `Well.place`: of a mass that is pressed hard against a stop x varies too little for the
+    difference of its squares to keep any digit.
+    """
 
     period: Vector
     action: Vector
@@ -57,7 +65,7 @@ class Orbits(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Well:
-    """U = omega^2 x^2 / 2 - load x between the stops, less its value at rest where that exists."""
+    """U = omega^2 x^2 / 2 - load x between the stops, less its least value there."""
 
     omega: float
     load: float
@@ -65,66 +73,78 @@ class Well:
     upper: float
 
     def energy(self, x: float) -> float:
-        """U(x)."""
-        if self.omega:
-            return 0.5 * (self.omega * x - self.load / self.omega) ** 2
-        return -self.load * x
+        """U(x), with all its digits close to the place where it is 0."""
+        away = x - self.place
+        return away * (0.5 * self.omega**2 * away + (self.omega**2 * self.place - self.load))
 
     @cached_property
-    def bottom(self) -> float:
-        """The least energy there is between the stops."""
+    def place(self) -> float:
+        """Where the energy is least between the stops."""
         if self.omega:
-            rest = min(max(self.load / self.omega**2, self.lower), self.upper)
-        else:
-            rest = self.upper if self.load > 0.0 else self.lower
-        if not math.isfinite(rest):
-            rest = self.upper
-        return self.energy(rest)
+            return min(max(self.load / self.omega**2, self.lower), self.upper)
+        place = self.upper if self.load > 0.0 else self.lower
+        return place if math.isfinite(place) else self.upper
 
     def orbits(self, energy: Vector) -> Orbits:
-        """Periods and what else a cycle holds, in closed form."""
+        """Periods and what else a cycle holds: smooth integrals, of which few nodes are exact."""
         return self._sprung(energy) if self.omega else self._free(energy)
 
     def _sprung(self, energy: Vector) -> Orbits:
-        """With y = x - load / omega^2 and sin a = omega y / sqrt(2 E): dt = da / omega."""
+        """With x = load / omega^2 + w sin a / omega and v = w cos a: dt = da / omega.
+
+        What is left of the circle may be a short arc about a turning point, so that angles come
+        from place and speed, and differences of sines from half differences of angles.
+        """
         rest = self.load / self.omega**2
-        reach = np.sqrt(2.0 * energy) / self.omega
-        ends = [np.clip((stop - rest) / reach, -1.0, 1.0) for stop in (self.lower, self.upper)]
-        angle = np.arcsin(ends[1]) - np.arcsin(ends[0])
-        cosines = [np.sqrt((1.0 - end) * (1.0 + end)) for end in ends]
-        swing = ends[1] * cosines[1] - ends[0] * cosines[0]
-        period = 2.0 * angle / self.omega
-        first = 2.0 * reach / self.omega * (cosines[0] - cosines[1])
-        second = reach**2 / self.omega * (angle - swing)
+        largest = np.sqrt(2.0 * (energy - self.energy(rest)))
+        ends, speeds = [], []
+        for stop in (self.lower, self.upper):
+            if math.isfinite(stop):
+                speeds.append(np.sqrt(np.maximum(2.0 * (energy - self.energy(stop)), 0.0)))
+                ends.append(np.arctan2(self.omega * (stop - rest), speeds[-1]))
+            else:
+                speeds.append(np.zeros_like(energy))
+                ends.append(np.full_like(energy, math.copysign(0.5 * math.pi, stop)))
+        half = ((ends[1] - ends[0]) / 2.0)[:, None]
+        angle = ((ends[1] + ends[0]) / 2.0)[:, None] + half * NODES
+        place = np.zeros_like(energy)
+        if self.place == self.upper:
+            place = ends[1]
+        elif self.place == self.lower:
+            place = ends[0]
+        middle, away = ((angle + sign * place[:, None]) / 2.0 for sign in (1.0, -1.0))
+        y = 2.0 * largest[:, None] / self.omega * np.cos(middle) * np.sin(away)
+        time = 2.0 * half * WEIGHTS / self.omega
         return Orbits(
-            period=period,
-            action=2.0 * energy / self.omega * (angle + swing),
-            first=first + rest * period,
-            second=second + 2.0 * rest * first + rest**2 * period,
+            period=time.sum(axis=1),
+            action=(time * (largest[:, None] * np.cos(angle)) ** 2).sum(axis=1),
+            first=(time * y).sum(axis=1),
+            second=(time * y**2).sum(axis=1),
         )
 
     def _free(self, energy: Vector) -> Orbits:
-        """Without a spring v^2 = 2 (E + load x), and x a parabola in v: few nodes are exact."""
+        """Without a spring v^2 / 2 = E + load y, and y a parabola in v: few nodes are exact."""
         ends = np.array([np.full(energy.shape, stop) for stop in (self.lower, self.upper)])
         if self.load:
-            turn = -energy / self.load
+            turn = self.place - energy / self.load
             row = 0 if self.load > 0.0 else 1
             ends[row] = np.clip(turn, self.lower, self.upper)
-        speeds = np.sqrt(np.maximum(2.0 * (energy + self.load * ends), 0.0))
+        speeds = np.sqrt(np.maximum(2.0 * (energy + self.load * (ends - self.place)), 0.0))
         length = ends[1] - ends[0]
         v = (speeds[0] + speeds[1])[:, None] / 2.0 + (speeds[1] - speeds[0])[:, None] / 2.0 * NODES
         share = WEIGHTS / 2.0
-        # dt = dx / v, x from the end where v is known: (v - v_0)(v + v_0) = 2 load (x - x_0)
+        # dt = dx / v, and (v - v_0)(v + v_0) = 2 load (x - x_0) from the lowest place
         whole = (speeds[0] + speeds[1])[:, None] / 2.0
-        along = (v - speeds[0][:, None]) * (v + speeds[0][:, None])
-        x = ends[0][:, None] + (along / (2.0 * self.load) if self.load else
-                                length[:, None] * (1.0 + NODES) / 2.0)  # fmt: skip
+        fastest = speeds[1 if self.load > 0.0 else 0][:, None]
+        y = length[:, None] * (1.0 + NODES) / 2.0
+        if self.load:
+            y = (v - fastest) * (v + fastest) / (2.0 * self.load)
         time = 2.0 * length[:, None] * share / whole
         return Orbits(
             period=time.sum(axis=1),
             action=(time * v**2).sum(axis=1),
-            first=(time * x).sum(axis=1),
-            second=(time * x**2).sum(axis=1),
+            first=(time * y).sum(axis=1),
+            second=(time * y**2).sum(axis=1),
         )
 
 
@@ -148,17 +168,42 @@ class EnergyLaw:
     stops: dict[str, Stop]
     span: float
     variant: str
+    halvings: tuple[int, ...]
 
     @cached_property
     def _edges(self) -> list[tuple[float, float, float]]:
         """(E_k, s from, s to) of every panel."""
-        starts = sorted({self.well.bottom, *(stop.energy for stop in self.stops.values())})
+        starts = _starts(self.stops)
         ends = [*starts[1:], starts[-1] + self.span]
         found = []
-        for start, end in zip(starts, ends, strict=True):
+        for start, end, halvings in zip(starts, ends, self.halvings, strict=True):
             grid = np.linspace(0.0, math.sqrt(end - start), PANELS + 1)
+            halved = grid[1] * 0.5 ** np.arange(halvings, 0, -1)
+            grid = np.concatenate([grid[:1], halved, grid[1:]])
             found += [(start, float(one), float(two)) for one, two in pairwise(grid)]
         return found
+
+    @property
+    def _first_panels(self) -> list[int]:
+        """Of the panels above each E_k."""
+        sizes = [PANELS + halvings for halvings in self.halvings]
+        return [sum(sizes[:k]) for k in range(len(sizes))]
+
+    @property
+    def halved(self) -> tuple[int, ...]:
+        """`halvings`, one more where the first panel holds too much of a fall of G."""
+        panels = self.flux.reshape(-1, len(NODES))
+        least, most = math.exp(-CUT) * panels.max(), math.exp(LARGEST_FALL)
+        return tuple(
+            halvings + int(panels[first, 0] > max(least, most * abs(panels[first, -1])))
+            for first, halvings in zip(self._first_panels, self.halvings, strict=True)
+        )
+
+    @property
+    def ends(self) -> bool:
+        """Whether hardly anything is left at the largest energy."""
+        last = self._first_panels[-1] * len(NODES)
+        return bool(self.flux[-1] <= math.exp(-CUT) * self.flux[last])
 
     @cached_property
     def nodes(self) -> tuple[Vector, Vector]:
@@ -292,23 +337,33 @@ def energy_law(system: System, variant: str = FINITE_JUMPS) -> EnergyLaw:
         for side, place, restitution in sides
         if place is not None
         and restitution is not None
-        and damping * (well.energy(place) - well.bottom) <= UNREACHED * diffusion
+        and damping * well.energy(place) <= UNREACHED * diffusion
     }
     span = _span(diffusion, damping, well, stops)
+    halvings = (0,) * len(_starts(stops))
     for _ in range(MOST_DOUBLINGS):
         law = EnergyLaw(
-            well=well, diffusion=diffusion, damping=damping, stops=stops, span=span, variant=variant
-        )
-        if law.flux[-1] <= math.exp(-CUT) * law.flux[-PANELS * len(NODES)]:
+            well=well, diffusion=diffusion, damping=damping, stops=stops, span=span,
+            variant=variant, halvings=halvings,
+        )  # fmt: skip
+        if law.halved != halvings:
+            halvings = law.halved
+        elif law.ends:
             return law
-        span *= 2.0
+        else:
+            span *= 2.0
     raise NotApplicable("average", ["no energy was found that the mass does not exceed"])
+
+
+def _starts(stops: dict[str, Stop]) -> list[float]:
+    """Energies from which on an orbit is another: the bottom, and those of the stops."""
+    return sorted({0.0, *(stop.energy for stop in stops.values())})
 
 
 def _span(diffusion: float, damping: float, well: Well, stops: dict[str, Stop]) -> float:
     """A first guess of the energy above the last stop: where the losses of a cycle exceed CUT
     times the gain, or a hundredth of where damping alone would end it."""
-    top = max([well.bottom, *(stop.energy for stop in stops.values())])
+    top = max([0.0, *(stop.energy for stop in stops.values())])
     span = CUT * diffusion / damping / 100.0 if damping else math.inf
     for stop in stops.values():
         lost = 1.0 - stop.restitution**2

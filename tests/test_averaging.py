@@ -57,8 +57,8 @@ def test_without_losses_at_the_stops_averaging_is_exact(name, variant):
     ],
 )
 def test_the_integrals_over_a_cycle_by_quadrature(well):
-    """T, J and the integrals of x and x^2 over time; x = middle + half sin(angle)."""
-    energies = well.bottom + np.array([0.05, 0.4, 2.5])
+    """T, J and the integrals of y and y^2 over time; x = middle + half sin(angle)."""
+    energies = np.array([0.05, 0.4, 2.5])
     found = well.orbits(energies)
 
     def potential(x):
@@ -66,10 +66,11 @@ def test_the_integrals_over_a_cycle_by_quadrature(well):
 
     for row, energy in enumerate(energies):
         if well.omega:
-            rest, reach = well.load / well.omega**2, math.sqrt(2.0 * energy) / well.omega
+            rest = well.load / well.omega**2
+            reach = math.sqrt(2.0 * (energy - potential(rest))) / well.omega
             low, high = rest - reach, rest + reach
         else:
-            turn = -energy / well.load if well.load else math.inf
+            turn = well.place - energy / well.load if well.load else math.inf
             low, high = (turn, math.inf) if well.load > 0.0 else (-math.inf, turn)
         low, high = max(low, well.lower), min(high, well.upper)
         middle, half = (low + high) / 2.0, (high - low) / 2.0
@@ -87,8 +88,8 @@ def test_the_integrals_over_a_cycle_by_quadrature(well):
             for of in (
                 lambda x, v: 1.0 / v,
                 lambda x, v: v,
-                lambda x, v: x / v,
-                lambda x, v: x**2 / v,
+                lambda x, v: (x - well.place) / v,
+                lambda x, v: (x - well.place) ** 2 / v,
             )
         ]
         assert [column[row] for column in found] == pytest.approx(expected, rel=1e-6, abs=1e-8)
@@ -102,6 +103,26 @@ def test_the_balance_of_energy_holds_for_every_loss(stops, restitution, variant)
     found = average(oscillator(*stops, restitution, load=0.2), variant=variant)
     # G bends where the first jumps land: the quadrature has eight digits there, else twelve
     assert abs(found.identities["energy"].value) < 1e-8
+
+
+@pytest.mark.parametrize("variant", [CONTINUOUS, FINITE_JUMPS])
+@pytest.mark.parametrize(
+    ("damping", "restitution", "stop"), [(0.01, 0.5, -1.0), (0.01, 0.5, -2.0), (1e-3, 0.3, -4.0)]
+)
+def test_a_mass_pressed_hard_against_a_lossy_stop(damping, restitution, stop, variant):
+    """It stays so close that a spring presses like a weight, and has little energy but a tail."""
+    intensity = 2.0 * damping
+    pressed = oscillator(upper=stop, restitution=restitution, damping=damping, intensity=intensity)
+    found = average(pressed, variant=variant)
+    assert abs(found.identities["energy"].value) < 1e-8
+    spread = found.coordinates["x"]["displacement_std"].value
+    weight = oscillator(
+        upper=0.0, restitution=restitution, omega=0.0, load=-stop, damping=damping,
+        intensity=intensity,
+    )  # fmt: skip
+    known = average(weight, variant=variant).coordinates["x"]["displacement_std"].value
+    # the spring's force falls by y / stop on a way y, of which the fourth moment has a long tail
+    assert spread == pytest.approx(known, rel=40.0 * spread / -stop)
 
 
 def off(scene: Scene, variant: str, names) -> dict[str, float]:
