@@ -137,8 +137,10 @@ class ModalPlan:
     @property
     def block(self) -> int:
         """Paths to a block, the unit of work: some seconds at most."""
-        # without kicks a mass may lie on a stop for long, and every step of that is flown by itself
-        longest = LONGEST_BLOCK if self.modes.kicked else LONGEST_BLOCK / LYING
+        # a step in contact is flown by itself: at a stop that gives way, and where no kick lifts a
+        # mass that lies on one
+        quick = self.modes.kicked and not self.contacts
+        longest = LONGEST_BLOCK if quick else LONGEST_BLOCK / LYING
         return max(FEWEST_LANES, min(MOST_PATHS, int(longest // self.steps_per_path)))
 
     @property
