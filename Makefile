@@ -36,4 +36,4 @@ bench: .venv/bench-installed
 	touch $@
 
 clean:
-	rm -rf .venv out
+	rm -rf .venv out stochvi/monte_carlo/kernels/__pycache__

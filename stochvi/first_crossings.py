@@ -60,6 +60,16 @@ MEMORY_CORRELATIONS = 24.0
 FEWEST_PATHS = 64
 """For a standard error between paths; each holds some 20 crossings."""
 
+PILOT = 2**32
+"""Number of the first path of a pilot, which tells how many paths an answer needs and is no part of
+it: of what ends as soon as its error looks small that error is too small, by some 5 %."""
+
+MARGIN = 1.1
+"""More paths than the pilot asks for."""
+
+MISSED = 1.3
+"""Times the error asked for, from which on paths are added: it ends for its error hardly ever."""
+
 LEAST_PATHS = 8
 """Where not even the fewest fit into the budget."""
 
@@ -129,15 +139,14 @@ class FirstCrossings:
         def chance(sums: Vector) -> Vector:
             return self._probability(sums, mission)
 
-        limits = self._hardly_survived(mission)
+        limits = self._few(self._path_means(0, mission).mean(axis=-1), mission)
         return [
             replace(found, bias=max(found.bias or 0.0, 1.0 - found.value)) if limit else found
             for found, limit in zip(self._estimates(chance, mission), limits, strict=True)
         ]
 
-    def _hardly_survived(self, mission: float) -> NDArray[np.bool_]:
-        """(levels,): where survivors are taken for more than were seen."""
-        means = self._path_means(0, mission).mean(axis=-1)
+    def _few(self, means: Vector, mission: float) -> NDArray[np.bool_]:
+        """(levels,): where survivors are taken for more than are left by such sums."""
         half = self.horizon / 2.0
         few = self.outside + means[0] > 1.0 - FEWEST_SURVIVORS
         if mission > self.horizon:
@@ -161,6 +170,10 @@ class FirstCrossings:
         first = self._integrals(np.full((1, 1), self.horizon), mission)[:, 0] * self.rice_rate
         seen = fine.mean(axis=-1)
         errors = np.maximum(errors, np.abs(statistic(seen + (first - seen) / crossings) - values))
+        # survivors that are taken for more than were seen do not vary with those seen
+        error = fine.std(axis=-1, ddof=1) / math.sqrt(paths)
+        fewer = np.abs(statistic(seen - error) - values)
+        errors = np.where(self._few(seen + error, mission), np.maximum(errors, fewer), errors)
         # a cubic between samples misses peaks at an order of 2 at least
         bias = np.abs(statistic(coarse.mean(axis=-1)) - values) / 3.0
         how = f"{paths} paths of {self.ages.shape[-1]} crossings; bias from half the sampling"
@@ -254,31 +267,38 @@ def first_crossings(
     plan = crossing_plan(scene.model_copy(update={"impact_pairs": ()}))
     records = Records(plan, seed, below, above)
     workers = threads or len(os.sched_getaffinity(0))
-    ages: list[NDArray[np.float32]] = []
-    paths = max(FEWEST_PATHS, plan.block)
     with ThreadPoolExecutor(workers) as pool:
-        ages.append(records.ages(0))
+        pilot = [records.ages(PILOT)]
         started = time.perf_counter()  # compilation is over
-        while True:
+
+        def elapsed() -> float:
+            return time.perf_counter() - started
+
+        def fly(first: int, ages: list[NDArray[np.float32]], paths: int) -> FirstCrossings:
+            """So many paths, or those that the budget allows, from the first on."""
             # a long block takes seconds: the clock is looked at whenever each thread has done one
             while (done := len(ages) * plan.block) < paths:
-                late = budget is not None and time.perf_counter() - started > budget
-                if late and done >= LEAST_PATHS:
+                if budget is not None and elapsed() > budget and done >= LEAST_PATHS:
                     break
                 last = min(paths, done + workers * plan.block)
-                ages += pool.map(records.ages, range(done, last, plan.block))
-            found = records.found(np.concatenate(ages, axis=3))
-            error = largest_error(found, mission)
-            elapsed = time.perf_counter() - started
+                ages += pool.map(records.ages, range(first + done, first + last, plan.block))
+            return records.found(np.concatenate(ages, axis=3))
+
+        found, ages = fly(PILOT, pilot, FEWEST_PATHS), pilot
+        answer: list[NDArray[np.float32]] = []
+        while True:
+            error, done, now = largest_error(found, mission), len(ages) * plan.block, elapsed()
             if progress:
                 progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{done} paths")
-            if error <= rel_error or (budget is not None and elapsed > 0.5 * budget):
+            enough = ages is answer and error <= MISSED * rel_error
+            if enough or (budget is not None and now > 0.5 * budget):
                 return found
-            growth = min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0)
-            if budget is not None and elapsed > 0.0:
+            growth = min(MARGIN * (error / rel_error) ** 2, 4.0)
+            if budget is not None and now > 0.0:
                 # in the time that is left, and the time that is there now is what there will be
-                growth = min(growth, max(budget / elapsed, 1.25))
-            paths = plan.block * math.ceil(growth * len(ages))
+                growth = min(growth, max(budget / now, 1.25))
+            ages = answer
+            found = fly(0, answer, max(math.ceil(growth * done), FEWEST_PATHS))
 
 
 def _levels(

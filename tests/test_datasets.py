@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import csv
+import math
+import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -32,6 +35,17 @@ def test_a_profile_is_a_table_with_a_source_in_the_unit_that_its_header_says(pro
 def test_every_shipped_scene_is_valid_and_found_by_its_name(path: Path):
     assert shipped_scene(path.stem) == path
     assert load_scene(path).title
+
+
+def test_the_motion_of_the_tower_that_its_comment_states():
+    path = shipped_scene("absorber-on-a-tower")
+    stated = re.search(r"rms displacement without absorber about (\S+) m", path.read_text("utf-8"))
+    given = tomllib.loads(path.read_text("utf-8"))
+    mass, omega = given["structure"]["mass"], 2.0 * math.pi * given["structure"]["frequency_hz"]
+    damping = 2.0 * given["structure"]["zeta"] * omega * mass
+    intensity = given["excitation"][0]["intensity"]
+    rms = math.sqrt(intensity / (2.0 * damping * mass * omega**2))
+    assert float(f"{rms:.1g}") == float(stated[1])
 
 
 def test_a_scene_that_does_not_ship_is_answered_with_those_that_do():

@@ -7,6 +7,7 @@ from itertools import count
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import chi2
 from statistical import assert_agrees
 
 from stochvi import (
@@ -18,10 +19,12 @@ from stochvi import (
     Sine,
     TabulatedNoise,
     WhiteNoise,
+    first_passage,
 )
 from stochvi.estimates import Estimate
 from stochvi.first_crossings import (
     FEWEST_PATHS,
+    PILOT,
     FirstCrossings,
     Records,
     crossing_plan,
@@ -283,3 +286,31 @@ def test_a_long_block_is_timed_before_more_are_begun(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("stochvi.first_crossings.time.perf_counter", lambda: float(next(seconds)))
     found = first_crossings(UNIT, [2.0], mission=10.0, rel_error=1e-5, budget=0.5, threads=1)
     assert found.ages.shape[3] == crossing_plan(UNIT).block < FEWEST_PATHS
+
+
+def test_an_answer_is_not_ended_by_its_own_error() -> None:
+    """A pilot that is no part of it tells how many paths it takes."""
+    found = first_crossings(UNIT, [3.0], mission=200.0, rel_error=0.5, seed=7, threads=1)
+    plan = crossing_plan(UNIT)
+    level = np.array([3.0])
+    records = Records(plan, 7, level, level)
+    first, pilot = records.ages(0), records.ages(PILOT)
+    np.testing.assert_array_equal(found.ages[:, :, :, : plan.block], first)
+    assert not np.array_equal(first, pilot)
+
+
+def test_where_hardly_any_motion_outlasts_the_memory_errors_do_not_vanish() -> None:
+    """12 % outlast the memory and 15 % the mission, which 64 paths hardly tell from none."""
+    mission = 100.0
+    (known,) = first_passage(
+        UNIT, -2.0, 2.0, times=[mission], start="stationary"
+    ).probability  # fmt: skip
+    level = np.array([2.0])
+    scores = []
+    for seed in range(1000, 1060):
+        records = Records(crossing_plan(UNIT), seed, level, level)
+        found = records.found(np.concatenate([records.ages(0), records.ages(32)], axis=3))
+        (chance,) = found.probability(mission)
+        scores.append((chance.value - known.value) / chance.standard_error)
+    # of normal scores the mean square is chi square over their number
+    assert np.mean(np.square(scores)) < chi2.ppf(1.0 - 1e-5, 60) / 60.0

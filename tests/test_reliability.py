@@ -80,6 +80,8 @@ def test_expected_hits_are_the_rate_times_the_mission() -> None:
         0.0 < speed.value < TEN_PERIODS * rate.value * math.exp(-8.0) + 4.5 * speed.standard_error
     )
     assert found.chances["hit"].estimate.value > 0.99
+    # a mission of crude simulation at least 64 steps long, 100 of them at least for 10 %
+    assert found.cost.steps - sum(chance.steps for chance in found.chances.values()) > 6400
     document = to_json(found.to_dict())
     assert "expected_hits" in document
     assert list(found.to_frame()["event"]) == ["hit", "impact_speed"]

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -34,8 +34,15 @@ from stochvi.monte_carlo.splitting import (
 
 Way = Literal["crude", "splitting", "first crossings"]
 Task = TypeVar("Task")
-Hits = tuple[Estimate, tuple[float, float]]
-"""Expected impacts in a mission, and their interval."""
+
+
+class Hits(NamedTuple):
+    """Expected impacts in a mission, their interval, and the steps they took (0 if not counted)."""
+
+    estimate: Estimate
+    interval: tuple[float, float]
+    steps: int = 0
+
 
 PILOT_MISSIONS = 4096
 """Of crude simulation."""
@@ -153,7 +160,7 @@ class Jobs:
             bias=None if bias is None else missions * bias,
             how=f"{found.way}, {fine.trials} {_trials(found.way)}; bias from twice the step",
         )
-        return estimate, (missions * lower, missions * upper)
+        return Hits(estimate, (missions * lower, missions * upper), found.steps)
 
     def _found(self, plan: MissionPlan, way: Way | None, hits: bool) -> Found:
         """Pilot, choice, second stage."""

@@ -151,7 +151,7 @@ def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
     found = bursts(
         scene, rel_error=jobs.rel_error, seed=jobs.seed, threads=jobs.threads, budget=jobs.budget
     )
-    rate = found.hit_rate()
+    rate, steps = found.hit_rate(), 0
     if not found.apart:
         response = simulate(
             scene, rel_error=jobs.rel_error, seed=jobs.seed, threads=jobs.threads,
@@ -159,7 +159,7 @@ def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
         )  # fmt: skip
         simulated = response.impact_pairs[scene.impact_pairs[0].name]["collision_rate"]
         assert isinstance(simulated, Estimate)
-        rate = simulated
+        rate, steps = simulated, response.cost.steps
     estimate = Estimate(
         value=mission * rate.value,
         standard_error=mission * rate.standard_error,
@@ -167,4 +167,4 @@ def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
         how=f"{mission:g} s times the rate: {rate.how}",
     )
     reach = float(ndtri(0.5 + 0.5 * jobs.confidence)) * estimate.standard_error
-    return estimate, (max(estimate.value - reach, 0.0), estimate.value + reach)
+    return Hits(estimate, (max(estimate.value - reach, 0.0), estimate.value + reach), steps)

@@ -127,14 +127,15 @@ def reliability(
         mission=mission,
         start=start,
         chances=chances,
-        hits=None if hits is None else hits[0],
-        hits_interval=None if hits is None else hits[1],
+        hits=None if hits is None else hits.estimate,
+        hits_interval=None if hits is None else hits.interval,
         confidence=confidence,
         assumptions=_assumptions(scene, start),
         warnings=_warnings(chances, rel_error),
         cost=Cost(
             wall_time=time.perf_counter() - started,
-            steps=sum(chance.steps for chance in chances.values()),
+            steps=sum(chance.steps for chance in chances.values())
+            + (0 if hits is None else hits.steps),
             paths=sum(chance.trials for chance in chances.values()),
             threads=workers,
         ),
