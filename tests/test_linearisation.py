@@ -588,6 +588,29 @@ def test_motion_says_when_its_mean_lies_beyond_a_stop() -> None:
     assert response.warnings == ["the mean that this form gives lies beyond the upper stop"]
 
 
+@pytest.mark.parametrize("variant", ["consistent", "book"])
+def test_motion_deep_within_a_stop(variant: str) -> None:
+    """Preloads of 3 to 100 deviations. As they grow the balances become E v^2 p = omega^2 d, and so
+    (1 - R^2) omega^2 d s_v = S0 sqrt(pi / 2) in s_v where impacts take nearly all energy."""
+    rng = np.random.default_rng(8)
+    for _ in range(30):
+        preload = 10.0 ** rng.uniform(0.5, 2.0)
+        restitution = float(rng.choice([0.0, rng.uniform()]))
+        damping = 10.0 ** rng.uniform(-3.0, 0.0)
+        scene = make_scene(
+            None, -preload, restitution=restitution, damping=damping, intensity=2.0 * damping
+        )
+        speed = value(linearise(scene, "motion", variant), "velocity_std")
+        lost = (1.0 - restitution**2) * preload
+        # damping takes b s_v^2 besides
+        own = damping * speed / (lost / math.sqrt(2.0 * math.pi) + damping * speed)
+        expected = 2.0 * damping * math.sqrt(math.pi / 2.0) / lost * (1.0 - own)
+        # the cut law is exponential but for 1 / u^2, u = d (1 - A) / s_x from its stop to m
+        factor = (1.0 + restitution**2) / 4.0 if variant == "book" else (1.0 + restitution) / 2.0
+        rest = (speed / preload) ** 2 / (1.0 - factor)
+        assert speed == pytest.approx(expected, rel=2.0 * rest + 1e-9)
+
+
 # What a response says -------------------------------------------------------------------------
 
 

@@ -12,13 +12,38 @@ from stochvi.cut_normal import CutNormal
 from stochvi.linearisation.trial import Form, Trial, Unknowns, restitutions
 from stochvi.scenes import System
 
+DEEP = 2.0
+"""Preload of a stop, in deviations of the mass on its spring alone, from which it is a deep one."""
+
 
 def rigid_motion(book: bool) -> Form:
     """The form between rigid stops, with the factors of the book or consistent ones."""
-    return Form(_motion_start, lambda system, x: _motion_trial(system, x, book))
+
+    def trial(system: System, unknowns: Unknowns) -> Trial:
+        return _motion_trial(system, unknowns, book)
+
+    elastic = Form(_elastic_start, trial)
+    return Form(lambda system: _motion_start(system, book), trial, (elastic,))
 
 
-def _motion_start(system: System) -> Unknowns:
+def _motion_start(system: System, book: bool) -> Unknowns:
+    """That of a deep preload on a single stop, or of the elastic law.
+
+    At a stop far inside the rest position, by d, what is left of the cut law is exponential: its
+    density at the stop is p = omega^2 d / s_v^2. With A, the factor of the mean stop force, the
+    balances of force and virial become m = -A d from rest and s_x^2 = (1 - A) s_v^2 / omega^2.
+    """
+    if system.lower is None and system.upper is not None and system.omega > 0.0:
+        rest = system.load / system.omega**2
+        factor = motion_factor(restitutions(system)[1], book)
+        if (rest - system.upper) * system.omega > DEEP and factor < 1.0:
+            deviation = math.sqrt(1.0 - factor) / system.omega
+            mean = rest + factor * (system.upper - rest)
+            return np.array([math.asinh(mean / deviation), math.log(deviation), 0.0])
+    return _elastic_start(system)
+
+
+def _elastic_start(system: System) -> Unknowns:
     """The deviation that balances at unit speed, with the mean of the elastic law."""
     low = motion_factor(min(restitutions(system)), book=False)
 
