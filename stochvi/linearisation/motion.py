@@ -12,8 +12,9 @@ from stochvi.cut_normal import CutNormal
 from stochvi.linearisation.trial import Form, Trial, Unknowns, restitutions
 from stochvi.scenes import System
 
-DEEP = 2.0
-"""Preload of a stop, in deviations of the mass on its spring alone, from which it is a deep one."""
+STIFFENED = 2.0
+"""Deviation of the mass on its spring alone, in those of the elastic law, from which the stops are
+taken to govern the motion: narrow gaps and deep preloads."""
 
 
 def rigid_motion(book: bool) -> Form:
@@ -27,19 +28,20 @@ def rigid_motion(book: bool) -> Form:
 
 
 def _motion_start(system: System, book: bool) -> Unknowns:
-    """That of a deep preload on a single stop, or of the elastic law.
+    """That of stops which govern the motion, or of the elastic law.
 
-    At a stop far inside the rest position, by d, what is left of the cut law is exponential: its
-    density at the stop is p = omega^2 d / s_v^2. With A, the factor of the mean stop force, the
-    balances of force and virial become m = -A d from rest and s_x^2 = (1 - A) s_v^2 / omega^2.
+    In a narrow gap, and at a stop far inside the rest position r, the stop force has the slope
+    k = A s_v^2 / s_x^2 and the mean k (m - c), A its factor and c the mean between the stops: of a
+    narrow gap the cut law is even, of a deep preload exponential. The balances are then
+    m = c + (1 - A) (r - c) and s_x^2 = (1 - A) s_v^2 / omega^2. Here c = 0 and s_v = 1.
     """
-    if system.lower is None and system.upper is not None and system.omega > 0.0:
-        rest = system.load / system.omega**2
-        factor = motion_factor(restitutions(system)[1], book)
-        if (rest - system.upper) * system.omega > DEEP and factor < 1.0:
-            deviation = math.sqrt(1.0 - factor) / system.omega
-            mean = rest + factor * (system.upper - rest)
-            return np.array([math.asinh(mean / deviation), math.log(deviation), 0.0])
+    stops = zip((system.lower, system.upper), restitutions(system), strict=True)
+    factors = [motion_factor(r, book) for stop, r in stops if stop is not None]
+    left = 1.0 - sum(factors) / len(factors)
+    if left > 0.0 and system.omega * STIFFENED < 1.0:
+        deviation = math.sqrt(left) / system.omega
+        mean = left * system.load / system.omega**2
+        return np.array([math.asinh(mean / deviation), math.log(deviation), 0.0])
     return _elastic_start(system)
 
 
