@@ -94,6 +94,44 @@ def test_motion_says_when_its_mean_lies_beyond_a_stop() -> None:
     assert response.warnings == ["the mean that this form gives lies beyond the upper stop"]
 
 
+@pytest.mark.parametrize("variant", ["consistent", "book"])
+def test_motion_in_narrow_gaps_far_from_rest(variant: str) -> None:
+    """E v^2 obeys the balance of energy with p = 1 / (upper - lower) at either stop."""
+    rng = np.random.default_rng(9)
+    for _ in range(30):
+        gap, restitution = 10.0 ** rng.uniform(-6.0, -2.0), float(rng.uniform())
+        place = float(rng.choice([0.0, -1.0, 1.0])) * 10.0 ** rng.uniform(-1.0, 1.0)
+        scene = make_scene(place - gap, place, restitution=restitution)
+        square = value(linearise(scene, "motion", variant), "velocity_mean_square")
+        lost = 2.0 * (1.0 - restitution**2) * square**1.5 / (gap * math.sqrt(2.0 * math.pi))
+        # the law is not quite even: by the square of the force of the spring over s_v^2
+        uneven = (gap * (abs(place) + 1.0) / square) ** 2
+        assert 0.1 * square + lost == pytest.approx(0.1, rel=uneven + 1e-8)
+
+
+@pytest.mark.parametrize("variant", ["consistent", "book"])
+def test_motion_deep_within_a_stop(variant: str) -> None:
+    """Preloads of 3 to 30 deviations. As they grow the balances become E v^2 p = omega^2 d, and so
+    (1 - R^2) omega^2 d s_v = S0 sqrt(pi / 2) in s_v where impacts take nearly all energy."""
+    rng = np.random.default_rng(8)
+    for _ in range(30):
+        preload = 10.0 ** rng.uniform(0.5, 1.5)
+        restitution = float(rng.choice([0.0, rng.uniform()]))
+        damping = 10.0 ** rng.uniform(-3.0, 0.0)
+        scene = make_scene(
+            None, -preload, restitution=restitution, damping=damping, intensity=2.0 * damping
+        )
+        speed = value(linearise(scene, "motion", variant), "velocity_std")
+        lost = (1.0 - restitution**2) * preload
+        # damping takes b s_v^2 besides
+        own = damping * speed / (lost / math.sqrt(2.0 * math.pi) + damping * speed)
+        expected = 2.0 * damping * math.sqrt(math.pi / 2.0) / lost * (1.0 - own)
+        # the cut law is exponential but for 1 / u^2, u = d (1 - A) / s_x from its stop to m
+        factor = (1.0 + restitution**2) / 4.0 if variant == "book" else (1.0 + restitution) / 2.0
+        rest = (speed / preload) ** 2 / (1.0 - factor)
+        assert speed == pytest.approx(expected, rel=2.0 * rest + 1e-9)
+
+
 def test_force_of_the_book_has_no_law_of_impact_speeds() -> None:
     response = linearise(make_scene(), "force", "book")
     pair = response.impact_pairs["stops"]

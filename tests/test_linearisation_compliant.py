@@ -197,6 +197,33 @@ def test_balances_hold_for_stops_that_take_energy() -> None:
             assert all(abs(residual.value) < 1e-9 for residual in found.values())
 
 
+@pytest.mark.parametrize(("gap", "load"), [(0.0, 1.0), (1.0, 0.0), (1.0, 0.5)])
+@pytest.mark.parametrize(("stiffness", "z"), [(3.0, 0.2), (30.0, 0.6)])
+def test_says_where_lossy_stops_are_known_to_be_far_off(
+    gap: float, load: float, stiffness: float, z: float
+) -> None:
+    """And the error that it names holds, against the Fokker-Planck equation."""
+    scene = make_scene(Viscoelastic(stiffness=stiffness, damping_ratio=z), None, gap, load=load)
+    answer, truth = linearise(scene), fokker_planck(scene, rtol=2e-2)
+    words = answer.warnings[-1]  # after what may be said of leaning on the stop
+    stated = float(words.split("may be ")[1].replace("off by ", "").split(" %")[0]) / 100.0
+    pressed = load > gap
+    assert ("a load presses the mass onto the upper stop" in words) == pressed
+    name = "displacement_std" if pressed else "contact_probability"
+    off = value(answer, name) / value(truth, name) - 1.0
+    assert abs(off) < stated
+    # negative control: a quarter of it is too little where the warning is about such a stop
+    assert z == 0.2 or stated / 4.0 < abs(off)
+
+
+def test_says_nothing_of_stops_that_lose_little() -> None:
+    for law in (Viscoelastic(stiffness=3.0, damping_ratio=0.05), Elastic(stiffness=3.0)):
+        assert linearise(make_scene(law, None, 0.0, load=1.0)).warnings == []
+    # contacts that are short
+    stiff = Viscoelastic(stiffness=1e5, damping_ratio=0.5)
+    assert linearise(make_scene(stiff, None, 1.0)).warnings == []
+
+
 # The characteristics of the form "motion" ----------------------------------------------------
 
 

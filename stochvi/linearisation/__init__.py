@@ -14,8 +14,8 @@ forms of that last step:
 * "motion": x has a normal law cut at the stops (B 8.58-8.77, 13.12-13.20).
 * "force": the force of spring and stops together is Gaussian, and x follows from it through
   the inverse characteristic (B 8.79-8.87, 13.24-13.33).
-* "clumps": the closure, corrected by the law of a slowly varying energy where light damping lets
-  hits come in clumps.
+* "clumps": the closure, between two stops that with the hits of a box (variant "box"), corrected
+  by the law of a slowly varying energy where light damping lets hits come in clumps.
 
 `linearise_many` is the closure for arrays; `atlas` holds the errors that `linearise` states.
 """

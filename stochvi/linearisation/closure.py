@@ -4,9 +4,11 @@ In the variant "box" the law of what meets a stop is taken from a free mass in a
 spring and damper, under white noise, a mass between two stops of restitution R has one law up to
 units. There F1 = A p s^2 / 2 and F2 = A g p s^3 sqrt(2 / pi), with the density p at the stop of
 the family of this closure, and A and g that depend on R alone (the slow rebounds of an inelastic
-stop fill the density near it, but hardly add to the force). Near a stop any gap looks like such a
-box, so A is used as it is; g, which stands for the law of speeds, to the power of the share of the
-impacts in all losses, so that it vanishes where damping makes the speeds Gaussian.
+stop fill the density near it, but hardly add to the force). Both fade where damping makes the
+speeds Gaussian: with the share h of the impacts in all losses, A is to the power of sqrt(h) and g,
+which stands for the law of speeds, to that of h. With A as it is in any gap, the mean error of F1
+for zeta > .05 in gaps above a deviation is 9.1 % (2.5 % with sqrt(h)); with A to the power of h,
+that of sigma_x in narrower gaps is .7 % (.4 %), on the grid of the atlas.
 """
 
 from __future__ import annotations
@@ -63,7 +65,8 @@ def curvature_floor(system: System, box: bool = False) -> float:
     nothing drives there.
     """
     wanted = max(
-        1.0 / ((1.0 + r) * (float(_DENSITY(r)) if box else 1.0)) for r in restitutions(system)
+        1.0 / ((1.0 + r) * (min(float(_DENSITY(r)), 1.0) if box else 1.0))
+        for r in restitutions(system)
     )
 
     def excess(curvature: float) -> float:
@@ -152,22 +155,26 @@ def _closed(
 def _boxed(
     system: System, lower: StopStatistics, upper: StopStatistics, speed: float
 ) -> tuple[StopStatistics, StopStatistics]:
-    """What two stops see, by the law of a box."""
+    """What two stops see, by the law of a box as far as impacts take the energy."""
     r_both = restitutions(system)
-    found = [
-        StopStatistics(*(float(_DENSITY(r)) * entry for entry in hits))
-        for r, hits in zip(r_both, (lower, upper), strict=True)
-    ]
+    strengths = [float(_DENSITY(r)) for r in r_both]
     loss = sum(
-        (1.0 - r * r) * hits.speed_square_rate / (2.0 * speed**2)
-        for r, hits in zip(r_both, found, strict=True)
+        (1.0 - r * r) * strength * hits.speed_square_rate / (2.0 * speed**2)
+        for r, strength, hits in zip(r_both, strengths, (lower, upper), strict=True)
     )
     share = loss / (system.damping_rate + loss) if loss > 0.0 else 0.0
-    lower, upper = (
-        hits._replace(speed_square_rate=hits.speed_square_rate * float(_SPEED(r)) ** share)
-        for r, hits in zip(r_both, found, strict=True)
-    )
-    return lower, upper
+
+    def boxed(restitution: float, strength: float, hits: StopStatistics) -> StopStatistics:
+        number = strength ** math.sqrt(share)
+        speeds = float(_SPEED(restitution)) ** share
+        return StopStatistics(
+            number * hits.rate,
+            number * hits.speed_rate,
+            number * speeds * hits.speed_square_rate,
+        )
+
+    first, second = map(boxed, r_both, strengths, (lower, upper))
+    return first, second
 
 
 class OneStopLaw(NamedTuple):

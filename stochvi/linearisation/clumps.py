@@ -7,7 +7,8 @@ The stops of this form are what both call for together,
 
     E = (1 - w) E_closure + w E_energy,      w = gap / (gap + CLUMPING zeta),
 
-for the mean forces, losses and moments alike; gap is the distance of the nearest stop from rest in
+for the mean forces, losses and moments alike; between two stops the closure is that of the variant
+"box"; gap is the distance of the nearest stop from rest in
 deviations without stops. Both obey the balance of energy, which is linear in them, so that it
 holds; so does the linear system with the m_F, k and beta that follow.
 """
@@ -24,8 +25,8 @@ from stochvi.scenes import System
 CLUMPING = 50.0
 """A gap of one deviation is half closed, half energy at zeta = 1 / CLUMPING. Chosen on the grid of
 the atlas, where it brings the mean error of F1 between two stops from 11 to 3 %, and at zeta up to
-.05 with gaps from 2 deviations from 38 to 3 %; with 25 or 100 the first is 2.6 or 3.8 %
-(studies/13_linearisation_atlas)."""
+.05 with gaps from 2 deviations from 36 to 3 %; with 25 or 100 the error of sigma_v or of F1 grows
+by half (studies/13_linearisation_atlas)."""
 
 UNSEEN = 1e-6
 """Weight below which the law of the energy is not computed."""

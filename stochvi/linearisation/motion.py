@@ -12,13 +12,40 @@ from stochvi.cut_normal import CutNormal
 from stochvi.linearisation.trial import Form, Trial, Unknowns, restitutions
 from stochvi.scenes import System
 
+STIFFENED = 2.0
+"""Deviation of the mass on its spring alone, in those of the elastic law, from which the stops are
+taken to govern the motion: narrow gaps and deep preloads."""
+
 
 def rigid_motion(book: bool) -> Form:
     """The form between rigid stops, with the factors of the book or consistent ones."""
-    return Form(_motion_start, lambda system, x: _motion_trial(system, x, book))
+
+    def trial(system: System, unknowns: Unknowns) -> Trial:
+        return _motion_trial(system, unknowns, book)
+
+    elastic = Form(_elastic_start, trial)
+    return Form(lambda system: _motion_start(system, book), trial, (elastic,))
 
 
-def _motion_start(system: System) -> Unknowns:
+def _motion_start(system: System, book: bool) -> Unknowns:
+    """That of stops which govern the motion, or of the elastic law.
+
+    In a narrow gap, and at a stop far inside the rest position r, the stop force has the slope
+    k = A s_v^2 / s_x^2 and the mean k (m - c), A its factor and c the mean between the stops: of a
+    narrow gap the cut law is even, of a deep preload exponential. The balances are then
+    m = c + (1 - A) (r - c) and s_x^2 = (1 - A) s_v^2 / omega^2. Here c = 0 and s_v = 1.
+    """
+    stops = zip((system.lower, system.upper), restitutions(system), strict=True)
+    factors = [motion_factor(r, book) for stop, r in stops if stop is not None]
+    left = 1.0 - sum(factors) / len(factors)
+    if left > 0.0 and system.omega * STIFFENED < 1.0:
+        deviation = math.sqrt(left) / system.omega
+        mean = left * system.load / system.omega**2
+        return np.array([math.asinh(mean / deviation), math.log(deviation), 0.0])
+    return _elastic_start(system)
+
+
+def _elastic_start(system: System) -> Unknowns:
     """The deviation that balances at unit speed, with the mean of the elastic law."""
     low = motion_factor(min(restitutions(system)), book=False)
 

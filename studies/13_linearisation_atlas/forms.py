@@ -9,8 +9,22 @@ from truth import PLACE, scene_of
 
 import stochvi as sv
 
+FAR = -10.0
+"""Deviations from rest to a stop that nothing reaches, for a form that needs two."""
+
+
+def boxed(scene: sv.Scene) -> sv.Response:
+    """The variant "box"; a single stop is seen as two, of which one is never reached."""
+    (pair,) = scene.impact_pairs
+    if pair.lower is None:
+        elastic = sv.Restitution(coefficient=1.0)
+        pair = sv.ImpactPair(lower=FAR, upper=pair.upper, law=pair.law, lower_law=elastic)
+    return sv.linearise(scene.model_copy(update={"impact_pairs": (pair,)}), variant="box")
+
+
 FORMS = {
     "closure": lambda scene: sv.linearise(scene),
+    "closure-box": boxed,
     "motion": lambda scene: sv.linearise(scene, "motion"),
     "motion-book": lambda scene: sv.linearise(scene, "motion", "book"),
     "force": lambda scene: sv.linearise(scene, "force"),

@@ -12,7 +12,7 @@ RESTITUTION = 0.8
 PANELS = (
     ("closure", "two", "f1"), ("clumps", "two", "f1"), ("force", "two", "f1"),
     ("average", "two", "f1"), ("closure", "two", "sigma_x"), ("clumps", "two", "sigma_x"),
-    ("motion", "two", "sigma_x"), ("clumps", "one", "f1"),
+    ("closure-box", "two", "sigma_x"), ("clumps", "one", "f1"),
 )  # fmt: skip
 LEVELS = (-50, -20, -10, -5, -2, -1, 1, 2, 5, 10, 20, 50, 100)
 WORDS = {"f1": "F1", "sigma_x": "sigma_x"}
