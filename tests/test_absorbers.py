@@ -21,6 +21,7 @@ from stochvi import (
     Scene,
     SceneError,
     Sine,
+    TabulatedNoise,
     Viscoelastic,
     WhiteNoise,
     absorber,
@@ -452,6 +453,28 @@ def test_noise_does_not_make_an_absorber_harmful() -> None:
         assert "worse" not in verdict(drawn)
     ratio = replace(central.ratio, value=1.0 + 10.0 * central.ratio.standard_error)
     assert "makes it worse" in verdict(replace(found, performances=[replace(central, ratio=ratio)]))
+
+
+def test_soft_walls_on_an_environment_end_within_the_budget() -> None:
+    """Forces on the walls are those of contacts, and the same on either side."""
+    scene = Scene(
+        structure=Oscillator(mass=10.0, frequency_hz=12.0, zeta=0.05),
+        absorber=Absorber(mass=0.5, play=4e-3, law=Viscoelastic(stiffness=2e5, damping_ratio=0.3)),
+        excitations=[TabulatedNoise(on="base", profile="mil-std-810h-truck-vertical-5hz")],
+    )
+    budget = 30.0
+    found = absorber(scene, levels_db=[0.0], rel_error=0.1, threads=1, budget=budget).central
+    assert found.response.cost.wall_time < budget
+    assert found.acceleration_std is not None and found.acceleration_std_without is not None
+    lower, upper = (
+        found.response.impact_pairs["box"][f"contact_force_{side}"] for side in ("lower", "upper")
+    )
+    assert found.wall_force.value == pytest.approx(lower.value + upper.value)
+    error = math.hypot(lower.standard_error, upper.standard_error)
+    bias = lower.bias + upper.bias
+    apart = Estimate(value=lower.value - upper.value, standard_error=error, bias=bias)
+    assert_agrees(apart, 0.0)
+    assert 0.1 * found.wall_force.value > Z * error + bias
 
 
 def test_what_absorbers_cannot_be_asked() -> None:

@@ -381,7 +381,7 @@ def test_response_to_filtered_noise_in_closed_form() -> None:
         assert found == pytest.approx((covariance[0, 0], covariance[1, 1]), rel=1e-9)
 
 
-@pytest.mark.parametrize(("form", "variant"), WAYS[::2])
+@pytest.mark.parametrize(("form", "variant"), WAYS[::3])
 def test_broad_noise_is_white(form: str, variant: str) -> None:
     law = Viscoelastic(stiffness=40.0, damping_ratio=0.2)
     white = linearise(make_scene(law), form, variant)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -57,7 +57,8 @@ class Performance:
     impulse
         Mean impulse of an impact faster than the threshold, N s.
     absorbed_share
-        Of the power that the excitation supplies, what the impacts take.
+        Of the power that the excitation supplies, what the impacts take; of walls that give way
+        what brief contacts do.
     response
         The simulation behind it.
     """
@@ -273,7 +274,8 @@ def without_absorber(scene: Scene) -> Scene:
 def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
     """rms displacement (about the mean) and velocity of every coordinate without stops, exactly.
 
-    From the Lyapunov equation for white and filtered noise, and the amplitudes of sines.
+    From the Lyapunov equation for white and filtered noise, frequency integrals of tables, and
+    the amplitudes of sines.
     """
     assembly = assemble(scene)
     modes = modes_of(assembly)
@@ -306,8 +308,9 @@ def _performance(
     rate = _sum(pair["collision_rate"] for pair in pairs)
     own_period = 2.0 * math.pi * deviation.value / velocity.value
     pushes = _sum(
-        _scaled(pair["impact_speed_rate"], contact.mass * (1.0 + _restitution(contact)))
+        push
         for contact, pair in zip(assembly.contacts, pairs, strict=True)
+        for push in _pushes(contact, pair)
     )
     return Performance(
         level_db=level,
@@ -423,6 +426,13 @@ def _absorbed(assembly: Assembly, response: Response) -> Estimate | None:
         bias=((loss.bias or 0.0) + share * (damped.bias or 0.0)) / supplied,
         how=loss.how,
     )
+
+
+def _pushes(contact: Contact, pair: Mapping[str, Estimate | float | None]) -> list[Estimate]:
+    """Mean forces on the walls of a box, N: those of contacts, or by impulses on rigid walls."""
+    if all(law.rigid for _, _, law in contact.stops):
+        return [_scaled(pair["impact_speed_rate"], contact.mass * (1.0 + _restitution(contact)))]
+    return [_scaled(pair[f"contact_force_{side}"], 1.0) for side, _, _ in contact.stops]
 
 
 def _restitution(contact: Contact) -> float:

@@ -34,8 +34,7 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     ----------
     scene
         White, filtered and tabulated noise, any constant load, no stop or one or two of any
-        law; by the closure also several coordinates, pairs and sines (without tables, rigid
-        stops).
+        law; by the closure also several coordinates, several pairs, and sines.
     form
         "closure", "motion" or "force", as `stochvi.linearisation` says; "clumps", the closure (of
         two stops its variant "box") corrected by the law of the energy, the best of them for one
@@ -52,7 +51,8 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
         (`stochvi.linearisation.atlas`; more than 99 % of the bounds hold) for one oscillator
         between rigid stops in white noise, and for a loose mass in a box; None, with the reason
         in `how`, outside of the atlas; 0 where the answer is exact, that is without stops, and
-        for the closure in white noise with stops that lose nothing.
+        for the closure with stops that lose nothing in white noise (of several coordinates: one
+        pair, and noise that matches the damping).
 
     Raises
     ------
@@ -85,8 +85,9 @@ def linearise_all(
 
     White noise has one. In coloured noise the linearised resonance may pass a peak or an edge of
     the density more than once, as that of a hardening spring under a sine: which solution is
-    seen then depends on how the motion began, and each warns of the others. Parameters and
-    exceptions are those of `linearise`.
+    seen then depends on how the motion began, and each warns of the others. The one next to the
+    response without stops comes first. Of several coordinates those are returned that starts at
+    several speeds lead to. Parameters and exceptions are those of `linearise`.
 
     Examples
     --------

@@ -133,7 +133,8 @@ def solutions(assembly: Assembly, modes: Modes) -> list[_Solution]:
     for stage in range(MOST_FORMS):
         found: list[_Solution] = []
         for speeds in _starts(modes, scales, free):
-            one = _from(modes, _gaps(assembly, modes, scales, speeds), stage)
+            gaps = _gaps(assembly, modes, scales, speeds)
+            one = _from(modes, gaps, stage, patient=not found)
             if one is not None and not any(_same(one, other) for other in found):
                 found.append(one)
             if found and not coloured:
@@ -196,10 +197,10 @@ def _alone(contact: Contact, scale: PairScale, damping_rate: float) -> System:
     )
 
 
-def _from(modes: Modes, gaps: Sequence[_Gap], stage: int) -> _Solution | None:
+def _from(modes: Modes, gaps: Sequence[_Gap], stage: int, *, patient: bool) -> _Solution | None:
     """The solution near the elastic laws of the gaps, or None."""
     start = np.concatenate([gap.form(stage).start(gap.system) for gap in gaps])
-    unknowns = root(lambda found: _imbalance(modes, gaps, stage, found), start)
+    unknowns = root(lambda found: _imbalance(modes, gaps, stage, found), start, patient=patient)
     if unknowns is None:
         return None
     trials = _trials(gaps, stage, unknowns)

@@ -108,8 +108,8 @@ def _problem(form: Form, system: System) -> Problem:
     return imbalance
 
 
-def root(problem: Problem, start: Unknowns) -> Unknowns | None:
-    """The root near `start`, whose entries are of order 1, or None."""
+def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns | None:
+    """The root near `start`, whose entries are of order 1, or None; `patient`: at any cost."""
     if np.abs(problem(start)).max() < 1e-14:
         return start
 
@@ -122,6 +122,8 @@ def root(problem: Problem, start: Unknowns) -> Unknowns | None:
     unknowns: Unknowns = start + (offset - 1.0)
     if np.abs(problem(unknowns)).max() < ACCEPTED:
         return unknowns
+    if not patient:
+        return None
     # where the hybrid steps of MINPACK stall: at a kink, or next to an edge of a density
     slow = least_squares(
         shifted, np.ones(len(start)), xtol=1e-14, ftol=None, gtol=None, max_nfev=60

@@ -106,8 +106,8 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     >>> area = np.trapezoid(found.displacement_density("a", f), f)
     >>> from stochvi.linearisation import linearise
     >>> rms = linearise(scene).coordinates["a"]["displacement_std"].value
-    >>> round(area**0.5 / rms, 4)
-    1.0
+    >>> print(f"{area**0.5 / rms:.4f}")
+    1.0000
     """
     unmet = scene.beyond_numbers()
     if unmet:
