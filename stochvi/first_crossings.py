@@ -153,6 +153,13 @@ class FirstCrossings:
             few |= (1.0 - self.outside - means[1]) * half - means[2] < FEWEST_SURVIVORS * half
         return np.asarray(few)
 
+    def _held(self, means: Vector) -> Vector:
+        """Sums that leave as many survivors at least as they are taken for."""
+        half, left = self.horizon / 2.0, 1.0 - self.outside
+        early = np.minimum(means[0], left - FEWEST_SURVIVORS)
+        area = np.minimum(means[2], (left - means[1] - FEWEST_SURVIVORS) * half)
+        return np.stack([early, means[1], area])
+
     def _estimates(
         self, statistic: Callable[[Vector], Vector], mission: float = math.inf
     ) -> list[Estimate]:
@@ -172,7 +179,7 @@ class FirstCrossings:
         errors = np.maximum(errors, np.abs(statistic(seen + (first - seen) / crossings) - values))
         # survivors that are taken for more than were seen do not vary with those seen
         error = fine.std(axis=-1, ddof=1) / math.sqrt(paths)
-        fewer = np.abs(statistic(seen - error) - values)
+        fewer = np.abs(statistic(self._held(seen) - error) - values)
         errors = np.where(self._few(seen + error, mission), np.maximum(errors, fewer), errors)
         # a cubic between samples misses peaks at an order of 2 at least
         bias = np.abs(statistic(coarse.mean(axis=-1)) - values) / 3.0

@@ -1,6 +1,7 @@
 """Impacts one by one: against exact laws, made-up processes, and the sums of the kernels."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from stochvi.errors import NotApplicable
 from stochvi.estimates import Estimate
 from stochvi.excitations import TabulatedNoise, WhiteNoise
 from stochvi.impact_statistics import impacts
+from stochvi.impact_statistics.method import CORNER_SHARE, SHIFT_PER_SHARE
 from stochvi.impact_statistics.tallies import (
     BINS,
     WINDOWS,
@@ -27,6 +29,7 @@ from stochvi.impact_statistics.tallies import (
 )
 from stochvi.monte_carlo import simulate
 from stochvi.monte_carlo.impact_logs import ImpactLog, plan_impacts
+from stochvi.monte_carlo.kernels import flight
 from stochvi.scenes import ImpactPair, Scene
 from stochvi.structures import Isolator, Matrices, Oscillator
 
@@ -197,6 +200,46 @@ def test_exponent_and_energy_of_a_lossy_stop() -> None:
         excitations=[WhiteNoise(intensity=0.2)],
     )  # fmt: skip
     assert set(impacts(both, paths=512, threads=1).pairs["stops"].exponents) == {"lower", "upper"}
+
+
+@pytest.mark.parametrize(("mass", "unit"), [(None, "J/kg"), (2.0, "J")])
+def test_energy_per_impact_is_that_of_a_kilogram_where_no_mass_is_given(mass, unit) -> None:
+    isolator = Scene(
+        structure=Isolator(mass=mass, frequency_hz=12.0, zeta=0.1),
+        impact_pairs=[ImpactPair(lower=-1e-3, upper=1e-3, law=Restitution(coefficient=0.5))],
+        excitations=[WhiteNoise(intensity=0.2, on="base")],
+    )
+    found = impacts(isolator, paths=64, threads=1)
+    table = found.to_frame().set_index("quantity")
+    assert table.loc["energy lost per impact", "unit"] == unit
+    assert found.to_dict()["impact_pairs"]["stops"]["energy_unit"] == unit
+    pair = found.pairs["stops"]
+    square = pair.speed_rms.value**2
+    assert math.isclose(pair.energy.value, 0.5 * (mass or 1.0) * 0.75 * square, rel_tol=1e-9)
+
+
+def test_exponents_of_very_lossy_stops_take_shorter_steps_near_them(monkeypatch) -> None:
+    """Steps that are the usual share of what noise takes shift the power itself."""
+
+    def fitted() -> Estimate:
+        found = impacts(
+            scene(0.3, None, 0.0), paths=1024, speed_threshold=0.02, slow_impacts=True, seed=2,
+            threads=1,
+        )  # fmt: skip
+        return found.pairs["stops"].exponents["both"].fitted
+
+    theory = 1.0 - corner_exponent(0.3)
+    resolved = fitted()
+    # the bias of the range of speeds is left out: by the steps alone it is 0.57 of their share
+    steps = SHIFT_PER_SHARE * CORNER_SHARE
+    assert resolved.bias is not None and resolved.bias >= steps
+    assert_agrees(replace(resolved, bias=steps), theory)
+    monkeypatch.setattr("stochvi.impact_statistics.method.CORNER_SHARE", flight.CORNER_SHARE)
+    with pytest.raises(AssertionError):
+        assert_agrees(replace(fitted(), bias=steps), theory)
+    # without refined steps nothing is known of what they leave
+    plain = impacts(scene(0.3, None, 0.0), paths=1024, seed=2, threads=1).pairs["stops"]
+    assert all(each.fitted.bias is None for each in plain.exponents.values())
 
 
 def test_intervals_histogram_is_that_of_the_times() -> None:

@@ -45,7 +45,7 @@ class PairStatistics:
     exponents
         By side, or "both" where both stops have one restitution.
     energy
-        Mean loss per impact, J (J/kg where the scene gives no mass).
+        Mean loss per impact, in `energy_unit`: J, or J/kg where the scene gives no mass.
     rice_rates, clump_rate, first_hit_rate
         1/s, without stops: Rice's crossings of each stop and of both; of their clumps
         (Vanmarcke); of first hits, from simulated first crossings, if they were asked for.
@@ -62,6 +62,7 @@ class PairStatistics:
     rice_rates: Mapping[str, float] | None
     clump_rate: float | None
     first_hit_rate: Estimate | None
+    energy_unit: str = "J"
 
     def rayleigh(self, speed: ArrayLike) -> Vector:
         """Rayleigh's density with the mean square seen, s/m: that of stops that lose nothing."""
@@ -192,7 +193,7 @@ def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
     add("first hits without stops", "1/s", pair.first_hit_rate)
     add("variance / mean of counts", "1", pair.dispersion)
     add("rms impact speed", "m/s", pair.speed_rms)
-    add("energy lost per impact", "J", pair.energy)
+    add("energy lost per impact", pair.energy_unit, pair.energy)
     for side, exponent in pair.exponents.items():
         add(f"exponent of slow impacts, {side}", "1", exponent.fitted)
         if exponent.theory is not None:

@@ -53,11 +53,22 @@ FIT_FROM, FIT_RANGE = 0.02, 6.0
 """Exponents are fitted from the threshold, at least this share of the rms speed, to speeds so many
 times as large, and to half of that."""
 
+CORNER_SHARE = 0.06
+"""Steps near a stop, where slow impacts are resolved, in the time in which noise changes a slow
+mass. They are that share of it at any speed, so that they shift the power itself of the law of slow
+speeds: at a share of 0.25 and a stop in the rest position by +0.09 at R = 0.5 and +0.13 at 0.3;
+at this one by +0.001(7) and +0.024(10)."""
+
+SHIFT_PER_SHARE = 0.57
+"""Of an exponent, from what is seen at R = 0.3 and a share of 0.25; at smaller shares and larger R
+it is less, so that this times the share bounds what is left."""
+
+SHIFT_KNOWN_FROM = 0.3
+"""Least restitution at which that was seen."""
+
 RESOLVED_EXPONENT = 0.8
-"""Restitution from which on an exponent is free of the steps near a stop. These are a share of the
-time in which noise changes a slow mass, at any speed, so that they shift the power itself: at a
-stop in the rest position by +0.09 at R = 0.5 and +0.13 at 0.3, by less than 0.01 at 0.8. (At steps
-a quarter as long it was 0.001(7) at R = 0.5.)"""
+"""Restitution from which on an exponent is free of the steps near a stop even at a share of 0.25:
+it is shifted by less than 0.01."""
 
 FEWEST_FITTED = 100
 """Impacts in the shorter range for an exponent to be fitted."""
@@ -126,8 +137,13 @@ def impacts(
     """
     _check_arguments(rel_error, paths, seed, threads, budget)
     started = time.perf_counter()
-    plan = plan_impacts(scene, speed_threshold, duration, slow_impacts)
     assembly = assemble(scene)
+    lossiest = min(
+        (law.restitution for contact in assembly.contacts for _, _, law in contact.stops),
+        default=1.0,
+    )
+    share = CORNER_SHARE if slow_impacts and lossiest < RESOLVED_EXPONENT else None
+    plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, share)
     grids = {
         contact.name: _grid(plan, contact, contact.name) for contact in assembly.contacts
     }  # fmt: skip
@@ -265,7 +281,7 @@ def _pair(
         speeds=histogram(tally.speeds, grid.speeds) if hits else None,
         intervals=histogram(tally.intervals, grid.intervals) if tally.intervals.any() else None,
         speed_rms=None if square is None else _root(square, how),
-        exponents=_exponents(assembly, contact, tally, grid),
+        exponents=_exponents(assembly, contact, tally, grid, plan),
         energy=None
         if loss is None
         else Estimate(value=loss[0], standard_error=loss[1], bias=None, how=how),
@@ -274,6 +290,7 @@ def _pair(
         first_hit_rate=_first_hits(scene, contact, gap.mean, seed, threads)
         if first_hits and gap is not None
         else None,
+        energy_unit="J/kg" if scene.structure.mass is None else "J",
     )
 
 
@@ -283,7 +300,7 @@ def _root(square: tuple[float, float], how: str) -> Estimate:
 
 
 def _exponents(
-    assembly: Assembly, contact: Contact, tally: Tally, grid: Grid
+    assembly: Assembly, contact: Contact, tally: Tally, grid: Grid, plan: ImpactPlan
 ) -> dict[str, Exponent]:
     """Of both stops together where they have one restitution, else of each."""
     restitutions = {side: law.restitution for side, _, law in contact.stops}
@@ -297,7 +314,7 @@ def _exponents(
     white = len(assembly.coordinates) == 1 and np.any(assembly.white) and not assembly.not_rigid()
     return {
         side: Exponent(
-            fitted=_fitted(fits, grid, resolved=r >= RESOLVED_EXPONENT or not white),
+            fitted=_fitted(fits, grid, _shift(plan, r) if white else 0.0),
             theory=1.0 - corner_exponent(r) if white else None,
         )
         for side, (fits, r) in groups.items()
@@ -305,9 +322,19 @@ def _exponents(
     }
 
 
-def _fitted(fits: NDArray[np.float64], grid: Grid, resolved: bool) -> Estimate:
+def _shift(plan: ImpactPlan, restitution: float) -> float | None:
+    """Most that the steps near a stop shift an exponent; None where that is not known."""
+    if restitution >= RESOLVED_EXPONENT:
+        return 0.0
+    share = plan.corner_share
+    return None if share is None or restitution < SHIFT_KNOWN_FROM else SHIFT_PER_SHARE * share
+
+
+def _fitted(fits: NDArray[np.float64], grid: Grid, shift: float | None) -> Estimate:
     found = fitted_exponent(fits, grid.fits)
-    return found if resolved else replace(found, bias=None)
+    if found.bias is None or shift is None:
+        return replace(found, bias=None)
+    return replace(found, bias=found.bias + shift)
 
 
 def _first_hits(

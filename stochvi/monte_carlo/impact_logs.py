@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,13 @@ class ImpactPlan:
     def each(self) -> bool:
         """Whether every impact is seen, however soon after another."""
         return isinstance(self.source, WhitePlan)
+
+    @property
+    def corner_share(self) -> float | None:
+        """That of `WhitePlan`, where slow impacts are resolved; else None."""
+        if isinstance(self.source, WhitePlan) and self.source.slow_impacts:
+            return self.source.corner_share
+        return None
 
     @property
     def duration(self) -> float:
@@ -109,8 +116,11 @@ def plan_impacts(
     speed_threshold: float | None = None,
     duration: float | None = None,
     slow_impacts: bool = False,
+    corner_share: float | None = None,
 ) -> ImpactPlan:
     """How impacts of a scene would be had; any scene with an impact pair that `simulate` covers.
+
+    `corner_share` is that of `WhitePlan`, where `slow_impacts` are resolved.
 
     Examples
     --------
@@ -136,7 +146,9 @@ def plan_impacts(
     rms = [pair.speed for pair in pairs] or [histories.speed]
     speeds = dict(zip(thresholds, rms, strict=True))
     if isinstance(plan, WhitePlan) and not isinstance(plan, CompliantPlan):
-        source: WhitePlan | HistoryPlan = plan
+        source: WhitePlan | HistoryPlan = (
+            plan if corner_share is None else replace(plan, corner_share=corner_share)
+        )
     else:
         length = histories.duration if duration is None else duration
         source = histories.sampled(math.inf, length)

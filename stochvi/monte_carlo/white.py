@@ -74,7 +74,11 @@ MOMENT_ANGLE = 0.8
 
 @dataclass(frozen=True, kw_only=True)
 class WhitePlan:
-    """Steps, start and lengths for one scene under white noise (SI units, per unit mass)."""
+    """Steps, start and lengths for one scene under white noise (SI units, per unit mass).
+
+    `corner_share` is the length of refined steps near a stop, in the time in which noise changes
+    the state altogether (`kernels.flight.fly_corner`).
+    """
 
     system: System
     speed: float
@@ -83,6 +87,7 @@ class WhitePlan:
     duration: float
     threshold: float
     slow_impacts: bool = False
+    corner_share: float = CORNER_SHARE
 
     rows = SUMS
     contacts = False
@@ -251,7 +256,7 @@ class WhitePlan:
             self._corner(),
         )
 
-    def _corner(self) -> tuple[Any, Any, NDArray[np.float64]] | None:
+    def _corner(self) -> tuple[Any, Any, NDArray[np.float64], float] | None:
         """Steps near a stop as short as slow impacts need, if they are asked for."""
         system, h = self.system, self.step
         if self.elastic or not self.slow_impacts:
@@ -259,9 +264,9 @@ class WhitePlan:
         slowest = max(self.threshold, 1e-3 * self.speed) / 6.0
         levels = math.ceil(math.log2(max(system.intensity * h / slowest**2, 1.0)))
         ladder = [_flow(system, h / 2**level)[:3] for level in range(min(levels, MOST_LEVELS) + 1)]
-        time = h / CORNER_SHARE
+        time = h / self.corner_share
         box = math.sqrt(system.intensity * time**3), math.sqrt(system.intensity * time)
-        return box, (system.damping_rate, system.intensity), np.array(ladder)
+        return box, (system.damping_rate, system.intensity), np.array(ladder), self.corner_share
 
     @cached_property
     def _law(self) -> CutNormal:

@@ -34,7 +34,7 @@ RESTING = 1e-8
 """A bounce this much lower than the pressing acceleration times the step rests on the stop."""
 
 CORNER_SHARE = 0.25
-"""Length of a sub-step near a stop, in the time in which noise changes the state altogether."""
+"""Usual length of a sub-step near a stop, in the time in which noise changes the state."""
 
 AGAIN = np.inf
 """Marks a path whose step may hold more than one impact, in the array of impact speeds."""
@@ -255,11 +255,13 @@ def find_in_corner(x, v, owed, usual, box, lower, upper, found):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def fly_corner(x, v, owed, s0, s1, ladder, noise, stiff, lower, upper, threshold, sums, page=None):
+def fly_corner(
+    x, v, owed, s0, s1, ladder, share, noise, stiff, lower, upper, threshold, sums, page=None
+):  # fmt: skip
     """One step near a stop as shorter steps, each short enough for the state it starts from.
 
     Free of any other scale, noise of intensity S0 changes a velocity v in the time v^2 / S0 and a
-    distance d in (d^2 / S0)^(1/3); a sub-step is at most CORNER_SHARE of the larger of the two.
+    distance d in (d^2 / S0)^(1/3); a sub-step is at most `share` of the larger of the two.
     Its length is chosen before its noise is drawn, so the choice brings no bias.
 
     A step is half a kick, a flow, and half a kick; the last half is `owed` until the next step,
@@ -279,9 +281,7 @@ def fly_corner(x, v, owed, s0, s1, ladder, noise, stiff, lower, upper, threshold
             distance = min(distance, upper[0] - x)
         if lower is not None:
             distance = min(distance, x - lower[0])
-        longest = CORNER_SHARE * max(
-            v * v / intensity, (distance * distance / intensity) ** (1.0 / 3.0)
-        )
+        longest = share * max(v * v / intensity, (distance * distance / intensity) ** (1.0 / 3.0))
         level = deepest
         while level > 0 and (2 << (deepest - level)) <= min(left, longest / unit):
             level -= 1
@@ -371,7 +371,7 @@ def run_white(
     lower, upper : None, or (stop, R, slow), slow = the speed after an impact under which the
         same stop may be met again within a step (negative: never).
     between : None, or () where the stops lie on either side of the rest position.
-    corner : None, or ((width, speed), (b, S0), ladder) to refine steps near a stop.
+    corner : None, or ((width, speed), (b, S0), ladder, share) to refine steps near a stop.
     record : None, or zeros (steps, paths, 3) to take x, v and the impact speed of every step;
         the burn-in must then be 0.
     log : None, or (events, count) to write down every impact as fast as the threshold in the
@@ -401,14 +401,14 @@ def run_white(
             counted = step >= burn_in
             refined = 0
             if corner is not None:
-                box, noise, ladder = corner
+                box, noise, ladder, share = corner
                 refined = find_in_corner(xs, vs, owed, usual, box, lower, upper, slow)
                 for i in range(end - start if refined > 0 else 0):
                     if slow[i] != 0.0:
                         several[:] = 0.0
                         corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = fly_corner(
-                            xs[i], vs[i], owed[i], state0[i], state1[i], ladder, noise, flow[3],
-                            lower, upper, threshold, several,
+                            xs[i], vs[i], owed[i], state0[i], state1[i], ladder, share, noise,
+                            flow[3], lower, upper, threshold, several,
                             entry(log, start + i, step - burn_in),
                         )  # fmt: skip
                         take_several(several, counted, local, record, step - burn_in, start, i)
