@@ -16,6 +16,9 @@ motion as the acceleration -a.
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 STANDARD_GRAVITY = 9.80665
 """m/s^2, exact by definition (CGPM 1901)."""
@@ -56,3 +59,15 @@ def power_ratio(level_db: float) -> float:
     1.9953
     """
     return math.pow(10.0, level_db / 10.0)
+
+
+def plain_number(value: Any) -> Any:
+    """A number of NumPy as one of Python, which JSON knows; all else as it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> plain_number(np.int64(64)), plain_number("a")
+    (64, 'a')
+    """
+    return value.item() if isinstance(value, np.generic) else value

@@ -46,7 +46,8 @@ class NotConverged(StochviError):
 
 
 class CheckpointError(StochviError, ValueError):
-    """A checkpoint is damaged, or of another scene, version, processor or seed."""
+    """A checkpoint is damaged, or of another scene, version, processor or seed; or there is no
+    writing it where it was asked for."""
 
 
 class Interrupted(KeyboardInterrupt):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import errno
 import json
-import os
 import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from stochvi.whole_files import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,24 +35,11 @@ def write_json(document: Mapping[str, Any], target: str) -> None:
 
 def write_text(text: str, path: Path) -> None:
     """Write a file whole or not at all; a link is followed, a pipe or device is written to."""
-    path = path.resolve() if path.is_symlink() else path
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "Is a folder, expected a file name", str(path))
-    if path.exists() and not path.is_file():
+    if path.exists() and not path.is_file() and not path.is_dir():
         path.write_text(text, encoding="utf-8")
         return
-    _make_folder(path.parent)
-    with tempfile.NamedTemporaryFile(
-        "w", dir=path.parent, prefix=f".{path.name}.", delete=False, encoding="utf-8"
-    ) as file:
-        try:
-            file.write(text)
-            file.flush()
-            os.chmod(file.name, 0o666 & ~_umask())
-            os.replace(file.name, path)
-        except BaseException:
-            os.unlink(file.name)
-            raise
+    _make_folder(path.resolve().parent)
+    write_whole(text.encode(), path)
 
 
 def _make_folder(path: Path) -> None:
@@ -60,12 +47,6 @@ def _make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise NotADirectoryError(errno.ENOTDIR, "Is a file, expected a folder", str(path)) from None
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def write_table(frame: pd.DataFrame, path: Path) -> None:

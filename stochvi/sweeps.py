@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import hashlib
 import importlib.util
 import itertools
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.errors import NotApplicable, NotConverged, SceneError
+from stochvi.conventions import plain_number
+from stochvi.errors import CheckpointError, NotApplicable, NotConverged, SceneError
 from stochvi.estimates import QUANTITY_UNITS, Response, provenance
 from stochvi.files import to_json, write_picture, write_table, write_text
 from stochvi.scenes import Scene, load_scene, scene_from
@@ -62,7 +66,8 @@ def sweep(
         "simulate", "exact", "closure", "fokker-planck" or "average".
     out
         Folder for rows as they come. Rows that are there, of the same scene, arguments and version,
-        are not computed again; one that was being simulated goes on from its checkpoint.
+        are not computed again; one that was being simulated goes on from its checkpoint. What is
+        there and damaged is computed again, with a UserWarning that names the file.
     common
         Common random numbers: the same seed in each row, so that what differs between rows is the
         scene. Else each row has a seed of its own, made of `seed` and its scene.
@@ -74,6 +79,8 @@ def sweep(
     SceneError
         For a key that the scene does not have, with the nearest that it has, before anything is
         computed.
+    ValueError
+        For values that are no numbers, none at all, or a key that is named twice.
 
     Examples
     --------
@@ -95,9 +102,11 @@ def sweep(
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     document = (scene if isinstance(scene, Scene) else load_scene(scene)).document()
-    if not vary:
-        raise ValueError("vary must name at least one key of the scene")
-    grid = [tuple(zip(vary, point, strict=True)) for point in itertools.product(*vary.values())]
+    _check_seed(seed)
+    if out is not None and str(out) == "":
+        raise ValueError("out must name a folder, got ''")
+    ranges = _ranges(vary)
+    grid = [tuple(zip(ranges, point, strict=True)) for point in itertools.product(*ranges.values())]
     jobs = [
         Job.of(changed_scene(document, change), change, method, common, seed, arguments)
         for change in grid
@@ -112,6 +121,51 @@ def sweep(
 
         rows.append(job.row(folder, executor, report))
     return pd.DataFrame(rows).astype({"seed": "Int64", "paths": "Int64", "seconds": float})
+
+
+def _check_seed(seed: Any) -> None:
+    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
+    if not whole or not 0 <= seed < 2**63:
+        raise ValueError(f"seed must be a whole number in [0, 2^63), got {seed!r}")
+
+
+def _ranges(vary: Mapping[str, Iterable[float]]) -> dict[str, list[float]]:
+    """Keys in the one way in which they are written, and their values as numbers of Python."""
+    if not isinstance(vary, Mapping) or not vary:
+        raise ValueError(f"vary must map at least one key of the scene to values, got {vary!r}")
+    return dict(once([(_written(key), _values(key, values)) for key, values in vary.items()]))
+
+
+def once(ranges: Sequence[tuple[str, list[float]]]) -> Sequence[tuple[str, list[float]]]:
+    """The same, unless a key is there twice: a ValueError."""
+    names = [key for key, _ in ranges]
+    if repeated := [key for key in names if names.count(key) > 1]:
+        raise ValueError(
+            f"vary: {repeated[0]} is given twice; name a key once, with all of its values"
+        )
+    return ranges
+
+
+def _written(key: str) -> str:
+    """A key with its places in lists as they are usually written, 0 for 00."""
+    words = str(key).split(".")
+    return ".".join(str(int(word)) if _is_place(word) else word for word in words)
+
+
+def _is_place(word: str) -> bool:
+    return word.isascii() and word.isdigit()
+
+
+def _values(key: str, values: Any) -> list[float]:
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise ValueError(f"vary: {key} must have a list of numbers, got {values!r}")
+    found = [plain_number(value) for value in values]
+    for value in found:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"vary: {key} must have a list of numbers, got {value!r} among them")
+    if not found:
+        raise ValueError(f"vary: {key} has no values; give at least one")
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +191,7 @@ class Job:
             own = int.from_bytes(hashlib.sha256(words.encode()).digest()[:8], "big")
             seed = int(np.random.SeedSequence([seed, own]).generate_state(1, np.uint64)[0] >> 1)
         # where and how fast a row is computed does not change it
-        asked = {key: arguments[key] for key in sorted(arguments) if key not in FREE}
+        asked = {key: plain_number(arguments[key]) for key in sorted(arguments) if key not in FREE}
         whole = hashlib.sha256(f"{words} {method} {seed} {asked} {_versions(method)}".encode())
         for file in _files(document):
             whole.update(file.read_bytes())
@@ -152,7 +206,9 @@ class Job:
         """Of the table; kept in the folder once it is known, and taken from there if it was."""
         kept = None if folder is None else folder / f"{self.name}.json"
         if kept is not None and kept.exists():
-            return self._columns(json.loads(kept.read_text("utf-8")), "")
+            if found := _answer_in(kept):
+                return self._columns(found, "")
+            _again(kept, "holds no answer that can be read")
         try:
             document, note = self._answer(folder, executor, progress).to_dict(), ""
         except NotApplicable as error:
@@ -191,16 +247,18 @@ class Job:
     ) -> Response:
         from stochvi.monte_carlo import simulate
 
+        asked: dict[str, Any] = {
+            "seed": self.seed, "executor": executor, "progress": progress, **self.arguments
+        }  # fmt: skip
         if folder is None:
-            checkpoint = resume = None
-        else:
-            folder.mkdir(parents=True, exist_ok=True)
-            checkpoint = folder / f"{self.name}.checkpoint"
-            resume = checkpoint if checkpoint.exists() else None
-        return simulate(
-            self.scene, seed=self.seed, executor=executor, progress=progress,
-            checkpoint=checkpoint, resume=resume, **self.arguments,
-        )  # fmt: skip
+            return simulate(self.scene, **asked)
+        folder.mkdir(parents=True, exist_ok=True)
+        checkpoint = folder / f"{self.name}.checkpoint"
+        if _goes_on(checkpoint):
+            # another sweep with this folder ends the row, and takes its checkpoint away
+            with contextlib.suppress(FileNotFoundError):
+                return simulate(self.scene, checkpoint=checkpoint, resume=checkpoint, **asked)
+        return simulate(self.scene, checkpoint=checkpoint, **asked)
 
     def _columns(self, document: Mapping[str, Any], note: str) -> dict[str, Any]:
         found: dict[str, Any] = dict(self.change)
@@ -219,6 +277,53 @@ class Job:
             "seconds": cost.get("wall_time"),
             "note": note,
         }
+
+
+def _goes_on(checkpoint: Path) -> bool:
+    """Whether there is a checkpoint to go on from; one that is damaged is removed."""
+    from stochvi.monte_carlo.checkpoints import Checkpoint
+
+    if not checkpoint.exists():
+        return False
+    try:
+        Checkpoint.read(checkpoint)
+    except FileNotFoundError:
+        return False
+    except CheckpointError as error:
+        _again(checkpoint, str(error).removeprefix(f"{checkpoint} "))
+        checkpoint.unlink(missing_ok=True)
+        return False
+    return True
+
+
+def _answer_in(kept: Path) -> dict[str, Any] | None:
+    """The document of a row, None if the file is not one."""
+    try:
+        document = json.loads(kept.read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    return document if _is_answer(document) else None
+
+
+def _is_answer(document: Any) -> bool:
+    """Whether a document holds what a row is made of."""
+    if not isinstance(document, dict) or not isinstance(document.get("cost"), dict):
+        return False
+    owners: list[Any] = []
+    for group in ("coordinates", "impact_pairs"):
+        if not isinstance(document.get(group), dict):
+            return False
+        owners += document[group].values()
+    parts = {"value", ERROR, BIAS}
+    return bool(document["coordinates"]) and all(
+        isinstance(owner, dict)
+        and all(parts <= each.keys() for each in owner.values() if isinstance(each, dict))
+        for owner in owners
+    )
+
+
+def _again(file: Path, reason: str) -> None:
+    warnings.warn(f"{file} {reason}: its row is computed again", stacklevel=2)
 
 
 FREE = ("threads", "budget", "checkpoint_interval")
@@ -266,13 +371,13 @@ def _set(document: Any, key: str, value: float) -> None:
     *way, last = key.split(".")
     part = document
     for word in way:
-        if isinstance(part, list) and word.isdigit() and int(word) < len(part):
+        if isinstance(part, list) and _is_place(word) and int(word) < len(part):
             part = part[int(word)]
         elif isinstance(part, dict) and isinstance(part.get(word), dict | list):
             part = part[word]
         else:
             raise _unknown(document, key)
-    if isinstance(part, list) and last.isdigit() and int(last) < len(part):
+    if isinstance(part, list) and _is_place(last) and int(last) < len(part):
         part[int(last)] = value
     elif isinstance(part, dict) and not isinstance(part.get(last), dict | list | str):
         part[last] = value
@@ -366,6 +471,7 @@ def values_of(text: str) -> tuple[str, list[float]]:
     ('structure.damping', [1.0, 10.0, 100.0])
     """
     key, equals, words = text.partition("=")
+    key = _written(key)
     try:
         if not key or not equals:
             raise ValueError
@@ -374,6 +480,8 @@ def values_of(text: str) -> tuple[str, list[float]]:
         first, last, number, *spacing = words.split(":")
         start, stop, count = float(first), float(last), int(number)
         if spacing not in ([], ["log"]) or count < 1 or (spacing and min(start, stop) <= 0.0):
+            raise ValueError
+        if not math.isfinite(stop - start):
             raise ValueError
     except ValueError:
         raise ValueError(

@@ -9,7 +9,7 @@ import stochvi
 
 PACKAGE = Path(stochvi.__file__).parent
 FLOORS = {
-    0: ("conventions", "errors", "estimates", "datasets", "readers", "checked"),
+    0: ("conventions", "errors", "estimates", "datasets", "readers", "checked", "whole_files"),
     1: (
         "contacts",
         "kelvin_voigt",

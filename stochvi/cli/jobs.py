@@ -12,6 +12,7 @@ from stochvi.cli.shared import (
     console_for,
     executor_at,
     main,
+    notes_of_warnings,
     numbers,
     options,
     progress_bar,
@@ -343,11 +344,11 @@ def sweep(
 
     Rows are kept in --out as they come; the same command goes on where it was stopped.
     """
+    from stochvi.sweeps import once, values_of, write_sweep
     from stochvi.sweeps import sweep as solve
-    from stochvi.sweeps import values_of, write_sweep
     from stochvi.tables import print_frame
 
-    ranges = dict(values_of(text) for text in vary)
+    ranges = dict(once([values_of(text) for text in vary]))
     asked: dict[str, Any] = {
         "rel_error": rel_error, "paths": paths, "duration": duration, "threads": threads,
         "budget": budget,
@@ -358,7 +359,11 @@ def sweep(
     if paths is not None:
         asked.setdefault("budget", None)
     try:
-        with executor_at(dask) as executor, progress_bar(quiet, "sweep") as report:
+        with (
+            executor_at(dask) as executor,
+            notes_of_warnings(),
+            progress_bar(quiet, "sweep") as report,
+        ):
             table = solve(
                 scene, ranges, method=method, out=out, common=random_numbers == "common",
                 seed=seed, executor=executor, progress=report, **asked,

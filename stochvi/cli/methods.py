@@ -319,7 +319,10 @@ def impacts(
 @click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R < 0.5.")
 @click.option(
-    "--checkpoint", metavar="FILE", help="Keep what was simulated here; a file there is replaced."
+    "--checkpoint",
+    metavar="FILE",
+    help="Keep what was simulated here; a checkpoint there is replaced, a long one kept as "
+    "FILE.earlier.",
 )
 @click.option(
     "--checkpoint-interval", type=float, default=1.0, show_default=True, metavar="SECONDS",
@@ -355,7 +358,7 @@ def simulate(
     quiet: bool,
 ) -> None:
     """Monte Carlo, with standard errors and the bias of the step."""
-    from stochvi.errors import Interrupted, NotConverged
+    from stochvi.errors import NotConverged
     from stochvi.monte_carlo import simulate as solve
     from stochvi.scenes import load_scene
 
@@ -380,12 +383,15 @@ def simulate(
                 checkpoint_interval=checkpoint_interval,
                 resume=resume,
             )
-    except (NotConverged, Interrupted) as reason:
-        if reason.response is not None:
-            finish(reason.response, json_file, out, quiet)
-        if isinstance(reason, Interrupted):
+    except (NotConverged, KeyboardInterrupt) as reason:
+        so_far = getattr(reason, "response", None)  # Ctrl-C may come before there is a run
+        if so_far is not None:
+            finish(so_far, json_file, out, quiet)
+        if isinstance(reason, KeyboardInterrupt):
             kept = checkpoint or resume
-            stop(f"{reason}" + (f"; go on with --resume {kept}" if kept else ""), FAILED)
+            there = kept is not None and Path(kept).is_file()
+            said = str(reason) or "interrupted by Ctrl-C"
+            stop(said + (f"; go on with --resume {kept}" if there else ""), FAILED)
         raise
     finish(response, json_file, out, quiet)
     if out is not None and not loaded.beyond_one_oscillator() and loaded.system().omega > 0.0:

@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -40,6 +41,8 @@ class Commands(click.Group):
 
         try:
             return super().invoke(ctx)
+        except KeyboardInterrupt:
+            stop("interrupted by Ctrl-C; nothing was kept", FAILED)
         except NotConverged as error:
             stop(str(error), FAILED)
         except (StochviError, ValueError, ArithmeticError) as error:
@@ -64,6 +67,15 @@ def main() -> None:
     """
 
 
+class Folder(click.Path):
+    """Name of a folder: an empty one would be the current folder."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if value == "":
+            raise ValueError("--out must name a folder, got ''")
+        return super().convert(value, param, ctx)
+
+
 def options(*names: str) -> Callable[[Any], Any]:
     """The options that several commands share."""
     known = {
@@ -71,7 +83,7 @@ def options(*names: str) -> Callable[[Any], Any]:
             "--json", "json_file", metavar="FILE|-", help="Write the answer as JSON (- : stdout)."
         ),
         "out": click.option(
-            "--out", type=click.Path(path_type=Path), metavar="DIR",
+            "--out", type=Folder(path_type=Path), metavar="DIR",
             help="Write tables and pictures here.",
         ),
         "seed": click.option("--seed", type=int, default=0, help="Same seed, same digits."),
@@ -159,6 +171,18 @@ def _lines(title: str) -> Callable[[float, str], None]:
         click.echo(f"{title}: {100.0 * done:.0f} %, {text}{left}", err=True)
 
     return line
+
+
+@contextlib.contextmanager
+def notes_of_warnings() -> Iterator[None]:
+    """What is warned of in here, as notes on standard error, each a line."""
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always", UserWarning)
+        try:
+            yield
+        finally:
+            for warning in seen:
+                click.echo(f"note: {warning.message}", err=True)
 
 
 @contextlib.contextmanager

@@ -249,8 +249,10 @@ class _Asked:
         self.begun += 1
         try:
             self.tries.append(self.executor.submit(simulate_blocks, *self.call, self.begun))
-        except (BrokenExecutor, RuntimeError) as error:  # also one that was shut down
-            raise WorkersLost(f"the executor takes no more work ({error})") from error
+        except Exception as error:  # broken, shut down, out of reach: whatever it calls that
+            raise WorkersLost(
+                f"the executor takes no more work ({type(error).__name__}: {error})"
+            ) from error
 
     def result(self, look: Callable[[float], None], every: float) -> Done:
         """Wait for it; `look` is called every so many seconds with those that this took so far."""
@@ -268,8 +270,11 @@ class _Asked:
                 else:
                     self._lost(future, error)
             else:
-                self.cancel()
-                return found
+                if isinstance(found, Done):
+                    self.cancel()
+                    return found
+                kind = type(found).__name__
+                self._lost(future, TypeError(f"a task returned {kind}, not statistics of paths"))
 
     def done(self) -> Future[Done] | None:
         """A try that is over, if there is one."""

@@ -7,9 +7,11 @@ written with all their digits: a run that goes on is the run that was never stop
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
+import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -18,14 +20,19 @@ from typing import Any
 
 import numpy as np
 
+from stochvi.conventions import plain_number
 from stochvi.errors import CheckpointError
 from stochvi.monte_carlo.blocks import machine
 from stochvi.monte_carlo.plans import Plan, layout_of
 from stochvi.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.scenes import Scene
+from stochvi.whole_files import write_whole
 
-HEADER = "stochvi checkpoint 1"
-"""What a checkpoint begins with; the number is that of the format."""
+HEADER, FORMAT = "stochvi checkpoint", 1
+"""What a checkpoint begins with, and the number of its format, which follows."""
+
+LONG_SECONDS = 10.0
+"""What took longer to simulate is not thrown away because a new run is given the same file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +49,13 @@ class Asked:
     def settled(self) -> Asked:
         """With what is taken where nothing is said: seed 0, and 1 % where no number of paths is
         given."""
-        rel_error = 0.01 if self.rel_error is None and self.paths is None else self.rel_error
-        return replace(self, rel_error=rel_error, seed=0 if self.seed is None else self.seed)
+        plain = self.plain()
+        rel_error = 0.01 if plain.rel_error is None and plain.paths is None else plain.rel_error
+        return replace(plain, rel_error=rel_error, seed=0 if plain.seed is None else plain.seed)
+
+    def plain(self) -> Asked:
+        """With numbers of NumPy as those of Python, which JSON knows."""
+        return Asked(**{name: plain_number(value) for name, value in asdict(self).items()})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,31 +140,35 @@ class Checkpoint:
             "state": self.state,
         }
         body = json.dumps(document, allow_nan=False).encode()
-        part = self.path.with_name(self.path.name + ".part")
-        with open(part, "wb") as file:
-            file.write(_header(body) + body)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, self.path)
+        write_whole(_header(body) + body, self.path, durable=True)
 
     @classmethod
     def read(cls, path: Path) -> Checkpoint:
         """CheckpointError unless the file is exactly what was written."""
+        if path.exists() and not _is_checkpoint(path):
+            raise CheckpointError(f"{path} is not a checkpoint of stochvi")
         text = path.read_bytes()
         header, newline, body = text.partition(b"\n")
-        if not text.startswith(HEADER.rsplit(" ", 1)[0].encode()):
-            raise CheckpointError(f"{path} is not a checkpoint of stochvi")
+        number = re.match(rf"{HEADER} (\d+) [0-9a-f]{{64}}$".encode(), header)
+        if number and int(number[1]) != FORMAT:
+            raise CheckpointError(
+                f"{path} was written by another version of stochvi (format {int(number[1])}, here "
+                f"{FORMAT}); go on with that version, or start again without it"
+            )
         if header + newline != _header(body):
             raise CheckpointError(
                 f"{path} is damaged: it was cut short or changed since it was written (its "
                 "checksum does not match); start again without it"
             )
-        found = json.loads(body)
-        return cls(path=path, **(found | {"asked": Asked(**found["asked"])}))
+        try:
+            found = json.loads(body)
+            return cls(path=path, **(found | {"asked": Asked(**found["asked"])}))
+        except (KeyError, TypeError, ValueError) as error:
+            raise _incomplete(path) from error
 
     def asked_again(self, given: Asked) -> Asked:
         """What was asked, where nothing else is `given` now."""
-        for name, value in asdict(given).items():
+        for name, value in asdict(given.plain()).items():
             before = getattr(self.asked, name)
             if value is not None and value is not False and value != before:
                 raise CheckpointError(
@@ -178,25 +194,48 @@ class Checkpoint:
 
     def resumed(self, scene: Scene, plan: Plan) -> State:
         """The state to go on from."""
-        return State.from_document(self.state, layout_of(scene, plan))
+        try:
+            return State.from_document(self.state, layout_of(scene, plan))
+        except (KeyError, TypeError, ValueError) as error:
+            raise _incomplete(self.path) from error
 
 
 class Keeper:
-    """Writes what a run has come to: at once, and when the run asks whether it is due."""
+    """Writes what a run has come to: at once, and when the run asks whether it is due.
+
+    A checkpoint that is there is replaced, nothing else is; that of another run (`new`) which took
+    longer than `LONG_SECONDS` is set aside first, as FILE.earlier.
+
+    Raises
+    ------
+    CheckpointError
+        If something else is there, or the file cannot be written now; later that is no end.
+    """
 
     def __init__(
-        self, path: Path, scene: Scene, asked: Asked, state: State, proof: str, interval: float
-    ) -> None:
-        self.path, self.asked, self.proof, self.interval = path, asked, proof, interval
+        self, path: Path, scene: Scene, asked: Asked, state: State, proof: str, interval: float,
+        new: bool = True,
+    ) -> None:  # fmt: skip
+        self.path, self.asked, self.proof, self.interval = path.resolve(), asked, proof, interval
         self.scene, self.machine = plain_scene(scene), machine()
-        self.keep(state)
+        try:
+            _check_place(self.path)
+            if new:
+                _set_aside(self.path)
+            self.keep(state)
+        except OSError as error:
+            raise CheckpointError(
+                f"{self.path} cannot be written: {error.strerror or error}; name another file for "
+                "the checkpoint"
+            ) from error
 
     def due(self) -> bool:
         """Whether the interval is over."""
         return time.perf_counter() - self.written >= self.interval
 
     def keep(self, state: State) -> None:
-        """Write."""
+        """Write; what fails is tried again after the interval."""
+        self.written = time.perf_counter()
         Checkpoint(
             path=self.path,
             scene=self.scene,
@@ -206,6 +245,49 @@ class Keeper:
             state=state.document(),
         ).write()
         self.written = time.perf_counter()
+
+
+def _check_place(path: Path) -> None:
+    """CheckpointError if what is there is more than an empty file and no checkpoint."""
+    if path.is_dir():
+        raise CheckpointError(f"{path} is a folder; name a file in it for the checkpoint")
+    if path.exists() and not _is_checkpoint(path) and not _is_empty(path):
+        raise CheckpointError(f"{path} is there and is no checkpoint of stochvi; name another file")
+
+
+def _is_checkpoint(path: Path) -> bool:
+    """Whether it is a file, no device or pipe, that begins as one."""
+    if not path.is_file():
+        return False
+    with open(path, "rb") as file:
+        return file.read(len(HEADER)) == HEADER.encode()
+
+
+def _is_empty(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size == 0
+
+
+def _set_aside(path: Path) -> None:
+    """Keep what took long as FILE.earlier; of two, the one that took longer."""
+    earlier = path.with_name(path.name + ".earlier")
+    if _seconds_in(path) > max(LONG_SECONDS, _seconds_in(earlier)):
+        with contextlib.suppress(FileNotFoundError):  # another run did it
+            os.replace(path, earlier)
+
+
+def _seconds_in(path: Path) -> float:
+    """Of simulation that a checkpoint holds; 0 if it cannot be gone on with."""
+    try:
+        state = Checkpoint.read(path).state
+        return float(state["seconds"]) if state["fine"]["count"] else 0.0
+    except (CheckpointError, FileNotFoundError, KeyError, TypeError):
+        return 0.0
+
+
+def _incomplete(path: Path) -> CheckpointError:
+    return CheckpointError(
+        f"{path} does not hold what a checkpoint of this version holds; start again without it"
+    )
 
 
 def plain_scene(scene: Scene) -> dict[str, Any]:
@@ -245,4 +327,4 @@ def _short(value: Any) -> str:
 
 
 def _header(body: bytes) -> bytes:
-    return f"{HEADER} {hashlib.sha256(body).hexdigest()}\n".encode()
+    return f"{HEADER} {FORMAT} {hashlib.sha256(body).hexdigest()}\n".encode()

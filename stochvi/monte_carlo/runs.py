@@ -79,6 +79,7 @@ class Run:
         self.expected_paths = 1.0
         self.shown = 0.0
         self.sentence, self.said = "", -math.inf
+        self.unwritten = ""
 
     @property
     def fine(self) -> PathStatistics:
@@ -135,9 +136,19 @@ class Run:
         return self.fine.count == goal
 
     def keep(self) -> None:
-        """Write the checkpoint now, if there is one."""
-        if self.keeper:
+        """Write the checkpoint now, if there is one; `unwritten` says if that failed: a full disk
+        must not throw away what was simulated."""
+        if not self.keeper:
+            return
+        try:
             self.keeper.keep(replace(self.state, seconds=self.seconds))
+            self.unwritten = ""
+        except OSError as error:
+            reason = error.strerror or str(error)
+            self.unwritten = (
+                f"the checkpoint {self.keeper.path} could not be written: {reason.lower()}; it "
+                "holds what it held before"
+            )
 
     def _report(self) -> None:
         if not self.progress:

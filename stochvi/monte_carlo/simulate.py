@@ -7,7 +7,7 @@ import math
 import os
 import time
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,7 +84,9 @@ def simulate(
         Called with the fraction done and a sentence.
     checkpoint, checkpoint_interval
         File to keep what was simulated in: written at once, then every so many seconds and at the
-        end. A file that is there is replaced.
+        end. A checkpoint that is there is replaced (but if it took longer than 10 s to come to,
+        it is kept as FILE.earlier), anything else refused. Where the disk fills up on the way, a
+        warning of the response says so.
     resume
         Go on from this checkpoint, and on writing it unless `checkpoint` names another: with its
         rel_error, paths, duration and seed, to the digits of a run that never stopped. That of a
@@ -97,7 +99,8 @@ def simulate(
     NotConverged
         Carries the response so far; also if the executor loses its workers.
     CheckpointError
-        If `resume` is damaged, or of another scene, seed, version or processor.
+        If `resume` is damaged, or of another scene, seed, version or processor; or `checkpoint`
+        cannot be written, or is a file of something else.
     Interrupted
         A KeyboardInterrupt that carries the response so far.
 
@@ -120,6 +123,51 @@ def simulate(
         rel_error=rel_error, paths=paths, duration=duration, seed=seed,
         speed_threshold=speed_threshold, slow_impacts=slow_impacts,
     )  # fmt: skip
+    _check_files(checkpoint=checkpoint, resume=resume)
+    _check_executor(executor)
+    try:
+        run, asked = _begun(
+            scene, asked, budget, threads, executor, progress, checkpoint, checkpoint_interval,
+            resume,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        raise Interrupted("interrupted by Ctrl-C before any path was simulated") from None
+    try:
+        try:
+            _simulate(run, asked, budget)
+        finally:
+            if executor is None:
+                run.crew.executor.shutdown(wait=False, cancel_futures=True)
+            run.keep()
+    except KeyboardInterrupt:
+        raise Interrupted(
+            "interrupted by Ctrl-C",
+            _so_far(run, "interrupted before all paths were simulated", True),
+        ) from None
+    except WorkersLost as error:
+        raise NotConverged(
+            f"{error}, after {run.fine.count} paths; start workers that do, and resume from a "
+            "checkpoint if there is one",
+            _so_far(run, "not all paths were simulated, for want of workers"),
+        ) from error
+    except NotConverged as error:
+        error.response = error.response and _noted(run, error.response)
+        raise
+    return _noted(run, run.response())
+
+
+def _begun(
+    scene: Scene,
+    asked: Asked,
+    budget: float | None,
+    threads: int | None,
+    executor: Executor | None,
+    progress: Progress | None,
+    checkpoint: str | Path | None,
+    checkpoint_interval: float,
+    resume: str | Path | None,
+) -> tuple[Run, Asked]:
+    """The run, compiled and with its first checkpoint written, and what is asked of it."""
     before = None if resume is None else Checkpoint.read(Path(resume))
     asked = asked.settled() if before is None else before.asked_again(asked)
     check_asked(asked, budget, threads)
@@ -132,32 +180,15 @@ def simulate(
     keeper = None
     if target is not None:
         proof = "" if before is None else before.proof  # a new one takes time to compile
-        keeper = Keeper(Path(target), scene, asked, state, proof, checkpoint_interval)
+        new = resume is None or Path(target).resolve() != Path(resume).resolve()
+        keeper = Keeper(Path(target), scene, asked, state, proof, checkpoint_interval, new)
     compile_time, proof = _compile(plan)
     if before is not None:
         before.check(scene, proof)
     if keeper is not None:
         keeper.proof = proof
     crew = _crew(executor, threads)
-    run = Run(scene, plan, asked.seed or 0, crew, progress, compile_time, state, keeper)
-    try:
-        _simulate(run, asked, budget)
-    except KeyboardInterrupt:
-        raise Interrupted(
-            "interrupted by Ctrl-C",
-            _so_far(run, "interrupted before all paths were simulated", True),
-        ) from None
-    except WorkersLost as error:
-        raise NotConverged(
-            f"{error}, after {run.fine.count} paths; start workers that do, and resume from a "
-            "checkpoint if there is one",
-            _so_far(run, "not all paths were simulated, for want of workers"),
-        ) from error
-    finally:
-        if executor is None:
-            crew.executor.shutdown(wait=False, cancel_futures=True)
-        run.keep()
-    return run.response()
+    return Run(scene, plan, asked.seed or 0, crew, progress, compile_time, state, keeper), asked
 
 
 def _simulate(run: Run, asked: Asked, budget: float | None) -> None:
@@ -178,7 +209,15 @@ def _so_far(run: Run, warning: str, interrupted: bool = False) -> Response | Non
     """What the paths say that there are, if they say anything."""
     if run.fine.count < 2:
         return None
-    return run.response((f"{warning}: these are the first {run.fine.count}",), interrupted)
+    response = run.response((f"{warning}: these are the first {run.fine.count}",), interrupted)
+    return _noted(run, response)
+
+
+def _noted(run: Run, response: Response) -> Response:
+    """With a warning if the checkpoint does not hold it."""
+    if not run.unwritten or run.unwritten in response.warnings:
+        return response
+    return replace(response, warnings=[*response.warnings, run.unwritten])
 
 
 def _crew(executor: Executor | None, threads: int | None) -> Crew:
@@ -347,6 +386,20 @@ def check_arguments(
     _check_seconds(duration=duration, budget=budget)
     if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
         raise ValueError(f"speed_threshold must be at least 0, got {speed_threshold}")
+
+
+def _check_executor(executor: Executor | None) -> None:
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise ValueError(
+            "executor must be a concurrent.futures.Executor, as ProcessPoolExecutor(), got "
+            f"{executor!r}"
+        )
+
+
+def _check_files(**files: str | Path | None) -> None:
+    for name, file in files.items():
+        if file is not None and str(file) == "":
+            raise ValueError(f"{name} must name a file, got ''")
 
 
 def _check_seconds(**times: float | None) -> None:
