@@ -10,10 +10,10 @@ from statistical import assert_agrees
 
 from stochvi.closed_form import exact
 from stochvi.collisions import corner_exponent
-from stochvi.contacts import Elastic, Restitution
+from stochvi.contacts import Elastic, Restitution, Viscoelastic
 from stochvi.errors import NotApplicable
 from stochvi.estimates import Estimate
-from stochvi.excitations import TabulatedNoise, WhiteNoise
+from stochvi.excitations import Sine, TabulatedNoise, WhiteNoise
 from stochvi.impact_statistics import impacts
 from stochvi.impact_statistics.method import CORNER_SHARE, SHIFT_PER_SHARE
 from stochvi.impact_statistics.tallies import (
@@ -251,14 +251,54 @@ def test_intervals_histogram_is_that_of_the_times() -> None:
     assert kstest(waited, "expon", args=(0.0, 2.0)).pvalue > 1e-3
 
 
-@pytest.mark.parametrize("kind", ["table", "matrices", "elastic"])
+TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+
+
+def two_storeys(law: Restitution | Viscoelastic, *more: Sine) -> Scene:
+    """A board in a box on a truck, and what it hits there."""
+    return Scene(
+        structure=Matrices(
+            coordinates=["box", "board"], mass=[[2.0, 0.0], [0.0, 0.5]],
+            damping=[[30.0, -5.0], [-5.0, 5.0]], stiffness=[[14000.0, -4000.0], [-4000.0, 4000.0]],
+        ),
+        impact_pairs=[ImpactPair(between=("board", "box"), lower=-3e-3, upper=3e-3, law=law)],
+        excitations=[TRUCK.model_copy(update={"on": "base"}), *more],
+    )  # fmt: skip
+
+
+RUBBER = Viscoelastic(stiffness=1e5, damping_ratio=0.2)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["table", "matrices", "elastic", "matrices elastic", "matrices table", "table rubber",
+     "matrices table rubber", "matrices table sine"],
+)  # fmt: skip
 def test_scenes_whose_impacts_are_read_from_records(kind: str) -> None:
     stops = ImpactPair(lower=-2e-3, upper=2e-3, law=Restitution(coefficient=0.8))
     given = {
         "table": Scene(
             structure=Isolator(frequency_hz=12.0, zeta=0.1),
             impact_pairs=[stops],
-            excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+            excitations=[TRUCK],
+        ),
+        "table rubber": Scene(
+            structure=Isolator(mass=1.0, frequency_hz=12.0, zeta=0.1),
+            impact_pairs=[ImpactPair(lower=-2e-3, upper=2e-3, law=RUBBER)],
+            excitations=[TRUCK],
+        ),
+        "matrices elastic": Scene(
+            structure=Matrices(
+                coordinates=["x", "y"], mass=[[1.0, 0.0], [0.0, 0.3]],
+                damping=[[0.2, 0.0], [0.0, 0.1]], stiffness=[[1.5, -0.5], [-0.5, 0.5]],
+            ),
+            impact_pairs=[ImpactPair(on="y", upper=1.0, law=Elastic(stiffness=30.0))],
+            excitations=[WhiteNoise(intensity=0.2, on="x")],
+        ),
+        "matrices table": two_storeys(Restitution(coefficient=0.8)),
+        "matrices table rubber": two_storeys(RUBBER),
+        "matrices table sine": two_storeys(
+            RUBBER, Sine(on="base", amplitude=5.0, frequency_hz=15.0)
         ),
         "matrices": Scene(
             structure=Matrices(

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import simpson
 from scipy.signal import csd, welch
 
+from stochvi.assemblies import assemble
 from stochvi.closed_form import autocorrelation, exact
 from stochvi.contacts import Elastic, Restitution
 from stochvi.excitations import FilteredNoise, Sine, TabulatedNoise, WhiteNoise
@@ -189,6 +190,36 @@ def test_mount_on_a_truck() -> None:
     held = acceleration.holds(np.append(np.zeros((~whole).sum()), table(f) * square))[whole]
     assert held[inside].mean() > LEVEL - 0.05
     assert curves["coherence"].value[inside].min() > 0.99
+
+
+@pytest.mark.parametrize("sine", [False, True])
+def test_two_storeys_on_a_truck(sine: bool) -> None:
+    mass, damping = np.diag([2.0, 0.5]), np.array([[30.0, -5.0], [-5.0, 5.0]])
+    stiffness = np.array([[14000.0, -4000.0], [-4000.0, 4000.0]])
+    table = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz", on="base")
+    tone = Sine(on="base", amplitude=1.0, frequency_hz=30.0)
+    scene = Scene(
+        structure=Matrices(
+            coordinates=["box", "board"],
+            mass=mass.tolist(), damping=damping.tolist(), stiffness=stiffness.tolist(),
+        ),
+        excitations=[table, tone] if sine else [table],
+    )  # fmt: skip
+    found = spectrum(scene, paths=32, seed=1, threads=1)
+    f = found.frequency_hz
+    # the table begins with a jump, and the sine is a line: both are smeared
+    away = f > 5.0 + 3.0 / found.segment
+    if sine:
+        away &= np.abs(f - 30.0) > 5.0 / found.segment
+    w = 2.0 * np.pi * f[:, None, None]
+    gain = -np.linalg.inv(stiffness - w**2 * mass + 1j * w * damping) @ mass.sum(axis=1)
+    (density,) = (signal for signal, _ in assemble(scene).tables)
+    for row, name in enumerate(("box", "board")):
+        truth = density(f) * np.abs(gain[:, row]) ** 2
+        curve = found.curves[name]["displacement"]
+        kept = Curve(**{name: values[away] for name, values in vars(curve).items()})
+        assert_covered(kept, truth[away], found.segment)
+        assert misses(kept, 1.2 * truth[away])
 
 
 def test_stops_part_the_two_transmissibilities() -> None:

@@ -20,6 +20,7 @@ from stochvi.monte_carlo.kernels.contact import CONTACT_SUMS
 from stochvi.monte_carlo.kernels.flight import SUMS
 from stochvi.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.monte_carlo.modal import ModalPlan
+from stochvi.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.monte_carlo.plans import Plan, make_plan
 from stochvi.monte_carlo.tabulated import WARM_UP_RELAXATIONS, TabulatedPlan
 from stochvi.monte_carlo.white import RELAXATIONS, WhitePlan
@@ -92,14 +93,15 @@ class HistoryPlan:
     @property
     def samples(self) -> int:
         """Of a record."""
-        if isinstance(self.plan, TabulatedPlan):
+        if isinstance(self.plan, TabulatedPlan | ModalTablesPlan):
             return self.plan.recorded_samples
         return max(2, math.ceil(self.duration / self.step))
 
     @property
     def settling(self) -> int:
-        """Steps flown before a record begins."""
-        if isinstance(self.plan, TabulatedPlan):
+        """Steps at the beginning of what a plan records that are not kept."""
+        # synthesised paths are flown in before they are recorded
+        if isinstance(self.plan, TabulatedPlan | ModalTablesPlan):
             return 0
         return math.ceil(self.plan.burn_in / self.step)
 
@@ -107,7 +109,10 @@ class HistoryPlan:
     def block(self) -> int:
         """Paths made together."""
         width = self.plan.record_width if isinstance(self.plan, ModalPlan) else 3
-        return max(1, min(256, BLOCK_NUMBERS // (width * (self.samples + self.settling))))
+        samples = self.samples + self.settling
+        if isinstance(self.plan, ModalTablesPlan):
+            samples = max(samples, self.plan.samples)
+        return max(1, min(256, BLOCK_NUMBERS // (width * samples)))
 
     def sampled(self, step: float, duration: float) -> HistoryPlan:
         """The same at a sampling interval of at most `step`, in records of `duration` seconds."""
@@ -120,6 +125,11 @@ class HistoryPlan:
             plan = plan.with_step(min(step, plan.step))
             plan = replace(plan, counted=duration, blocks_per_path=1)
             return replace(self, plan=plan, duration=duration)
+        if isinstance(plan, ModalTablesPlan):
+            # one block that repeats itself neither in the record nor in what is flown before
+            length = max(plan.block_length, duration + plan.burn_in)
+            plan = plan.with_block(length).with_step(min(step, plan.step))
+            return replace(self, plan=replace(plan, duration=duration), duration=duration)
         plan = plan.with_step(min(step, plan.step))
         # one step more than settling and record need: both are rounded up
         steps = math.ceil((plan.burn_in + duration) / plan.step) + 1
@@ -128,6 +138,14 @@ class HistoryPlan:
 
     def histories(self, seed: int, first_path: int, paths: int) -> Histories:
         """Records of the paths first_path, first_path + 1, ...: a function of its arguments."""
+        found = self._made(seed, first_path, paths)
+        # one that ends early is taken for one of `samples` by whoever divides by their time
+        made = found.displacement.shape[2]
+        if made != self.samples:
+            raise AssertionError(f"a record has {made} samples, {self.samples} were promised")
+        return found
+
+    def _made(self, seed: int, first_path: int, paths: int) -> Histories:
         if isinstance(self.plan, TabulatedPlan):
             return self._synthesised(self.plan, seed, first_path, paths)
         if isinstance(self.plan, ModalPlan):

@@ -86,6 +86,10 @@ class ModalTablesPlan(ModalContactsPlan):
         """Paths at a chosen sampling interval, s; those of common bins have common amplitudes."""
         return self._with_samples(_even_fast_length(self.block_length / step))
 
+    def with_block(self, length: float) -> ModalTablesPlan:
+        """Paths of one block of so many seconds, at about the same sampling interval."""
+        return replace(self, block_length=length, blocks=1).with_step(self.step)
+
     def coarser(self) -> ModalTablesPlan:
         """The same paths at half the sampling rate."""
         return self._with_samples(2 * (self.samples // 4))
