@@ -23,6 +23,7 @@ from stochvi import (
     reliability,
 )
 from stochvi.bursts import bursts
+from stochvi.cli.failing import _spoken
 from stochvi.datasets import shipped_scene
 from stochvi.estimates import Estimate
 from stochvi.files import to_json
@@ -66,6 +67,51 @@ def test_a_stationary_start_is_a_matter_of_first_crossings() -> None:
     chance = found.chances["passage"]
     assert chance.way == "first crossings" and "need not be waited for" in chance.why
     assert_agrees(chance.estimate, truth)
+
+
+def test_missions_shorter_than_what_settles_them() -> None:
+    """Fast impacts of 5 s meet a bound, and 12 times their chance is about that of a minute."""
+    box, asked = oscillator(-2.0, 2.0), {"impact_speed": 5.0, "seed": 1, "rel_error": 0.1}
+    short, minute = (
+        reliability(box, mission=mission, threads=1, **asked)  # type: ignore[arg-type]
+        for mission in (5.0, 60.0)
+    )
+    rate = exact(box).impact_pairs["stops"]["collision_rate"]
+    assert isinstance(rate, Estimate) and short.hits is not None
+    assert_agrees(replace(short.hits, bias=0.0), 5.0 * rate.value)
+    one, many = (each.chances["impact_speed"].estimate for each in (short, minute))
+    assert one.value - 4.5 * one.standard_error < 5.0 * rate.value * math.exp(-12.5)
+    # P(A or B) is at most P(A) + P(B), and bursts belong to both
+    assert many.value - 12.0 * one.value < 4.5 * math.hypot(
+        12.0 * one.standard_error, many.standard_error
+    )
+    assert many.value > 4.0 * one.value
+    moment = reliability(oscillator(-2.5, 2.5, 0.8), mission=0.01, threads=1, rel_error=0.1)
+    assert moment.hits is not None
+    assert moment.chances["hit"].estimate.value > 10.0 * moment.hits.value
+    (note,) = moment.warnings
+    outside = math.erfc(2.5 / math.sqrt(2.0))
+    assert f"{outside:.3g} of it is the chance" in note
+
+
+def test_what_was_found_is_told_with_what_is_missing() -> None:
+    with pytest.raises(NotConverged, match="impact speed: the budget") as caught:
+        reliability(oscillator(-2.5, 2.5), mission=30.0, impact_speed=8.0, threads=1, budget=0.02)
+    found = caught.value.response
+    assert "hit" in found.chances and "impact_speed" not in found.chances
+    assert "impact_speed" in found.missing and "impact_speed" in found.to_dict()["missing"]
+    assert "impact_speed: not found" in repr(found)
+
+
+def test_what_the_spring_alone_brings_is_said() -> None:
+    soft = FAR.model_copy(
+        update={"impact_pairs": (ImpactPair(upper=2.0, law=Elastic(stiffness=100.0)),)}
+    )
+    asked: dict[str, Any] = {"mission": 5.0, "start": "rest", "threads": 1, "rel_error": 0.5}
+    found = reliability(soft, peak_acceleration=1.9, **asked)
+    assert any("the spring alone brings 2 m/s^2" in each for each in found.warnings)
+    found = reliability(soft, peak_acceleration=2.1, **asked)
+    assert not any("spring alone" in each for each in found.warnings)
 
 
 def test_expected_hits_are_the_rate_times_the_mission() -> None:
@@ -156,6 +202,11 @@ def test_what_does_not_apply_is_said() -> None:
         reliability(FREE, mission=1e5, barrier=5.0, start="rest", way="crude", budget=1e-3)
 
 
+def test_chances_near_one_are_told_by_their_lower_end() -> None:
+    assert _spoken(1.0, 9.8e-7, 0.99812) == "over 0.998"
+    assert _spoken(0.9, 0.01, 0.88) == "0.900(10)"
+
+
 def test_the_command(stochvi: Run, tmp_path: Any) -> None:  # noqa: F811
     scene = str(shipped_scene("oscillator-lossy"))
     done = stochvi(
@@ -170,5 +221,11 @@ def test_the_command(stochvi: Run, tmp_path: Any) -> None:  # noqa: F811
     assert document["expected_hits"]["value"] > fast["estimate"]["value"]
     assert "impact speed > 2 m/s" in done.err and "expected hits" in done.err
     assert (tmp_path / "reliability.csv").exists()
+    done = stochvi(
+        "reliability", scene, "--mission", "30", "--impact-speed", "9", "--budget", "0.02",
+        "--threads", "1", "--json", "-",
+    )  # fmt: skip
+    assert done.code == 1 and "not found" in done.err
+    assert "impact_speed" in one_document(done.out)["missing"]
     done = stochvi("reliability", scene, "--mission", "30", "--barrier", "3")
     assert done.code == 2 and "barrier is for scenes without stops" in done.err

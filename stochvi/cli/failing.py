@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,46 +64,62 @@ def reliability(
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """
+    from stochvi.errors import NotConverged
     from stochvi.failures import reliability as solve
     from stochvi.files import write_json, write_table
     from stochvi.scenes import load_scene
 
     loaded = load_scene(scene)
     asked: dict[str, Any] = {"start": start, "way": way and way.replace("-", " ")}
+    reason: NotConverged | None = None
     with progress_bar(quiet, "reliability") as report:
-        found = solve(
-            loaded,
-            mission=mission,
-            barrier=_either_side(barrier),
-            impact_speed=impact_speed,
-            peak_acceleration=_acceleration(peak_acceleration),
-            rel_error=rel_error,
-            seed=seed,
-            threads=threads,
-            budget=budget,
-            progress=report,
-            **asked,
-        )
+        try:
+            found = solve(
+                loaded,
+                mission=mission,
+                barrier=None if barrier is None else _barrier(barrier),
+                impact_speed=impact_speed,
+                peak_acceleration=_acceleration(peak_acceleration),
+                rel_error=rel_error,
+                seed=seed,
+                threads=threads,
+                budget=budget,
+                progress=report,
+                **asked,
+            )
+        except NotConverged as error:
+            if error.response is None:
+                raise
+            # what is known is told, and then what is missing
+            found, reason = error.response, error
     if not quiet:
-        print_reliability(console_for(json_file), found)
+        typed = peak_acceleration or ""
+        print_reliability(console_for(json_file), found, typed if typed.endswith("g") else None)
     if json_file is not None:
         write_json(found.to_dict(), json_file)
     if out is not None:
         write_table(found.to_frame(), out / "reliability.csv")
+    if reason is not None:
+        raise reason
 
 
-def _either_side(text: str | None) -> tuple[float | None, float | None] | None:
-    """Barriers from "3", the same on both sides, or from "LO,HI"."""
-    if text is None or "," in text:
-        return None if text is None else _barrier(text)
-    try:
-        return -float(text), float(text)
-    except ValueError:
-        raise ValueError(f"--barrier must be B or LO,HI, metres, got {text!r}") from None
+NEAR_ONE = 0.999
+"""From here on a chance is told by the end of its interval: no digits of it are left to read."""
 
 
-def print_reliability(console: Console, found: Reliability) -> None:
-    """The chances and their intervals, the way to each, the price."""
+def _spoken(value: float, error: float, lower: float) -> str:
+    """A chance with its error, or what it is more than."""
+    from stochvi.estimates import format_with_error
+
+    if value < NEAR_ONE:
+        return format_with_error(value, error)
+    # rounded down: it is to be over what is said
+    return f"over {math.floor(1000.0 * lower) / 1000.0:g}"
+
+
+def print_reliability(console: Console, found: Reliability, typed: str | None = None) -> None:
+    """The chances and their intervals, the way to each, the price; `typed` is a limit of the
+    acceleration in g."""
     from stochvi.estimates import format_with_error
     from stochvi.tables import _say, _show, _table
 
@@ -112,18 +129,25 @@ def print_reliability(console: Console, found: Reliability) -> None:
     for name, chance in found.chances.items():
         estimate = chance.estimate
         limit = "" if chance.limit is None else f" > {chance.limit:g} {UNITS[name]}"
+        if name == "peak_acceleration" and typed:
+            limit = f" > {typed.removesuffix('g').strip()} g"
         known = estimate.bias is not None and estimate.value > 0.0
         crude = chance.crude_seconds
         table.add_row(
             f"{name.replace('_', ' ')}{limit}",
-            format_with_error(estimate.value, estimate.standard_error),
+            _spoken(estimate.value, estimate.standard_error, chance.lower),
             f"{chance.lower:.3g} to {chance.upper:.3g}",
             f"{(estimate.bias or 0.0) / estimate.value:.1g}" if known else "unknown",
             chance.way,
             f"{chance.seconds:.2g}",
             "" if crude is None else f"{crude:.2g}",
         )
+    for name in found.missing:
+        if name != "expected_hits":
+            table.add_row(name.replace("_", " "), "not found", "", "", "", "", "")
     _show(console, table)
+    if "expected_hits" in found.missing:
+        console.print("expected hits not found", highlight=False)
     if found.hits is not None and found.hits_interval is not None:
         lower, upper = found.hits_interval
         value = format_with_error(found.hits.value, found.hits.standard_error)

@@ -88,7 +88,7 @@ def fokker_planck(
 @main.command("first-passage")
 @click.argument("scene")
 @click.option(
-    "--barrier", metavar="LO,HI",
+    "--barrier", metavar="B|LO,HI",
     help="Metres from the unloaded spring; leave one empty for none. Default: the stops.",
 )  # fmt: skip
 @click.option("--times", metavar="LIST", help="Seconds, with commas ...")
@@ -137,11 +137,17 @@ def first_passage(
 
 
 def _barrier(text: str | None) -> tuple[float | None, float | None]:
+    """Lower and upper barrier from "3", the same on both sides, or from "LO,HI"."""
     if text is None:
         return None, None
     words = [word.strip() for word in text.split(",")]
+    if len(words) == 1 and words[0]:
+        (either,) = numbers("--barrier", words[0])
+        if not either > 0.0:
+            raise ValueError(f"--barrier must be positive, or LO,HI, got {text!r}")
+        return -either, either
     if len(words) != 2 or not any(words):
-        raise ValueError(f"--barrier must be LO,HI with at least one of them, got {text!r}")
+        raise ValueError(f"--barrier must be B, or LO,HI with at least one of them, got {text!r}")
     lower, upper = (numbers("--barrier", word)[0] if word else None for word in words)
     return lower, upper
 

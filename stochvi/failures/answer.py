@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from stochvi.estimates import Cost, Estimate
@@ -77,7 +77,8 @@ class Chance:
 class Reliability:
     """What a mission risks: `chances` by event, and `hits`, the expected number of impacts.
 
-    `hits` is None without stops; `hits_interval` is its confidence interval.
+    `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says of
+    what was asked for and not found why: then the answer comes with a `NotConverged`.
     """
 
     mission: float
@@ -90,6 +91,7 @@ class Reliability:
     warnings: Sequence[str]
     cost: Cost
     provenance: Mapping[str, Any]
+    missing: Mapping[str, str] = field(default_factory=dict)
     method: str = "reliability"
 
     @property
@@ -141,6 +143,7 @@ class Reliability:
             "chances": {name: chance.to_dict() for name, chance in self.chances.items()},
             "expected_hits": None if self.hits is None else self.hits.to_dict(),
             "expected_hits_interval": None if interval is None else list(interval),
+            "missing": dict(self.missing),
             "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
             "cost": asdict(self.cost),
@@ -156,4 +159,5 @@ class Reliability:
         ]
         if self.hits is not None:
             lines.append(f"  expected hits = {self.hits!r}")
+        lines += [f"  {name}: not found: {why}" for name, why in self.missing.items()]
         return "\n".join([f"<{self.method}", *lines]) + ">"

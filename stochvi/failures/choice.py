@@ -164,8 +164,8 @@ class Jobs:
 
     def _found(self, plan: MissionPlan, way: Way | None, hits: bool) -> Found:
         """Pilot, choice, second stage."""
-        self._deadline = math.inf if self.budget is None else time.perf_counter() + self.budget
         plan.fly(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
+        self._deadline = math.inf if self.budget is None else time.perf_counter() + self.budget
         tried = int(min(max(PILOT_STEPS // plan.steps_per_path, PILOT_FEWEST), PILOT_MISSIONS))
         pilot = of_missions(self._missions(plan, self._seed("pilot missions"), tried, hits))
         price, steps = pilot.seconds / pilot.missions, pilot.steps

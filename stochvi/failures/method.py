@@ -16,11 +16,14 @@ import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from stochvi.errors import NotApplicable
+from scipy.special import ndtr
+
+from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, provenance
 from stochvi.failures.answer import Chance, Reliability
 from stochvi.failures.choice import Hits, Jobs, Way
 from stochvi.failures.conditioning import Ends, by_conditioning, first_hit
+from stochvi.first_crossings import deviations
 from stochvi.monte_carlo.missions import (
     Start,
     acceleration_plan,
@@ -30,6 +33,9 @@ from stochvi.monte_carlo.missions import (
 )
 from stochvi.monte_carlo.runs import Progress
 from stochvi.scenes import Scene, System
+
+AT_ONCE = 0.05
+"""Share of P(hit) that is there at the start, from which a warning tells its size."""
 
 MISSED = 1.3
 """Times the error asked for, from which a warning says that it was missed."""
@@ -75,7 +81,8 @@ def reliability(
     rel_error
         Relative standard error of each chance, and of the expected hits.
     budget
-        Seconds for each of them, after which `NotConverged` is raised.
+        Seconds for each of them, compilation apart, after which `NotConverged` is raised; its
+        `response` holds what was found, and names what is missing.
 
     Returns
     -------
@@ -121,9 +128,12 @@ def reliability(
         )  # fmt: skip
         if coloured:
             chances, hits = by_conditioning(scene, ends, limits, mission, jobs)
+            missing: dict[str, str] = {}
         else:
-            chances, hits = _sampled(scene.system(), scene, ends, limits, mission, start, way, jobs)
-    return Reliability(
+            chances, hits, missing = _sampled(
+                scene.system(), scene, ends, limits, mission, start, way, jobs
+            )
+    found = Reliability(
         mission=mission,
         start=start,
         chances=chances,
@@ -131,7 +141,12 @@ def reliability(
         hits_interval=None if hits is None else hits.interval,
         confidence=confidence,
         assumptions=_assumptions(scene, start),
-        warnings=_warnings(chances, rel_error),
+        warnings=[
+            *_warnings(chances, rel_error),
+            *_beyond_at_the_start(scene, ends, start, coloured, chances),
+            *_by_the_spring(scene, ends, peak_acceleration),
+        ],
+        missing=missing,
         cost=Cost(
             wall_time=time.perf_counter() - started,
             steps=sum(chance.steps for chance in chances.values())
@@ -141,37 +156,49 @@ def reliability(
         ),
         provenance=provenance(scene.document(), seed),
     )
+    if missing:
+        told = "; ".join(f"{name.replace('_', ' ')}: {why}" for name, why in missing.items())
+        raise NotConverged(told, found)
+    return found
 
 
 def _sampled(
     system: System, scene: Scene, ends: Ends, limits: dict[str, float], mission: float,
     start: Start, way: Way | None, jobs: Jobs,
-) -> tuple[dict[str, Chance], Hits | None]:  # fmt: skip
-    """Of white noise: missions, and first crossings where the start allows it."""
+) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:  # fmt: skip
+    """Of white noise: missions, and first crossings where the start allows it; and why what is
+    missing was not found."""
     name = "hit" if scene.impact_pairs else "passage"
     chances: dict[str, Chance] = {}
+    missing: dict[str, str] = {}
     found = None
     if way == "first crossings" or (way is None and start == "stationary"):
         found = first_hit(scene, ends, mission, jobs, surely=way is not None)
     missions = None if way == "first crossings" else way
-    if found is None:
-        found = jobs.chance(passage_plan(system, *ends, mission, start), name, None, missions)
-    chances[name] = found
+    plans = {} if found else {name: passage_plan(system, *ends, mission, start)}
+    if found is not None:
+        chances[name] = found
     if "impact_speed" in limits:
-        speed = limits["impact_speed"]
-        plan = impact_plan(system, mission, start, speed)
-        chances["impact_speed"] = jobs.chance(plan, "impact_speed", speed, missions)
+        plans["impact_speed"] = impact_plan(system, mission, start, limits["impact_speed"])
     if "peak_acceleration" in limits:
         sharpest = limits["peak_acceleration"]
-        plan = acceleration_plan(system, mission, start, sharpest)
-        chances["peak_acceleration"] = jobs.chance(plan, "peak_acceleration", sharpest, missions)
+        plans["peak_acceleration"] = acceleration_plan(system, mission, start, sharpest)
+    for event, plan in plans.items():
+        try:
+            chances[event] = jobs.chance(plan, event, limits.get(event), missions)
+        except NotConverged as error:
+            missing[event] = str(error)
     if not scene.impact_pairs:
-        return chances, None
-    part = mission
-    if start == "stationary":
-        # hits of a stationary motion are proportional to its duration: a part of it tells all
-        part = min(mission, settling_time(system))
-    return chances, jobs.hits(impact_plan(system, part, start), missions, mission / part)
+        return chances, None, missing
+    # hits of a stationary motion are proportional to its duration: one in which it forgets its
+    # start tells all, and is shorter than long missions and sees more than short ones
+    part = settling_time(system) if start == "stationary" else mission
+    hits = None
+    try:
+        hits = jobs.hits(impact_plan(system, part, start), missions, mission / part)
+    except NotConverged as error:
+        missing["expected_hits"] = str(error)
+    return chances, hits, missing
 
 
 def _check(
@@ -258,6 +285,52 @@ def _assumptions(scene: Scene, start: str) -> list[str]:
         )
     found.append("intervals cover statistical errors; the bias of the step is stated apart")
     return found
+
+
+def _beyond_at_the_start(
+    scene: Scene, ends: Ends, start: str, coloured: bool, chances: dict[str, Chance]
+) -> list[str]:
+    """Where much of P(hit) is that of a start beyond the stops, which impacts do not share."""
+    chance = chances.get("hit") or chances.get("passage")
+    if start == "rest" or chance is None:
+        return []
+    system = scene.system()
+    if coloured:
+        std = deviations(scene)[0]
+    else:
+        std = math.sqrt(system.intensity / (2.0 * system.damping_rate)) / system.omega
+    outside = sum(
+        float(ndtr(-side * (end - system.load / system.omega**2) / std))
+        for side, end in zip((-1.0, 1.0), ends, strict=True)
+        if end is not None
+    )
+    if outside <= AT_ONCE * chance.estimate.value:
+        return []
+    beyond = "the stops" if chance.event == "hit" else "the barriers"
+    apart = (
+        "; expected hits, and all else, belong to the motion with the stops, and may be fewer"
+        if chance.event == "hit"
+        else ""
+    )
+    return [
+        f"{chance.event}: {outside:.3g} of it is the chance that the motion without {beyond} is "
+        f"beyond them at the start already{apart}; start at rest to leave that out"
+    ]
+
+
+def _by_the_spring(scene: Scene, ends: Ends, limit: float | None) -> list[str]:
+    """Where the spring alone brings an acceleration, which is not counted: contacts are."""
+    if limit is None:
+        return []
+    system = scene.system()
+    rest = system.load / system.omega**2 if system.load else 0.0
+    most = max(system.omega**2 * abs(end - rest) for end in ends if end is not None)
+    if most < limit:
+        return []
+    return [
+        f"peak_acceleration of {limit:.4g} m/s^2 is exceeded without any stop: the spring alone "
+        f"brings {most:.4g} m/s^2 at a stop; only contacts are counted here"
+    ]
 
 
 def _warnings(chances: dict[str, Chance], rel_error: float) -> list[str]:

@@ -36,6 +36,10 @@ CLIMB_RELAXATIONS = 6.0
 """Time constants of the energy that a stationary motion is flown before the mission, so that
 splitting finds the states from which a mission soon fails, which are rare at its start."""
 
+SHORT_CLIMB = 1.0
+"""The same for missions shorter than that: what climbed long before has come down again by the time
+such a mission begins, and levels that are reached early lead nowhere."""
+
 GAP_PER_STEP = 0.25
 """Share of the gap that a mass at the limiting speed crosses in a step. A mass that rattles shows
 its speed at every impact, but noise changes it once a step: at 0.6 of the gap P is 2.5 % low."""
@@ -105,7 +109,9 @@ class MissionPlan:
     lower, upper
         Stops or barriers for the kernel, from the rest position.
     counted, before
-        Steps of a mission, and of the motion before it.
+        Steps of a mission, and of the motion before it in which levels are climbed.
+    settled
+        Steps before those, in which a motion between lossy stops becomes stationary.
     """
 
     base: WhitePlan
@@ -114,6 +120,7 @@ class MissionPlan:
     mission: float
     counted: int
     before: int
+    settled: int
     lower: Any
     upper: Any
 
@@ -125,19 +132,22 @@ class MissionPlan:
     @property
     def steps_per_path(self) -> int:
         """All of a path that nothing happens to."""
-        return self.counted + self.before
+        return self.counted + self.before + self.settled
 
     def coarser(self) -> MissionPlan:
         """At twice the step, to measure what the step leaves as bias."""
         return replace(
-            self, counted=max(1, round(self.counted / 2)), before=math.ceil(self.before / 2)
+            self,
+            counted=max(1, round(self.counted / 2)),
+            before=math.ceil(self.before / 2),
+            settled=math.ceil(self.settled / 2),
         )
 
     def fleet(self, seed: int, first_path: int, paths: int) -> Fleet:
         """Paths at their start; their streams belong to (seed, path)."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
-        left = np.full(paths, float(self.steps_per_path))
+        left = np.full(paths, float(self.counted + self.before))
         if self.start == "stationary":
             x, v = self.base._start(streams)
         else:
@@ -148,15 +158,12 @@ class MissionPlan:
             _, cosine, sine, _ = _flow(self.base.system, self.step)
             x, v = sine * spread * first, cosine * spread * first
             left -= 1.0
-        return Fleet(
-            x=x,
-            v=v,
-            left=left,
-            top=np.zeros(paths),
-            how=np.zeros(paths, np.int64),
-            hits=np.zeros(paths),
-            streams=streams,
-        )
+        fleet = _at(x, v, left, streams)
+        if self.settled:
+            fleet = fleet._replace(left=np.full(paths, float(self.settled)))
+            self.fly(fleet, math.inf, AFTERWARDS)
+            fleet = _at(fleet.x, fleet.v, left, streams)
+        return fleet
 
     def fly(self, fleet: Fleet, level: float, event: Event | None = None) -> int:
         """Fly the paths that have steps left, in place, until event, level or the end; steps."""
@@ -168,6 +175,20 @@ class MissionPlan:
                 float(self.counted), level,
             )
         )  # fmt: skip
+
+
+def _at(x: Vector, v: Vector, left: Vector, streams: NDArray[np.uint64]) -> Fleet:
+    """Paths that nothing has happened to."""
+    paths = len(x)
+    return Fleet(
+        x=x,
+        v=v,
+        left=left,
+        top=np.zeros(paths),
+        how=np.zeros(paths, np.int64),
+        hits=np.zeros(paths),
+        streams=streams,
+    )
 
 
 AFTERWARDS = Event(kind=NOTHING)
@@ -283,7 +304,12 @@ def _plan(
              f"{MOST_STEPS:.0g} are made: ask for a shorter mission"],
         )  # fmt: skip
     counted = max(LEAST_STEPS, math.ceil(mission / step))
-    before = math.ceil(_settling(base) * counted / mission) if start == "stationary" else 0
+    settling = climb = _settling(base) if start == "stationary" else 0.0
+    if mission < settling:
+        climb = min(settling, max(mission, SHORT_CLIMB / RELAXATIONS * base.burn_in))
+    before = math.ceil(climb * counted / mission)
+    # without losses at stops the start is drawn from the stationary law itself
+    settled = 0 if base.elastic else math.ceil((settling - climb) * counted / mission)
     return MissionPlan(
         base=base,
         event=event,
@@ -291,6 +317,7 @@ def _plan(
         mission=mission,
         counted=counted,
         before=before,
+        settled=settled,
         lower=stops[0],
         upper=stops[1],
     )

@@ -77,7 +77,7 @@ def crude(plan: MissionPlan, seed: int, first_path: int, missions: int, hits: bo
     """Independent missions, each counted for what it is."""
     started = time.thread_time()
     fleet = plan.fleet(seed, first_path, missions)
-    steps = plan.fly(fleet, math.inf)
+    steps = plan.settled * missions + plan.fly(fleet, math.inf)
     happened = fleet.happened
     numbers = np.zeros(1)
     if hits:
@@ -112,9 +112,9 @@ def repetition(
     started = time.thread_time()
     fleet = plan.fleet(seed, _first_path(index, 0, particles), particles)
     random = np.random.default_rng([seed, index])
-    chance, steps = 1.0, 0
+    chance, steps = 1.0, plan.settled * particles
     for stage, level in enumerate((*levels, math.inf)):
-        _look_at_the_clock(deadline)
+        _look_at_the_clock(deadline, plan)
         steps += plan.fly(fleet, level)
         reached = np.flatnonzero(fleet.top >= level)
         chance *= len(reached) / particles
@@ -158,11 +158,13 @@ def _hits_of(plan: MissionPlan, fleet: Fleet) -> tuple[Vector, int]:
     return fleet.hits[chosen] + rest.hits, steps
 
 
-def _look_at_the_clock(deadline: float) -> None:
+def _look_at_the_clock(deadline: float, plan: MissionPlan) -> None:
     if time.perf_counter() > deadline:
+        # what is flown before a short mission does not shrink with it
+        change = "shorter" if plan.counted > plan.before + plan.settled else "longer"
         raise NotConverged(
             "the budget ended before a splitting did; raise budget or rel_error, or ask for a "
-            "shorter mission"
+            f"{change} mission"
         )
 
 
@@ -188,9 +190,9 @@ def pilot_levels(
     fleet = plan.fleet(seed, 0, particles)
     random = np.random.default_rng(seed)
     levels: list[float] = []
-    chance, steps = 1.0, 0
+    chance, steps = 1.0, plan.settled * particles
     while True:
-        _look_at_the_clock(deadline)
+        _look_at_the_clock(deadline, plan)
         again = fleet.chosen(np.arange(particles))
         steps += plan.fly(fleet, math.inf)
         happened = float(fleet.happened.mean())
