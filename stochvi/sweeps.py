@@ -103,6 +103,8 @@ def sweep(
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     document = (scene if isinstance(scene, Scene) else load_scene(scene)).document()
     _check_seed(seed)
+    if own := sorted({"checkpoint", "resume"} & arguments.keys()):
+        raise ValueError(f"{own[0]} is not for a sweep, which keeps its rows in the folder out")
     if out is not None and str(out) == "":
         raise ValueError("out must name a folder, got ''")
     ranges = _ranges(vary)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -12,6 +13,7 @@ import pandas as pd
 import pytest
 
 from stochvi.files import to_json, write_json, write_picture, write_table, write_text
+from stochvi.whole_files import write_whole
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -54,6 +56,19 @@ def test_a_file_that_cannot_be_replaced_stays_as_it_was(tmp_path: Path, monkeypa
         write_text("new", path)
     assert path.read_text("utf-8") == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_names_the_file_that_was_asked_for(tmp_path: Path, monkeypatch):
+    """Not the hidden one beside it, nor none."""
+
+    def full(handle: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match=r"No space left on device.*run") as error:
+        write_whole(b"new", tmp_path / "run", durable=True)
+    assert error.value.filename == str(tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_text_that_cannot_be_encoded_leaves_no_file(tmp_path: Path):

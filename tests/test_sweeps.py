@@ -94,7 +94,7 @@ def test_rows_are_kept_and_a_stopped_one_goes_on(
     assert len(list((tmp_path / "rows").glob("*.checkpoint"))) == 1
 
     def watched(*arguments, **named):
-        seen.append(named["resume"])
+        seen.append(named.get("resume"))
         return simulate(*arguments, **named)
 
     monkeypatch.setattr(stochvi.monte_carlo, "simulate", watched)
@@ -188,3 +188,88 @@ def test_the_command_writes_a_table_and_pictures(tmp_path: Path) -> None:
     assert done.exit_code == 1 and "2 of 2 rows fell short" in done.output
     done = CliRunner().invoke(main, [*ask, "--method", "exact", "--paths", "10"])
     assert done.exit_code == 2 and "--paths is for --method simulate" in done.output
+
+
+# ---- what is there and damaged, and what makes no sense ----------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "", "[]", '{"coordinates": {}}', '{"coordinates": {"x": {}}}', "\xff"]
+)
+def test_a_row_that_cannot_be_read_is_done_again(tmp_path: Path, text: str) -> None:
+    whole = sweep(oscillator(), {GAP: [1.0]}, method="exact", out=tmp_path)
+    (kept,) = (tmp_path / "rows").iterdir()
+    sound = kept.read_text()
+    kept.write_bytes(text.encode("latin-1"))
+    with pytest.warns(UserWarning, match=f"{kept.name} holds no answer .* computed again"):
+        again = sweep(oscillator(), {GAP: [1.0]}, method="exact", out=tmp_path)
+    pd.testing.assert_frame_equal(again.drop(columns="seconds"), whole.drop(columns="seconds"))
+    assert json.loads(kept.read_text())["coordinates"] == json.loads(sound)["coordinates"]
+
+
+def test_a_checkpoint_of_a_row_that_is_damaged_is_left(tmp_path: Path) -> None:
+    asked = {"paths": 64, "duration": 5.0}
+    whole = sweep(oscillator(), {GAP: [1.0]}, out=tmp_path, **asked)
+    (kept,) = (tmp_path / "rows").iterdir()
+    for damage in ("garbage", "stochvi checkpoint 1 cut sh"):
+        kept.unlink()
+        kept.with_suffix(".checkpoint").write_text(damage)
+        with pytest.warns(UserWarning, match="checkpoint is .* computed again"):
+            again = sweep(oscillator(), {GAP: [1.0]}, out=tmp_path, **asked)
+        pd.testing.assert_frame_equal(again.drop(columns="seconds"), whole.drop(columns="seconds"))
+        assert list((tmp_path / "rows").iterdir()) == [kept]
+
+
+@pytest.mark.parametrize(
+    ("vary", "said"),
+    [
+        ({GAP: []}, "has no values"),
+        ({GAP: 0.5}, "must have a list of numbers, got 0.5"),
+        ({GAP: "1"}, "must have a list of numbers, got '1'"),
+        ({GAP: ["a"]}, "got 'a' among them"),
+        ({GAP: [[1, 2]]}, r"got \[1, 2\] among them"),
+        ({GAP: [True]}, "got True among them"),
+        ({GAP: [1.0], "impact_pair.00.upper": [2.0]}, f"{GAP} is given twice"),
+        ({"impact_pair.².upper": [1.0]}, "did you mean"),
+        ({}, "at least one key"),
+        ([GAP], "at least one key"),
+    ],
+)
+def test_ranges_that_are_none_are_refused(vary: object, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        sweep(oscillator(), vary, method="exact")
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"seed": -1, "common": False}, "seed must be a whole number"),
+        ({"seed": 1.5}, "seed must be a whole number"),
+        ({"out": ""}, "out must name a folder"),
+        ({"checkpoint": "run"}, "checkpoint is not for a sweep"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(asked: dict, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        sweep(oscillator(), {GAP: [1.0]}, **asked)
+
+
+def test_numbers_of_numpy_are_the_same_rows(tmp_path: Path) -> None:
+    sweep(oscillator(), {GAP: [1, 2]}, out=tmp_path, paths=64, duration=5.0, seed=3)
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "rows").iterdir()}
+    sweep(
+        oscillator(), {"impact_pair.00.upper": np.array([1, 2])}, out=tmp_path,
+        paths=np.int64(64), duration=np.float64(5.0), seed=np.int64(3),
+    )  # fmt: skip
+    assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "rows").iterdir()}
+
+
+def test_the_command_refuses_a_key_twice_and_folders_without_a_name(tmp_path: Path) -> None:
+    scene = str(tmp_path / "scene.toml")
+    for ask, said in (
+        (["--vary", f"{GAP}=1", "--vary", "impact_pair.00.upper=2"], "is given twice"),
+        (["--vary", f"{GAP}=1", "--out", ""], "--out must name a folder, got ''"),
+        (["--vary", f"{GAP}=1:inf:3"], "--vary must be"),
+    ):
+        done = CliRunner().invoke(main, ["sweep", scene, *ask])
+        assert done.exit_code == 2 and done.stderr.count("\n") == 1 and said in done.stderr

@@ -369,8 +369,8 @@ def sweep(
                 seed=seed, executor=executor, progress=report, **asked,
             )  # fmt: skip
     except KeyboardInterrupt:
-        kept = f"; rows are kept in {out}: the same command goes on" if out else ""
-        stop(f"interrupted by Ctrl-C{kept}", FAILED)
+        kept = f"rows are kept in {out}: the same command goes on" if out else "nothing was kept"
+        stop(f"interrupted by Ctrl-C; {kept}", FAILED)
     if not quiet:
         governed = ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate")
         shown = [name for name in table if str(name).rsplit(".", 1)[-1] in governed]
