@@ -28,6 +28,7 @@ from stochvi.estimates import Estimate
 from stochvi.files import to_json
 
 FREE, BOX, FAR = oscillator(), oscillator(-1.0, 1.0), oscillator(-4.5, 4.5)
+PRELOADED = oscillator(None, -0.5)
 
 
 def test_likely_events_are_counted_and_rare_ones_split() -> None:
@@ -120,6 +121,17 @@ def test_noise_with_a_memory_goes_by_what_is_given() -> None:
         (FREE, {}, "barrier must be given where the scene has no impact_pair"),
         (BOX, {"barrier": 3.0}, "barrier is for scenes without stops"),
         (FREE, {"barrier": (1.0, -1.0)}, "with lower < upper"),
+        (FREE, {"barrier": 0.0}, "with lower < upper"),
+        (FREE, {"barrier": (2.0, 2.0)}, "with lower < upper"),
+        (FREE, {"barrier": (1.0, 2.0), "start": "rest"}, r"not between the barriers \(1 m, 2 m\)"),
+        (FREE, {"barrier": (3.0, None), "start": "rest"}, r"balance at 0 m, .*\(3 m, none\)"),
+        (PRELOADED, {"start": "rest"}, r"not between the stops \(none, -0.5 m\)"),
+        (FREE, {"barrier": 3.0, "seed": -1}, r"seed must be in \[0, 2\^63\)"),
+        (FREE, {"barrier": 3.0, "seed": 1.5}, "seed must be a whole number"),
+        (FREE, {"barrier": 3.0, "seed": 2**80}, r"seed must be in \[0, 2\^63\)"),
+        (FREE, {"barrier": 3.0, "threads": 0}, "threads must be at least 1"),
+        (FREE, {"barrier": 3.0, "threads": -3}, "threads must be at least 1"),
+        (FREE, {"barrier": 3.0, "budget": 0.0}, "budget must be a positive number of seconds"),
         (BOX, {"impact_speed": -1.0}, "impact_speed must be a positive number of m/s"),
         (BOX, {"start": "asleep"}, "start must be 'rest' or 'stationary'"),
         (BOX, {"way": "luck"}, "way must be 'crude', 'splitting'"),
@@ -133,6 +145,14 @@ def test_arguments_out_of_range_are_named(
 ) -> None:
     with pytest.raises(ValueError, match=sentence):
         reliability(scene, **({"mission": 10.0} | arguments))
+
+
+def test_a_start_beyond_the_barriers_is_a_mission_that_fails_at_once_and_is_said() -> None:
+    found = reliability(FREE, mission=10.0, barrier=(3.0, None), threads=1, seed=1)
+    assert found.chances["passage"].estimate.value > 0.95
+    assert "not between the barriers (3 m, none)" in found.warnings[0]
+    about = reliability(FREE, mission=10.0, barrier=(-0.5, 0.5), threads=1, seed=1)
+    assert not any("not between" in each for each in about.warnings)
 
 
 def test_what_does_not_apply_is_said() -> None:
