@@ -155,7 +155,8 @@ def spectrum(
         while True:
             first = 0 if moments is None else moments.count
             done, late = _run(pool, workers, plan, layout, seed, first, target, started, budget)
-            moments = done if moments is None or done is None else moments.merge(done)
+            if done is not None:  # time may run out before a block of a later round
+                moments = done if moments is None else moments.merge(done)
             assert moments is not None
             error = _median_error(moments)
             if progress:
