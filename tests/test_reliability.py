@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from known import oscillator
+from known import DOCUMENT, oscillator, to_toml
 from statistical import assert_agrees
 from test_cli import Run, one_document, stochvi  # noqa: F401
 from test_splitting import P_AT_3, RARE, TEN_PERIODS
@@ -190,3 +190,24 @@ def test_the_command(stochvi: Run, tmp_path: Any) -> None:  # noqa: F811
     assert (tmp_path / "reliability.csv").exists()
     done = stochvi("reliability", scene, "--mission", "30", "--barrier", "3")
     assert done.code == 2 and "barrier is for scenes without stops" in done.err
+
+
+@pytest.mark.parametrize(
+    ("barrier", "code", "said"),
+    [
+        ("0", 2, "with lower < upper, got"),
+        ("2,1", 2, "with lower < upper, got (2.0, 1.0)"),
+        ("1,2", 2, "not between the barriers (1 m, 2 m)"),
+        ("3,", 2, "not between the barriers (3 m, none)"),
+        (",3", 0, "passage"),
+    ],
+)
+def test_a_barrier_on_the_command_line(
+    stochvi: Run, tmp_path: Any, barrier: str, code: int, said: str  # noqa: F811
+) -> None:  # fmt: skip
+    path = tmp_path / "free.toml"
+    free = {key: value for key, value in DOCUMENT.items() if key != "impact_pair"}
+    path.write_text(to_toml(free), encoding="utf-8")
+    options = ("--mission", "10", "--start", "rest", "--rel-error", "0.5", "--threads", "1")
+    done = stochvi("reliability", path, f"--barrier={barrier}", *options)
+    assert done.code == code and said in done.out + done.err
