@@ -78,6 +78,10 @@ class Absorber(Checked):
                 raise ValueError(
                     f"takes mass_on, beside matrices, or mass, play and law, got both ({described})"
                 )
+            if len(set(self.mass_on)) < len(self.mass_on):
+                raise ValueError(
+                    f"needs different coordinates in mass_on, got {list(self.mass_on)}"
+                )
             return self
         if self.mass is None or self.law is None:
             raise ValueError(f"needs mass (kg), play (m) and law, got {described}")

@@ -209,9 +209,10 @@ class Matrices(Checked):
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
         count = len(self.coordinates)
-        if count == 0 or len(set(self.coordinates)) < count or "base" in self.coordinates:
+        taken = {"base", ""} & set(self.coordinates)
+        if count == 0 or len(set(self.coordinates)) < count or taken:
             raise ValueError(
-                "needs coordinates with different names, none of them 'base', "
+                "needs coordinates with different names, none of them empty or 'base', "
                 f"got {list(self.coordinates)}"
             )
         for name in ("mass", "damping", "stiffness"):

@@ -203,6 +203,12 @@ def test_bad_absorbers_are_refused_in_a_sentence(attached, sentence: str) -> Non
         Scene(**document)
 
 
+def test_a_coordinate_is_named_once_in_mass_on() -> None:
+    assert Absorber(mass_on=["b", "c"]).names == ("b", "c")
+    with pytest.raises(SceneError, match=r"different coordinates in mass_on, got \['b', 'b'\]"):
+        Absorber(mass_on=["b", "b"])
+
+
 def test_an_absorber_needs_the_mass_that_it_is_compared_with() -> None:
     law = Restitution(coefficient=0.5)
     with pytest.raises(SceneError, match=r"structure\.mass is needed beside an absorber"):

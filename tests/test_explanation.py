@@ -5,7 +5,7 @@ import json
 import pytest
 from known import oscillator
 
-from stochvi import Isolator, Scene, TabulatedNoise, WhiteNoise, explain, simulate
+from stochvi import Isolator, Scene, TabulatedNoise, WhiteNoise, explain, simulate, zoo
 
 
 def test_what_is_absent_is_told() -> None:
@@ -29,6 +29,28 @@ def test_the_predicted_price_is_that_of_the_run() -> None:
     # errors of the pilot, of a thousand paths and more, are good to some per cent; a run may
     # overshoot its goal by the last of its rounds
     assert 0.4 * steps < cost.steps < 2.5 * steps
+
+
+SOME = (
+    "linear",
+    "lossy-unequal-gaps",
+    "elastic-preload",
+    "filtered-lossy",
+    "psd-own-table",
+    "sine-on-random",
+    "spring-stops",
+    "absorber-lossy",
+    "two-storeys-linear",
+)
+"""Of the zoo, one of each kind; all of them take more than half a minute."""
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_every_kind_of_scene_is_explained(name: str) -> None:
+    told = explain(zoo(name)[name], threads=1)
+    json.loads(json.dumps(told.to_dict(), allow_nan=False))
+    assert told.methods["simulate"] == "applies" and told.simulation is not None
+    assert set(told.effects) == set(zoo(name)[name].effects())
 
 
 def test_a_cost_that_cannot_be_told_is_unknown() -> None:

@@ -11,10 +11,10 @@ from statistical import assert_agrees
 from stochvi.closed_form import exact
 from stochvi.collisions import corner_exponent
 from stochvi.contacts import Elastic, Restitution, Viscoelastic
-from stochvi.errors import NotApplicable
+from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Estimate
 from stochvi.excitations import Sine, TabulatedNoise, WhiteNoise
-from stochvi.impact_statistics import impacts
+from stochvi.impact_statistics import impacts, method
 from stochvi.impact_statistics.method import CORNER_SHARE, SHIFT_PER_SHARE
 from stochvi.impact_statistics.tallies import (
     BINS,
@@ -336,7 +336,53 @@ def test_never_hit() -> None:
     assert math.isclose(both.upper, -math.log(0.025) / (16 * found.duration), rel_tol=1e-6)
     assert pair.speeds is None and pair.dispersion is None
     assert "no impact" in found.summary()
+    (warning,) = (each for each in found.warnings if "upper limit only" in each)
+    assert "no impact on the upper stop of stops" in warning
     found.to_dict()
+
+
+def test_what_is_never_hit_is_looked_for_until_paths_or_time_run_out(monkeypatch) -> None:
+    told: list[float] = []
+    monkeypatch.setattr(method, "MOST_UNSEEN", 3000)
+    far = scene(1.0, -9.0, 9.0)
+    for budget, fewest in ((None, 3000), (1e-3, 64)):
+        with pytest.raises(NotConverged, match=r"no impact was seen in \d+ paths") as stopped:
+            impacts(far, budget=budget, threads=1, progress=lambda done, text: told.append(done))
+        answer = stopped.value.response
+        assert answer.cost.paths >= fewest
+        assert answer.warnings[0] == "the accuracy asked for was not reached"
+        assert answer.pairs["stops"].rates["both"].estimate.upper_95 > 0.0
+    assert set(told) == {0.0}
+
+
+def test_a_pair_that_is_never_hit_does_not_govern_another() -> None:
+    law = Restitution(coefficient=0.8)
+    chain = Scene(
+        structure=Matrices(
+            coordinates=["a", "b"], mass=np.eye(2).tolist(), damping=(0.2 * np.eye(2)).tolist(),
+            stiffness=np.eye(2).tolist(),
+        ),
+        impact_pairs=[
+            ImpactPair(name="near", on="a", upper=0.5, law=law),
+            ImpactPair(name="far", on="b", upper=50.0, law=law),
+        ],
+        excitations=[WhiteNoise(intensity=0.2, on=each) for each in "ab"],
+    )  # fmt: skip
+    found = impacts(chain, rel_error=0.2, duration=50.0, threads=1)
+    assert found.pairs["near"].rates["both"].estimate.value > 0.0
+    assert any("upper stop of far" in each for each in found.warnings)
+
+
+def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
+    with pytest.raises(NotConverged, match=r"relative standard error .* asked for 1e-05") as short:
+        impacts(ELASTIC, rel_error=1e-5, budget=1e-3, threads=1)
+    rate = short.value.response.pairs["stops"].rates["both"].estimate
+    assert rate.standard_error > 1e-5 * rate.value
+    with pytest.raises(NotConverged, match=r"\d+ of 1000000 paths were done in 0.001 s") as short:
+        impacts(ELASTIC, paths=10**6, budget=1e-3, threads=1)
+    assert 64 <= short.value.response.cost.paths < 10**6
+    few = impacts(ELASTIC, paths=2, duration=1.0, seed=1, threads=1)
+    assert "too few impacts" in few.summary()
 
 
 def test_views_and_errors(elastic) -> None:
@@ -347,8 +393,24 @@ def test_views_and_errors(elastic) -> None:
     free = Scene(structure=ELASTIC.structure, excitations=ELASTIC.excitations)
     with pytest.raises(NotApplicable, match="impact pair"):
         impacts(free)
-    with pytest.raises(ValueError, match="rel_error"):
-        impacts(ELASTIC, rel_error=2.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"rel_error": 2.0}, "rel_error must be in"),
+        ({"paths": 64, "rel_error": 0.1}, "give rel_error or paths, not both"),
+        ({"paths": 64.5}, "paths must be a whole number"),
+        ({"duration": 0.0}, "duration must be a positive number of seconds"),
+        ({"duration": math.nan}, "duration must be a positive number of seconds"),
+        ({"speed_threshold": -1.0}, "speed_threshold must be at least 0"),
+        ({"seed": 1.5}, "seed must be a whole number"),
+        ({"threads": 0}, "threads must be at least 1"),
+    ],
+)
+def test_an_argument_out_of_range_is_refused(arguments, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        impacts(ELASTIC, **arguments)
 
 
 def test_threads_do_not_change_a_digit() -> None:

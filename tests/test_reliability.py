@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from known import oscillator
+from known import DOCUMENT, oscillator, to_toml
 from statistical import assert_agrees
 from test_cli import Run, one_document, stochvi  # noqa: F401
 from test_splitting import P_AT_3, RARE, TEN_PERIODS
@@ -29,6 +29,7 @@ from stochvi.estimates import Estimate
 from stochvi.files import to_json
 
 FREE, BOX, FAR = oscillator(), oscillator(-1.0, 1.0), oscillator(-4.5, 4.5)
+PRELOADED = oscillator(None, -0.5)
 
 
 def test_likely_events_are_counted_and_rare_ones_split() -> None:
@@ -168,6 +169,17 @@ def test_noise_with_a_memory_goes_by_what_is_given() -> None:
         (FREE, {}, "barrier must be given where the scene has no impact_pair"),
         (BOX, {"barrier": 3.0}, "barrier is for scenes without stops"),
         (FREE, {"barrier": (1.0, -1.0)}, "with lower < upper"),
+        (FREE, {"barrier": 0.0}, "with lower < upper"),
+        (FREE, {"barrier": (2.0, 2.0)}, "with lower < upper"),
+        (FREE, {"barrier": (1.0, 2.0), "start": "rest"}, r"not between the barriers \(1 m, 2 m\)"),
+        (FREE, {"barrier": (3.0, None), "start": "rest"}, r"balance at 0 m, .*\(3 m, none\)"),
+        (PRELOADED, {"start": "rest"}, r"not between the stops \(none, -0.5 m\)"),
+        (FREE, {"barrier": 3.0, "seed": -1}, r"seed must be in \[0, 2\^63\)"),
+        (FREE, {"barrier": 3.0, "seed": 1.5}, "seed must be a whole number"),
+        (FREE, {"barrier": 3.0, "seed": 2**80}, r"seed must be in \[0, 2\^63\)"),
+        (FREE, {"barrier": 3.0, "threads": 0}, "threads must be at least 1"),
+        (FREE, {"barrier": 3.0, "threads": -3}, "threads must be at least 1"),
+        (FREE, {"barrier": 3.0, "budget": 0.0}, "budget must be a positive number of seconds"),
         (BOX, {"impact_speed": -1.0}, "impact_speed must be a positive number of m/s"),
         (BOX, {"start": "asleep"}, "start must be 'rest' or 'stationary'"),
         (BOX, {"way": "luck"}, "way must be 'crude', 'splitting'"),
@@ -181,6 +193,14 @@ def test_arguments_out_of_range_are_named(
 ) -> None:
     with pytest.raises(ValueError, match=sentence):
         reliability(scene, **({"mission": 10.0} | arguments))
+
+
+def test_a_start_beyond_the_barriers_is_a_mission_that_fails_at_once_and_is_said() -> None:
+    found = reliability(FREE, mission=10.0, barrier=(3.0, None), threads=1, seed=1)
+    assert found.chances["passage"].estimate.value > 0.95
+    assert "not between the barriers (3 m, none)" in found.warnings[0]
+    about = reliability(FREE, mission=10.0, barrier=(-0.5, 0.5), threads=1, seed=1)
+    assert not any("not between" in each for each in about.warnings)
 
 
 def test_what_does_not_apply_is_said() -> None:
@@ -229,3 +249,24 @@ def test_the_command(stochvi: Run, tmp_path: Any) -> None:  # noqa: F811
     assert "impact_speed" in one_document(done.out)["missing"]
     done = stochvi("reliability", scene, "--mission", "30", "--barrier", "3")
     assert done.code == 2 and "barrier is for scenes without stops" in done.err
+
+
+@pytest.mark.parametrize(
+    ("barrier", "code", "said"),
+    [
+        ("0", 2, "with lower < upper, got"),
+        ("2,1", 2, "with lower < upper, got (2.0, 1.0)"),
+        ("1,2", 2, "not between the barriers (1 m, 2 m)"),
+        ("3,", 2, "not between the barriers (3 m, none)"),
+        (",3", 0, "passage"),
+    ],
+)
+def test_a_barrier_on_the_command_line(
+    stochvi: Run, tmp_path: Any, barrier: str, code: int, said: str  # noqa: F811
+) -> None:  # fmt: skip
+    path = tmp_path / "free.toml"
+    free = {key: value for key, value in DOCUMENT.items() if key != "impact_pair"}
+    path.write_text(to_toml(free), encoding="utf-8")
+    options = ("--mission", "10", "--start", "rest", "--rel-error", "0.5", "--threads", "1")
+    done = stochvi("reliability", path, f"--barrier={barrier}", *options)
+    assert done.code == code and said in done.out + done.err

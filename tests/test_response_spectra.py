@@ -10,10 +10,11 @@ from scipy.signal import csd, welch
 from stochvi.assemblies import assemble
 from stochvi.closed_form import autocorrelation, exact
 from stochvi.contacts import Elastic, Restitution
+from stochvi.errors import NotConverged
 from stochvi.excitations import FilteredNoise, Sine, TabulatedNoise, WhiteNoise
 from stochvi.linearisation import linearise
 from stochvi.monte_carlo.histories import plan_histories
-from stochvi.response_spectra import Curve, spectrum
+from stochvi.response_spectra import Curve, method, spectrum
 from stochvi.response_spectra.method import LEVEL
 from stochvi.response_spectra.segments import layout_of, products
 from stochvi.scenes import ImpactPair, Scene
@@ -319,3 +320,35 @@ def test_views_and_errors() -> None:
         spectrum(FREE, segment=1.0)
     with pytest.raises(ValueError, match="paths must be"):
         spectrum(FREE, paths=1)
+    with pytest.raises(ValueError, match="paths must be a whole number"):
+        spectrum(FREE, paths=64.5)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="give rel_error or paths, not both"):
+        spectrum(FREE, paths=64, rel_error=0.1)
+    with pytest.raises(ValueError, match="rel_error must be in"):
+        spectrum(FREE, rel_error=0.0)
+
+
+def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
+    with pytest.raises(NotConverged, match=r"relative standard error .* asked for 0\.001") as short:
+        spectrum(FREE, rel_error=1e-3, budget=1e-3, threads=1)
+    answer = short.value.response
+    assert answer.relative_error > 1e-3
+    assert answer.warnings[0] == "the accuracy asked for was not reached"
+    with pytest.raises(NotConverged, match=r"\d+ of 100000 paths were done in 0.001 s") as short:
+        spectrum(FREE, paths=10**5, budget=1e-3, threads=1)
+    assert 2 <= short.value.response.cost.paths < 10**5
+
+
+def test_time_that_runs_out_before_a_block_of_a_later_round_keeps_the_rounds_before(
+    monkeypatch,
+) -> None:
+    run, rounds = method._run, []
+
+    def no_second_round(*asked):
+        rounds.append(asked)
+        return run(*asked[:-1], None) if len(rounds) == 1 else (None, True)
+
+    monkeypatch.setattr(method, "_run", no_second_round)
+    with pytest.raises(NotConverged, match="raise budget") as short:
+        spectrum(FREE, rel_error=1e-3, threads=1)
+    assert len(rounds) == 2 and short.value.response.cost.paths == method.FEWEST_PATHS

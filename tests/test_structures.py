@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from stochvi import ConstantLoad, Isolator, Scene, SceneError, WhiteNoise, exact
+from stochvi import ConstantLoad, Isolator, Matrices, Scene, SceneError, WhiteNoise, exact
 from stochvi.assemblies import assemble
 from stochvi.contacts import Elastic
 from stochvi.scenes import ImpactPair
@@ -86,3 +86,10 @@ def test_a_mistake_gives_a_sentence_with_its_key(keys, sentence: str) -> None:
     with pytest.raises(SceneError) as failure:
         Isolator(**keys)
     assert sentence in str(failure.value)
+
+
+@pytest.mark.parametrize("names", [["", "b"], ["base", "b"], ["b", "b"]])
+def test_coordinates_bear_names_of_their_own(names: list[str]) -> None:
+    eye = [[1.0, 0.0], [0.0, 1.0]]
+    with pytest.raises(SceneError, match="different names, none of them empty or 'base', got"):
+        Matrices(coordinates=names, mass=eye, damping=eye, stiffness=eye)

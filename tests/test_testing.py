@@ -12,7 +12,8 @@ from known import ELASTIC_STOPS, RIGID_STOPS
 import stochvi
 from stochvi import NotApplicable, exact, simulate, zoo
 from stochvi.crosscheck import compare
-from stochvi.testing import Problem, as_response, judge, known_answers, problem_of
+from stochvi.estimates import Estimate
+from stochvi.testing import Problem, as_response, judge, judging, known_answers, problem_of
 from stochvi.testing.samples import PathAverages, sample_of
 
 FEW = ("linear", "elastic-half-sigma", "lossy-half-sigma")
@@ -192,9 +193,9 @@ def test_records_of_many_paths_and_of_one_pass_and_scaled_ones_fail(paths: int) 
         found = linear_records(problem, seed, paths)
         return {name: factor * (each if paths > 1 else each[0]) for name, each in found.items()}
 
-    relaxations = 8.0 if paths > 1 else 400.0
-    assert judge(integrator, ["linear"], relaxations=relaxations).passed
-    wrong = judge(lambda *task: integrator(*task, 1.3), ["linear"], relaxations=relaxations)
+    asked: dict[str, Any] = {"paths": paths, "relaxations": 8.0 if paths > 1 else 400.0}
+    assert judge(integrator, ["linear"], **asked).passed
+    wrong = judge(lambda *task: integrator(*task, 1.3), ["linear"], **asked)
     assert {row.quantity for row in wrong.failures} == {"displacement_std", "velocity_std"}
 
 
@@ -259,13 +260,113 @@ def test_a_response_of_an_integrator_goes_into_a_comparison() -> None:
         ({"velocity_mean_square": np.ones(3)}, "16 or more paths"),
         ({"velocity_mean_square": np.ones(99), "velocity_std": (1.0, 0.1)}, "a mixture"),
         ({"displacement": np.ones(99)}, "raise relaxations to 96"),
+        ({"displacement": np.ones((500, 64))}, r"\(64, samples\).*transposed, paths come first"),
+        ({"velocity": np.ones((1, 500))}, "leave out the axis of length 1"),
+        ({"velocity": np.ones((63, 500))}, r"velocity of shape \(63, 500\)"),
+        ({"velocity": np.ones((64, 0))}, r"velocity of shape \(64, 0\)"),
+        ({"velocity": np.ones((64, 5, 2))}, r"velocity of shape \(64, 5, 2\)"),
+        ({"velocity": np.ones(10)}, "at least 32"),
+        ({"velocity": np.zeros(0)}, r"velocity of shape \(0,\)"),
+        ({"velocity": 1.0}, r"velocity of shape \(\)"),
+        ({"velocity": np.ones((64, 5)) + 1j}, "velocity .* not of complex"),
+        ({"velocity": [[1, 2], [3]] * 32}, "velocity .* row of the same length"),
+        ({"velocity": "fast"}, "velocity of type str"),
+        ({"velocity": np.ones((64, 5)), "collision_rate": np.ones(64)}, "beside records"),
+        ({"velocity": np.ones((64, 9)), "displacement": np.ones(999)}, "of the same paths"),
+        ({"impact_speed": [[1.0]] * 63}, "each of the 64 paths"),
+        ({"impact_speed": [[1.0], ["fast"]] * 32}, "impact_speed of type list"),
+        ({"impact_time": [1.0]}, "impact_time without impact_speed"),
+        ({"velocity_std": np.ones(64)}, "per path give velocity_mean_square"),
+        ({"displacement_std": np.ones(64)}, "per path give displacement_mean_square"),
+        ({"velocity_std": (1.0, None)}, r"velocity_std = \(1.0, None\), expected"),
+        ({"velocity_std": ("a", "b")}, "velocity_std = .* expected"),
+        ({"velocity_std": (1.0, 0.0)}, "without a standard error"),
+        ({"velocity_std": Estimate(value=1.0)}, "without a standard error"),
+        ({"velocity_mean_square": (np.ones(64), np.ones(64))}, "velocity_mean_square = "),
     ],
 )
 def test_what_an_integrator_must_not_return_is_refused_in_a_sentence(
     returned: Any, sentence: str
 ) -> None:
     with pytest.raises(ValueError, match=sentence):
-        judge(lambda problem, seed: returned, ["linear"])
+        judge(lambda problem, seed: returned, ["linear"], paths=64)
+
+
+@pytest.mark.parametrize(
+    ("times", "sentence"),
+    [
+        ([-1.0, 2.0], "times count from the end of the burn-in of 120 s"),
+        ([1.0, 4120.0], "expected 0 to 4000 s"),
+        ([1.0, math.nan], "expected 0 to 4000 s"),
+        ([1.0], "one time for each impact"),
+        (["early", "late"], "impact_time of type list"),
+    ],
+)
+def test_times_of_impacts_are_those_of_the_counted_path(times: list, sentence: str) -> None:
+    problem = problem_of(zoo("linear")["linear"], paths=1, relaxations=200.0)
+    returned = {"velocity": np.ones(9999), "impact_speed": [1.0, 2.0], "impact_time": times}
+    with pytest.raises(ValueError, match=sentence):
+        sample_of(problem, returned)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"paths": 0}, "paths must be a whole number of at least 1, got 0"),
+        ({"paths": 1.5}, "paths must be a whole number"),
+        ({"relaxations": 0.0}, "relaxations must be a positive number"),
+        ({"relaxations": math.inf}, "relaxations must be a positive number"),
+        ({"seed": -1}, "seed must be in"),
+        ({"seed": 1.5}, "seed must be a whole number"),
+    ],
+)
+def test_an_argument_of_judge_out_of_range_is_refused(
+    arguments: dict[str, Any], sentence: str
+) -> None:
+    def untouched(problem: Problem, seed: int) -> dict[str, Any]:
+        raise AssertionError("the integrator was asked")
+
+    with pytest.raises(ValueError, match=sentence):
+        judge(untouched, ["linear"], **arguments)
+
+
+def test_a_scene_that_is_not_judged_is_found_out_before_any_is_solved(monkeypatch) -> None:
+    def untouched(*_: Any) -> Any:
+        raise AssertionError("a scene was solved, or the integrator asked")
+
+    monkeypatch.setattr(judging, "exact", untouched)
+    own = zoo("linear", "spring-stops")
+    for scenes in (own, ["linear", "spring-stops"]):
+        with pytest.raises(NotApplicable, match="stops must be rigid"):
+            judge(untouched, scenes)
+
+
+@pytest.mark.parametrize(
+    ("value", "share", "verdict"),
+    [
+        (1.0, 0.01, "agrees"),
+        (1.5, 0.3, "too uncertain to judge"),
+        (1.0, 1e6, "too uncertain to judge"),
+        (9.0, 0.3, "DISAGREES"),
+    ],
+)
+def test_a_number_that_agrees_with_anything_is_no_pass(
+    value: float, share: float, verdict: str
+) -> None:
+    def integrator(problem: Problem, seed: int) -> dict[str, tuple[float, float]]:
+        size = problem.speed_scale
+        return {
+            "velocity_std": (value * size, share * size),
+            "displacement_std": (size / problem.omega, 0.01 * size / problem.omega),
+        }
+
+    found = judge(integrator, ["linear"])
+    (row,) = (each for each in found.findings if each.quantity == "velocity_std")
+    assert row.verdict == verdict
+    assert found.passed == (verdict == "agrees")
+    if verdict == "too uncertain to judge":
+        assert "raise paths or relaxations" in found.summary()
+        assert verdict in repr(found)
 
 
 def test_a_scene_that_is_no_single_oscillator_under_white_noise_is_refused() -> None:

@@ -177,6 +177,14 @@ def test_the_command_judges_several_files_together(tmp_path, capsys) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"check.csv", "scores.png"}
 
 
+def test_the_command_refuses_a_scene_named_twice(capsys) -> None:
+    name = str(zoo_files()["linear"])
+    with pytest.raises(SystemExit) as stop:
+        main(["check", name, name])
+    assert stop.value.code == 2
+    assert f"needs each scene once, got {name} twice" in capsys.readouterr().err
+
+
 def test_the_command_without_a_scene_says_what_it_takes(capsys) -> None:
     with pytest.raises(SystemExit) as failure:
         main(["check"], standalone_mode=False)

@@ -58,6 +58,9 @@ def check(
 
     if not scenes and not zoo:
         raise ValueError("check needs a scene file, several, or --zoo, got none")
+    twice = [name for number, name in enumerate(scenes) if name in scenes[:number]]
+    if twice:
+        raise ValueError(f"check needs each scene once, got {twice[0]} twice; leave one out")
     loaded = {name: load_scene(name) for name in scenes} | (shipped() if zoo else {})
     verdict: Check | Checks
     with progress_bar(quiet, "checking") as report:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from stochvi.cli.shared import (
+    BUDGET,
     FAILED,
     console_for,
     executor_at,
@@ -21,9 +22,8 @@ from stochvi.cli.shared import (
 
 if TYPE_CHECKING:
     from stochvi.galerkin import FirstPassage
-
-BUDGET = 60.0
-"""Seconds for a simulation that is to reach an accuracy, if nothing is said."""
+    from stochvi.impact_statistics import ImpactStatistics
+    from stochvi.response_spectra import ResponseSpectrum
 
 MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Of a mission, for which its first passage is told: the table and the picture of a curve."""
@@ -210,7 +210,7 @@ def average(scene: str, variant: str, json_file: str | None, out: Path | None, q
 
 @main.command()
 @click.argument("scene")
-@click.option("--rel-error", type=float, default=0.05, show_default=True, help="At a frequency.")
+@click.option("--rel-error", type=float, help="At a frequency [0.05].")
 @click.option("--paths", type=int, help="Instead: this many paths.")
 @click.option(
     "--method", type=click.Choice(["welch", "multitaper"]), default="welch", show_default=True,
@@ -218,15 +218,15 @@ def average(scene: str, variant: str, json_file: str | None, out: Path | None, q
 )  # fmt: skip
 @click.option("--highest", type=float, metavar="HZ", help="Highest frequency [4 times the mode's].")
 @click.option("--segment", type=float, metavar="SECONDS", help="Length [21 / bandwidth].")
-@options("budget", "seed", "threads", "json", "out", "quiet")
+@options("open budget", "seed", "threads", "json", "out", "quiet")
 def spectrum(
     scene: str,
-    rel_error: float,
+    rel_error: float | None,
     paths: int | None,
     method: str,
     highest: float | None,
     segment: float | None,
-    budget: float,
+    budget: float | None,
     seed: int,
     threads: int | None,
     json_file: str | None,
@@ -234,18 +234,32 @@ def spectrum(
     quiet: bool,
 ) -> None:
     """Spectra of the response, transmissibility, coherence, with bands."""
-    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.errors import NotConverged
     from stochvi.response_spectra import spectrum as solve
     from stochvi.scenes import load_scene
-    from stochvi.tables import print_frame
 
     loaded = load_scene(scene)
-    with progress_bar(quiet, "simulating") as report:
-        found = solve(
-            loaded, rel_error=rel_error, paths=paths,
-            method="welch" if method == "welch" else "multitaper", highest=highest,
-            segment=segment, budget=budget, seed=seed, threads=threads, progress=report,
-        )  # fmt: skip
+    if budget is None and paths is None:
+        budget = BUDGET
+    try:
+        with progress_bar(quiet, "simulating") as report:
+            found = solve(
+                loaded, rel_error=rel_error, paths=paths,
+                method="welch" if method == "welch" else "multitaper", highest=highest,
+                segment=segment, budget=budget, seed=seed, threads=threads, progress=report,
+            )  # fmt: skip
+    except NotConverged as reason:
+        _finish_spectrum(reason.response, loaded.title, json_file, out, quiet)
+        raise
+    _finish_spectrum(found, loaded.title, json_file, out, quiet)
+
+
+def _finish_spectrum(
+    found: ResponseSpectrum, title: str, json_file: str | None, out: Path | None, quiet: bool
+) -> None:
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.tables import print_frame
+
     if not quiet:
         console = console_for(json_file)
         print_frame(console, found.peaks(), "at the peak of each spectrum, one-sided per hertz")
@@ -260,27 +274,27 @@ def spectrum(
         from stochvi.record_plots import draw_spectrum
 
         write_table(found.to_frame(), out / "spectrum.csv")
-        write_picture(draw_spectrum(found, loaded.title), out / "spectrum.png")
+        write_picture(draw_spectrum(found, title), out / "spectrum.png")
 
 
 @main.command()
 @click.argument("scene")
-@click.option("--rel-error", type=float, default=0.02, show_default=True, help="Of the rate.")
+@click.option("--rel-error", type=float, help="Of the rate [0.02].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")
 @click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
 @click.option("--speed-threshold", type=float, help="Slowest impact that counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Resolve impacts down to the threshold.")
 @click.option("--first-hits", is_flag=True, help="Simulate the rate of first hits, too.")
-@options("budget", "seed", "threads", "json", "out", "quiet")
+@options("open budget", "seed", "threads", "json", "out", "quiet")
 def impacts(
     scene: str,
-    rel_error: float,
+    rel_error: float | None,
     paths: int | None,
     duration: float | None,
     speed_threshold: float | None,
     slow_impacts: bool,
     first_hits: bool,
-    budget: float,
+    budget: float | None,
     seed: int,
     threads: int | None,
     json_file: str | None,
@@ -288,18 +302,32 @@ def impacts(
     quiet: bool,
 ) -> None:
     """Impacts one by one: rates, intervals, speeds, energy, clusters."""
-    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.errors import NotConverged
     from stochvi.impact_statistics import impacts as solve
     from stochvi.scenes import load_scene
-    from stochvi.tables import print_frame
 
     loaded = load_scene(scene)
-    with progress_bar(quiet, "simulating") as report:
-        found = solve(
-            loaded, rel_error=rel_error, paths=paths, duration=duration,
-            speed_threshold=speed_threshold, slow_impacts=slow_impacts, first_hits=first_hits,
-            budget=budget, seed=seed, threads=threads, progress=report,
-        )  # fmt: skip
+    if budget is None and paths is None:
+        budget = BUDGET
+    try:
+        with progress_bar(quiet, "simulating") as report:
+            found = solve(
+                loaded, rel_error=rel_error, paths=paths, duration=duration,
+                speed_threshold=speed_threshold, slow_impacts=slow_impacts, first_hits=first_hits,
+                budget=budget, seed=seed, threads=threads, progress=report,
+            )  # fmt: skip
+    except NotConverged as reason:
+        _finish_impacts(reason.response, loaded.title, json_file, out, quiet)
+        raise
+    _finish_impacts(found, loaded.title, json_file, out, quiet)
+
+
+def _finish_impacts(
+    found: ImpactStatistics, title: str, json_file: str | None, out: Path | None, quiet: bool
+) -> None:
+    from stochvi.files import write_json, write_picture, write_table
+    from stochvi.tables import print_frame
+
     if not quiet:
         console = console_for(json_file)
         print_frame(console, found.to_table(), "impacts, with 95 % intervals of the rates")
@@ -314,7 +342,7 @@ def impacts(
         from stochvi.record_plots import draw_impacts
 
         if any(pair.speeds is not None for pair in found.pairs.values()):
-            write_picture(draw_impacts(found, loaded.title), out / "impacts.png")
+            write_picture(draw_impacts(found, title), out / "impacts.png")
 
 
 @main.command()

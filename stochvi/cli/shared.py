@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 FAILED, BAD_INPUT = 1, 2
 """Exit codes."""
 
+BUDGET = 60.0
+"""Seconds for what is to reach an accuracy, if nothing is said."""
+
 LINE_SECONDS = 2.0
 """Between lines of progress that are not written to a terminal."""
 
@@ -91,6 +94,10 @@ def options(*names: str) -> Callable[[Any], Any]:
         "budget": click.option(
             "--budget", type=float, default=60.0, show_default=True, metavar="SECONDS",
             help="Give up (exit 1) if the accuracy takes longer.",
+        ),
+        "open budget": click.option(
+            "--budget", type=float, metavar="SECONDS",
+            help=f"Give up (exit 1) after this [{BUDGET:g}; none with --paths].",
         ),
         "quiet": click.option("--quiet", is_flag=True, help="No tables, no progress."),
     }  # fmt: skip

@@ -32,6 +32,7 @@ from stochvi.monte_carlo.missions import (
     settling_time,
 )
 from stochvi.monte_carlo.runs import Progress
+from stochvi.monte_carlo.simulate import check_arguments
 from stochvi.scenes import Scene, System
 
 AT_ONCE = 0.05
@@ -109,10 +110,16 @@ def reliability(
     >>> chance.way, abs(chance.estimate.value - 7.29e-7) < 4.5 * chance.estimate.standard_error
     ('splitting', True)
     """
-    _check(mission, impact_speed, peak_acceleration, start, way, rel_error, confidence, budget)
+    _check(mission, impact_speed, peak_acceleration, start, way, rel_error, confidence)
+    check_arguments(None, None, None, seed, None, budget, threads)
     started = time.perf_counter()
     ends = _barriers(scene, barrier)
     coloured = _is_coloured(scene, start, way)
+    outside = _outside(scene, ends)
+    if outside and start == "rest":
+        raise ValueError(
+            f"start = 'rest' is out of reach: {outside}; move them, or take start = 'stationary'"
+        )
     workers = threads or len(os.sched_getaffinity(0))
     limits = {
         name: limit
@@ -142,6 +149,7 @@ def reliability(
         confidence=confidence,
         assumptions=_assumptions(scene, start),
         warnings=[
+            *([f"{outside}: nearly every mission ends as it starts"] if outside else []),
             *_warnings(chances, rel_error),
             *_beyond_at_the_start(scene, ends, start, coloured, chances),
             *_by_the_spring(scene, ends, peak_acceleration),
@@ -203,14 +211,13 @@ def _sampled(
 
 def _check(
     mission: float, impact_speed: float | None, peak_acceleration: float | None, start: str,
-    way: str | None, rel_error: float, confidence: float, budget: float | None,
+    way: str | None, rel_error: float, confidence: float,
 ) -> None:  # fmt: skip
     """ValueError for what makes no sense of what was asked for."""
     for name, value, unit in (
         ("mission", mission, "seconds"),
         ("impact_speed", impact_speed, "m/s"),
         ("peak_acceleration", peak_acceleration, "m/s^2"),
-        ("budget", budget, "seconds"),
     ):
         if value is not None and not 0.0 < value < math.inf:
             raise ValueError(f"{name} must be a positive number of {unit}, got {value}")
@@ -245,12 +252,30 @@ def _barriers(scene: Scene, barrier: float | Ends | None) -> Ends:
     else:
         lower, upper = -barrier, barrier
     known = [end for end in (lower, upper) if end is not None]
-    if not known or not all(math.isfinite(end) for end in known) or sorted(known) != known:
+    crossed = lower is not None and upper is not None and lower >= upper
+    if not known or not all(math.isfinite(end) for end in known) or crossed:
         raise ValueError(
             "barrier must be a positive number, or (lower, upper) with lower < upper, got "
             f"{barrier}"
         )
     return lower, upper
+
+
+def _outside(scene: Scene, ends: Ends) -> str:
+    """That stops or barriers leave out the position where spring and load balance; empty if they
+    do not. A mass may rest on a stop, but a barrier there is passed before the start."""
+    system = scene.system()
+    if system.omega == 0.0:  # nothing holds the mass anywhere
+        return ""
+    rest = system.load / system.omega**2
+    lower, upper = ends
+    below = -math.inf if lower is None else lower
+    above = math.inf if upper is None else upper
+    if below < rest < above or (scene.impact_pairs and rest in (below, above)):
+        return ""
+    what = "stops" if scene.impact_pairs else "barriers"
+    words = ("none" if end is None else f"{end:g} m" for end in ends)
+    return f"spring and load balance at {rest:g} m, not between the {what} ({', '.join(words)})"
 
 
 def _is_coloured(scene: Scene, start: str, way: str | None) -> bool:

@@ -158,7 +158,9 @@ class ImpactStatistics:
         for name, pair in self.pairs.items():
             spread = pair.dispersion
             if spread is None:
-                found.append(f"{name}: no impact was seen")
+                seen = pair.rates["both"].estimate.value > 0.0
+                few = "too few impacts were seen to say how they come"
+                found.append(f"{name}: {few if seen else 'no impact was seen'}")
                 continue
             low, high = (spread.value + side * 2.0 * spread.standard_error for side in (-1, 1))
             kind = "as scattered as Poisson's process"

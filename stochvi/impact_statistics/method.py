@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from stochvi.assemblies import Assembly, Contact, assemble
 from stochvi.collisions import COLLAPSE_RESTITUTION, corner_exponent
-from stochvi.errors import NotApplicable
+from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, Estimate, provenance
 from stochvi.first_crossings import first_crossings
 from stochvi.impact_statistics.answer import Exponent, ImpactStatistics, PairStatistics
@@ -41,6 +41,7 @@ from stochvi.impact_statistics.tallies import (
     ratio,
 )
 from stochvi.monte_carlo.impact_logs import ImpactPlan, plan_impacts
+from stochvi.monte_carlo.simulate import check_arguments
 from stochvi.scenes import Scene
 
 Vector = NDArray[np.float64]
@@ -79,11 +80,17 @@ FEWEST_PATHS = 64
 FEWEST_HITS = 30
 """For a dispersion; with fewer the counts tell nothing against Poisson."""
 
+REL_ERROR = 0.02
+"""Of the rates, where neither an error nor a number of paths is asked for."""
+
+MOST_UNSEEN = 2**17
+"""Paths without any impact after which none is looked for, also where there is time left."""
+
 
 def impacts(
     scene: Scene,
     *,
-    rel_error: float = 0.02,
+    rel_error: float | None = None,
     paths: int | None = None,
     duration: float | None = None,
     speed_threshold: float | None = None,
@@ -101,7 +108,8 @@ def impacts(
     scene
         Any scene with an impact pair that `simulate` covers.
     rel_error, paths
-        Relative standard error of every pair's rate to reach, or instead the number of paths.
+        Relative standard error of every pair's rate to reach, 0.02 if nothing is said, or instead
+        the number of paths. A pair that is never hit beside others does not govern.
     duration
         Seconds counted of a path, in eight windows for the dispersion.
     speed_threshold
@@ -113,12 +121,16 @@ def impacts(
         Simulate first crossings, too, for the rate of first hits without stops (one oscillator
         under Gaussian noise, a pair about its mean).
     budget
-        Seconds after which it ends with larger errors and a warning.
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Raises
     ------
     NotApplicable
         If the scene has no impact pair, or is none that `simulate` covers.
+    NotConverged
+        If time ends first, or nothing is hit in `MOST_UNSEEN` paths; it carries the answer so far.
+    ValueError
+        If an argument is out of range.
 
     Examples
     --------
@@ -135,7 +147,8 @@ def impacts(
     >>> abs(found.value - 0.2828) < 4.5 * found.standard_error + 1e-4
     True
     """
-    _check_arguments(rel_error, paths, seed, threads, budget)
+    check_arguments(rel_error, paths, duration, seed, speed_threshold, budget, threads)
+    asked = REL_ERROR if rel_error is None else rel_error
     started = time.perf_counter()
     assembly = assemble(scene)
     lossiest = min(
@@ -149,7 +162,7 @@ def impacts(
     }  # fmt: skip
     workers = threads or len(os.sched_getaffinity(0))
     found: dict[str, list[Tally]] = {name: [] for name in grids}
-    warnings: list[str] = []
+    short = ""
     done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths
     with ThreadPoolExecutor(workers) as pool:
         while True:
@@ -168,15 +181,14 @@ def impacts(
                         found[name].append(tally)
                         # all pairs have the same paths
                 done = sum(len(tally.numbers) for tally in next(iter(found.values())))
-            error = max(_rate_error(merged(tallies), plan) for tallies in found.values())
+            error = _largest_error([merged(tallies) for tallies in found.values()], plan)
             if progress:
-                progress(min(1.0, (rel_error / error) ** 2), f"{done} paths")
-            if paths is not None or error <= rel_error:
+                share = done / target if paths else (asked / max(error, asked)) ** 2
+                progress(share, f"{done} paths")
+            short = _fell_short(done, paths, error, asked, budget, started)
+            if short or done == paths or (paths is None and error <= asked):
                 break
-            if _late(started, budget):
-                warnings.append(f"ended by the budget of {budget:g} s at a relative {error:.2g}")
-                break
-            target = done + math.ceil(done * min(1.1 * (error / rel_error) ** 2 - 1.0, 3.0))
+            target = done + math.ceil(done * min(1.1 * (error / asked) ** 2 - 1.0, 3.0))
             target = math.ceil(target / plan.block) * plan.block
     pairs = {
         contact.name: _pair(
@@ -185,13 +197,17 @@ def impacts(
         )
         for contact in assembly.contacts
     }  # fmt: skip
-    return ImpactStatistics(
+    answer = ImpactStatistics(
         pairs=pairs,
         duration=plan.duration,
         window=plan.duration / WINDOWS,
         step=plan.step,
         each=plan.each,
-        warnings=(*warnings, *_warnings(plan, assembly)),
+        warnings=(
+            *(["the accuracy asked for was not reached"] if short else []),
+            *_unseen(pairs, done * plan.duration),
+            *_warnings(plan, assembly),
+        ),
         cost=Cost(
             wall_time=time.perf_counter() - started,
             impacts=round(sum(t.numbers.sum() for tallies in found.values() for t in tallies)),
@@ -201,21 +217,33 @@ def impacts(
         ),
         provenance=provenance(scene.document(), seed),
     )
+    if short:
+        raise NotConverged(short, answer)
+    return answer
 
 
-def _check_arguments(
-    rel_error: float, paths: int | None, seed: int, threads: int | None, budget: float | None
-) -> None:
-    if not 1e-6 <= rel_error < 1.0:
-        raise ValueError(f"rel_error must be in [1e-6, 1), got {rel_error}")
-    if paths is not None and paths < 2:
-        raise ValueError(f"paths must be at least 2 for a standard error, got {paths}")
-    if threads is not None and threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
-    if not 0 <= seed < 2**63:
-        raise ValueError(f"seed must be in [0, 2^63), got {seed}")
-    if budget is not None and not 0.0 < budget < math.inf:
-        raise ValueError(f"budget must be a positive number of seconds, got {budget}")
+def _fell_short(
+    done: int, paths: int | None, error: float, asked: float, budget: float | None, started: float
+) -> str:
+    """Why no more paths are simulated though what was asked for is not there; empty if they are."""
+    if paths is not None:
+        if done == paths:
+            return ""
+        return f"{done} of {paths} paths were done in {budget:g} s; raise budget"
+    if error <= asked:
+        return ""
+    late = _late(started, budget)
+    if math.isinf(error) and (late or done >= MOST_UNSEEN):
+        return (
+            f"no impact was seen in {done} paths, so that no rate is known to {asked:g}; give "
+            "paths and duration to look further, or ask reliability for the chance of a hit"
+        )
+    if late:
+        return (
+            f"relative standard error {error:.2g} after {budget:g} s, asked for {asked:g}; raise "
+            "budget or rel_error"
+        )
+    return ""
 
 
 def _late(started: float, budget: float | None) -> bool:
@@ -247,14 +275,15 @@ def _grid(plan: ImpactPlan, contact: Contact, name: str) -> Grid:
     )
 
 
-def _rate_error(tally: Tally, plan: ImpactPlan) -> float:
-    """Relative standard error of the rate of both stops; that of what is hardly hit is not
-    governed."""
-    numbers = tally.numbers.sum(axis=1)
-    if numbers.sum() == 0.0:
-        return 0.0
-    value, error = ratio(numbers, np.full(len(numbers), plan.duration))
-    return error / value
+def _largest_error(tallies: list[Tally], plan: ImpactPlan) -> float:
+    """Relative standard error of the rates of the pairs that are hit; infinite if none is."""
+    errors = []
+    for tally in tallies:
+        numbers = tally.numbers.sum(axis=1)
+        if numbers.any():
+            value, error = ratio(numbers, np.full(len(numbers), plan.duration))
+            errors.append(error / value)
+    return max(errors, default=math.inf)
 
 
 def _pair(
@@ -351,6 +380,18 @@ def _first_hits(
     # where hardly any motion outlasts the memory there is no limiting rate to be seen
     hardly = (chance.bias or 0.0) >= 1.0 - chance.value
     return None if hardly else found.first_rate()[0]
+
+
+def _unseen(pairs: dict[str, PairStatistics], exposure: float) -> list[str]:
+    """Of stops that were never hit; as `simulate` says it."""
+    return [
+        f"no impact on the {side} stop of {name} in {exposure:.3g} s of motion: its rate has an "
+        "upper limit only, rel_error does not govern it; more paths or a longer duration look "
+        "further"
+        for name, pair in pairs.items()
+        for side, found in pair.rates.items()
+        if side != "both" and found.estimate.value == 0.0
+    ]
 
 
 def _warnings(plan: ImpactPlan, assembly: Assembly) -> list[str]:

@@ -28,10 +28,11 @@ import numpy as np
 from scipy.stats import t as student
 
 from stochvi.contacts import CompliantLaw
-from stochvi.errors import NotApplicable
+from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, provenance
 from stochvi.excitations import Sine
 from stochvi.monte_carlo.histories import HistoryPlan, plan_histories
+from stochvi.monte_carlo.simulate import check_arguments
 from stochvi.response_spectra.answer import UNITS, Curve, ResponseSpectrum
 from stochvi.response_spectra.quantities import channels_of, quantities_of
 from stochvi.response_spectra.segments import (
@@ -68,6 +69,9 @@ CONTACT_SAMPLES = 8.0
 FEWEST_PATHS = 64
 """For an honest standard error."""
 
+REL_ERROR = 0.05
+"""At a frequency, where neither an error nor a number of paths is asked for."""
+
 WINDOW = 2
 """Blocks per thread that wait to be merged in order."""
 
@@ -82,7 +86,7 @@ LEVEL = 0.95
 def spectrum(
     scene: Scene,
     *,
-    rel_error: float = 0.05,
+    rel_error: float | None = None,
     paths: int | None = None,
     method: Literal["welch", "multitaper"] = "welch",
     highest: float | None = None,
@@ -106,7 +110,8 @@ def spectrum(
     scene
         Any scene that `simulate` covers.
     rel_error, paths
-        Median relative standard error to reach, or instead the number of paths.
+        Median relative standard error to reach, 0.05 if nothing is said, or instead the number of
+        paths.
     method
         Welch's: Hann segments that overlap by half. Or Thomson's multitapers over whole paths.
     highest
@@ -114,12 +119,16 @@ def spectrum(
     segment
         Length of a segment, s; by default 21 over the narrowest half-power bandwidth.
     budget
-        Seconds after which it ends, with larger errors than asked for and a warning.
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Raises
     ------
     NotApplicable
         If the scene is none that `simulate` covers, or its times lie too far apart.
+    NotConverged
+        If time ends first; it carries the answer so far.
+    ValueError
+        If an argument is out of range.
 
     Examples
     --------
@@ -134,7 +143,9 @@ def spectrum(
     >>> bool(0.3 < below < 0.5)
     True
     """
-    _check_arguments(rel_error, paths, method, highest, segment, seed, threads, budget)
+    check_arguments(rel_error, paths, None, seed, None, budget, threads)
+    _check_options(method, highest, segment)
+    asked = REL_ERROR if rel_error is None else rel_error
     started = time.perf_counter()
     plan, layout, bandwidth = _planned(scene, method, highest, segment)
     workers = threads or len(os.sched_getaffinity(0))
@@ -144,18 +155,27 @@ def spectrum(
         while True:
             first = 0 if moments is None else moments.count
             done, late = _run(pool, workers, plan, layout, seed, first, target, started, budget)
-            moments = done if moments is None or done is None else moments.merge(done)
+            if done is not None:  # time may run out before a block of a later round
+                moments = done if moments is None else moments.merge(done)
             assert moments is not None
             error = _median_error(moments)
             if progress:
-                share = moments.count / target if paths else (rel_error / error) ** 2
-                progress(min(1.0, share), f"{moments.count} paths")
-            if late or paths is not None or error <= rel_error:
+                share = moments.count / target if paths else (asked / max(error, asked)) ** 2
+                progress(share, f"{moments.count} paths")
+            if late or paths is not None or error <= asked:
                 break
-            target = math.ceil(moments.count * min(1.1 * (error / rel_error) ** 2, 4.0)) + 1
-    return _answer(
+            target = math.ceil(moments.count * min(1.1 * (error / asked) ** 2, 4.0)) + 1
+    short = ""
+    if late and paths is not None:
+        short = f"{moments.count} of {paths} paths were done in {budget:g} s; raise budget"
+    elif error > asked and paths is None:
+        short = (
+            f"median relative standard error {error:.2g} after {budget:g} s, asked for {asked:g}; "
+            "raise budget or rel_error"
+        )
+    answer = _answer(
         scene, plan, layout, moments, method, bandwidth,
-        [f"ended by the budget of {budget:g} s"] if late else [],
+        ["the accuracy asked for was not reached"] if short else [],
         Cost(
             wall_time=time.perf_counter() - started,
             steps=moments.count * (plan.samples + plan.settling),
@@ -164,23 +184,15 @@ def spectrum(
         ),
         seed,
     )  # fmt: skip
+    if short:
+        raise NotConverged(short, answer)
+    return answer
 
 
-def _check_arguments(
-    rel_error: float, paths: int | None, method: str, highest: float | None,
-    segment: float | None, seed: int, threads: int | None, budget: float | None,
-) -> None:  # fmt: skip
+def _check_options(method: str, highest: float | None, segment: float | None) -> None:
     if method not in KERNEL_BINS:
         raise ValueError(f"method must be 'welch' or 'multitaper', got {method!r}")
-    if not 1e-4 <= rel_error < 1.0:
-        raise ValueError(f"rel_error must be in [1e-4, 1), got {rel_error}")
-    if paths is not None and paths < 2:
-        raise ValueError(f"paths must be at least 2 for a standard error, got {paths}")
-    if threads is not None and threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
-    if not 0 <= seed < 2**63:
-        raise ValueError(f"seed must be in [0, 2^63), got {seed}")
-    for name, number in (("highest", highest), ("segment", segment), ("budget", budget)):
+    for name, number in (("highest", highest), ("segment", segment)):
         if number is not None and not 0.0 < number < math.inf:
             raise ValueError(f"{name} must be a positive number, got {number}")
 

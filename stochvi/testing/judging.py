@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from stochvi.closed_form import exact
@@ -24,6 +24,7 @@ from stochvi.estimates import QUANTITY_UNITS, Cost, Estimate, Response, format_w
 from stochvi.galerkin import fokker_planck
 from stochvi.many_scenes import seeds_of, zoo
 from stochvi.monte_carlo.plans import layout_of, make_plan
+from stochvi.monte_carlo.simulate import check_arguments
 from stochvi.scenes import Scene
 from stochvi.testing.answers import known_answers
 from stochvi.testing.hints import Measured, hints_of
@@ -52,6 +53,9 @@ SURELY_SEEN = 100.0
 """Expected impacts from which to see none is a disagreement, and no matter of chance."""
 
 NOT_FINITE = "not finite"
+
+TOO_UNCERTAIN = "too uncertain to judge"
+"""Verdict on what agrees, but with a standard error of `RARE` or more of the truth."""
 
 IMPACTS = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
 
@@ -105,6 +109,11 @@ class Judgement:
         """What disagrees, or is not finite."""
         return [row for row in self.findings if row.verdict in (DISAGREES, NOT_FINITE)]
 
+    @property
+    def uncertain(self) -> list[Finding]:
+        """What agrees with anything: it is no pass until its errors are smaller."""
+        return [row for row in self.findings if row.verdict == TOO_UNCERTAIN]
+
     def assert_passed(self) -> None:
         """AssertionError with the whole verdict, unless `passed`."""
         if not self.passed:
@@ -112,7 +121,14 @@ class Judgement:
 
     def summary(self) -> str:
         """The verdict in a sentence."""
-        compared = [row for row in self.findings if row.verdict != TOO_RARE]
+        compared = [row for row in self.findings if row.verdict not in (TOO_RARE, TOO_UNCERTAIN)]
+        if not self.failures and (wide := self.uncertain):
+            worst = max(wide, key=lambda row: row.bias_error_percent or 0.0)
+            return (
+                f"{len(wide)} of {len(self.findings)} quantities are too uncertain to judge: "
+                f"{worst.quantity} of {worst.scene} is known to {worst.bias_error_percent:.2g} %; "
+                "raise paths or relaxations"
+            )
         if not compared:
             return "nothing could be compared"
         scenes = len({row.scene for row in compared})
@@ -134,6 +150,7 @@ class Judgement:
     def __repr__(self) -> str:
         lines = [f"<judgement: {self.summary()}"]
         lines += [f"  {_told(row)}" for row in self.failures]
+        lines += [f"  {_told(row)}, {TOO_UNCERTAIN}" for row in self.uncertain]
         lines += [f"  looks like: {hint}" for hint in self.hints]
         lines += [f"  left out: {reason}" for reason in self.left_out]
         return "\n".join(lines) + ">"
@@ -217,6 +234,14 @@ def judge(
     Judgement
         All comparisons share one alarm rate, `FAMILY_ALARM_RATE` (Sidak, Student's law by the
         number of paths). In a test: `assert judge(mine).passed`, or `judge(mine).assert_passed()`.
+        A quantity with an error of 20 % or more is no pass, whatever it agrees with.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or what was returned is none of the three forms.
+    NotApplicable
+        If a scene is no single oscillator under white noise with rigid stops or none.
 
     Examples
     --------
@@ -242,18 +267,12 @@ def judge(
     """
     if not 0.0 <= allowed_percent < 100.0:
         raise ValueError(f"allowed_percent must be in [0, 100), got {allowed_percent}")
-    known = _known(scenes)
+    check_arguments(None, None, None, seed, None, None, None)
+    known = _known(scenes, paths, relaxations)
     seeds = seeds_of(seed, len(known))
     measured: list[tuple[Measured, Response]] = []
     left_out: list[str] = []
-    for (name, (scene, truth)), own_seed in zip(known.items(), seeds, strict=True):
-        problem = problem_of(
-            scene,
-            name=name,
-            paths=paths,
-            relaxations=relaxations,
-            speed_threshold=_threshold(truth),
-        )
+    for (problem, truth), own_seed in zip(known, seeds, strict=True):
         sample = sample_of(problem, integrator(problem, own_seed))
         measured.append((Measured(problem, sample), truth))
     pairs = [
@@ -282,16 +301,30 @@ def judge(
 
 
 def _known(
-    scenes: Mapping[str, Scene] | Iterable[str],
-) -> dict[str, tuple[Scene, Response]]:
-    """Each scene with the most certain answer to it."""
+    scenes: Mapping[str, Scene] | Iterable[str], paths: int, relaxations: float
+) -> list[tuple[Problem, Response]]:
+    """The problem of each scene with the most certain answer to it; a scene that is none is found
+    out before any is solved."""
     if isinstance(scenes, str):
         raise ValueError(f"scenes must be a list of names, got the one name {scenes!r}")
+    named = dict(scenes) if isinstance(scenes, Mapping) else _of_the_zoo(tuple(scenes))
+    problems = [
+        problem_of(scene, name=name, paths=paths, relaxations=relaxations)
+        for name, scene in named.items()
+    ]
     if isinstance(scenes, Mapping):
-        return {name: (scene, _solved(scene)) for name, scene in scenes.items()}
-    names = tuple(scenes)
-    found, answers = zoo(*names), known_answers(*names)
-    return {name: (found[name], answers[name]) for name in names}
+        answers = {name: _solved(scene) for name, scene in scenes.items()}
+    else:
+        answers = known_answers(*named) if named else {}
+    return [
+        (replace(each, speed_threshold=_threshold(answers[name])), answers[name])
+        for name, each in zip(named, problems, strict=True)
+    ]
+
+
+def _of_the_zoo(names: tuple[str, ...]) -> dict[str, Scene]:
+    """The scenes of these names; none for none."""
+    return zoo(*names) if names else {}
 
 
 def _solved(scene: Scene) -> Response:
@@ -349,6 +382,8 @@ def _finding(
     verdict = AGREES if abs(difference) <= tolerance else DISAGREES
     if _too_rare(problem, quantity, value, error, truth.value):
         verdict = TOO_RARE
+    elif verdict == AGREES and error >= RARE * size:
+        verdict = TOO_UNCERTAIN
     return Finding(
         **row,
         value=value,

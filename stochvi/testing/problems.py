@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from stochvi.errors import NotApplicable
 from stochvi.scenes import Scene, System
 
@@ -94,6 +96,8 @@ def problem_of(
     ------
     NotApplicable
         Unless the scene is one oscillator under white noise, with rigid stops or none.
+    ValueError
+        If there is no path, or no time.
 
     Examples
     --------
@@ -102,6 +106,10 @@ def problem_of(
     >>> problem.lower, problem.upper, problem.intensity, problem.duration
     (-inf, 1.0, 0.2, 400.0)
     """
+    if isinstance(paths, bool) or not isinstance(paths, (int, np.integer)) or paths < 1:
+        raise ValueError(f"paths must be a whole number of at least 1, got {paths!r}")
+    if not 0.0 < relaxations < math.inf:
+        raise ValueError(f"relaxations must be a positive number, got {relaxations}")
     unmet = scene.beyond_one_oscillator()
     if not unmet:
         system = scene.system()

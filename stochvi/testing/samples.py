@@ -154,8 +154,30 @@ def sample_of(problem: Problem, returned: Mapping[str, Any]) -> Sample:
         return Statistics({name: _estimate(name, entry) for name, entry in returned.items()})
     if any(statistics):
         raise ValueError("integrator returned a mixture of averages of paths and of statistics")
-    columns = {name: np.asarray(entry, dtype=float) for name, entry in returned.items()}
-    return _path_averages(columns)
+    for name in returned:
+        if name not in AVERAGES:
+            square = name.replace("_std", "_mean_square")
+            raise ValueError(
+                f"integrator returned {name} of type {type(returned[name]).__name__}, expected a "
+                f"tuple (value, standard error); per path give {square}"
+            )
+    return _path_averages({name: _numbers(name, entry) for name, entry in returned.items()})
+
+
+def _numbers(name: str, entry: Any) -> NDArray[np.float64]:
+    """An array of real numbers."""
+    wanted = "an array of real numbers"
+    try:
+        array = np.asarray(entry)
+        if np.iscomplexobj(array):
+            wanted += ", not of complex ones"
+            raise TypeError
+        return np.asarray(array, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"integrator returned {name} of type {type(entry).__name__}, expected {wanted}, each "
+            "row of the same length"
+        ) from None
 
 
 def _is_statistic(entry: Any) -> bool:
@@ -163,13 +185,23 @@ def _is_statistic(entry: Any) -> bool:
 
 
 def _estimate(name: str, entry: Any) -> Estimate:
-    if isinstance(entry, Estimate):
-        return entry
-    value, error = (float(number) for number in entry)
     try:
-        return Estimate(value=value, standard_error=error)
-    except ValueError as reason:
-        raise ValueError(f"integrator returned {name} = {entry!r}: {reason}") from None
+        if isinstance(entry, Estimate):
+            found = entry
+        else:
+            value, error = (float(number) for number in entry)
+            found = Estimate(value=value, standard_error=error)
+    except (TypeError, ValueError) as reason:
+        raise ValueError(
+            f"integrator returned {name} = {entry!r}, expected (value, standard error): {reason}"
+        ) from None
+    # nothing seen is a statement, a number without an error is none
+    if found.standard_error == 0.0 and found.value != 0.0:
+        raise ValueError(
+            f"integrator returned {name} = {found.value:g} without a standard error, by which it "
+            "is judged; give (value, standard error) with an error above 0"
+        )
+    return found
 
 
 def _path_averages(columns: Mapping[str, Vector]) -> PathAverages:
@@ -187,23 +219,35 @@ def _from_records(problem: Problem, returned: Mapping[str, Any]) -> PathAverages
     """Averages of each path, or of each batch of a single one."""
     columns: dict[str, Vector] = {}
     records = {
-        name: np.asarray(returned[name], dtype=float)
+        name: _record(problem, name, returned[name])
         for name in ("displacement", "velocity")
         if name in returned
     }
     single = any(record.ndim == 1 for record in records.values())
+    for name in returned:
+        if name not in RECORDS:
+            raise ValueError(
+                f"integrator returned {name} beside records; give records alone, or averages alone"
+            )
+    if len({record.ndim for record in records.values()}) > 1:
+        raise ValueError(
+            "integrator returned displacement and velocity of a single path and of several; give "
+            "both of the same paths"
+        )
+    if "impact_speed" not in returned and "impact_time" in returned:
+        raise ValueError("integrator returned impact_time without impact_speed; give both")
     for name, record in records.items():
         parts = _parts(problem, record) if single else list(record)
         if name == "displacement":
             columns["displacement_mean"] = np.array([part.mean() for part in parts])
         columns[f"{name}_mean_square"] = np.array([(part**2).mean() for part in parts])
     if "impact_speed" in returned:
-        aligned = _aligned(returned["impact_speed"], records)
+        aligned = _aligned(_speeds(returned["impact_speed"]), records)
         if aligned is not None:
             parts = _parts(problem, aligned) if single else list(aligned)
             seconds = problem.duration / (len(parts) if single else 1)
         else:
-            parts = _events(problem, returned, single)
+            parts = _events(problem, returned, records if single else {})
             seconds = problem.duration / (BATCHES if single else 1)
         speeds = [np.abs(part[part != 0.0]) for part in parts]
         columns["collision_rate"] = np.array(
@@ -214,13 +258,44 @@ def _from_records(problem: Problem, returned: Mapping[str, Any]) -> PathAverages
     return _path_averages(columns)
 
 
-def _aligned(speeds: Any, records: Mapping[str, Vector]) -> Vector | None:
+def _record(problem: Problem, name: str, entry: Any) -> NDArray[np.float64]:
+    """(paths, samples), or (samples,) of a single path."""
+    record = _numbers(name, entry)
+    shape = record.shape
+    if record.ndim == 1 and record.size >= BATCHES:
+        return record
+    if record.ndim == 2 and shape[0] == problem.paths and shape[1] > 0:
+        return record
+    wanted = (
+        f"({problem.paths}, samples) of the paths asked for, or (samples,) of a single path, at "
+        f"least {BATCHES} of them"
+    )
+    hint = ""
+    if record.ndim == 2 and shape[1] == problem.paths:
+        hint = "; it seems to be transposed, paths come first"
+    elif record.ndim == 2 and shape[0] == 1:
+        hint = "; leave out the axis of length 1"
+    raise ValueError(f"integrator returned {name} of shape {shape}, expected {wanted}{hint}")
+
+
+def _speeds(entry: Any) -> Vector | list[Vector]:
+    """Impact speeds as one array, or as one of each path where their numbers differ."""
+    ragged = isinstance(entry, np.ndarray) and entry.dtype == object
+    if (isinstance(entry, Sequence) or ragged) and any(hasattr(each, "__len__") for each in entry):
+        return [_numbers("impact_speed", path) for path in entry]
+    return _numbers("impact_speed", entry)
+
+
+def _aligned(speeds: Vector | list[Vector], records: Mapping[str, Vector]) -> Vector | None:
     """Impact speeds sample by sample, 0 for none; None if they are a list of events."""
-    try:
-        array = np.asarray(speeds, dtype=float)
-    except ValueError:  # paths with different numbers of events
-        return None
-    return array if any(array.shape == record.shape for record in records.values()) else None
+    shape = np.shape(speeds) if isinstance(speeds, np.ndarray) else _common_shape(speeds)
+    alike = any(shape == record.shape for record in records.values())
+    return np.asarray(speeds) if alike else None
+
+
+def _common_shape(rows: list[Vector]) -> tuple[int, ...]:
+    shapes = {row.shape for row in rows}
+    return (len(rows), *shapes.pop()) if len(shapes) == 1 else ()
 
 
 def _parts(problem: Problem, record: Vector) -> list[Vector]:
@@ -234,16 +309,44 @@ def _parts(problem: Problem, record: Vector) -> list[Vector]:
     return list(np.array_split(record, BATCHES))
 
 
-def _events(problem: Problem, returned: Mapping[str, Any], single: bool) -> list[Vector]:
-    """Speeds of the impacts of each path, or of each batch of a single one."""
+def _events(
+    problem: Problem, returned: Mapping[str, Any], single: Mapping[str, Vector]
+) -> list[Vector]:
+    """Speeds of the impacts of each path, or of each batch of a single one with its records."""
+    speeds = _speeds(returned["impact_speed"])
     if not single:
-        return [np.asarray(path, dtype=float) for path in returned["impact_speed"]]
+        if len(speeds) != problem.paths or any(np.ndim(path) != 1 for path in speeds):
+            raise ValueError(
+                f"integrator returned impact_speed of shape {_said(speeds)}, expected one list of "
+                f"speeds for each of the {problem.paths} paths asked for, or the shape of the "
+                "records"
+            )
+        return list(speeds)
     if "impact_time" not in returned:
         raise ValueError(
             "integrator returned impact_speed as a list of events of a single path, which needs "
             "impact_time (s, from the end of the burn-in), got none"
         )
-    times = np.asarray(returned["impact_time"], dtype=float)
-    speeds = np.asarray(returned["impact_speed"], dtype=float)
-    batch = np.clip((times / problem.duration * BATCHES).astype(int), 0, BATCHES - 1)
-    return [speeds[batch == number] for number in range(BATCHES)]
+    times = _numbers("impact_time", returned["impact_time"])
+    if np.ndim(times) != 1 or np.shape(speeds) != times.shape:
+        raise ValueError(
+            f"integrator returned impact_time of shape {times.shape} for impact_speed of shape "
+            f"{_said(speeds)}, expected one time for each impact of the single path"
+        )
+    # the last sample may lie beyond the duration by less than one step
+    samples = min(len(record) for record in single.values())
+    latest = problem.duration * (1.0 + 1.0 / samples)
+    if not np.all((times >= 0.0) & (times <= latest)):
+        raise ValueError(
+            f"integrator returned impact_time from {times.min():g} to {times.max():g} s, expected "
+            f"0 to {problem.duration:g} s; times count from the end of the burn-in of "
+            f"{problem.burn_in:g} s, earlier impacts are left out"
+        )
+    batch = np.minimum((times / problem.duration * BATCHES).astype(int), BATCHES - 1)
+    return [np.asarray(speeds)[batch == number] for number in range(BATCHES)]
+
+
+def _said(speeds: Vector | list[Vector]) -> str:
+    if isinstance(speeds, np.ndarray):
+        return str(speeds.shape)
+    return str(_common_shape(speeds) or f"({len(speeds)}, different numbers)")

@@ -1,0 +1,136 @@
+"""`stochvi spectrum` and `stochvi impacts`: exit codes, the JSON document, the files."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from known import DOCUMENT, changed, to_toml
+from test_cli import ELASTIC, ISOLATOR, Run, one_document, refused, stochvi  # noqa: F401
+
+IMPACTS, SPECTRUM = ("impacts", "--paths", "64"), ("spectrum", "--paths", "4")
+COMMANDS = [IMPACTS, SPECTRUM]
+FILES = {
+    "impacts": {"impacts.csv", "histograms.csv", "impacts.png"},
+    "spectrum": {"spectrum.csv", "spectrum.png"},
+}
+SHORT = "the accuracy asked for was not reached"
+
+
+@pytest.fixture
+def never_hit(tmp_path: Path) -> Path:
+    """A scene whose stops stand 20 standard deviations away."""
+    far = changed(["impact_pair", 0, "lower"], -20.0)
+    far["impact_pair"][0]["upper"] = 20.0
+    path = tmp_path / "far.toml"
+    path.write_text(to_toml(far), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda words: words[0])
+@pytest.mark.parametrize("scene", [ELASTIC, ISOLATOR], ids=["white", "tabulated"])
+def test_an_answer_is_a_document_and_files(
+    stochvi: Run, tmp_path: Path, command: tuple[str, ...], scene: str  # noqa: F811
+) -> None:  # fmt: skip
+    name, *options = command
+    code, out, err = stochvi(
+        name, scene, *options, "--threads", "1", "--json", "-", "--out", tmp_path
+    )
+    assert code == 0 and "paths" in err
+    document = one_document(out)
+    assert document["method"].startswith(name)
+    assert document["cost"]["paths"] == int(options[1])
+    assert SHORT not in document["warnings"]
+    assert {path.name for path in tmp_path.iterdir()} == FILES[name]
+    table = pd.read_csv(tmp_path / f"{name}.csv")
+    assert len(table) > 2 and table["value"].notna().all()
+    assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    ("asked", "sentence"),
+    [
+        (("--rel-error", "1e-5"), "relative standard error"),
+        (("--paths", "1000000"), "of 1000000 paths were done in 0.01 s; raise budget"),
+    ],
+    ids=["error", "paths"],
+)
+def test_beyond_the_budget_it_exits_with_1_and_still_writes_what_it_has(
+    stochvi: Run, tmp_path: Path, command, asked, sentence  # noqa: F811
+) -> None:  # fmt: skip
+    name, options = command[0], ("--budget", "0.01", "--threads", "1", "--quiet")
+    code, out, err = stochvi(name, ELASTIC, *asked, *options, "--json", "-", "--out", tmp_path)
+    assert code == 1
+    assert sentence in err and len(err.splitlines()) == 1
+    document = one_document(out)
+    assert document["warnings"][0] == SHORT
+    assert document["cost"]["paths"] > 1
+    assert {path.name for path in tmp_path.iterdir()} == FILES[name]
+
+
+def test_stops_that_are_never_hit_are_said(
+    stochvi: Run, never_hit: Path, tmp_path: Path  # noqa: F811
+) -> None:  # fmt: skip
+    options = ("--threads", "1", "--json", "-", "--out", tmp_path / "out")
+    code, out, err = stochvi("impacts", never_hit, "--budget", "0.01", *options)
+    assert code == 1
+    assert "division" not in err and "no impact was seen in" in err
+    document = one_document(out)
+    assert any("upper limit only" in each for each in document["warnings"])
+    code, out, _ = stochvi("impacts", never_hit, "--paths", "64", *options)
+    assert code == 0
+    pair = one_document(out)["impact_pairs"]["stops"]
+    assert pair["rates"]["both"]["estimate"]["value"] == 0.0
+    assert pair["rates"]["both"]["upper"] > 0.0 and pair["speeds"] is None
+    assert {path.name for path in (tmp_path / "out").iterdir()} == FILES["impacts"] - {
+        "impacts.png"
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--paths", "8", "--rel-error", "0.1"), "give rel_error or paths, not both"),
+        (("--paths", "1"), "paths must be at least 2 for a standard error, got 1"),
+        (("--rel-error", "nan"), "rel_error must be in [1e-6, 1), got nan"),
+        (("--seed", "-1"), "seed must be in [0, 2^63), got -1"),
+        (("--threads", "0"), "threads must be at least 1, got 0"),
+        (("--budget", "0"), "budget must be a positive number of seconds, got 0.0"),
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize("command", ["impacts", "spectrum"])
+def test_an_option_out_of_range_is_one_sentence(
+    stochvi: Run, command: str, arguments, sentence: str  # noqa: F811
+) -> None:  # fmt: skip
+    assert refused(stochvi(command, ELASTIC, *arguments)) == sentence
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("impacts", "--duration", "0"), "duration must be a positive number of seconds"),
+        (("impacts", "--speed-threshold", "-1"), "speed_threshold must be at least 0"),
+        (("spectrum", "--highest", "0"), "highest must be a positive number"),
+        (("spectrum", "--segment", "nan"), "segment must be a positive number"),
+        (("spectrum", "--segment", "1e-3"), "segment must be at least"),
+    ],
+    ids=lambda words: " ".join(words) if isinstance(words, tuple) else "",
+)
+def test_an_option_of_one_command_out_of_range_is_one_sentence(
+    stochvi: Run, arguments, sentence: str  # noqa: F811
+) -> None:  # fmt: skip
+    command, *options = arguments
+    assert refused(stochvi(command, ELASTIC, *options)).startswith(sentence)
+
+
+def test_quiet_is_silent_and_a_scene_without_stops_has_no_impacts(
+    stochvi: Run, tmp_path: Path  # noqa: F811
+) -> None:  # fmt: skip
+    path = tmp_path / "free.toml"
+    free = {key: value for key, value in DOCUMENT.items() if key != "impact_pair"}
+    path.write_text(to_toml(free), encoding="utf-8")
+    assert refused(stochvi("impacts", path)).startswith("impacts does not apply")
+    options = ("--threads", "1", "--quiet")
+    assert stochvi("spectrum", ELASTIC, *SPECTRUM[1:], *options) == (0, "", "")
+    assert stochvi("impacts", ELASTIC, *IMPACTS[1:], *options) == (0, "", "")
