@@ -20,6 +20,10 @@ from stochvi.cli.shared import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
     from stochvi.galerkin import FirstPassage
 
 BUDGET = 60.0
@@ -202,6 +206,11 @@ def average(scene: str, variant: str, json_file: str | None, out: Path | None, q
     finish(solve(load_scene(scene), variant=variant.replace("-", " ")), json_file, out, quiet)
 
 
+def _assumed(console: Console, assumptions: Sequence[str]) -> None:
+    """As `print_response` says it."""
+    console.print(f"assumptions: {'; '.join(assumptions)}", style="dim", highlight=False)
+
+
 @main.command()
 @click.argument("scene")
 @click.option("--rel-error", type=float, default=0.05, show_default=True, help="At a frequency.")
@@ -246,6 +255,7 @@ def spectrum(
         for name, meaning in found.meanings.items():
             console.print(f"{name}: {meaning}", style="dim", highlight=False)
         console.print(found.summary(), highlight=False)
+        _assumed(console, found.assumptions)
         for warning in found.warnings:
             console.print(f"note: {warning}", style="yellow", highlight=False)
     if json_file is not None:
@@ -298,6 +308,7 @@ def impacts(
         console = console_for(json_file)
         print_frame(console, found.to_table(), "impacts, with 95 % intervals of the rates")
         console.print(found.summary(), highlight=False)
+        _assumed(console, found.assumptions)
         for warning in found.warnings:
             console.print(f"note: {warning}", style="yellow", highlight=False)
     if json_file is not None:
@@ -383,10 +394,8 @@ def simulate(
     except (NotConverged, Interrupted) as reason:
         if reason.response is not None:
             finish(reason.response, json_file, out, quiet)
-        if isinstance(reason, Interrupted):
-            kept = checkpoint or resume
-            stop(f"{reason}" + (f"; go on with --resume {kept}" if kept else ""), FAILED)
-        raise
+        kept = checkpoint or resume
+        stop(f"{reason}" + (f"; go on with --resume {kept}" if kept else ""), FAILED)
     finish(response, json_file, out, quiet)
     if out is not None and not loaded.beyond_one_oscillator() and loaded.system().omega > 0.0:
         from stochvi.files import write_picture

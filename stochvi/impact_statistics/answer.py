@@ -78,6 +78,7 @@ class ImpactStatistics:
 
     `each` tells whether impacts were seen one by one however close, or those of one step of
     `step` seconds together; `duration` is that of a path, `window` that of the dispersion, s.
+    `energy_unit` is J/kg where the scene gives no mass.
     """
 
     pairs: Mapping[str, PairStatistics]
@@ -85,6 +86,8 @@ class ImpactStatistics:
     window: float
     step: float
     each: bool
+    energy_unit: str = "J"
+    assumptions: Sequence[str] = ()
     warnings: Sequence[str] = ()
     cost: Cost = field(default_factory=Cost)
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -94,7 +97,9 @@ class ImpactStatistics:
         import pandas as pd
 
         columns = ["of", "quantity", "value", "standard_error", "lower", "upper", "by", "unit"]
-        rows = [row for name, pair in self.pairs.items() for row in _rows(name, pair)]
+        rows = [
+            row for name, pair in self.pairs.items() for row in _rows(name, pair, self.energy_unit)
+        ]
         return pd.DataFrame(rows).reindex(columns=columns)
 
     def to_table(self) -> pd.DataFrame:
@@ -146,6 +151,8 @@ class ImpactStatistics:
             "window": self.window,
             "step": self.step,
             "each": self.each,
+            "energy_unit": self.energy_unit,
+            "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
             "cost": asdict(self.cost),
             "provenance": dict(self.provenance),
@@ -173,7 +180,7 @@ class ImpactStatistics:
         return "; ".join(found)
 
 
-def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
+def _rows(name: str, pair: PairStatistics, energy_unit: str) -> list[dict[str, Any]]:
     """Of `to_frame`, for one pair."""
     rows: list[dict[str, Any]] = []
 
@@ -192,7 +199,7 @@ def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
     add("first hits without stops", "1/s", pair.first_hit_rate)
     add("variance / mean of counts", "1", pair.dispersion)
     add("rms impact speed", "m/s", pair.speed_rms)
-    add("energy lost per impact", "J", pair.energy)
+    add("energy lost per impact", energy_unit, pair.energy)
     for side, exponent in pair.exponents.items():
         add(f"exponent of slow impacts, {side}", "1", exponent.fitted)
         if exponent.theory is not None:

@@ -175,6 +175,8 @@ def impacts(
         window=plan.duration / WINDOWS,
         step=plan.step,
         each=plan.each,
+        energy_unit="J" if scene.structure.mass is not None else "J/kg",
+        assumptions=scene.assumptions(),
         warnings=(*warnings, *_warnings(plan, assembly)),
         cost=Cost(
             wall_time=time.perf_counter() - started,

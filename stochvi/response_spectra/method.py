@@ -314,6 +314,7 @@ def _answer(
         bandwidth=bandwidth,
         degrees_of_freedom=float(freedom),
         meanings=meanings,
+        assumptions=scene.assumptions(),
         warnings=tuple(warnings),
         cost=cost,
         provenance=provenance(scene.document(), seed),
