@@ -23,7 +23,14 @@ from stochvi.monte_carlo.plans import Plan, layout_of, make_plan, plan_several
 from stochvi.monte_carlo.quantities import (
     Key,
 )
-from stochvi.monte_carlo.runs import FEWEST_PATHS, Progress, Run, relative_standard_errors, until
+from stochvi.monte_carlo.runs import (
+    FEWEST_PATHS,
+    Progress,
+    Run,
+    compiling,
+    relative_standard_errors,
+    until,
+)
 from stochvi.scenes import Scene
 
 if TYPE_CHECKING:
@@ -133,7 +140,8 @@ def simulate(
     if target is not None:
         proof = "" if before is None else before.proof  # a new one takes time to compile
         keeper = Keeper(Path(target), scene, asked, state, proof, checkpoint_interval)
-    compile_time, proof = _compile(plan)
+    with compiling(progress):
+        compile_time, proof = _compile(plan)
     if before is not None:
         before.check(scene, proof)
     if keeper is not None:
