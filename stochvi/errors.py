@@ -59,3 +59,17 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, message: str, response: Any = None) -> None:
         self.response = response
         super().__init__(message)
+
+
+LISTS = ("absorber", "excitation", "impact_pair")
+"""Parts of a scene file of which there may be several."""
+
+
+def toml_remedy(error: ValueError) -> str:
+    """What to do about a part that stands in a scene file twice, a table each; else nothing.
+
+    >>> toml_remedy(ValueError("Cannot declare ('absorber',) twice (at line 9, column 10)"))
+    '; for several, write each as [[absorber]]'
+    """
+    twice = [key for key in LISTS if f"Cannot declare ('{key}',) twice" in str(error)]
+    return "".join(f"; for several, write each as [[{key}]]" for key in twice)

@@ -155,6 +155,10 @@ def _methods(verdict: Check) -> list[str]:
     return list(dict.fromkeys(names))
 
 
+BALANCES_ONLY = "balances hold"
+"""Verdict where nothing was compared: no second method confirms the one there is."""
+
+
 def _line(name: str, verdict: Check) -> dict[str, Any]:
     rows = [row for row in verdict.comparisons if row.verdict in (AGREES, DISAGREES)]
     scores = [abs(row.score) for row in rows if row.score is not None]
@@ -169,8 +173,9 @@ def _line(name: str, verdict: Check) -> dict[str, Any]:
 
 
 def _word(verdict: Check) -> str:
+    judged = [row.of for row in verdict.comparisons if row.verdict in (AGREES, DISAGREES)]
     if verdict.passed:
-        return "passed"
+        return "passed" if set(judged) != {BALANCE} else BALANCES_ONLY
     if any(row.verdict == DISAGREES for row in verdict.comparisons):
         return DISAGREES
     return "stopped early" if verdict.stopped_early else "not judged"

@@ -20,18 +20,22 @@ if TYPE_CHECKING:
     from stochvi.response_spectra import Curve, ResponseSpectrum
 
 DENSITIES = {
-    "displacement": "displacement, m²/Hz",
-    "velocity": "velocity, (m/s)²/Hz",
-    "acceleration": "acceleration, (m/s²)²/Hz",
+    "displacement": "displacement\nrelative to the base\n(m²/Hz)",
+    "velocity": "velocity\nrelative to the base\n((m/s)²/Hz)",
+    "acceleration": "acceleration\n{}\n((m/s²)²/Hz)",
 }
-"""Panels of spectra, with their labels."""
+"""Panels of spectra, with their labels; that of an acceleration says which."""
 
 TRANSFERS = {
-    "transmissibility_h1": ("H1", "#0b6fb8"),
-    "transmissibility_ratio": ("root of the ratio", "#d1495b"),
-    "coherence": ("coherence", "#3a8f5c"),
+    "transmissibility_h1": ("H1, the linear part", "#0b6fb8"),
+    "transmissibility_ratio": ("root of the ratio of densities", "#d1495b"),
 }
 """Lines of the panel of what refers to the excitation."""
+
+COHERENCE = "#3a8f5c"
+"""Colour of the coherence, which has an axis of its own."""
+
+TITLE = "spectra, one-sided per hertz, with 95 % bands"
 
 OWNERS = ("#0b6fb8", "#d1495b", "#3a8f5c", "#e0a030", "#7a4fa3", "#1b1b1b")
 """Colours of coordinates and pairs."""
@@ -69,24 +73,38 @@ def draw_spectrum(
         for colour, (owner, curves) in zip(OWNERS, found.curves.items(), strict=False):
             if name in curves:
                 plot_curve(curves[name], ax, colour=colour, label=owner)
-        ax.set_ylabel(DENSITIES[name])
+        which, _, more = found.meanings.get(name, "").partition(", between impacts")
+        ax.set_ylabel(DENSITIES[name].format("absolute, between impacts" if more else which))
         ax.grid(alpha=0.25)
     for label, density in references.items():
         axes[0].plot(found.frequency_hz, density, color=COLOURS["exact"], lw=0.9, label=label)
     if len(found.curves) > 1 or references:
         axes[0].legend(frameon=False, fontsize="small")
     if transfer is not None:
-        for name, (label, colour) in TRANSFERS.items():
-            plot_curve(transfer[name], axes[-1], colour=colour, label=label)
-        values = np.concatenate([transfer[name].value for name in TRANSFERS])
-        axes[-1].set_ylim(0.5 * max(values.min(), 1e-3 * values.max()), 2.0 * values.max())
-        axes[-1].set_ylabel("to the excitation")
-        axes[-1].legend(frameon=False, fontsize="small")
-        axes[-1].grid(alpha=0.25)
+        _draw_transfer(transfer, axes[-1])
     axes[-1].set_xlabel("frequency (Hz)")
-    figure.suptitle(title or "spectra, one-sided, with 95 % bands")
+    figure.suptitle(f"{title}\n{TITLE}" if title else TITLE, fontsize="medium")
     first: Axes = axes[0]
     return first
+
+
+def _draw_transfer(transfer: Mapping[str, Curve], ax: Axes) -> None:
+    """Transmissibilities, and the coherence on a linear axis at the right."""
+    for name, (label, colour) in TRANSFERS.items():
+        plot_curve(transfer[name], ax, colour=colour, label=label)
+    values = np.concatenate([transfer[name].value for name in TRANSFERS])
+    ax.set_ylim(0.5 * max(values.min(), 1e-3 * values.max()), 4.0 * values.max())
+    ax.set_ylabel("transmissibility")
+    ax.grid(alpha=0.25)
+    right = ax.twinx()
+    plot_curve(transfer["coherence"], right, colour=COHERENCE, label="coherence, right axis")
+    right.set_yscale("linear")
+    right.set_ylim(0.0, 1.25)  # the legend stands above 1
+    right.set_yticks(np.linspace(0.0, 1.0, 6))
+    right.set_ylabel("coherence", color=COHERENCE)
+    right.tick_params(axis="y", colors=COHERENCE)
+    lines = [*ax.get_lines(), *right.get_lines()]
+    ax.legend(handles=lines, frameon=False, fontsize="small", ncols=3, loc="upper left")
 
 
 def plot_histogram(found: Histogram, ax: Axes, *, colour: str = OWNERS[0], label: str = "") -> Axes:

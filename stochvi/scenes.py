@@ -15,7 +15,7 @@ from stochvi.attachments import Absorber, built
 from stochvi.checked import Checked, Number
 from stochvi.contacts import Law, Restitution, SpeedRestitution, not_rigid
 from stochvi.datasets import read_text
-from stochvi.errors import SceneError
+from stochvi.errors import SceneError, toml_remedy
 from stochvi.excitations import (
     BASE,
     ConstantLoad,
@@ -404,7 +404,7 @@ class Scene(Checked):
         """What the scene takes for granted, in words."""
         found = ["displacements are measured from the position of the unloaded spring"]
         if self.structure.mass is None:
-            found.append("mass is not given: 1 kg, which only forces would depend on")
+            found.append("mass is not given: 1 kg, which only forces and energies depend on")
         words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}
         if "rigid" in words:
             which = "stops are rigid" if words == {"rigid"} else "the rigid stop does not give way"
@@ -543,7 +543,7 @@ def load_scene(path: str | Path) -> Scene:
     try:
         document = tomllib.loads(text)
     except ValueError as error:  # also an integer of thousands of digits
-        raise SceneError(f"{path} is not valid TOML: {error}") from None
+        raise SceneError(f"{path} is not valid TOML: {error}{toml_remedy(error)}") from None
     except RecursionError:
         raise SceneError(f"{path} is not a scene: its brackets are nested too deeply") from None
     return scene_from(document, folder=path.parent)

@@ -20,9 +20,10 @@ import numpy as np
 
 from stochvi.conventions import plain_number
 from stochvi.errors import CheckpointError, NotApplicable, NotConverged, SceneError
-from stochvi.estimates import QUANTITY_UNITS, Response, provenance
+from stochvi.estimates import QUANTITY_UNITS, Response, format_with_error, provenance
 from stochvi.files import to_json, write_picture, write_table, write_text
 from stochvi.scenes import Scene, load_scene, scene_from
+from stochvi.tables import NEGLIGIBLE, QUANTITY_NAMES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,6 +39,22 @@ METHODS = ("simulate", "exact", "closure", "fokker-planck", "average")
 ERROR, BIAS = "standard_error", "bias"
 MOST_IN_A_LEGEND = 12
 """Lines of a picture that are named."""
+
+GOVERNED = ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate")
+"""Quantities of a table for people."""
+
+KEY_UNITS = {
+    "lower": "m",
+    "upper": "m",
+    "play": "m",
+    "mass": "kg",
+    "damping": "N s/m",
+    "stiffness": "N/m",
+    "frequency_hz": "Hz",
+    "level_db": "dB",
+    "speed_kmh": "km/h",
+}
+"""Units of keys that have one unit wherever they stand in a scene file."""
 
 
 def sweep(
@@ -412,9 +429,40 @@ def quantities(table: pd.DataFrame) -> list[str]:
     return [str(name) for name in table if f"{name} {ERROR}" in table]
 
 
+def spoken(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+    """For people: the keys, what governs a run with its standard errors, and seconds."""
+    import pandas as pd
+
+    def cell(value: float, error: float) -> str:
+        return "-" if pd.isna(value) else format_with_error(value, error)
+
+    found = table[list(keys)].copy()
+    for quantity in quantities(table):
+        if quantity.rsplit(".", 1)[1] in GOVERNED:
+            pairs = zip(table[quantity], table[f"{quantity} {ERROR}"], strict=True)
+            found[_named(table, quantity)] = [cell(value, error) for value, error in pairs]
+    return found.assign(seconds=table["seconds"])
+
+
+def _named(table: pd.DataFrame, quantity: str) -> str:
+    """A quantity with its unit; of whom, where the scene has several coordinates or pairs."""
+    owner, name = quantity.rsplit(".", 1)
+    several = sum(other.endswith(f".{name}") for other in quantities(table)) > 1
+    whose = f"{owner}: " if several else ""
+    return f"{whose}{QUANTITY_NAMES[name]} ({QUANTITY_UNITS[name]})"
+
+
+def changes(table: pd.DataFrame, quantity: str) -> bool:
+    """Whether it is not the same in all rows but for rounding, which a mean that vanishes is."""
+    owner, name = quantity.rsplit(".", 1)
+    deviation = f"{owner}.{name.removesuffix('_mean')}_std"
+    scale = table[deviation if deviation in table else quantity].abs().max()
+    return bool(table[quantity].max() - table[quantity].min() > NEGLIGIBLE * scale)
+
+
 def draw_sweep(table: pd.DataFrame, keys: Sequence[str], quantity: str, title: str = "") -> Axes:
     """A quantity against the first key, a line for each combination of the others; bars are 95 %
-    intervals."""
+    intervals, of the statistical error alone."""
     import matplotlib.pyplot as plt
 
     _, ax = plt.subplots(figsize=(7.2, 4.4), layout="constrained")
@@ -429,10 +477,13 @@ def draw_sweep(table: pd.DataFrame, keys: Sequence[str], quantity: str, title: s
         )  # fmt: skip
     if 1 < len(groups) <= MOST_IN_A_LEGEND:
         ax.legend(frameon=False, fontsize="small")
-    owner, name = quantity.rsplit(".", 1)
-    ax.set_xlabel(keys[0])
-    ax.set_ylabel(f"{name.replace('_', ' ')} of {owner} ({QUANTITY_UNITS[name]})")
-    ax.set_title(title)
+    unit = KEY_UNITS.get(_last(keys[0]).rsplit(".", 1)[-1])
+    ax.set_xlabel(f"{keys[0]} ({unit})" if unit else keys[0])
+    ax.set_ylabel(_named(table, quantity))
+    how = ", ".join(dict.fromkeys(table["method"]))
+    if (table[f"{quantity} {ERROR}"] > 0.0).any():
+        how += "; bars: 95 % intervals"
+    ax.set_title(f"{title}\n{how}" if title else how, fontsize="medium")
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     return ax
@@ -446,19 +497,17 @@ def _last(key: str) -> str:
 
 def write_sweep(
     table: pd.DataFrame, keys: Sequence[str], folder: str | Path, title: str = ""
-) -> bool:
-    """`sweep.csv`, `sweep.parquet` where pyarrow is installed (True), and a picture of each
-    quantity that changes."""
+) -> None:
+    """`sweep.csv`, `sweep.parquet` where pyarrow is installed, and a picture of each quantity that
+    changes."""
     folder = Path(folder)
     write_table(table, folder / "sweep.csv")
-    parquet = importlib.util.find_spec("pyarrow") is not None
-    if parquet:
+    if importlib.util.find_spec("pyarrow") is not None:
         table.to_parquet(folder / "sweep.parquet", index=False)
     for quantity in quantities(table):
-        if table[quantity].nunique() > 1:
+        if changes(table, quantity):
             ax = draw_sweep(table, keys, quantity, title)
             write_picture(ax, folder / f"{quantity}.png")
-    return parquet
 
 
 def values_of(text: str) -> tuple[str, list[float]]:

@@ -12,6 +12,7 @@ from rich.table import Table
 from stochvi.accuracy import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
 from stochvi.crosscheck import APPROXIMATE, BALANCE, DISAGREES, ROUNDING, Check, Comparison
 from stochvi.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
+from stochvi.many_scenes import BALANCES_ONLY
 from stochvi.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
 from stochvi.sizing.chances import spoken_places
 
@@ -72,6 +73,8 @@ def print_response(console: Console, response: Response) -> None:
             "unknown" if estimate.bias is None else _relative_bias(estimate),
         )
     _show(console, table)
+    for reason in _without_bound(response):
+        _say(console, f"{NO_BOUND}{reason}")
     balances = [
         f"{name} {format_with_error(residual.value, residual.standard_error)}"
         if residual.standard_error
@@ -94,6 +97,24 @@ def print_response(console: Console, response: Response) -> None:
     _say(console, price)
     for warning in response.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+NO_BOUND = "no error bound: "
+"""In what an approximation says of itself, before the reason."""
+
+
+def _without_bound(response: Response) -> list[str]:
+    """Why the error of a number that nothing was sampled for is unknown."""
+    told = [
+        each.how
+        for each in response.estimates().values()
+        if each.bias is None and each.standard_error == 0.0
+    ]
+    reasons = [
+        how.partition(NO_BOUND)[2] or f"none is known of what {how.partition(';')[0]} gives here"
+        for how in told
+    ]
+    return list(dict.fromkeys(reasons))
 
 
 def print_first_passage(console: Console, found: FirstPassage) -> None:
@@ -138,7 +159,7 @@ def print_checks(console: Console, verdict: Checks) -> None:
     for line in overview.itertuples(index=False):
         cells = [_cell(cell, ".2f" if isinstance(cell, float) else "") for cell in line]
         cells = ["" if cell == "nan" else cell for cell in cells]
-        table.add_row(*cells, style="" if cells[-1] == "passed" else "bold red")
+        table.add_row(*cells, style="" if cells[-1] in ("passed", BALANCES_ONLY) else "bold red")
     _show(console, table)
     for name, row in verdict.alarms:
         _say(

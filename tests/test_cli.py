@@ -337,6 +337,7 @@ def test_an_option_of_check_out_of_range_is_one_sentence(stochvi: Run, arguments
 def test_the_closure_has_no_variant_of_the_book(stochvi: Run):
     sentence = refused(stochvi("linearise", LOSSY, "--form", "closure", "--variant", "book"))
     assert sentence.startswith("variant must be 'consistent' or 'box' for form 'closure'")
+    assert sentence.endswith("'book' is of the forms 'motion' and 'force'")
 
 
 @pytest.mark.parametrize(
@@ -485,3 +486,22 @@ def test_an_absorber_scene_to_start_from(stochvi: Run, tmp_path: Path) -> None:
     file = tmp_path / "tower.toml"
     assert stochvi("new", file, "--kind", "absorber").code == 0
     assert load_scene(file).absorber is not None
+
+
+def test_linearise_says_why_it_knows_no_bound(stochvi: Run) -> None:
+    told = stochvi("linearise", ISOLATOR).out
+    assert "no error bound: the atlas knows white noise alone" in told
+    assert "no error bound" not in stochvi("linearise", LOSSY).out
+
+
+@pytest.mark.parametrize("command", ["spectrum", "impacts"])
+def test_what_is_simulated_is_printed_with_its_assumptions(stochvi: Run, command: str) -> None:
+    told = stochvi(command, ISOLATOR, "--paths", "64", "--threads", "1")
+    assert "assumptions: displacements are measured from" in told.out
+    assert "J/kg" in told.out or command == "spectrum"
+
+
+def test_a_part_that_stands_there_twice_is_a_list(stochvi: Run, tmp_path: Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text("[absorber]\nmass = 1.0\n[absorber]\nmass = 2.0\n")
+    assert "for several, write each as [[absorber]]" in refused(stochvi("explain", file))

@@ -416,3 +416,16 @@ def test_an_argument_out_of_range_is_refused(arguments, sentence) -> None:
 def test_threads_do_not_change_a_digit() -> None:
     one, two = (impacts(scene(0.8), paths=2100, threads=threads) for threads in (1, 2))
     assert one.to_frame().equals(two.to_frame())
+
+
+def test_the_energy_is_per_kilogram_where_no_mass_is_given(elastic) -> None:
+    mount = Scene(
+        structure=Isolator(frequency_hz=1.0, zeta=0.1),
+        impact_pairs=[ImpactPair(upper=0.1, law=Restitution(coefficient=0.5))],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+    found = impacts(mount, paths=64, threads=1)
+    units = found.to_frame().set_index("quantity")["unit"]
+    assert units["energy lost per impact"] == "J/kg"
+    assert any("energies depend on" in each for each in found.assumptions)
+    assert elastic.pairs["stops"].energy_unit == "J"

@@ -193,7 +193,10 @@ def test_the_checkpoint_itself_is_taken(kept: Path) -> None:
         ({"seed": 0}, "seed 7, not 0"),
         ({"paths": 200}, "paths 100, not 200"),
         ({"duration": 20.0}, "duration 10.0, not 20.0"),
-        ({"rel_error": 0.1}, "rel_error None, not 0.1"),
+        (
+            {"rel_error": 0.1},
+            "of a run with 100 paths, not with rel_error 0.1; leave rel_error out",
+        ),
     ],
 )
 def test_another_question_is_refused(kept: Path, given_now: dict, said: str) -> None:

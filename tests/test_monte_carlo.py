@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
@@ -30,6 +31,7 @@ from stochvi import (
 )
 from stochvi.assemblies import assemble
 from stochvi.identities import residuals
+from stochvi.monte_carlo import runs
 from stochvi.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.monte_carlo.plans import layout_of, make_plan
 from stochvi.monte_carlo.quantities import of_pair, speed_mean
@@ -520,3 +522,15 @@ def test_times_too_far_apart_are_refused_in_a_sentence() -> None:
         simulate(isolator(0.004), paths=2, duration=1e9)
     with pytest.raises(NotApplicable, match="at most 4194304 are made"):
         simulate(isolator(1e-9))
+
+
+def test_compiling_is_said_where_it_takes_time(monkeypatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(runs, "COMPILING_SECONDS", 0.01)
+    with runs.compiling(lambda done, text: said.append(text)):
+        time.sleep(0.2)
+    assert said == ["compiling, once on each machine"]
+    monkeypatch.setattr(runs, "COMPILING_SECONDS", 60.0)
+    with runs.compiling(lambda done, text: said.append(text)):  # kept code is there at once
+        pass
+    assert len(said) == 1

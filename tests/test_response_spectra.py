@@ -223,6 +223,19 @@ def test_two_storeys_on_a_truck(sine: bool) -> None:
         assert misses(kept, 1.2 * truth[away])
 
 
+def test_nothing_is_told_of_a_ratio_at_the_jump_of_a_table() -> None:
+    law = Restitution(coefficient=0.5)
+    found = spectrum(truck(lower=-4e-3, upper=4e-3, law=law), paths=64, threads=1)
+    curves, bin_width = found.curves["x"], 1.0 / found.segment
+    assert 2.0 * bin_width < curves["coherence"].frequency_hz[0] - 5.0 < 3.5 * bin_width
+    # what is left out was far off: the next bins are like those after them
+    first, later = curves["coherence"].value[0], curves["coherence"].value[1:10]
+    scatter = math.hypot(curves["coherence"].standard_error[0], later.std(ddof=1))
+    assert abs(first - later.mean()) < 4.5 * scatter
+    # densities are told there, too
+    assert (np.abs(curves["displacement"].frequency_hz - 5.0) < bin_width).any()
+
+
 def test_stops_part_the_two_transmissibilities() -> None:
     law = Restitution(coefficient=0.5)
     curves = spectrum(truck(lower=-2e-3, upper=2e-3, law=law), paths=64, threads=1).curves["x"]

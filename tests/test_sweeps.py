@@ -13,11 +13,12 @@ from stochvi.cli import main
 from stochvi.closed_form import exact
 from stochvi.contacts import Restitution
 from stochvi.errors import Interrupted, SceneError
+from stochvi.estimates import format_with_error
 from stochvi.excitations import Sine, TabulatedNoise, WhiteNoise
 from stochvi.monte_carlo import simulate
 from stochvi.scenes import ImpactPair, Scene
 from stochvi.structures import Isolator, Oscillator
-from stochvi.sweeps import changed_scene, draw_sweep, quantities, sweep, values_of
+from stochvi.sweeps import changed_scene, changes, draw_sweep, quantities, spoken, sweep, values_of
 
 R = "impact_pair.0.law.coefficient"
 GAP = "impact_pair.0.upper"
@@ -166,7 +167,23 @@ def test_a_line_for_each_combination_of_the_other_keys() -> None:
     ax = draw_sweep(table, list(vary), "stops.collision_rate")
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ["structure.damping 0.1", "structure.damping 0.4"]
-    assert ax.get_ylabel() == "collision rate of stops (1/s)"
+    assert ax.get_ylabel() == "hits, all stops (1/s)"
+    assert ax.get_xlabel() == f"{GAP} (m)" and ax.get_title() == "exact"
+
+
+def test_a_table_and_a_picture_tell_the_errors(tmp_path: Path) -> None:
+    table = sweep(oscillator(), {GAP: [0.5, 1.0]}, paths=64, duration=20.0, threads=1)
+    value, error = (table[f"stops.collision_rate{end}"][0] for end in ("", " standard_error"))
+    assert spoken(table, [GAP])["hits, all stops (1/s)"][0] == format_with_error(value, error)
+    told = draw_sweep(table, [GAP], "stops.collision_rate", "a box").get_title()
+    assert told == "a box\nsimulate; bars: 95 % intervals"
+
+
+def test_a_mean_that_vanishes_is_not_drawn() -> None:
+    table = pd.DataFrame({"x.displacement_std": [1.0, 2.0], "x.displacement_mean": [1e-20, -2e-20]})
+    assert changes(table, "x.displacement_std") and not changes(table, "x.displacement_mean")
+    table["x.displacement_mean"] = [1e-3, 2e-3]
+    assert changes(table, "x.displacement_mean")
 
 
 def test_the_command_writes_a_table_and_pictures(tmp_path: Path) -> None:

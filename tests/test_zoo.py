@@ -12,6 +12,7 @@ from stochvi import Estimate, Response, check, check_many, exact, simulate, zoo
 from stochvi.cli import main
 from stochvi.crosscheck import (
     AGREES,
+    BALANCE,
     DISAGREES,
     FAMILY_ALARM_RATE,
     Answers,
@@ -83,6 +84,15 @@ def test_a_share_of_the_zoo_passes_under_one_alarm_rate() -> None:
     assert sum(len(scene["comparisons"]) for scene in document["scenes"].values()) == len(rows)
     assert set(found.overview()["verdict"]) == {"passed"}
     assert len(set(found.seeds.values())) == len(SHARE)
+
+
+def test_a_scene_of_balances_alone_is_not_said_to_be_compared() -> None:
+    found = check_many(zoo("lossy-0.5"), rel_error=0.05, threads=1)
+    (verdict,) = found.checks.values()
+    rows = [row for row in verdict.comparisons if row.of == BALANCE]
+    alone = replace(found, checks={"alone": replace(verdict, comparisons=rows)})
+    assert set(found.overview()["verdict"]) == {"passed"} and alone.passed
+    assert set(alone.overview()["verdict"]) == {"balances hold"}
 
 
 def wrong_by(response: Response, quantity: str, factor: float) -> Response:

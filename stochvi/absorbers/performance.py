@@ -218,6 +218,7 @@ def absorber(
         response = simulate(
             shaken, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=report
         )
+        report(1.0, "peaks of recorded paths")
         found.append(_performance(shaken, carrier, level, response, seed))
     costs = [each.response.cost for each in found]
     mass = np.diag(scene.structure.matrices[0])

@@ -342,11 +342,13 @@ def sweep(
 ) -> None:
     """A scene over ranges of its keys: a table, a picture per quantity.
 
-    Rows are kept in --out as they come; the same command goes on where it was stopped.
+    Rows are kept in --out as they come; the same command goes on where it was stopped. Beside
+    sweep.csv it writes sweep.parquet where pyarrow is installed (pip install pyarrow).
     """
-    from stochvi.sweeps import once, values_of, write_sweep
+    from stochvi.scenes import load_scene
+    from stochvi.sweeps import once, spoken, values_of, write_sweep
     from stochvi.sweeps import sweep as solve
-    from stochvi.tables import print_frame
+    from stochvi.tables import LAST_DIGITS, print_frame
 
     ranges = dict(once([values_of(text) for text in vary]))
     asked: dict[str, Any] = {
@@ -354,6 +356,7 @@ def sweep(
         "budget": budget,
     }  # fmt: skip
     asked = {name: value for name, value in asked.items() if value is not None}
+    loaded = load_scene(scene)
     if method != "simulate" and (useless := sorted(set(asked) | ({"dask"} if dask else set()))):
         raise ValueError(f"--{useless[0].replace('_', '-')} is for --method simulate alone")
     if paths is not None:
@@ -365,17 +368,17 @@ def sweep(
             progress_bar(quiet, "sweep") as report,
         ):
             table = solve(
-                scene, ranges, method=method, out=out, common=random_numbers == "common",
+                loaded, ranges, method=method, out=out, common=random_numbers == "common",
                 seed=seed, executor=executor, progress=report, **asked,
             )  # fmt: skip
     except KeyboardInterrupt:
         kept = f"rows are kept in {out}: the same command goes on" if out else "nothing was kept"
         stop(f"interrupted by Ctrl-C; {kept}", FAILED)
     if not quiet:
-        governed = ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate")
-        shown = [name for name in table if str(name).rsplit(".", 1)[-1] in governed]
-        print_frame(console_for(None), table[[*ranges, *shown, "seconds"]], f"{method}, SI units")
-    if out is not None and not write_sweep(table, list(ranges), out) and not quiet:
-        click.echo(f"wrote {out}/sweep.csv; sweep.parquet needs pip install pyarrow", err=True)
+        print_frame(console_for(None), spoken(table, list(ranges)), method)
+        if method == "simulate":
+            console_for(None).print(LAST_DIGITS, style="dim", highlight=False)
+    if out is not None:
+        write_sweep(table, list(ranges), out, loaded.title)
     if (noted := table[table["note"] != ""]).shape[0]:
         stop(f"{len(noted)} of {len(table)} rows fell short: {noted['note'].iloc[0]}", FAILED)

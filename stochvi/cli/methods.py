@@ -21,6 +21,10 @@ from stochvi.cli.shared import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
     from stochvi.galerkin import FirstPassage
     from stochvi.impact_statistics import ImpactStatistics
     from stochvi.response_spectra import ResponseSpectrum
@@ -208,6 +212,11 @@ def average(scene: str, variant: str, json_file: str | None, out: Path | None, q
     finish(solve(load_scene(scene), variant=variant.replace("-", " ")), json_file, out, quiet)
 
 
+def _assumed(console: Console, assumptions: Sequence[str]) -> None:
+    """As `print_response` says it."""
+    console.print(f"assumptions: {'; '.join(assumptions)}", style="dim", highlight=False)
+
+
 @main.command()
 @click.argument("scene")
 @click.option("--rel-error", type=float, help="At a frequency [0.05].")
@@ -266,6 +275,7 @@ def _finish_spectrum(
         for name, meaning in found.meanings.items():
             console.print(f"{name}: {meaning}", style="dim", highlight=False)
         console.print(found.summary(), highlight=False)
+        _assumed(console, found.assumptions)
         for warning in found.warnings:
             console.print(f"note: {warning}", style="yellow", highlight=False)
     if json_file is not None:
@@ -332,6 +342,7 @@ def _finish_impacts(
         console = console_for(json_file)
         print_frame(console, found.to_table(), "impacts, with 95 % intervals of the rates")
         console.print(found.summary(), highlight=False)
+        _assumed(console, found.assumptions)
         for warning in found.warnings:
             console.print(f"note: {warning}", style="yellow", highlight=False)
     if json_file is not None:
@@ -421,12 +432,10 @@ def simulate(
         so_far = getattr(reason, "response", None)  # Ctrl-C may come before there is a run
         if so_far is not None:
             finish(so_far, json_file, out, quiet)
-        if isinstance(reason, KeyboardInterrupt):
-            kept = checkpoint or resume
-            there = kept is not None and Path(kept).is_file()
-            said = str(reason) or "interrupted by Ctrl-C"
-            stop(said + (f"; go on with --resume {kept}" if there else ""), FAILED)
-        raise
+        kept = checkpoint or resume
+        there = kept is not None and Path(kept).is_file()
+        said = str(reason) or "interrupted by Ctrl-C"
+        stop(said + (f"; go on with --resume {kept}" if there else ""), FAILED)
     finish(response, json_file, out, quiet)
     if out is not None and not loaded.beyond_one_oscillator() and loaded.system().omega > 0.0:
         from stochvi.files import write_picture

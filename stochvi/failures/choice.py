@@ -15,7 +15,7 @@ from stochvi.errors import NotConverged
 from stochvi.estimates import Estimate
 from stochvi.failures.answer import Chance
 from stochvi.monte_carlo.missions import MissionPlan
-from stochvi.monte_carlo.runs import Progress
+from stochvi.monte_carlo.runs import Progress, compiling
 from stochvi.monte_carlo.splitting import (
     PARTICLES,
     SHARE,
@@ -164,7 +164,8 @@ class Jobs:
 
     def _found(self, plan: MissionPlan, way: Way | None, hits: bool) -> Found:
         """Pilot, choice, second stage."""
-        plan.fly(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
+        with compiling(self.progress):
+            plan.fly(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
         self._deadline = math.inf if self.budget is None else time.perf_counter() + self.budget
         tried = int(min(max(PILOT_STEPS // plan.steps_per_path, PILOT_FEWEST), PILOT_MISSIONS))
         pilot = of_missions(self._missions(plan, self._seed("pilot missions"), tried, hits))

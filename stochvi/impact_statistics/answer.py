@@ -86,6 +86,7 @@ class ImpactStatistics:
     window: float
     step: float
     each: bool
+    assumptions: Sequence[str] = ()
     warnings: Sequence[str] = ()
     cost: Cost = field(default_factory=Cost)
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -147,6 +148,7 @@ class ImpactStatistics:
             "window": self.window,
             "step": self.step,
             "each": self.each,
+            "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
             "cost": asdict(self.cost),
             "provenance": dict(self.provenance),

@@ -41,6 +41,7 @@ from stochvi.impact_statistics.tallies import (
     ratio,
 )
 from stochvi.monte_carlo.impact_logs import ImpactPlan, plan_impacts
+from stochvi.monte_carlo.runs import compiling
 from stochvi.monte_carlo.simulate import check_arguments
 from stochvi.scenes import Scene
 
@@ -160,6 +161,8 @@ def impacts(
     grids = {
         contact.name: _grid(plan, contact, contact.name) for contact in assembly.contacts
     }  # fmt: skip
+    with compiling(progress):
+        plan.impacts(seed, 0, 1)
     workers = threads or len(os.sched_getaffinity(0))
     found: dict[str, list[Tally]] = {name: [] for name in grids}
     short = ""
@@ -203,6 +206,7 @@ def impacts(
         window=plan.duration / WINDOWS,
         step=plan.step,
         each=plan.each,
+        assumptions=scene.assumptions(),
         warnings=(
             *(["the accuracy asked for was not reached"] if short else []),
             *_unseen(pairs, done * plan.duration),

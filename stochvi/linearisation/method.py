@@ -241,7 +241,10 @@ def _check_words(form: str, variant: str) -> None:
         raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
     if form in ("closure", "clumps") and variant == "book":
         others = "'consistent' or 'box'" if form == "closure" else "'consistent'"
-        raise ValueError(f"variant must be {others} for form {form!r}, which is not in the book")
+        raise ValueError(
+            f"variant must be {others} for form {form!r}, which is not in the book; 'book' is of "
+            "the forms 'motion' and 'force'"
+        )
     if form != "closure" and variant == "box":
         only = "'consistent'" if form == "clumps" else "'consistent' or 'book'"
         raise ValueError(f"variant must be {only} for form {form!r}, got 'box'")

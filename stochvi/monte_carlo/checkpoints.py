@@ -171,11 +171,20 @@ class Checkpoint:
         for name, value in asdict(given.plain()).items():
             before = getattr(self.asked, name)
             if value is not None and value is not False and value != before:
+                had = f"{self._instead_of(name)}, not with {name} {value}"
+                if before is not None:
+                    had = f"{name} {before}, not {value}"
                 raise CheckpointError(
-                    f"{self.path} is of a run with {name} {before}, not {value}; leave {name} out "
+                    f"{self.path} is of a run with {had}; leave {name} out "
                     "to go on with it, or start again without the checkpoint"
                 )
         return self.asked
+
+    def _instead_of(self, name: str) -> str:
+        """What was asked for where an argument was not given."""
+        if name == "rel_error":
+            return f"{self.asked.paths} paths"
+        return f"rel_error {self.asked.rel_error}" if name == "paths" else f"no {name}"
 
     def check(self, scene: Scene, proof: str = "") -> None:
         """CheckpointError if it is of another scene, of other versions or another processor."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from threading import Timer
 
 from stochvi.assemblies import Contact, assemble
 from stochvi.collisions import COLLAPSE_RESTITUTION, upper_limit_unseen
@@ -47,8 +48,27 @@ MOST_REFINEMENTS = 4
 """How often the step is halved when its bias, beyond doubt, exceeds what was asked for."""
 
 
+COMPILING_SECONDS = 2.5
+"""From which on it is said; code that is kept is there much sooner."""
+
 REPORT_SECONDS = 0.5
 """Between sentences of progress: each takes the errors of all governed quantities."""
+
+
+@contextmanager
+def compiling(progress: Progress | None) -> Iterator[None]:
+    """Say that machine code is being made, where that takes time: it is kept, so that the next run
+    on this machine finds it."""
+    if progress is None:
+        yield
+        return
+    speaker = Timer(COMPILING_SECONDS, progress, (0.0, "compiling, once on each machine"))
+    speaker.daemon = True
+    speaker.start()
+    try:
+        yield
+    finally:
+        speaker.cancel()
 
 
 @dataclass

@@ -23,7 +23,14 @@ from stochvi.monte_carlo.plans import Plan, layout_of, make_plan, plan_several
 from stochvi.monte_carlo.quantities import (
     Key,
 )
-from stochvi.monte_carlo.runs import FEWEST_PATHS, Progress, Run, relative_standard_errors, until
+from stochvi.monte_carlo.runs import (
+    FEWEST_PATHS,
+    Progress,
+    Run,
+    compiling,
+    relative_standard_errors,
+    until,
+)
 from stochvi.scenes import Scene
 
 if TYPE_CHECKING:
@@ -182,7 +189,8 @@ def _begun(
         proof = "" if before is None else before.proof  # a new one takes time to compile
         new = resume is None or Path(target).resolve() != Path(resume).resolve()
         keeper = Keeper(Path(target), scene, asked, state, proof, checkpoint_interval, new)
-    compile_time, proof = _compile(plan)
+    with compiling(progress):
+        compile_time, proof = _compile(plan)
     if before is not None:
         before.check(scene, proof)
     if keeper is not None:

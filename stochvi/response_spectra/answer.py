@@ -76,6 +76,7 @@ class ResponseSpectrum:
     bandwidth: float
     degrees_of_freedom: float
     meanings: Mapping[str, str]
+    assumptions: Sequence[str] = ()
     warnings: Sequence[str] = ()
     cost: Cost = field(default_factory=Cost)
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -153,6 +154,7 @@ class ResponseSpectrum:
             "bandwidth": self.bandwidth,
             "degrees_of_freedom": self.degrees_of_freedom,
             "meanings": dict(self.meanings),
+            "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
             "cost": vars(self.cost),
             "provenance": dict(self.provenance),

@@ -32,6 +32,7 @@ from stochvi.errors import NotApplicable, NotConverged
 from stochvi.estimates import Cost, provenance
 from stochvi.excitations import Sine
 from stochvi.monte_carlo.histories import HistoryPlan, plan_histories
+from stochvi.monte_carlo.runs import compiling
 from stochvi.monte_carlo.simulate import check_arguments
 from stochvi.response_spectra.answer import UNITS, Curve, ResponseSpectrum
 from stochvi.response_spectra.quantities import channels_of, quantities_of
@@ -148,6 +149,8 @@ def spectrum(
     asked = REL_ERROR if rel_error is None else rel_error
     started = time.perf_counter()
     plan, layout, bandwidth = _planned(scene, method, highest, segment)
+    with compiling(progress):
+        plan.histories(seed, 0, 1)
     workers = threads or len(os.sched_getaffinity(0))
     target = FEWEST_PATHS if paths is None else paths
     moments, late = None, False
@@ -263,6 +266,13 @@ def _run(
     return found, late
 
 
+def _jumps(scene: Scene) -> list[float]:
+    """Where the density of the excitation jumps, Hz: within a main lobe of it both sides leak into
+    one bin, with gains and phases of both, which no smearing of densities tells."""
+    ends = (table.frequency_hz[[0, -1]] for table in scene.system().tables)
+    return [float(end) for pair in ends for end in pair]
+
+
 def _block(plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int) -> Moments:
     """One task: records of some paths, reduced."""
     return Moments.of(products(channels_of(plan, plan.histories(seed, first, paths)), layout))
@@ -305,6 +315,8 @@ def _answer(
         if UNITS[name] == "1":
             into = quantities[owner, "excitation"](moments.mean)
             told = inside & (into > EXCITED * np.max(into[inside]))
+            for jump in _jumps(scene):
+                told &= np.abs(f - jump) > KERNEL_BINS[method] * (f[1] - f[0])
         curves.setdefault(owner, {})[name] = Curve(
             frequency_hz=f[told],
             value=value[told],
@@ -326,6 +338,7 @@ def _answer(
         bandwidth=bandwidth,
         degrees_of_freedom=float(freedom),
         meanings=meanings,
+        assumptions=scene.assumptions(),
         warnings=tuple(warnings),
         cost=cost,
         provenance=provenance(scene.document(), seed),

@@ -115,6 +115,8 @@ def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
         meanings["transmissibility_h1"] = f"{of}, the part that is linear in the excitation"
         meanings["transmissibility_ratio"] = f"{of}, root of the ratio of densities"
         meanings["coherence"] = "of what is transmitted with the excitation"
+        if scene.system().tables:
+            meanings["coherence"] += "; like transmissibilities, not told at the ends of a table"
     else:
         meanings["coherence"] = (
             "left out, as are transmissibilities: the excitation is known of one oscillator under "

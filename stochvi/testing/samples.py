@@ -136,9 +136,10 @@ def _quantities(means: Values) -> dict[str, Any]:
 def sample_of(problem: Problem, returned: Mapping[str, Any]) -> Sample:
     """What an integrator returned, in one of the three forms that `judge` takes."""
     if not isinstance(returned, Mapping) or not returned:
+        got = "an empty dict" if returned == {} else type(returned).__name__
         raise ValueError(
             "integrator must return a dict of records, of averages of each path or of "
-            f"(value, standard error), got {type(returned).__name__}"
+            f"(value, standard error), got {got}"
         )
     known = {*RECORDS, *AVERAGES, *QUANTITIES}
     for name in returned:
@@ -210,7 +211,7 @@ def _path_averages(columns: Mapping[str, Vector]) -> PathAverages:
         if len(shape) != 1 or shape[0] < FEWEST_PATHS or shape != next(iter(shapes.values())):
             raise ValueError(
                 f"integrator returned {name} of shape {shape}, expected one average for each of "
-                f"the same {FEWEST_PATHS} or more paths"
+                f"the same {FEWEST_PATHS} or more paths, or (value, standard error)"
             )
     return PathAverages(columns)
 
