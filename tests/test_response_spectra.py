@@ -1,6 +1,7 @@
 """Spectra from records against exact ones, and against scipy on the same records."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -319,3 +320,11 @@ def test_views_and_errors() -> None:
         spectrum(FREE, segment=1.0)
     with pytest.raises(ValueError, match="paths must be"):
         spectrum(FREE, paths=1)
+
+
+def test_a_record_that_ends_before_it_was_promised_to_is_refused() -> None:
+    plan = plan_histories(FREE).sampled(0.1, 50.0)
+    assert plan.histories(1, 0, 2).displacement.shape[2] == plan.samples
+    longer = replace(plan, duration=2.0 * plan.duration)
+    with pytest.raises(AssertionError, match="samples, 1000 were promised"):
+        longer.histories(1, 0, 2)
