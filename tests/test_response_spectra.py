@@ -1,6 +1,7 @@
 """Spectra from records against exact ones, and against scipy on the same records."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -365,3 +366,11 @@ def test_time_that_runs_out_before_a_block_of_a_later_round_keeps_the_rounds_bef
     with pytest.raises(NotConverged, match="raise budget") as short:
         spectrum(FREE, rel_error=1e-3, threads=1)
     assert len(rounds) == 2 and short.value.response.cost.paths == method.FEWEST_PATHS
+
+
+def test_a_record_that_ends_before_it_was_promised_to_is_refused() -> None:
+    plan = plan_histories(FREE).sampled(0.1, 50.0)
+    assert plan.histories(1, 0, 2).displacement.shape[2] == plan.samples
+    longer = replace(plan, duration=2.0 * plan.duration)
+    with pytest.raises(AssertionError, match="samples, 1000 were promised"):
+        longer.histories(1, 0, 2)
