@@ -39,7 +39,7 @@ in scenes that were not used to find them (studies/13_linearisation_atlas)."""
 
 ONE_SIDED_SAFETY = 2.0
 """Times that, for F2 of two unlike stops. Where one keeps and the other takes energy no relative
-has its error: at zeta .006, R = 1 and .5, the closure was off by 1.95 times the bound without it."""
+has its error: at zeta .006, R = 1 and .5, the closure was off by 1.95 of the bounds without it."""
 
 CLUMPS_SAFETY = 3.0
 """Times UNLIKE_SAFETY, for the form "clumps": the law of the energy knows still less of two stops
