@@ -38,7 +38,8 @@ def write_text(text: str, path: Path) -> None:
     if path.exists() and not path.is_file() and not path.is_dir():
         path.write_text(text, encoding="utf-8")
         return
-    _make_folder(path.resolve().parent)
+    # the folder of what a link names, and otherwise the one that was asked for
+    _make_folder(path.resolve().parent if path.is_symlink() else path.parent)
     write_whole(text.encode(), path)
 
 

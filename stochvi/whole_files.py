@@ -21,11 +21,10 @@ def write_whole(data: bytes, path: Path, *, durable: bool = False) -> None:
     OSError
         With the name of the file that was asked for; nothing is left then.
     """
-    path = path.resolve()
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "Is a folder, expected a file name", str(path))
     try:
-        _write_beside(data, path, durable)
+        _write_beside(data, path.resolve(), durable)
     except OSError as error:  # it would name the hidden file, or none
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 

@@ -156,7 +156,8 @@ def test_response_names_method_and_assumptions(form: str, variant: str) -> None:
         (("force", "best"), "variant must be one of consistent, book, box, got 'best'"),
         (
             ("closure", "book"),
-            "variant must be 'consistent' or 'box' for form 'closure', which is not in the book",
+            "variant must be 'consistent' or 'box' for form 'closure', which is not in the book; "
+            "'book' is of the forms 'motion' and 'force'",
         ),
     ],
 )

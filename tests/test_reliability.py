@@ -254,7 +254,7 @@ def test_the_command(stochvi: Run, tmp_path: Any) -> None:  # noqa: F811
 @pytest.mark.parametrize(
     ("barrier", "code", "said"),
     [
-        ("0", 2, "with lower < upper, got"),
+        ("0", 2, "--barrier must be positive, or LO,HI"),
         ("2,1", 2, "with lower < upper, got (2.0, 1.0)"),
         ("1,2", 2, "not between the barriers (1 m, 2 m)"),
         ("3,", 2, "not between the barriers (3 m, none)"),

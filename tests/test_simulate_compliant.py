@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from test_compliant import EXACT, RUBBER, STEEL, scene
+from test_compliant import EXACT, RUBBER, scene
 
-from stochvi import Estimate, ImpactPair, NotApplicable, Scene, WhiteNoise, check, simulate
-from stochvi.structures import Matrices
+from stochvi import Estimate, check, simulate
 
 
 @pytest.mark.parametrize("name", ["linear", "Hertz", "unequal, with a wall"])
@@ -28,17 +27,3 @@ def test_forces_are_those_on_the_mass_of_the_scene() -> None:
         one, other = light[quantity], heavy[quantity]
         assert isinstance(one, Estimate) and isinstance(other, Estimate)
         assert other.value == pytest.approx(2.5 * one.value, rel=1e-6)
-
-
-def test_several_coordinates_need_rigid_stops() -> None:
-    structure = Matrices(
-        coordinates=["a", "b"], mass=[[1.0, 0.0], [0.0, 1.0]], damping=[[0.1, 0.0], [0.0, 0.1]],
-        stiffness=[[1.0, 0.0], [0.0, 1.0]],
-    )  # fmt: skip
-    case = Scene(
-        structure=structure,
-        impact_pairs=[ImpactPair(on="a", upper=1.0, law=STEEL)],
-        excitations=[WhiteNoise(on="a", intensity=0.2)],
-    )
-    with pytest.raises(NotApplicable, match="stops must be rigid"):
-        simulate(case)

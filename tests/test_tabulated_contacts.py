@@ -399,8 +399,13 @@ def test_filtered_noise_and_sines_need_no_table_beside_them() -> None:
         estimate = found[name]
         assert estimate.bias is not None
         assert_agrees(replace(estimate, bias=estimate.bias + missing), truth[name])
-    with pytest.raises(NotApplicable):  # nothing random
-        simulate(case.model_copy(update={"excitations": (Sine(amplitude=1.0, frequency_hz=0.3),)}))
+
+
+def test_a_sine_alone_may_keep_several_regimes_and_that_is_said() -> None:
+    tone = Sine(amplitude=1.0, frequency_hz=0.3)
+    alone = WHITE["linear"].model_copy(update={"excitations": (tone,)})
+    (said,) = (each for each in simulate(alone, paths=64).warnings if "several regimes" in each)
+    assert "compare with a longer duration" in said
 
 
 def test_a_wall_and_a_stop_that_gives_way_balance_too() -> None:

@@ -258,7 +258,7 @@ def test_a_response_of_an_integrator_goes_into_a_comparison() -> None:
         ({"velocity_rms": (1.0, 0.1)}, "'velocity_rms', expected"),
         ({"velocity_std": (1.0, -0.1)}, "standard_error must be at least 0"),
         ({"velocity_mean_square": np.ones(3)}, "16 or more paths"),
-        ({"velocity_std": 1.0}, r"or \(value, standard error\)"),
+        ({"velocity_std": 1.0}, r"a tuple \(value, standard error\)"),
         ({}, "got an empty dict"),
         ({"velocity_mean_square": np.ones(99), "velocity_std": (1.0, 0.1)}, "a mixture"),
         ({"displacement": np.ones(99)}, "raise relaxations to 96"),
