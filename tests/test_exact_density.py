@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import mpmath as mp
 import numpy as np
 import pytest
 from known import oscillator
@@ -41,7 +42,6 @@ WALL = scene(lower=-1.0, law=Restitution(coefficient=1.0))
 
 def test_tails_at_40_deviations_against_forty_digits():
     """mpmath, 40 digits: log of the ratio of integrals of exp(-U), U written out here."""
-    mp = pytest.importorskip("mpmath")
     with mp.workdps(40):
         # one rigid stop: log(erfc(40 / sqrt 2) / erfc(-1 / sqrt 2))
         wall = mp.log(mp.erfc(40 / mp.sqrt(2)) / mp.erfc(-1 / mp.sqrt(2)))
