@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.answers import Answer
+from stochvi.checked import check_oscillators
 from stochvi.collisions import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
 from stochvi.contacts import SpeedRestitution
 from stochvi.errors import NotApplicable, NotConverged
@@ -334,16 +335,7 @@ def _check_arguments(rtol: float, speed_threshold: float | None) -> None:
 
 
 def _check_arrays(scenes: Scenes) -> None:
-    for name, column in scenes._asdict().items():
-        if np.isnan(column).any():
-            raise ValueError(f"{name} must be numbers, got nan")
-        if name in ("omega", "damping_rate", "intensity") and (column < 0.0).any():
-            raise ValueError(f"{name} must be at least 0, got {column.min():g}")
-        outside = (column < 0.0) | (column > 1.0)
-        if name.startswith("restitution") and outside.any():
-            raise ValueError(f"{name} must be in [0, 1], got {column[outside][0]:g}")
-    if not (scenes.lower < scenes.upper).all():
-        raise ValueError("needs lower < upper in every scene")
+    check_oscillators(scenes._asdict())
     unmet = []
     if (scenes.intensity == 0.0).any():
         unmet.append("intensity must be positive in every scene, got 0")

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stochvi.checked import check_oscillators
 from stochvi.errors import NotApplicable
 from stochvi.linearisation.cut_laws import ROUGH, Booleans, CutLaws, Vector, cut_laws
 
@@ -146,18 +147,10 @@ def linearise_many(
 
 
 def _check(oscillators: Oscillators) -> None:
+    check_oscillators(oscillators._asdict())
     for name, column in oscillators._asdict().items():
-        if np.isnan(column).any():
-            raise ValueError(f"{name} must be numbers, got nan")
         if name not in ("lower", "upper") and np.isinf(column).any():
             raise ValueError(f"{name} must be finite, got inf")
-        if name in ("omega", "damping_rate", "intensity") and (column < 0.0).any():
-            raise ValueError(f"{name} must be at least 0, got {column.min():g}")
-        outside = (column < 0.0) | (column > 1.0)
-        if name.startswith("restitution") and outside.any():
-            raise ValueError(f"{name} must be in [0, 1], got {column[outside][0]:g}")
-    if not (oscillators.lower < oscillators.upper).all():
-        raise ValueError("needs lower < upper in every scene")
     unmet = []
     if (oscillators.intensity == 0.0).any():
         unmet.append("intensity must be positive in every scene, got 0")
