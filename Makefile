@@ -20,6 +20,7 @@ lint: .venv/dev-installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 studies: .venv/test-installed
 	for study in studies/*/run.py; do $(BIN)/python $$study || exit 1; done
@@ -36,4 +37,4 @@ bench: .venv/bench-installed
 	touch $@
 
 clean:
-	rm -rf .venv out stochvi/monte_carlo/kernels/__pycache__
+	rm -rf .venv out stochvi/methods/monte_carlo/kernels/__pycache__

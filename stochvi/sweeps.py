@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.conventions import plain_number
-from stochvi.errors import CheckpointError, NotApplicable, NotConverged, SceneError
-from stochvi.estimates import QUANTITY_UNITS, Response, format_with_error, provenance
-from stochvi.files import to_json, write_picture, write_table, write_text
-from stochvi.scenes import Scene, load_scene, scene_from
-from stochvi.tables import NEGLIGIBLE, QUANTITY_NAMES
+from stochvi.mathematics.units import plain_number
+from stochvi.results.errors import CheckpointError, NotApplicable, NotConverged, SceneError
+from stochvi.results.estimates import QUANTITY_UNITS, Response, format_with_error, provenance
+from stochvi.scenes.scene import Scene, load_scene, scene_from
+from stochvi.views.files import to_json, write_picture, write_table, write_text
+from stochvi.views.tables import NEGLIGIBLE, QUANTITY_NAMES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,10 +101,10 @@ def sweep(
 
     Examples
     --------
-    >>> from stochvi.contacts import Restitution
-    >>> from stochvi.excitations import WhiteNoise
-    >>> from stochvi.scenes import ImpactPair
-    >>> from stochvi.structures import Oscillator
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
     >>> scene = Scene(
     ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
     ...     impact_pairs=[ImpactPair(upper=1.0, law=Restitution(coefficient=1.0))],
@@ -246,25 +246,25 @@ class Job:
             case "simulate":
                 return self._simulated(folder, executor, progress)
             case "exact":
-                from stochvi.closed_form import exact
+                from stochvi.methods.closed_form import exact
 
                 return exact(self.scene, **self.arguments)
             case "closure":
-                from stochvi.linearisation import linearise
+                from stochvi.methods.linearisation import linearise
 
                 return linearise(self.scene, form="closure", **self.arguments)
             case "fokker-planck":
-                from stochvi.galerkin import fokker_planck
+                from stochvi.methods.fokker_planck import fokker_planck
 
                 return fokker_planck(self.scene, **self.arguments)
-        from stochvi.averaging import average
+        from stochvi.methods.averaging import average
 
         return average(self.scene, **self.arguments)
 
     def _simulated(
         self, folder: Path | None, executor: Executor | None, progress: Progress
     ) -> Response:
-        from stochvi.monte_carlo import simulate
+        from stochvi.methods.monte_carlo import simulate
 
         asked: dict[str, Any] = {
             "seed": self.seed, "executor": executor, "progress": progress, **self.arguments
@@ -300,7 +300,7 @@ class Job:
 
 def _goes_on(checkpoint: Path) -> bool:
     """Whether there is a checkpoint to go on from; one that is damaged is removed."""
-    from stochvi.monte_carlo.checkpoints import Checkpoint
+    from stochvi.methods.monte_carlo.checkpoints import Checkpoint
 
     if not checkpoint.exists():
         return False
@@ -352,7 +352,7 @@ FREE = ("threads", "budget", "checkpoint_interval")
 def _versions(method: str) -> str:
     """What the digits of a row hang on beside its scene."""
     if method == "simulate":
-        from stochvi.monte_carlo.blocks import machine
+        from stochvi.methods.monte_carlo.blocks import machine
 
         return machine()
     return str(provenance({}))

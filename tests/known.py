@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from stochvi.contacts import Restitution
-from stochvi.datasets import data_folder
-from stochvi.estimates import QUANTITY_UNITS, Response
-from stochvi.excitations import ConstantLoad, WhiteNoise
-from stochvi.scenes import ImpactPair, Scene
-from stochvi.structures import Oscillator
+from stochvi.results.estimates import QUANTITY_UNITS, Response
+from stochvi.scenes.datasets import data_folder
+from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
+from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Oscillator
 
 # Oscillators with omega = 1, b = 0.1, S0 = 0.2, that is theta = 1, in any units ---------------
 

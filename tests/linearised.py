@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from stochvi.contacts import Restitution
-from stochvi.estimates import Estimate, Response
-from stochvi.excitations import ConstantLoad, Excitation, WhiteNoise
-from stochvi.scenes import ImpactPair, Scene
-from stochvi.structures import Oscillator
+from stochvi.results.estimates import Estimate, Response
+from stochvi.scenes.excitations import ConstantLoad, Excitation, WhiteNoise
+from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Oscillator
 
 WAYS = [
     ("closure", "consistent"),

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from stochvi import ImpactPair, Isolator, Scene, TabulatedNoise, screen, simulate
-from stochvi.contacts import Law, Viscoelastic
-from stochvi.estimates import Cost, Estimate, provenance
-from stochvi.excitations import Excitation
-from stochvi.isolators import with_clearance
-from stochvi.sizing.answer import Clearance, Sizing, Target, ThreeSigma
+from stochvi.isolators.screening import with_clearance
+from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.scenes.excitations import Excitation
+from stochvi.scenes.impact_laws import Law, Viscoelastic
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
 MOUNT = Isolator(

@@ -99,4 +99,4 @@ def test_every_row_is_cited_by_a_file_that_it_names() -> None:
 def test_a_name_that_does_not_exist_is_seen() -> None:
     """Negative control."""
     with pytest.raises(AttributeError):
-        file_of("linearisation.force.no_such_name")
+        file_of("methods.linearisation.force.no_such_name")

@@ -10,10 +10,10 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 
 PROBE = """
-import stochvi, stochvi.datasets as d
+import stochvi, stochvi.scenes.datasets as d
 print(stochvi.__file__)
 print(len(d.profiles()), d.shipped_scene("isolator-truck").is_file(), d.data_folder())
-from stochvi.report.pages import Page
+from stochvi.views.report.pages import Page
 page = Page(title="t", subtitle="s", verdict="v", cards=[], sections=[])
 print("<html" in page.html(), len(d.scene_files("isolator-bumper")))
 """

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from stochvi.absorbers.performance import linear_rms, without_absorber
-from stochvi.attachments import Absorber
-from stochvi.contacts import Restitution
-from stochvi.errors import NotApplicable
-from stochvi.estimates import Cost, Estimate
-from stochvi.excitations import BASE, ConstantLoad
-from stochvi.isolators import GAUSSIAN_95
-from stochvi.monte_carlo import simulate
-from stochvi.monte_carlo.runs import Progress
-from stochvi.scenes import Scene
-from stochvi.structures import Isolator, Oscillator
+from stochvi.methods.monte_carlo import simulate
+from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.scenes.absorbers import Absorber
+from stochvi.scenes.excitations import BASE, ConstantLoad
+from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures import Isolator, Oscillator
 
 Vector = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ def design_absorber(
 
     Examples
     --------
-    >>> from stochvi.excitations import WhiteNoise
+    >>> from stochvi.scenes.excitations import WhiteNoise
     >>> shaken = Scene(
     ...     structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
     ...     excitations=[WhiteNoise(intensity=0.04)],

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.state_space import transition
+from stochvi.mathematics.state_space import transition
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

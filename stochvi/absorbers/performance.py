@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stochvi.assemblies import Assembly, Contact, assemble
-from stochvi.errors import NotApplicable
-from stochvi.estimates import Cost, Estimate, Response
-from stochvi.excitations import BASE, ConstantLoad
-from stochvi.isolators import GAUSSIAN_95
-from stochvi.modes import linear_law, modes_of
-from stochvi.monte_carlo import record_paths, simulate
-from stochvi.monte_carlo.runs import Progress
-from stochvi.scenes import Scene
-from stochvi.structures import Matrices
+from stochvi.methods.monte_carlo import record_paths, simulate
+from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.model.modal import linear_law, modes_of
+from stochvi.model.model import Assembly, Contact, assemble
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Cost, Estimate, Response
+from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.scenes.excitations import BASE, ConstantLoad
+from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures import Matrices
 
 PEAK_PERIODS = 100
 """Periods of the structure in a window whose largest displacement is a peak."""
@@ -180,10 +180,10 @@ def absorber(
 
     Examples
     --------
-    >>> from stochvi.attachments import Absorber
-    >>> from stochvi.contacts import Restitution
-    >>> from stochvi.excitations import WhiteNoise
-    >>> from stochvi.structures import Oscillator
+    >>> from stochvi.scenes.absorbers import Absorber
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
     >>> scene = Scene(
     ...     structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
     ...     absorber=Absorber(mass=0.1, play=3.0, law=Restitution(coefficient=0.5)),

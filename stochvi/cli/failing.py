@@ -15,7 +15,7 @@ from stochvi.cli.shared import console_for, main, options, progress_bar
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from stochvi.failures import Reliability
+    from stochvi.statistics.reliability import Reliability
 
 UNITS = {"impact_speed": "m/s", "peak_acceleration": "m/s^2"}
 
@@ -64,10 +64,10 @@ def reliability(
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """
-    from stochvi.errors import NotConverged
-    from stochvi.failures import reliability as solve
-    from stochvi.files import write_json, write_table
-    from stochvi.scenes import load_scene
+    from stochvi.results.errors import NotConverged
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.reliability import reliability as solve
+    from stochvi.views.files import write_json, write_table
 
     loaded = load_scene(scene)
     asked: dict[str, Any] = {"start": start, "way": way and way.replace("-", " ")}
@@ -109,7 +109,7 @@ NEAR_ONE = 0.999
 
 def _spoken(value: float, error: float, lower: float) -> str:
     """A chance with its error, or what it is more than."""
-    from stochvi.estimates import format_with_error
+    from stochvi.results.estimates import format_with_error
 
     if value < NEAR_ONE:
         return format_with_error(value, error)
@@ -120,8 +120,8 @@ def _spoken(value: float, error: float, lower: float) -> str:
 def print_reliability(console: Console, found: Reliability, typed: str | None = None) -> None:
     """The chances and their intervals, the way to each, the price; `typed` is a limit of the
     acceleration in g."""
-    from stochvi.estimates import format_with_error
-    from stochvi.tables import _say, _show, _table
+    from stochvi.results.estimates import format_with_error
+    from stochvi.views.tables import _say, _show, _table
 
     title = f"in a mission of {found.mission:g} s from {SPOKEN[found.start]}"
     percent = f"{100.0 * found.confidence:g} % interval"

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 @options("json", "out", "quiet")
 def screen(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
     """Linear screening of an isolator: rms, Miles, 3 sigma, Rice."""
-    from stochvi.files import write_json, write_table
-    from stochvi.isolators import screen as solve
-    from stochvi.scenes import load_scene
-    from stochvi.tables import print_screening
+    from stochvi.isolators.screening import screen as solve
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.files import write_json, write_table
+    from stochvi.views.tables import print_screening
 
     linear = solve(load_scene(scene))
     if not quiet:
@@ -61,11 +61,11 @@ def clearance(
     quiet: bool,
 ) -> None:
     """Hit rate of an isolator against clearance: Rice, closure, Monte Carlo."""
-    from stochvi.files import write_clearance
-    from stochvi.isolators import clearance_curve
-    from stochvi.isolators import screen as solve
-    from stochvi.scenes import load_scene
-    from stochvi.tables import print_clearance
+    from stochvi.isolators.screening import clearance_curve
+    from stochvi.isolators.screening import screen as solve
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.files import write_clearance
+    from stochvi.views.tables import print_clearance
 
     multiples = numbers("--gaps", gaps)
     loaded = load_scene(scene)
@@ -130,10 +130,10 @@ def size(
     quiet: bool,
 ) -> None:
     """The clearance that is really needed, with a stated risk."""
-    from stochvi.files import write_json
-    from stochvi.scenes import load_scene
-    from stochvi.sizing.method import size as solve
-    from stochvi.tables import print_sizing
+    from stochvi.isolators.sizing.method import size as solve
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.files import write_json
+    from stochvi.views.tables import print_sizing
 
     loaded = load_scene(scene)
     with progress_bar(quiet, "sizing") as report:
@@ -153,7 +153,7 @@ def size(
         )
     table = None
     if sensitivity:
-        from stochvi.sizing.sensitivity import sensitivity as vary
+        from stochvi.isolators.sizing.sensitivity import sensitivity as vary
 
         table = vary(found, seed=seed, threads=threads)
     if not quiet:
@@ -162,14 +162,14 @@ def size(
         changes = {} if table is None else {"sensitivity": table.to_dict("records")}
         write_json(found.to_dict() | changes, json_file)
     if out is not None:
-        from stochvi.report.write import write_report
+        from stochvi.views.report.write import write_report
 
         write_report(found, out, table)
 
 
 def _acceleration(text: str | None) -> float | None:
     """m/s^2 from "150" or "15.3g"."""
-    from stochvi.conventions import STANDARD_GRAVITY
+    from stochvi.mathematics.units import STANDARD_GRAVITY
 
     if text is None:
         return None
@@ -223,10 +223,10 @@ def absorber(
     """
     from stochvi.absorbers.design import design_absorber
     from stochvi.absorbers.performance import absorber as perform
-    from stochvi.absorbers.views import draw_design, draw_levels, print_absorber, print_design
-    from stochvi.files import write_json, write_picture, write_table
-    from stochvi.report.absorber import write_absorber_report
-    from stochvi.scenes import load_scene
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.absorbers import draw_design, draw_levels, print_absorber, print_design
+    from stochvi.views.files import write_json, write_picture, write_table
+    from stochvi.views.report.absorber import write_absorber_report
 
     loaded = load_scene(scene)
     common: dict[str, Any] = {
@@ -276,10 +276,10 @@ def jolt(
     quiet: bool,
 ) -> None:
     """Sine on a mount: can a jolt throw it into clatter, how long does it stay."""
-    from stochvi.files import write_json, write_table
-    from stochvi.jolts import jolts
-    from stochvi.scenes import load_scene
-    from stochvi.tables import print_frame
+    from stochvi.isolators.jolts import jolts
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.files import write_json, write_table
+    from stochvi.views.tables import print_frame
 
     found = jolts(
         load_scene(scene), numbers("--speeds", speeds), paths=paths, duration=duration, seed=seed
@@ -345,10 +345,10 @@ def sweep(
     Rows are kept in --out as they come; the same command goes on where it was stopped. Beside
     sweep.csv it writes sweep.parquet where pyarrow is installed (pip install pyarrow).
     """
-    from stochvi.scenes import load_scene
+    from stochvi.scenes.scene import load_scene
     from stochvi.sweeps import once, spoken, values_of, write_sweep
     from stochvi.sweeps import sweep as solve
-    from stochvi.tables import LAST_DIGITS, print_frame
+    from stochvi.views.tables import LAST_DIGITS, print_frame
 
     ranges = dict(once([values_of(text) for text in vary]))
     asked: dict[str, Any] = {

@@ -47,14 +47,14 @@ def check(
 
     Several scenes, or the zoo, are judged under one alarm rate for all their comparisons.
     """
-    from stochvi.crosscheck import Check
-    from stochvi.crosscheck import check as compare
-    from stochvi.files import write_json, write_picture, write_table
-    from stochvi.many_scenes import Checks, check_many
-    from stochvi.many_scenes import zoo as shipped
-    from stochvi.plots import draw_scores
-    from stochvi.scenes import load_scene
-    from stochvi.tables import print_check, print_checks
+    from stochvi.scenes.scene import load_scene
+    from stochvi.verification.crosscheck import Check
+    from stochvi.verification.crosscheck import check as compare
+    from stochvi.verification.zoo import Checks, check_many
+    from stochvi.verification.zoo import zoo as shipped
+    from stochvi.views.files import write_json, write_picture, write_table
+    from stochvi.views.plots import draw_scores
+    from stochvi.views.tables import print_check, print_checks
 
     if not scenes and not zoo:
         raise ValueError("check needs a scene file, several, or --zoo, got none")
@@ -113,10 +113,10 @@ def cost(
     quiet: bool,
 ) -> None:
     """What accuracy costs in time: errors of steps and of models."""
-    from stochvi.accuracy import cost as measure
-    from stochvi.files import write_json
-    from stochvi.scenes import load_scene
-    from stochvi.tables import print_cost
+    from stochvi.scenes.scene import load_scene
+    from stochvi.verification.accuracy import cost as measure
+    from stochvi.views.files import write_json
+    from stochvi.views.tables import print_cost
 
     loaded = load_scene(scene)
     with progress_bar(quiet, "cost") as report:
@@ -126,8 +126,8 @@ def cost(
     if json_file is not None:
         write_json(found.to_dict(), json_file)
     if out is not None:
-        from stochvi.files import write_picture, write_table
-        from stochvi.plots import draw_work_precision
+        from stochvi.views.files import write_picture, write_table
+        from stochvi.views.plots import draw_work_precision
 
         write_table(found.to_frame(), out / "cost.csv")
         write_picture(draw_work_precision(found, loaded.title), out / "cost.png")
@@ -138,10 +138,10 @@ def cost(
 @options("threads", "json", "quiet")
 def explain(scene: str, threads: int | None, json_file: str | None, quiet: bool) -> None:
     """What would be simulated, what not, which methods apply, at what price."""
-    from stochvi.explanation import explain as tell
-    from stochvi.files import write_json
-    from stochvi.scenes import load_scene
-    from stochvi.tables import print_explanation
+    from stochvi.scenes.scene import load_scene
+    from stochvi.verification.explanation import explain as tell
+    from stochvi.views.files import write_json
+    from stochvi.views.tables import print_explanation
 
     told = tell(load_scene(scene), threads=threads)
     if not quiet:

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from stochvi.galerkin import FirstPassage
-    from stochvi.impact_statistics import ImpactStatistics
-    from stochvi.response_spectra import ResponseSpectrum
+    from stochvi.methods.fokker_planck import FirstPassage
+    from stochvi.statistics.impacts import ImpactStatistics
+    from stochvi.statistics.spectra import ResponseSpectrum
 
 MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Of a mission, for which its first passage is told: the table and the picture of a curve."""
@@ -38,15 +38,15 @@ MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 @options("json", "out", "quiet")
 def exact(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
     """Closed form, where there is one: white noise, elastic stops."""
-    from stochvi.closed_form import exact as solve
-    from stochvi.scenes import load_scene
+    from stochvi.methods.closed_form import exact as solve
+    from stochvi.scenes.scene import load_scene
 
     loaded = load_scene(scene)
     finish(solve(loaded), json_file, out, quiet)
     if out is not None and not loaded.beyond_one_oscillator() and not loaded.system().tables:
-        from stochvi.closed_form import exact_density
-        from stochvi.density_plots import draw_density
-        from stochvi.files import write_picture
+        from stochvi.methods.closed_form import exact_density
+        from stochvi.views.density_plots import draw_density
+        from stochvi.views.files import write_picture
 
         write_picture(draw_density(loaded, exact_density(loaded)), out / "density.png")
 
@@ -68,9 +68,9 @@ def fokker_planck(
     quiet: bool,
 ) -> None:
     """Fokker-Planck equation: one oscillator, white noise, stops of any law."""
-    from stochvi.errors import NotConverged
-    from stochvi.galerkin import fokker_planck as solve
-    from stochvi.scenes import load_scene
+    from stochvi.methods.fokker_planck import fokker_planck as solve
+    from stochvi.results.errors import NotConverged
+    from stochvi.scenes.scene import load_scene
 
     loaded = load_scene(scene)
     try:
@@ -81,9 +81,9 @@ def fokker_planck(
         raise
     finish(response, json_file, out, quiet)
     if out is not None:
-        from stochvi.density_plots import draw_density
-        from stochvi.files import write_picture
-        from stochvi.galerkin import fokker_planck_density
+        from stochvi.methods.fokker_planck import fokker_planck_density
+        from stochvi.views.density_plots import draw_density
+        from stochvi.views.files import write_picture
 
         found = fokker_planck_density(loaded, rtol=rtol, speed_threshold=speed_threshold)
         write_picture(draw_density(loaded, found), out / "density.png")
@@ -117,9 +117,9 @@ def first_passage(
     quiet: bool,
 ) -> None:
     """P(first impact, or first passage of a barrier, before t): white noise."""
-    from stochvi.errors import NotConverged
-    from stochvi.galerkin import first_passage as solve
-    from stochvi.scenes import load_scene
+    from stochvi.methods.fokker_planck import first_passage as solve
+    from stochvi.results.errors import NotConverged
+    from stochvi.scenes.scene import load_scene
 
     if (times is None) == (mission is None):
         raise ValueError("give --times or --mission, one of them")
@@ -159,15 +159,15 @@ def _barrier(text: str | None) -> tuple[float | None, float | None]:
 def _finish_passage(
     found: FirstPassage, title: str, json_file: str | None, out: Path | None, quiet: bool
 ) -> None:
-    from stochvi.files import write_json, write_picture, write_table
-    from stochvi.tables import print_first_passage
+    from stochvi.views.files import write_json, write_picture, write_table
+    from stochvi.views.tables import print_first_passage
 
     if not quiet:
         print_first_passage(console_for(json_file), found)
     if json_file is not None:
         write_json(found.to_dict(), json_file)
     if out is not None:
-        from stochvi.plots import plot_first_passage
+        from stochvi.views.plots import plot_first_passage
 
         write_table(found.to_frame(), out / "first_passage.csv")
         ax = plot_first_passage(found)
@@ -190,8 +190,8 @@ def linearise(
     scene: str, form: str, variant: str, json_file: str | None, out: Path | None, quiet: bool
 ) -> None:
     """Statistical linearisation: milliseconds, approximate."""
-    from stochvi.linearisation import linearise as solve
-    from stochvi.scenes import load_scene
+    from stochvi.methods.linearisation import linearise as solve
+    from stochvi.scenes.scene import load_scene
 
     finish(solve(load_scene(scene), form=form, variant=variant), json_file, out, quiet)
 
@@ -206,8 +206,8 @@ def linearise(
 @options("json", "out", "quiet")
 def average(scene: str, variant: str, json_file: str | None, out: Path | None, quiet: bool) -> None:
     """Averaging of the energy: milliseconds, approximate, for light damping."""
-    from stochvi.averaging import average as solve
-    from stochvi.scenes import load_scene
+    from stochvi.methods.averaging import average as solve
+    from stochvi.scenes.scene import load_scene
 
     finish(solve(load_scene(scene), variant=variant.replace("-", " ")), json_file, out, quiet)
 
@@ -243,9 +243,9 @@ def spectrum(
     quiet: bool,
 ) -> None:
     """Spectra of the response, transmissibility, coherence, with bands."""
-    from stochvi.errors import NotConverged
-    from stochvi.response_spectra import spectrum as solve
-    from stochvi.scenes import load_scene
+    from stochvi.results.errors import NotConverged
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.spectra import spectrum as solve
 
     loaded = load_scene(scene)
     if budget is None and paths is None:
@@ -266,8 +266,8 @@ def spectrum(
 def _finish_spectrum(
     found: ResponseSpectrum, title: str, json_file: str | None, out: Path | None, quiet: bool
 ) -> None:
-    from stochvi.files import write_json, write_picture, write_table
-    from stochvi.tables import print_frame
+    from stochvi.views.files import write_json, write_picture, write_table
+    from stochvi.views.tables import print_frame
 
     if not quiet:
         console = console_for(json_file)
@@ -281,7 +281,7 @@ def _finish_spectrum(
     if json_file is not None:
         write_json(found.to_dict(), json_file)
     if out is not None:
-        from stochvi.record_plots import draw_spectrum
+        from stochvi.views.record_plots import draw_spectrum
 
         write_table(found.to_frame(), out / "spectrum.csv")
         write_picture(draw_spectrum(found, title), out / "spectrum.png")
@@ -312,9 +312,9 @@ def impacts(
     quiet: bool,
 ) -> None:
     """Impacts one by one: rates, intervals, speeds, energy, clusters."""
-    from stochvi.errors import NotConverged
-    from stochvi.impact_statistics import impacts as solve
-    from stochvi.scenes import load_scene
+    from stochvi.results.errors import NotConverged
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.impacts import impacts as solve
 
     loaded = load_scene(scene)
     if budget is None and paths is None:
@@ -335,8 +335,8 @@ def impacts(
 def _finish_impacts(
     found: ImpactStatistics, title: str, json_file: str | None, out: Path | None, quiet: bool
 ) -> None:
-    from stochvi.files import write_json, write_picture, write_table
-    from stochvi.tables import print_frame
+    from stochvi.views.files import write_json, write_picture, write_table
+    from stochvi.views.tables import print_frame
 
     if not quiet:
         console = console_for(json_file)
@@ -350,7 +350,7 @@ def _finish_impacts(
     if out is not None:
         write_table(found.to_frame(), out / "impacts.csv")
         write_table(found.histograms(), out / "histograms.csv")
-        from stochvi.record_plots import draw_impacts
+        from stochvi.views.record_plots import draw_impacts
 
         if any(pair.speeds is not None for pair in found.pairs.values()):
             write_picture(draw_impacts(found, title), out / "impacts.png")
@@ -403,9 +403,9 @@ def simulate(
     quiet: bool,
 ) -> None:
     """Monte Carlo, with standard errors and the bias of the step."""
-    from stochvi.errors import NotConverged
-    from stochvi.monte_carlo import simulate as solve
-    from stochvi.scenes import load_scene
+    from stochvi.methods.monte_carlo import simulate as solve
+    from stochvi.results.errors import NotConverged
+    from stochvi.scenes.scene import load_scene
 
     loaded = load_scene(scene)
     if budget is None and not (paths or checkpoint or resume):
@@ -438,7 +438,7 @@ def simulate(
         stop(said + (f"; go on with --resume {kept}" if there else ""), FAILED)
     finish(response, json_file, out, quiet)
     if out is not None and not loaded.beyond_one_oscillator() and loaded.system().omega > 0.0:
-        from stochvi.files import write_picture
-        from stochvi.plots import draw_overview
+        from stochvi.views.files import write_picture
+        from stochvi.views.plots import draw_overview
 
         write_picture(draw_overview(loaded, loaded.title), out / "overview.png")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from stochvi.estimates import Response
+    from stochvi.results.estimates import Response
 
 FAILED, BAD_INPUT = 1, 2
 """Exit codes."""
@@ -40,7 +40,7 @@ class Commands(click.Group):
         return list(self.commands)
 
     def invoke(self, ctx: click.Context) -> Any:
-        from stochvi.errors import NotConverged, StochviError
+        from stochvi.results.errors import NotConverged, StochviError
 
         try:
             return super().invoke(ctx)
@@ -120,8 +120,8 @@ def numbers(option: str, text: str) -> list[float]:
 
 def finish(response: Response, json_file: str | None, out: Path | None, quiet: bool) -> None:
     """Print, and write what was asked for."""
-    from stochvi.files import to_json, write_json, write_table, write_text
-    from stochvi.tables import print_response
+    from stochvi.views.files import to_json, write_json, write_table, write_text
+    from stochvi.views.tables import print_response
 
     if not quiet:
         print_response(console_for(json_file), response)
@@ -198,7 +198,7 @@ def executor_at(address: str | None) -> Iterator[Executor | None]:
     if address is None:
         yield None
         return
-    from stochvi.monte_carlo.clusters import dask_executor
+    from stochvi.methods.monte_carlo.clusters import dask_executor
 
     with dask_executor(address) as executor:
         yield executor

@@ -78,7 +78,7 @@ level_db = 0.0
 @options("seed", "threads", "quiet")
 def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     """A textbook oscillator and a truck isolator, by every method, with pictures."""
-    from stochvi.demo import run_demo
+    from stochvi.cli.demo import run_demo
 
     console = console_for(None)
     console.quiet = quiet
@@ -94,10 +94,10 @@ def profiles() -> None:
     """The tabulated environments that ship."""
     import pandas as pd
 
-    from stochvi.conventions import STANDARD_GRAVITY
-    from stochvi.datasets import profiles as shipped
-    from stochvi.excitations import TabulatedNoise
-    from stochvi.tables import print_frame
+    from stochvi.mathematics.units import STANDARD_GRAVITY
+    from stochvi.scenes.datasets import profiles as shipped
+    from stochvi.scenes.excitations import TabulatedNoise
+    from stochvi.views.tables import print_frame
 
     rows = [
         {
@@ -124,7 +124,7 @@ def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
     import shutil
 
-    from stochvi.datasets import scene_files
+    from stochvi.scenes.datasets import scene_files
 
     shipped = [] if kind == "any" else scene_files(KINDS[kind])
     tables = shipped[1:]

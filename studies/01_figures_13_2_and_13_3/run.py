@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 import stochvi
-from stochvi.datasets import shipped_scene
+from stochvi.scenes.datasets import shipped_scene
 
 TEXTBOOK = stochvi.load_scene(shipped_scene("oscillator-elastic"))
 DEVIATIONS = np.geomspace(0.1, 3.0, 25)  # sigma_x0 / D, the linear response over the clearance

@@ -17,9 +17,9 @@ from stochvi import (
     Viscoelastic,
     WhiteNoise,
 )
-from stochvi.contacts import Law
-from stochvi.excitations import FilteredNoise, Sine
-from stochvi.structures import Matrices
+from stochvi.scenes.excitations import FilteredNoise, Sine
+from stochvi.scenes.impact_laws import Law
+from stochvi.scenes.structures import Matrices
 
 RESONANCE_HZ = 0.5 / math.pi
 """Of an oscillator with omega = 1."""

@@ -1,7 +1,7 @@
 """Scenes that differ by one effect each; the oscillator has omega = 1, zeta = 0.05, theta = 1."""
 
 import stochvi as sv
-from stochvi.datasets import shipped_scene
+from stochvi.scenes.datasets import shipped_scene
 
 PLAIN = sv.Oscillator(mass=1.0, damping=0.1, stiffness=1.0)
 WHITE, STEP = sv.WhiteNoise(intensity=0.2), 0.8

@@ -6,8 +6,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import stochvi as sv
-from stochvi.collisions import corner_exponent
-from stochvi.density_plots import plot_impact_speeds, plot_plane
+from stochvi.mathematics.impact_rates import corner_exponent
+from stochvi.views.density_plots import plot_impact_speeds, plot_plane
 
 STYLES = {"finite jumps": "o-", "continuous": "s--", "unfolded": "^:"}
 LABELS = {"velocity_std": "rms velocity", "impact_speed_rate": "F1"}

@@ -10,7 +10,7 @@ from pictures import figure_of
 from scipy.optimize import brentq
 
 import stochvi as sv
-from stochvi.collisions import corner_exponent
+from stochvi.mathematics.impact_rates import corner_exponent
 
 QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
 SLOW, FAST, RUNS = 1e-3, 2e-2, 16  # m/s, where beta is measured, and runs for its standard error

@@ -7,8 +7,8 @@ import matplotlib.pyplot as plt
 import pandas as pd
 
 import stochvi
-from stochvi.datasets import profiles
-from stochvi.files import write_picture
+from stochvi.scenes.datasets import profiles
+from stochvi.views.files import write_picture
 
 FREQUENCIES = (8.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0, 60.0)
 LAW = stochvi.Restitution(coefficient=0.5)

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import qmc
 
-from stochvi.assemblies import assemble
-from stochvi.linearisation import boxes
+from stochvi.methods.linearisation import boxes
+from stochvi.model.model import assemble
 
 POINTS, HELD_OUT = 64, 32
 SURE = 2.0

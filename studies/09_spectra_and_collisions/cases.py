@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 import stochvi
-from stochvi.spectra import squared_gain
+from stochvi.mathematics.spectra import squared_gain
 
 B, S0 = 0.1, 0.2
 

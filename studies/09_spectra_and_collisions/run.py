@@ -9,8 +9,8 @@ import pandas as pd
 from cases import linear, linearised, oscillator
 
 import stochvi
-from stochvi.files import write_picture
-from stochvi.record_plots import plot_curve, plot_histogram
+from stochvi.views.files import write_picture
+from stochvi.views.record_plots import plot_curve, plot_histogram
 
 COLOURS = {None: "#3a8f5c", 1.0: "#0b6fb8", 0.8: "#d1495b"}
 parser = argparse.ArgumentParser(description=__doc__)

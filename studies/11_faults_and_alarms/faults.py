@@ -14,9 +14,9 @@ from pathlib import Path
 import pandas as pd
 
 import stochvi
-from stochvi.crosscheck import Answers
-from stochvi.many_scenes import compare_many, seeds_of
 from stochvi.testing import as_response, problem_of
+from stochvi.verification.crosscheck import Answers
+from stochvi.verification.zoo import compare_many, seeds_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "10_judging_integrators"))
 from integrators import end_of_step_mirror

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import pandas as pd
 
 import stochvi
-from stochvi.files import write_picture
+from stochvi.views.files import write_picture
 
 MISSION = 20.0 * math.pi
 OSCILLATOR = stochvi.Oscillator(mass=1.0, damping=0.1, stiffness=1.0)

@@ -10,7 +10,7 @@ from forms import ENERGY, FORMS, coverage, summary, write_atlas
 from maps import figure_of
 
 import stochvi as sv
-from stochvi.datasets import data_folder
+from stochvi.scenes.datasets import data_folder
 
 HERE, SHIPPED = Path(__file__).parent, data_folder() / "linearisation_atlas"
 

@@ -13,9 +13,9 @@ from scipy.stats import chi2, norm, t
 from statsmodels.stats.proportion import proportion_confint
 
 import stochvi
-from stochvi.monte_carlo.missions import passage_plan
-from stochvi.monte_carlo.plans import layout_of, make_plan
-from stochvi.monte_carlo.splitting import pilot_levels, repetition
+from stochvi.methods.monte_carlo.missions import passage_plan
+from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.splitting import pilot_levels, repetition
 
 Vector = NDArray[np.float64]
 MISSION = 20.0 * math.pi

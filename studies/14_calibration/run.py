@@ -10,7 +10,7 @@ import pandas as pd
 from cases import P_AT_3, P_AT_4, counted, simulated, split
 from statsmodels.stats.proportion import proportion_confint
 
-from stochvi.files import write_picture
+from stochvi.views.files import write_picture
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--quick", action="store_true", help="200 answers of each kind")

@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from stochvi.monte_carlo.blocks import SENDING_SECONDS, Crew
-from stochvi.monte_carlo.plans import layout_of, make_plan
-from stochvi.monte_carlo.statistics import PathStatistics
+from stochvi.methods.monte_carlo.blocks import SENDING_SECONDS, Crew
+from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.statistics import PathStatistics
 
 STRAGGLER = 10.0
 """How much longer a straggler takes."""

@@ -9,8 +9,8 @@ import pandas as pd
 from cluster import Cluster, block_costs, plan_for
 
 import stochvi
-from stochvi.files import write_picture
-from stochvi.monte_carlo.blocks import SENDING_SECONDS
+from stochvi.methods.monte_carlo.blocks import SENDING_SECONDS
+from stochvi.views.files import write_picture
 
 PRICE = 0.04
 """Of a core hour, a round figure: put that of your cluster here."""

@@ -1,0 +1,299 @@
+"""Jolts: whether a mount that does not hit its stops can be thrown into clatter, and how long it
+stays there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+from statsmodels.stats.proportion import proportion_confint
+
+from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
+from stochvi.methods.periodic.resonance import HarmonicResonance
+from stochvi.model.model import assemble
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.excitations import BASE, Sine
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+WINDOW_PERIODS = 10
+"""Periods of the sine in which impacts are counted."""
+
+SETTLING_WINDOWS = 10
+"""Windows after a jolt until which a path is not yet said to be captured."""
+
+CLATTER = 0.5
+"""Hits per period from which on a window belongs to clatter, both stops together, and to the
+resonant regime, on each of them: that regime has one on each, occasional hits are few."""
+
+LEVEL = 0.95
+"""Of intervals."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jolts:
+    """What became of jolted paths.
+
+    Parameters
+    ----------
+    speeds
+        Of the jolts, m/s: changes of the velocity relative to the base.
+    captured, resonant
+        Paths (jolts, paths): in clatter 100 periods later; of these on both stops, which is the
+        resonant regime (others rattle on one stop).
+    left
+        Captured paths that later left the clatter.
+    watched
+        Seconds (jolts, paths) in clatter after capture, until left or until the end.
+    duration
+        Seconds that every path was flown.
+    resonance
+        Exact regimes and the energy boundary of the sine alone; None where the stops are not
+        symmetric about the mean.
+    clearance
+        Per side, m.
+    """
+
+    speeds: tuple[float, ...]
+    captured: NDArray[np.bool_]
+    resonant: NDArray[np.bool_]
+    left: NDArray[np.bool_]
+    watched: NDArray[np.float64]
+    duration: float
+    resonance: HarmonicResonance | None
+    clearance: float
+
+    @property
+    def paths(self) -> int:
+        """Flown for each jolt."""
+        return int(self.captured.shape[1])
+
+    def escape_rate(self) -> tuple[float, float, float]:
+        """1/s with its exact 95 % interval, of all captured paths together (Poisson).
+
+        0 with an upper limit where none left; (nan, 0, inf) where none was captured.
+        """
+        time, events = float(self.watched.sum()), int(self.left.sum())
+        if time == 0.0:
+            return math.nan, 0.0, math.inf
+        tail = (1.0 - LEVEL) / 2.0
+        low = chi2.ppf(tail, 2 * events) / 2.0 if events else 0.0
+        high = chi2.ppf(1.0 - tail, 2 * events + 2) / 2.0
+        return events / time, float(low) / time, float(high) / time
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per jolt: share of captured paths with its exact interval, and who stays."""
+        import pandas as pd
+
+        rows = []
+        for number, speed in enumerate(self.speeds):
+            caught = int(self.captured[number].sum())
+            low, high = proportion_confint(caught, self.paths, 1.0 - LEVEL, method="beta")
+            gone = int(self.left[number].sum())
+            rows.append(
+                {
+                    "jolt": speed,
+                    "captured": caught / self.paths,
+                    "captured_low": float(low),
+                    "captured_high": float(high),
+                    "on_both_stops": float(self.resonant[number].mean()),
+                    "left_later": gone / caught if caught else math.nan,
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        rate, low, high = self.escape_rate()
+        known = self.resonance
+        rows = self.to_frame().astype(object)
+        return {
+            "method": "jolt",
+            "clearance": self.clearance,
+            "paths": self.paths,
+            "duration": self.duration,
+            "energy_boundary": None if known is None else _finite(known.energy_boundary),
+            "harmonic_boundary": None if known is None else _finite(known.harmonic_boundary),
+            "free_amplitude": None if known is None else known.free_amplitude,
+            "jolts": rows.where(rows.notna(), None).to_dict("records"),
+            "escape_rate": {"value": _finite(rate), "lower": low, "upper": _finite(high)},
+        }
+
+    def summary(self) -> str:
+        """The verdict in sentences."""
+        caught = bool(self.captured.any())
+        found = "jolts throw the mount into clatter" if caught else "no jolt led to clatter"
+        known = self.resonance
+        if known is not None:
+            below = self.clearance <= known.energy_boundary
+            found += (
+                f"; the sine alone can keep up the resonant regime to a clearance of "
+                f"{1e3 * known.energy_boundary:.4g} mm (harmonic linearisation: "
+                f"{1e3 * known.harmonic_boundary:.4g} mm), here it is {1e3 * self.clearance:.4g} mm"
+                f"{'' if below else ', beyond it'}"
+            )
+        rate, low, high = self.escape_rate()
+        if caught and rate > 0.0:
+            found += (
+                f"; it lasts {1.0 / rate:.3g} s on average ({1.0 / high:.3g} to {1.0 / low:.3g} s)"
+            )
+        elif caught:
+            found += f"; none left it: it lasts longer than {1.0 / high:.3g} s on average (95 %)"
+        return found
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def jolts(
+    scene: Scene,
+    speeds: Sequence[float],
+    *,
+    paths: int = 64,
+    duration: float | None = None,
+    seed: int = 0,
+) -> Jolts:
+    """Capture and escape: kick a mount that does not hit its stops, and see whether it clatters.
+
+    Every path starts in its motion without stops, at a random phase of the sine, receives the
+    velocity of the jolt, and is flown with its stops; noise, if there is any, is the scene's own.
+
+    Parameters
+    ----------
+    scene
+        One oscillator with one impact pair of rigid stops, one sine, any white or filtered noise
+        and loads.
+    speeds
+        Changes of the relative velocity by the jolts, m/s; negative ones towards the lower stop.
+    paths
+        For each jolt.
+    duration
+        Seconds after the jolt; by default 100 windows of 10 periods.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene is not of that kind.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> mount = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=12.5, stiffness=62.8**2),
+    ...     impact_pairs=[
+    ...         ImpactPair(lower=-4e-4, upper=4e-4, law=Restitution(coefficient=0.5))
+    ...     ],
+    ...     excitations=[Sine(amplitude=1e-4 * 628.0**2, frequency_hz=628.0 / 6.283185307)],
+    ... )
+    >>> found = jolts(mount, [0.0, 0.3], paths=16)
+    >>> found.to_frame()["captured"].tolist()[0], bool(found.captured[1].any())
+    (0.0, True)
+    """
+    sine = _check(scene, speeds, paths, duration)
+    assembly = assemble(scene)
+    plan = plan_modal(assembly, 0.0, None)
+    free = plan_modal(assemble(scene.model_copy(update={"impact_pairs": ()})), 0.0, None)
+    period = 1.0 / sine.frequency_hz
+    window = WINDOW_PERIODS * period
+    windows = 10 * SETTLING_WINDOWS if duration is None else math.ceil(duration / window)
+    windows = max(windows, SETTLING_WINDOWS + 1)
+    steps = math.ceil(window / plan.step)
+    plan = plan.with_step(window / steps)
+    hits = np.array([_hits(plan, free, speed, paths, windows, steps, seed) for speed in speeds])
+    found = hits.sum(axis=2) >= CLATTER * WINDOW_PERIODS
+    captured = found[:, SETTLING_WINDOWS - 1]
+    on_both = (hits[:, SETTLING_WINDOWS - 1] >= CLATTER * WINDOW_PERIODS).all(axis=1)
+    later = found[:, SETTLING_WINDOWS:]
+    left = captured & ~later.all(axis=1)
+    stayed = np.where(later.all(axis=1), later.shape[1], np.argmin(later, axis=1) + 0.5)
+    return Jolts(
+        speeds=tuple(float(speed) for speed in speeds),
+        captured=captured,
+        resonant=captured & on_both,
+        left=left,
+        watched=np.where(captured, stayed * window, 0.0),
+        duration=windows * window,
+        resonance=_resonance(scene, sine),
+        clearance=_clearance(scene),
+    )
+
+
+def _hits(
+    plan: ModalPlan, free: ModalPlan, speed: float, paths: int, windows: int, steps: int, seed: int
+) -> NDArray[np.float64]:
+    """Hits of each path on the lower and the upper stop in each window (windows, 2, paths)."""
+    streams = np.empty((2, paths), np.uint64)
+    seed_streams(np.uint64(seed), 0, streams)
+    state = free.start(streams)
+    n = plan.modes.size
+    # a velocity of the gap by an impulse on its reduced mass
+    gap, mass = plan.modes.gaps[0], plan.assembly.contacts[0].mass
+    state[n : 2 * n] += speed * mass * gap[:, None]
+    state = np.ascontiguousarray(plan.between_stops(state))
+    return np.array([plan.counts(state, streams, steps)[0] for _ in range(windows)])
+
+
+def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | None) -> Sine:
+    if len(speeds) == 0 or not all(math.isfinite(speed) for speed in speeds):
+        raise ValueError(f"speeds must be at least one finite number (m/s), got {list(speeds)}")
+    if paths < 1:
+        raise ValueError(f"paths must be at least 1, got {paths}")
+    if duration is not None and not 0.0 < duration < math.inf:
+        raise ValueError(f"duration must be a positive number of seconds, got {duration}")
+    unmet = scene.beyond_numbers()
+    sines = [each for each in scene.excitations if isinstance(each, Sine)]
+    if len(sines) != 1:
+        unmet.append(f"the scene must have one sine, got {len(sines)}")
+    if len(scene.impact_pairs) != 1 or len(scene.structure.coordinates) != 1:
+        unmet.append("the scene must be one oscillator with one impact pair")
+    if unmet:
+        raise NotApplicable("jolt", unmet)
+    return sines[0]
+
+
+def _rest(scene: Scene) -> float:
+    assembly = assemble(scene)
+    stiffness = float(assembly.stiffness[0, 0])
+    return float(assembly.load[0]) / stiffness if stiffness else 0.0
+
+
+def _clearance(scene: Scene) -> float:
+    """The smaller distance from the mean position to a stop, m."""
+    pair, rest = scene.impact_pairs[0], _rest(scene)
+    stops = [stop for stop in (pair.lower, pair.upper) if stop is not None]
+    return min(abs(stop - rest) for stop in stops)
+
+
+def _resonance(scene: Scene, sine: Sine) -> HarmonicResonance | None:
+    """Of the sine alone, where both stops are alike and lie evenly about the mean."""
+    assembly, rest = assemble(scene), _rest(scene)
+    (contact,) = assembly.contacts
+    if contact.lower is None or contact.upper is None:
+        return None
+    laws = {law.restitution for _, _, law in contact.stops}
+    middle = (contact.lower + contact.upper) / 2.0 - rest
+    if len(laws) > 1 or abs(middle) > 1e-9 * (contact.upper - contact.lower):
+        return None
+    mass = float(assembly.mass[0, 0])
+    on_base = scene.place(sine) == BASE
+    try:
+        return HarmonicResonance(
+            omega=math.sqrt(float(assembly.stiffness[0, 0]) / mass),
+            damping_rate=float(assembly.damping[0, 0]) / mass,
+            amplitude=sine.amplitude if on_base else sine.amplitude / mass,
+            frequency=2.0 * math.pi * sine.frequency_hz,
+            restitution=laws.pop(),
+        )
+    except ValueError:
+        return None

@@ -1,0 +1,237 @@
+"""Isolators between stops: linear screening, and what the stops really see."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.mathematics.spectra import LinearMoments, Table, response_moments
+from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity
+from stochvi.methods.linearisation import linearise
+from stochvi.methods.monte_carlo import simulate
+from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.model.cautions import scene_notes
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.scenes.impact_laws import Law
+from stochvi.scenes.scene import ImpactPair, Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Screening:
+    """What linear theory says of an isolator without stops (SI units; rates in 1/s).
+
+    `miles` is None where Miles' equation does not apply: the natural frequency lies outside the
+    table, and the density there is 0, which the response is not. `notes` are warnings in words.
+    """
+
+    displacement_std: float
+    velocity_std: float
+    acceleration_std: float
+    zero_crossing_rate: float
+    miles: float | None
+    input_acceleration_std: float | None
+    notes: tuple[str, ...] = ()
+
+    def rice_rate(self, clearance: float) -> float:
+        """Expected hits per second on two stops at +-clearance, if they did not disturb (Rice)."""
+        return 2.0 * rice_rate(clearance, self.displacement_std, self.velocity_std)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A table for people: millimetres, g and hertz."""
+        mm, g = 1e3, 1.0 / STANDARD_GRAVITY
+        hits = self.rice_rate(3.0 * self.displacement_std)
+        rows = [
+            ("input acceleration", self.input_acceleration_std, g, "g rms"),
+            ("relative displacement", self.displacement_std, mm, "mm rms"),
+            ("relative velocity", self.velocity_std, 1.0, "m/s rms"),
+            ("absolute acceleration", self.acceleration_std, g, "g rms"),
+            ("Miles' equation for it", self.miles, g, "g rms"),
+            ("zero up-crossings", self.zero_crossing_rate, 1.0, "Hz"),
+            ("3 sigma clearance, per side", 3.0 * self.displacement_std, mm, "mm"),
+            ("hits on it by Rice, both sides", hits * 3600.0, 1.0, "per hour"),
+        ]
+        return pd.DataFrame(
+            [
+                {"quantity": name, "value": value * factor, "unit": unit}
+                for name, value, factor, unit in rows
+                if value is not None
+            ]
+        )
+
+    def _repr_html_(self) -> str:
+        notes = "".join(f"<br>{note}" for note in self.notes)
+        return f"{self.to_frame().to_html(index=False)}{notes}"
+
+
+def screen(scene: Scene) -> Screening:
+    """Linear screening of an isolator on its moving base, stops left out.
+
+    sigma_x, sigma_v and the absolute acceleration are integrals of the response density;
+    Miles' equation, G_rms = sqrt(pi / 2 f_n Q W(f_n)), stands beside them.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import TabulatedNoise
+    >>> from stochvi.scenes.structures import Isolator
+    >>> truck = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    >>> mount = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[truck])
+    >>> round(1e3 * screen(mount).displacement_std, 2)
+    1.99
+    """
+    unmet = scene.beyond_one_oscillator()
+    if unmet:
+        raise NotApplicable("screening", unmet)
+    system = scene.system()
+    if not system.moving_base or system.noise_on_mass:
+        unmet.append("structure.kind must be 'isolator' with noise on its base only")
+    if system.damping_rate == 0.0 or system.omega == 0.0:
+        unmet.append("damping and stiffness must be positive")
+    if system.intensity == 0.0 and not system.tables:
+        unmet.append("excitation must contain noise")
+    if unmet:
+        raise NotApplicable("screening", unmet)
+    omega, b = system.omega, system.damping_rate
+    tables = response_moments(system.tables, omega, b)
+    theta = system.intensity / (2.0 * b)
+    moments = LinearMoments(
+        displacement=tables.displacement + theta / omega**2,
+        velocity=tables.velocity + theta,
+        absolute_acceleration=tables.absolute_acceleration + theta * (b**2 + omega**2),
+        relative_acceleration=math.inf if theta else tables.relative_acceleration,
+    )
+    density = _density_at(system.tables, omega) + density_from_intensity(system.intensity)
+    deviation, velocity = math.sqrt(moments.displacement), math.sqrt(moments.velocity)
+    area = sum(table.mean_square() for table in system.tables)
+    return Screening(
+        displacement_std=deviation,
+        velocity_std=velocity,
+        acceleration_std=math.sqrt(moments.absolute_acceleration),
+        zero_crossing_rate=velocity / deviation / (2.0 * math.pi),
+        miles=math.sqrt(math.pi / 2.0 * omega / (2.0 * math.pi) * omega / b * density)
+        if density > 0.0
+        else None,
+        input_acceleration_std=None if theta else math.sqrt(area),
+        notes=tuple(scene_notes(system)),
+    )
+
+
+def _density_at(tables: Sequence[Table], omega: float) -> float:
+    return sum(float(table(omega / (2.0 * math.pi))) for table in tables)
+
+
+def with_clearance(scene: Scene, clearance: float, law: Law | None = None) -> Scene:
+    """The same scene between stops at +-clearance from where its mean position would be."""
+    system = scene.system()
+    rest = system.load / system.omega**2
+    kept = (
+        scene.impact_pairs[0].model_dump(include={"name", "law", "lower_law", "upper_law"})
+        if (scene.impact_pairs)
+        else {}
+    )
+    if law is not None:
+        kept = {"law": law}
+    pair = ImpactPair(**kept, lower=rest - clearance, upper=rest + clearance)
+    return scene.model_copy(update={"impact_pairs": (pair,)})
+
+
+def clearance_curve(
+    scene: Scene,
+    clearances: Sequence[float],
+    *,
+    rel_error: float = 0.02,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """Hit rate against clearance: by Rice, by the moment closure, and by Monte Carlo.
+
+    Parameters
+    ----------
+    scene
+        An isolator with one impact pair, whose laws are kept while its stops move.
+    clearances
+        Metres per side from the mean position.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per clearance (m, and in sigma of the linear response): hits per second on both
+        sides by `rice`, `closure` and `simulated`, the last with its 95 % interval
+        (`simulated_low`, `simulated_high`), and rms displacement and mean impact speed.
+    """
+    if not scene.impact_pairs:
+        raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
+    if any(not 0.0 < clearance < math.inf for clearance in clearances):
+        raise ValueError(f"clearances must be positive, got {list(clearances)} m")
+    linear = screen(scene)
+    rows = []
+    for number, clearance in enumerate(clearances):
+        stopped = with_clearance(scene, clearance)
+        name = stopped.impact_pairs[0].name
+
+        def report(done: float, text: str, number: int = number) -> None:
+            if progress:
+                progress((number + done) / len(clearances), text)
+
+        simulated = simulate(
+            stopped, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=report
+        )
+        hits = simulated.impact_pairs[name]
+        low, high = _interval(hits["collision_rate"])
+        rows.append(
+            {
+                "clearance": clearance,
+                "clearance_in_sigma": clearance / linear.displacement_std,
+                "rice": linear.rice_rate(clearance),
+                "closure": _closure_rate(stopped),
+                "simulated": _value(hits["collision_rate"]),
+                "simulated_low": low,
+                "simulated_high": high,
+                "displacement_std": _value(simulated.coordinates["x"]["displacement_std"]),
+                "impact_speed_mean": _value(hits["impact_speed_mean"]),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def predicted_rates(scene: Scene, clearances: Sequence[float]) -> pd.DataFrame:
+    """`clearance`, `clearance_in_sigma`, `rice` and `closure` alone: nothing is simulated.
+
+    Where the closure finds no solution its rate is left out (NaN).
+    """
+    linear = screen(scene)
+    return pd.DataFrame(
+        {
+            "clearance": clearances,
+            "clearance_in_sigma": np.asarray(clearances) / linear.displacement_std,
+            "rice": [linear.rice_rate(clearance) for clearance in clearances],
+            "closure": [_closure_rate(with_clearance(scene, c)) for c in clearances],
+        }
+    )
+
+
+def _closure_rate(scene: Scene) -> float:
+    try:
+        return _value(linearise(scene).impact_pairs[scene.impact_pairs[0].name]["collision_rate"])
+    except NotConverged:
+        return np.nan
+
+
+def _value(estimate: Estimate | float | None) -> float:
+    return estimate.value if isinstance(estimate, Estimate) else np.nan
+
+
+def _interval(estimate: Estimate | float | None) -> tuple[float, float]:
+    assert isinstance(estimate, Estimate)
+    if estimate.upper_95 is not None:
+        return 0.0, estimate.upper_95
+    half = GAUSSIAN_95 * estimate.standard_error
+    return max(estimate.value - half, 0.0), estimate.value + half

@@ -1,0 +1,262 @@
+"""The clearance that an isolator needs, with a stated risk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from stochvi.isolators.screening import Screening
+from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.results.estimates import Cost, Estimate, Response
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+HITS_PER_FIRST_HIT = (
+    "hits per first hit: the first one and those that follow from it, impacts above the speed "
+    "threshold alone"
+)
+"""What a table of hits means by it, in words."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """What the clearance has to keep.
+
+    Parameters
+    ----------
+    name
+        "probability" (of any hit in the mission), "rate" (hits per second), "impact_speed" or
+        "peak_acceleration" (not exceeded in the mission but with the chance `exceedance`).
+    value, unit
+        The limit, in SI units.
+    exceedance
+        Accepted chance that a hit of the mission exceeds the limit; None where `value` says it.
+    """
+
+    name: str
+    value: float
+    unit: str
+    exceedance: float | None = None
+
+    @property
+    def limit(self) -> str:
+        """The value with its unit, in words; an acceleration in g as well."""
+        in_g = f" ({self.in_g})" if self.name == "peak_acceleration" else ""
+        return f"{self.value:.4g} {self.unit}{in_g}"
+
+    @property
+    def in_g(self) -> str:
+        """An acceleration in g, in words."""
+        return f"{self.value / STANDARD_GRAVITY:.4g} g"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clearance:
+    """Metres per side from the mean position, and the 95 % interval of the calculation.
+
+    Where a smaller clearance may do as well (`Sizing.kept_with`), from 0 to the value.
+    """
+
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThreeSigma:
+    """What the rule "three times the linear rms" buys in the mission.
+
+    Parameters
+    ----------
+    clearance
+        3 sigma, m per side.
+    probability
+        Chance of any hit in the mission.
+    first_hits
+        Expected bursts of hits in the mission: the rate of first hits times the mission.
+    rice_hits
+        Expected hits in the mission by Rice, as if hits changed nothing.
+    hits
+        Expected hits in the mission, simulated with the stop law; None without a law.
+    impact_speed_mean
+        Mean impact speed, m/s, simulated; None without a law.
+    """
+
+    clearance: float
+    probability: Estimate
+    first_hits: Estimate
+    rice_hits: float
+    hits: Estimate | None
+    impact_speed_mean: Estimate | None
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Sizing:
+    """The clearance that keeps a target, and what it rests on.
+
+    Parameters
+    ----------
+    scene
+        As it was given.
+    target, mission
+        What was asked for, and seconds of exposure.
+    clearance
+        The answer, m per side from the mean position (static sag counted).
+    sigma
+        Linear rms displacement without stops, m.
+    curve
+        One row per clearance, from one run: `clearance` (m), `clearance_in_sigma`, `rice_rate`
+        (1/s, both sides), `first_hit_rate`, `first_hit_rate_low`, `first_hit_rate_high` (1/s, the
+        limit that the rate of first hits tends to), `probability`, `probability_low`,
+        `probability_high` (of any hit in the mission, 95 % limits).
+    three_sigma
+        The rule of thumb judged.
+    required
+        One row per accepted chance of any hit in the mission (10, 1, 0.1 %): `probability`,
+        `clearance`, `clearance_low`, `clearance_high` (m), `clearance_in_sigma`.
+    simulated
+        One row per clearance simulated with the stop law: `clearance` (m), `clearance_in_sigma`,
+        `hit_rate`, `hit_rate_low`, `hit_rate_high` (1/s), `impact_speed_mean` (m/s), and, where
+        the target needs them, `exceedance_rate` with its limits (1/s).
+    evidence
+        Responses simulated with the stop law, by "three_sigma" and "recommended".
+    screening
+        Linear screening; None where the scene is no isolator on a noisy base.
+    method
+        How the clearance was found, in words.
+    kept_with
+        Chance that the limit of the target is exceeded in the mission, where the clearance is the
+        smallest that can be judged and keeps the target with a margin; else None.
+    """
+
+    scene: Scene
+    target: Target
+    mission: float
+    clearance: Clearance
+    sigma: float
+    curve: pd.DataFrame
+    three_sigma: ThreeSigma
+    required: pd.DataFrame
+    simulated: pd.DataFrame
+    evidence: Mapping[str, Response]
+    screening: Screening | None
+    method: str
+    kept_with: Estimate | None = None
+    warnings: Sequence[str] = ()
+    cost: Cost = field(default_factory=Cost)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def verdict(self) -> str:
+        """The answer in a sentence, then what three sigma would be."""
+        three = self.three_sigma
+        return (
+            f"{self._answer()}; 3 sigma = {1e3 * three.clearance:.4g} mm is hit with a chance of "
+            f"{spoken_percent(three.probability.value)} in {spoken_mission(self.mission)}"
+        )
+
+    def _answer(self) -> str:
+        """The clearance and what it keeps, in words."""
+        mm, c = 1e3, self.clearance
+        in_sigma = f"{c.value / self.sigma:.3g} sigma"
+        if self.kept_with is None:
+            interval = f"{mm * c.lower:.4g} to {mm * c.upper:.4g} mm, 95 %"
+            return f"{mm * c.value:.4g} mm per side ({interval}), {in_sigma}, {self._keeps()}"
+        target, chance = self.target, self.kept_with
+        assert target.exceedance is not None
+        found = spoken_percent(chance.value) if chance.value else f"{chance.how} does"
+        return (
+            f"at most {mm * c.value:.4g} mm per side, {in_sigma}: already there the chance that "
+            f"any {target.name.replace('_', ' ')} of {spoken_mission(self.mission)} exceeds "
+            f"{target.limit} is below {spoken_percent(target.exceedance)} ({found})"
+        )
+
+    def _keeps(self) -> str:
+        """What the clearance keeps, in words."""
+        target, mission = self.target, spoken_mission(self.mission)
+        if target.name == "probability":
+            return f"keeps the chance of any hit in {mission} at {spoken_percent(target.value)}"
+        if target.name == "rate":
+            return f"keeps the hits at {target.value:.3g} per second"
+        assert target.exceedance is not None
+        return (
+            f"keeps every {target.name.replace('_', ' ')} of {mission} below {target.limit} but "
+            f"for a chance of {spoken_percent(target.exceedance)}"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """The curve of risk against clearance."""
+        return self.curve
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document, SI units; what is not known is null."""
+        three = self.three_sigma
+        return {
+            "method": "size",
+            "verdict": self.verdict(),
+            "target": asdict(self.target),
+            "mission": self.mission,
+            "clearance": asdict(self.clearance),
+            "clearance_in_sigma": self.clearance.value / self.sigma,
+            "kept_with": None if self.kept_with is None else self.kept_with.to_dict(),
+            "sigma": self.sigma,
+            "three_sigma": {
+                name: value.to_dict() if isinstance(value, Estimate) else value
+                for name, value in vars(three).items()
+            },
+            "required": _records(self.required),
+            "curve": _records(self.curve),
+            "simulated": _records(self.simulated),
+            "screening": None if self.screening is None else dict(vars(self.screening)),
+            "evidence": {name: answer.to_dict() for name, answer in self.evidence.items()},
+            "by": self.method,
+            "warnings": list(self.warnings),
+            "cost": asdict(self.cost),
+            "provenance": dict(self.provenance),
+        }
+
+    def __repr__(self) -> str:
+        return f"<size: {self.verdict()}>"
+
+    def _repr_html_(self) -> str:
+        notes = "".join(f"<br>{warning}" for warning in self.warnings)
+        return f"<b>{self.verdict()}</b>{self.required.to_html(index=False)}{notes}"
+
+
+def _records(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of a table as plain types, None for what is missing."""
+    return [
+        {str(name): None if _missing(value) else value for name, value in row.items()}
+        for row in frame.to_dict("records")
+    ]
+
+
+def _missing(value: object) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)
+
+
+def spoken_percent(probability: float) -> str:
+    """A probability in per cent, never rounded to 0 or 100.
+
+    >>> spoken_percent(0.01), spoken_percent(2.5e-6), spoken_percent(0.99999999)
+    ('1 %', '0.00025 %', 'over 99.9 %')
+    """
+    if probability > 0.999:
+        return "over 99.9 %"
+    return f"{100.0 * probability:.3g} %" if probability > 1e-6 else f"{100.0 * probability:.1e} %"
+
+
+def spoken_mission(seconds: float) -> str:
+    """A mission in the unit that reads best.
+
+    >>> spoken_mission(3600.0), spoken_mission(18.0), spoken_mission(5400.0), spoken_mission(7.2e5)
+    ('1 h', '18 s', '1.5 h', '200 h')
+    """
+    for unit, name in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= unit:
+            return f"{seconds / unit:.4g} {name}"
+    return f"{seconds:.4g} s"

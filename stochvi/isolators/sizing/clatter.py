@@ -1,0 +1,287 @@
+"""Clatter: what stops that give way do to the acceleration of what they protect.
+
+With stops the rms hides the trouble: hits are short. A restitution gives hits and their speeds
+but no acceleration; that needs a stiffness.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.isolators.sizing.hits import at_clearance
+from stochvi.methods.monte_carlo.kernels.compliant_response import (
+    EXTREMES,
+    FORCE_SQUARE,
+    POSITION_FORCE,
+    SHARPEST,
+)
+from stochvi.methods.monte_carlo.kernels.contact import CONTACT_LOWER, CONTACT_UPPER, LOSS
+from stochvi.methods.monte_carlo.kernels.flight import N_LOWER, N_UPPER, VV, XX
+from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import Elastic, Viscoelastic
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+
+SAMPLES_PER_PERIOD = 40.0
+"""Of the natural period: of a free crest between samples at most 0.3 % is missed."""
+
+FIRST_PATHS = 128
+"""Windows in the first round, for an honest standard error."""
+
+MOST_ROUNDS = 12
+"""Of windows, each growing with what the last one says is missing."""
+
+
+def clatter(
+    scene: Scene,
+    clearances: Sequence[float],
+    *,
+    stiffness_ratios: Sequence[float] | None = None,
+    window: float = 18.0,
+    rel_error: float = 0.02,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+) -> pd.DataFrame:
+    """Rms and peak of the absolute acceleration against clearance and stiffness of the stops.
+
+    The absolute acceleration is -(b x' + omega^2 x) less the force of the stop per unit mass. Its
+    mean square follows from time averages, the part of the contacts integrated within them,
+
+        E a^2 = b^2 E x'^2 + omega^4 E x^2 + E F^2 + 2 omega^2 E x F + 2 b E x' F
+
+    its largest value in a window from every contact and every sample.
+
+    Parameters
+    ----------
+    scene
+        An isolator on a noisy base between stops that give way, whose laws are kept.
+    clearances
+        Metres per side from the mean position.
+    stiffness_ratios
+        Stiffness of elastic or viscoelastic stops over that of the mount, each with each
+        clearance; by default that of the scene.
+    window
+        Seconds of which the largest acceleration is taken.
+    rel_error
+        Relative standard error of the mean largest acceleration to reach, if `budget` (seconds
+        for each row) allows it.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per clearance and stiffness, SI units, standard errors in columns with `_error`:
+        `clearance`, `clearance_in_sigma`, `stiffness_ratio` (NaN for the scene's own),
+        `hit_rate` (all contacts), `acceleration_rms`, `largest_acceleration` (mean over windows),
+        `rms_amplification`, `peak_amplification` (over the same without stops, from the same
+        random numbers), and `largest_acceleration_bias` (what half the sampling changes, over 3).
+
+    Raises
+    ------
+    NotApplicable
+        Without stops, or with a rigid one: a restitution has no stiffness.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import TabulatedNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Isolator
+    >>> stops = ImpactPair(lower=-6e-3, upper=6e-3, law=Elastic(stiffness=5.7e5))
+    >>> truck = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    >>> mount = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+    >>> scene = Scene(structure=mount, impact_pairs=[stops], excitations=[truck])
+    >>> row = clatter(scene, [6e-3], rel_error=0.05).iloc[0]
+    >>> bool(1.0 < row["rms_amplification"] < 1.1 and 4.0 < row["peak_amplification"] < 6.0)
+    True
+    """
+    import pandas as pd
+
+    _check(scene, clearances, stiffness_ratios)
+    free = scene.model_copy(update={"impact_pairs": ()})
+    rows = []
+    for ratio, stopped in _variants(scene, stiffness_ratios):
+        for clearance in clearances:
+            plan = _plan(at_clearance(stopped, clearance), window)
+            windows = _Windows(plan, _plan(free, window), seed, threads)
+            windows.run(rel_error, budget)
+            rows.append(
+                {
+                    "clearance": clearance,
+                    "clearance_in_sigma": clearance / windows.sigma,
+                    "stiffness_ratio": math.nan if ratio is None else ratio,
+                    **windows.told(),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _check(
+    scene: Scene, clearances: Sequence[float], stiffness_ratios: Sequence[float] | None
+) -> None:
+    unmet = scene.beyond_one_oscillator(filtered=True)
+    if unmet:
+        raise NotApplicable("clatter", unmet)
+    if not scene.impact_pairs:
+        raise NotApplicable("clatter", ["the scene needs an impact_pair, for its law"])
+    laws = [law for _, law in scene.impact_pairs[0].stops()]
+    if any(law.rigid for law in laws):
+        unmet.append(
+            "a stop with a restitution alone has no stiffness, so hits have no acceleration; give "
+            "an elastic, viscoelastic, hertz or table law"
+        )
+    if stiffness_ratios is not None and not all(
+        isinstance(law, Elastic | Viscoelastic) for law in laws
+    ):
+        unmet.append("stiffness_ratios need elastic or viscoelastic stops")
+    system = scene.system()
+    if not system.moving_base or system.noise_on_mass:
+        unmet.append("structure.kind must be 'isolator' with noise on its base only")
+    if unmet:
+        raise NotApplicable("clatter", unmet)
+    for name, values in (("clearances", clearances), ("stiffness_ratios", stiffness_ratios or ())):
+        if any(not 0.0 < value < math.inf for value in values):
+            raise ValueError(f"{name} must be positive, got {list(values)}")
+
+
+def _variants(
+    scene: Scene, stiffness_ratios: Sequence[float] | None
+) -> Iterator[tuple[float | None, Scene]]:
+    """The scene with its own stops, or with stops of other stiffness."""
+    if stiffness_ratios is None:
+        yield None, scene
+        return
+    pair, system = scene.impact_pairs[0], scene.system()
+    for ratio in stiffness_ratios:
+        stiffness = ratio * system.mass * system.omega**2
+        laws = {
+            name: law.model_copy(update={"stiffness": stiffness})
+            for name in ("law", "lower_law", "upper_law")
+            if (law := getattr(pair, name)) is not None
+        }
+        yield ratio, scene.model_copy(update={"impact_pairs": (pair.model_copy(update=laws),)})
+
+
+def _plan(scene: Scene, window: float) -> TabulatedPlan:
+    """Paths of the length of a window, sampled finely enough for free crests."""
+    # every contact counts, however slow
+    plan = plan_tabulated(scene, 0.0, window)
+    period = 2.0 * math.pi / plan.system.omega
+    return plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
+
+
+@dataclass(frozen=True)
+class _Averages:
+    """Of windows: hits per second, mean square and largest absolute acceleration."""
+
+    hits: Vector
+    mean_square: Vector
+    largest: Vector
+
+    def __add__(self, other: _Averages) -> _Averages:
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return _Averages(*(np.concatenate(pair) for pair in pairs))
+
+
+def _averages(plan: TabulatedPlan, seed: int, first_path: int, paths: int) -> _Averages:
+    extremes = np.zeros((paths, EXTREMES))
+    means = plan.averages(seed, first_path, paths, None, extremes)
+    b, stiff = plan.system.damping_rate, plan.system.omega**2
+    square = b**2 * means[VV] + stiff**2 * means[XX]
+    if plan.contacts:
+        power = means[CONTACT_LOWER + LOSS] + means[CONTACT_UPPER + LOSS]
+        within = extremes[:, FORCE_SQUARE] + 2.0 * stiff * extremes[:, POSITION_FORCE]
+        square = square + 2.0 * b * power + within / plan.duration
+    return _Averages(means[N_LOWER] + means[N_UPPER], square, extremes[:, SHARPEST])
+
+
+class _Windows:
+    """Windows with stops, at half their sampling, and without stops: the same random numbers."""
+
+    def __init__(
+        self, plan: TabulatedPlan, free: TabulatedPlan, seed: int, threads: int | None
+    ) -> None:
+        self.plans = [plan, plan.coarser(), free]
+        self.seed, self.threads = seed, threads
+        self.found: list[_Averages] | None = None
+        variance = np.sum(free.amplitudes**2)
+        self.sigma = math.sqrt(float(variance))
+
+    def run(self, rel_error: float, budget: float | None) -> None:
+        """More windows until the largest acceleration is known, or time is up."""
+        size = min(plan.block for plan in self.plans)
+        started, done, wanted = time.perf_counter(), 0, FIRST_PATHS
+        with ThreadPoolExecutor(self.threads or len(os.sched_getaffinity(0))) as pool:
+            for _ in range(MOST_ROUNDS):
+                wanted = size * math.ceil(wanted / size)
+                for block in pool.map(
+                    lambda first: self._block(first, size), range(done, wanted, size)
+                ):
+                    self.found = (
+                        block
+                        if self.found is None
+                        else [old + new for old, new in zip(self.found, block, strict=True)]
+                    )
+                done = wanted
+                assert self.found is not None
+                mean, error = _mean(self.found[0].largest)
+                late = budget is not None and time.perf_counter() - started > budget
+                if error <= rel_error * mean or late:
+                    return
+                wanted = math.ceil(done * min(max(1.1 * (error / rel_error / mean) ** 2, 1.25), 4))
+
+    def _block(self, first: int, size: int) -> list[_Averages]:
+        return [_averages(plan, self.seed, first, size) for plan in self.plans]
+
+    def told(self) -> dict[str, float]:
+        """Columns of one row."""
+        assert self.found is not None
+        stopped, coarse, free = self.found
+        hits, hits_error = _mean(stopped.hits)
+        square, square_error = _mean(stopped.mean_square)
+        rms = math.sqrt(square)
+        largest, largest_error = _mean(stopped.largest)
+        rms_ratio, rms_ratio_error = _ratio(
+            stopped.mean_square, free.mean_square, lambda ratio: math.sqrt(ratio)
+        )
+        peak_ratio, peak_ratio_error = _ratio(stopped.largest, free.largest, lambda ratio: ratio)
+        return {
+            "hit_rate": hits,
+            "hit_rate_error": hits_error,
+            "acceleration_rms": rms,
+            "acceleration_rms_error": 0.5 * square_error / rms,
+            "largest_acceleration": largest,
+            "largest_acceleration_error": largest_error,
+            "largest_acceleration_bias": abs(_mean(coarse.largest)[0] - largest) / 3.0,
+            "rms_amplification": rms_ratio,
+            "rms_amplification_error": rms_ratio_error,
+            "peak_amplification": peak_ratio,
+            "peak_amplification_error": peak_ratio_error,
+            "windows": float(len(stopped.largest)),
+        }
+
+
+def _mean(values: Vector) -> tuple[float, float]:
+    return float(values.mean()), float(values.std(ddof=1) / math.sqrt(len(values)))
+
+
+def _ratio(above: Vector, below: Vector, shape: Callable[[float], float]) -> tuple[float, float]:
+    """shape(mean above / mean below) with its standard error (jackknife, paths in common)."""
+    count = len(above)
+    left_out = (above.sum() - above) / (below.sum() - below)
+    values = np.array([shape(float(ratio)) for ratio in left_out])
+    spread = float(np.sum((values - values.mean()) ** 2))
+    return shape(float(above.sum() / below.sum())), math.sqrt((count - 1) / count * spread)

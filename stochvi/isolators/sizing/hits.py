@@ -1,0 +1,134 @@
+"""What hits are like at a clearance: by bursts where first hits are rare, else by simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.methods.monte_carlo import simulate
+from stochvi.methods.monte_carlo.kernels.compliant_response import EXTREMES
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.estimates import Estimate, Response
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.statistics.bursts import UNFINISHED, WINDOW_RELAXATIONS, bursts
+from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, crossing_plan, deviations
+
+
+def at_clearance(scene: Scene, clearance: float) -> Scene:
+    """The scene with its stops, and their laws, at a distance from the mean position."""
+    system = scene.system()
+    rest = system.load / system.omega**2
+    pair = scene.impact_pairs[0]
+    kept = pair.model_dump(include={"name", "on", "law", "lower_law", "upper_law"})
+    moved = ImpactPair(
+        **kept,
+        lower=None if pair.lower is None else rest - clearance,
+        upper=None if pair.upper is None else rest + clearance,
+    )
+    return scene.model_copy(update={"impact_pairs": (moved,)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tried:
+    """What hits are like at a clearance: by bursts, or by simulating everything.
+
+    `unknown` says, in words, what the budget did not suffice for.
+    """
+
+    clearance: float
+    rel_error: float
+    hit_rate: Estimate
+    impact_speed_mean: Estimate | None
+    hits_per_burst: float | None = None
+    response: Response | None = None
+    unknown: str = ""
+
+
+@dataclass(kw_only=True)
+class Hits:
+    """Hits of a scene at one clearance after the other, from the same random numbers.
+
+    `left` tells the seconds that a calculation may take.
+    """
+
+    scene: Scene
+    curve: RiskCurve
+    rel_error: float
+    seed: int
+    threads: int | None
+    left: Callable[[], float]
+    tried: dict[float, Tried] = field(default_factory=dict)
+
+    @property
+    def window(self) -> float:
+        """Seconds that a burst is flown."""
+        return WINDOW_RELAXATIONS / MEMORY_RELAXATIONS * self.curve.crossings.horizon
+
+    def at(self, clearance: float, rel_error: float | None = None) -> Tried:
+        """What hits are like at a clearance; remembered unless asked for more roughly."""
+        wanted = rel_error or self.rel_error
+        if clearance not in self.tried or self.tried[clearance].rel_error > wanted:
+            scene = at_clearance(self.scene, clearance)
+            rare = self.curve.first_rate(clearance) * self.window < UNFINISHED
+            by_bursts = self._by_bursts(scene, clearance, wanted) if rare else None
+            self.tried[clearance] = by_bursts or self._by_simulation(scene, clearance, wanted)
+        return self.tried[clearance]
+
+    def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
+        """None if bursts do not end, or are not told apart."""
+        try:
+            found = bursts(
+                scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
+            )
+        except NotApplicable:
+            return None
+        if not found.apart:
+            return None
+        return Tried(
+            clearance=clearance,
+            rel_error=rel_error,
+            hit_rate=found.hit_rate(),
+            impact_speed_mean=found.impact_speed_mean(),
+            hits_per_burst=found.hits_per_burst().value,
+        )
+
+    def _by_simulation(self, scene: Scene, clearance: float, rel_error: float) -> Tried:
+        unknown = ""
+        try:
+            response = simulate(
+                scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
+            )
+        except NotConverged as reason:
+            if reason.response is None:
+                raise
+            response = reason.response
+            unknown = (
+                f"the budget ended before the hits at {1e3 * clearance:.4g} mm were known to "
+                f"{rel_error:g}"
+            )
+        pair = response.impact_pairs[scene.impact_pairs[0].name]
+        hit_rate, speed = pair["collision_rate"], pair["impact_speed_mean"]
+        assert isinstance(hit_rate, Estimate)
+        first = self.curve.first_rate(clearance)
+        return Tried(
+            clearance=clearance,
+            rel_error=rel_error,
+            hit_rate=hit_rate,
+            impact_speed_mean=speed if isinstance(speed, Estimate) else None,
+            hits_per_burst=hit_rate.value / first if first else None,
+            response=response,
+            unknown=unknown,
+        )
+
+
+def compile_kernels(scene: Scene) -> None:
+    """Have the kernels compiled that will be needed, before the clock starts."""
+    if not scene.impact_pairs or scene.beyond_one_oscillator():
+        return
+    free = scene.model_copy(update={"impact_pairs": ()})
+    plan = crossing_plan(at_clearance(scene, 3.0 * deviations(free)[0])).shortest()
+    plan.averages(0, 0, 2, None, np.zeros((2, EXTREMES)))
+    plan.averages(0, 0, 2)

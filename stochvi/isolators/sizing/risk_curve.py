@@ -1,0 +1,168 @@
+"""Chance of any hit against clearance, between the levels of one run of first crossings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq
+
+from stochvi.isolators.sizing.answer import Clearance
+from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.statistics.first_crossings import FirstCrossings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+
+CERTAIN = 0.999
+"""The largest chance of a hit that may be asked for."""
+
+KNOWN = 1.0 - 1e-12
+"""Chance of a hit up to which rounding leaves its logarithm four digits."""
+
+LIKELY = 0.5
+"""Chance from which its error follows from that of the rate of first hits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RiskCurve:
+    """Chance of any hit in a mission against clearance, between the levels of one run.
+
+    -ln(1 - P), over what Rice's rate gives for it, changes slowly with the clearance: it is
+    interpolated (monotone cubic, logarithmic) and P follows. Clearances in m per side.
+    """
+
+    crossings: FirstCrossings
+    mission: float
+    clearances: Vector
+    probabilities: Sequence[Estimate]
+    first_rates: Sequence[Estimate]
+
+    @classmethod
+    def of(cls, crossings: FirstCrossings, mission: float) -> RiskCurve:
+        """From first crossings of pairs of levels at equal, increasing distances."""
+        return cls(
+            crossings=crossings,
+            mission=mission,
+            clearances=np.minimum(crossings.lower, crossings.upper),
+            probabilities=_falling(crossings.probability(mission)),
+            first_rates=_falling(crossings.first_rate()),
+        )
+
+    def clearance(self, probability: float) -> Clearance:
+        """Where the chance of any hit is `probability`, with its 95 % interval."""
+        wanted = math.log(-math.log1p(-probability))
+        usable, logs, errors = self._logarithms()
+        curve = self._interpolated(usable, logs)
+        low, high = self.clearances[usable][[0, -1]]
+        if wanted > curve(low):
+            raise ValueError(
+                f"probability of {probability:g} in {self.mission:g} s belongs to a clearance "
+                f"below {1e3 * low:.4g} mm, the smallest that is looked at "
+                f"({low / self.crossings.displacement_std:.3g} sigma); ask for a smaller "
+                "probability or a longer mission"
+            )
+        if wanted < curve(high):
+            raise ValueError(
+                f"probability of {probability:g} in {self.mission:g} s belongs to a clearance "
+                f"above {1e3 * high:.4g} mm, the largest that is looked at; ask for a larger "
+                "probability"
+            )
+        value = float(brentq(lambda c: curve(c) - wanted, low, high, xtol=1e-12 * low, rtol=1e-12))
+        step = 1e-3 * self.crossings.displacement_std
+        inside = min(max(value, low + step), high - step)
+        slope = (curve(inside + step) - curve(inside - step)) / (2.0 * step)
+        half = float(np.interp(value, self.clearances[usable], errors)) / abs(slope)
+        return Clearance(value=value, lower=value - half, upper=value + half)
+
+    def probability(self, clearance: float) -> float:
+        """Chance of any hit at a clearance; beyond the levels the share of Rice's is kept."""
+        usable, logs, _ = self._logarithms()
+        if clearance < self.clearances[usable][0]:
+            return 1.0
+        return -math.expm1(-math.exp(self._interpolated(usable, logs)(clearance)))
+
+    def first_rate(self, clearance: float) -> float:
+        """Limiting rate of first hits, 1/s."""
+        rates = np.array([rate.value for rate in self.first_rates])
+        share = np.log(np.maximum(rates, 1e-300) / self.crossings.rice_rate)
+        return float(
+            np.exp(np.interp(clearance, self.clearances, share)) * self.rice_rate(clearance)
+        )
+
+    def rice_rate(self, clearance: float) -> float:
+        """Rice's rate of crossings of all stops, 1/s."""
+        rate = self.crossings.rice_rate[0]
+        levels = np.array([self.clearances[0], clearance]) / self.crossings.displacement_std
+        return float(rate * math.exp(0.5 * (levels[0] ** 2 - levels[1] ** 2)))
+
+    def _logarithms(self) -> tuple[NDArray[np.bool_], Vector, Vector]:
+        """Levels with a chance between 0 and 1, ln(-ln(1 - P)) there, and its 95 % half width."""
+        chance = np.array([estimate.value for estimate in self.probabilities])
+        usable = (chance > 0.0) & (chance < KNOWN)
+        if usable.sum() < 2:
+            raise ValueError(
+                f"the chance of a hit in {self.mission:g} s is 0 or 1 at all clearances that were "
+                "tried; change the mission"
+            )
+        half = np.array([half_width(estimate) for estimate in self.probabilities])[usable]
+        of_rates = np.array([half_width(rate) / rate.value for rate in self.first_rates])[usable]
+        chance = chance[usable]
+        hazard = -np.log1p(-chance)
+        errors = half / ((1.0 - chance) * hazard)
+        # a chance is never told to be nearer to 1 than its paths show, but its rate is known there
+        errors = np.where(chance > LIKELY, np.minimum(errors, of_rates), errors)
+        return usable, np.log(hazard), errors
+
+    def _interpolated(self, usable: NDArray[np.bool_], logs: Vector) -> Callable[[float], float]:
+        expected = np.log([self.rice_rate(c) * self.mission for c in self.clearances[usable]])
+        ratio = PchipInterpolator(self.clearances[usable], logs - expected)
+        last = float(self.clearances[usable][-1])
+        return lambda c: float(ratio(min(c, last))) + math.log(self.rice_rate(c) * self.mission)
+
+    def to_frame(self) -> pd.DataFrame:
+        """See `Sizing.curve`."""
+        import pandas as pd
+
+        limits = {"first_hit_rate": self.first_rates, "probability": self.probabilities}
+        columns: dict[str, Sequence[float] | Vector] = {
+            "clearance": self.clearances,
+            "clearance_in_sigma": self.clearances / self.crossings.displacement_std,
+            "rice_rate": self.crossings.rice_rate,
+        }
+        for name, estimates in limits.items():
+            most = 1.0 if name == "probability" else math.inf
+            columns[name] = [estimate.value for estimate in estimates]
+            columns[f"{name}_low"] = [max(e.value - half_width(e), 0.0) for e in estimates]
+            columns[f"{name}_high"] = [min(e.value + half_width(e), most) for e in estimates]
+        return pd.DataFrame(columns)
+
+
+def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:
+    """Rates, or chances, of which none is below that of a farther stop: where hardly any motion
+    outlasts the memory, what is left of it is noise. One that is raised has the error of both."""
+    found: list[Estimate] = []
+    for own in reversed(estimates):
+        farther = found[-1] if found else own
+        if farther.value > own.value:
+            own = replace(
+                own,
+                value=farther.value,
+                standard_error=max(own.standard_error, farther.standard_error),
+                bias=max(own.bias or 0.0, farther.bias or 0.0),
+            )
+        found.append(own)
+    return found[::-1]
+
+
+def half_width(estimate: Estimate) -> float:
+    """Of the 95 % interval, bias included where it is known."""
+    return GAUSSIAN_95 * estimate.standard_error + (estimate.bias or 0.0)

@@ -1,0 +1,374 @@
+"""What a sizing hangs on: mount, level, stop law, and an input that is not Gaussian."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import gammaln, roots_genlaguerre
+
+from stochvi.isolators.sizing.method import risk_curve, size
+from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.mathematics.spectra import Table
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import Law, Restitution
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from stochvi.isolators.sizing.answer import Sizing
+
+Vector = NDArray[np.float64]
+
+FREQUENCY_SHARE, DAMPING_SHARE, LEVEL_DB = 0.1, 0.3, 3.0
+"""Tolerances that are tried where the isolator states none, of the natural frequency and of the
+damping ratio; and that of the input."""
+
+RESTITUTION_STEP, STIFFNESS_FACTOR = 0.1, 2.0
+"""Changes of the stop law that are tried, for targets that depend on it."""
+
+ROUGH_ERROR = 0.1
+"""Relative error of the risk in variations of targets that need impacts."""
+
+KURTOSIS = 5.0
+"""Of the input, where it is taken as not Gaussian (3 is Gaussian)."""
+
+RECORD_BITS = 16
+"""Records of 2^16 samples are made not Gaussian."""
+
+RECORDS = 32
+"""For a standard error of the kurtosis of some 0.02."""
+
+SAMPLES_PER_PERIOD = 2.5
+"""Of the highest frequency of the tables."""
+
+ROUNDS = 10
+"""Of setting the law and the density of a record in turn."""
+
+MODULATION_NODES = 200
+"""Of the Gauss-Laguerre rule over the variance of slow bursts."""
+
+
+def sensitivity(sizing: Sizing, *, seed: int = 0, threads: int | None = None) -> pd.DataFrame:
+    """Clearance for the same target, and chance of any hit at the old one, for a changed scene.
+
+    Rows: natural frequency +-10 %, damping ratio +-30 % (or the tolerances of the isolator), level
+    +-3 dB, and, where the target
+    depends on impacts, the restitution +-0.1 or the stiffness of the stops times 2 and 1/2; all
+    with the random numbers of each other. Where the target is a chance of any hit, the input is
+    also taken as not Gaussian, with a kurtosis of 5 at the same density: by fast peaks (a
+    monotone transform of the input, of which the mount averages many), and by slow bursts
+    (the level itself changes, slowly against the memory of the response; see `slow_bursts`).
+
+    Returns
+    -------
+    pandas.DataFrame
+        `change`, `sigma` (m), `clearance` (m), `clearance_change` (relative to that of the
+        sizing), `probability` (of any hit in the mission at the clearance of the sizing).
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Isolator
+    >>> scene = Scene(
+    ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
+    ...     excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    ... )
+    >>> table = sensitivity(size(scene, probability=0.01))
+    >>> louder = table.set_index("change").loc["level +3 dB"]
+    >>> round(float(1.0 + louder["clearance_change"]), 3)
+    1.413
+    """
+    import pandas as pd
+
+    rows = [_row(change, scene, sizing, seed, threads) for change, scene in variations(sizing)]
+    if sizing.target.name == "probability":
+        rows += _not_gaussian(sizing, seed, threads)
+    return pd.DataFrame(rows)
+
+
+def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
+    """The scenes that are tried, each with what was changed."""
+    scene = sizing.scene
+    frequency = getattr(scene.structure, "frequency_tolerance", None) or FREQUENCY_SHARE
+    damping = getattr(scene.structure, "damping_tolerance", None) or DAMPING_SHARE
+    yield "none", scene
+    for sign in (-1.0, 1.0):
+        share = sign * frequency
+        yield f"natural frequency {100.0 * share:+.3g} %", _mount(scene, 1.0 + share, 1.0)
+    for sign in (-1.0, 1.0):
+        share = sign * damping
+        yield f"damping ratio {100.0 * share:+.3g} %", _mount(scene, 1.0, 1.0 + share)
+    for sign in (-1.0, 1.0):
+        yield f"level {sign * LEVEL_DB:+.0f} dB", scene.at_level(sign * LEVEL_DB)
+    if sizing.target.name != "probability":
+        yield from _other_laws(scene)
+
+
+def _row(
+    change: str, scene: Scene, sizing: Sizing, seed: int, threads: int | None
+) -> dict[str, Any]:
+    """The changed scene sized for the same target."""
+    target = sizing.target
+    curve = risk_curve(
+        scene, target, sizing.mission, rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads
+    )
+    if target.name == "probability":
+        clearance = curve.clearance(target.value).value
+    else:
+        limit: dict[str, Any] = {target.name: target.value}
+        if target.exceedance is not None:
+            limit["exceedance"] = target.exceedance
+        clearance = size(
+            scene,
+            **limit,
+            mission=sizing.mission,
+            rel_error=ROUGH_ERROR,
+            seed=seed,
+            threads=threads,
+        ).clearance.value
+    return _told(
+        change,
+        sizing,
+        curve.crossings.displacement_std,
+        clearance,
+        curve.probability(sizing.clearance.value),
+    )
+
+
+def _told(
+    change: str, sizing: Sizing, sigma: float, clearance: float, probability: float
+) -> dict[str, Any]:
+    return {
+        "change": change,
+        "sigma": sigma,
+        "clearance": clearance,
+        "clearance_change": clearance / sizing.clearance.value - 1.0,
+        "probability": probability,
+    }
+
+
+def _mount(scene: Scene, frequency: float, damping: float) -> Scene:
+    """Another natural frequency at the same damping ratio, or another damping ratio."""
+    structure = scene.structure
+    given: Mapping[str, Any] = structure.model_dump(exclude_none=True)
+    if "frequency_hz" in given:
+        changed = {"frequency_hz": given["frequency_hz"] * frequency}
+        changed |= {"zeta": given["zeta"] * damping} if "zeta" in given else {}
+        changed |= {"Q": given["Q"] / damping} if "Q" in given else {}
+    else:
+        changed = {
+            "stiffness": given["stiffness"] * frequency**2,
+            "damping": given["damping"] * frequency * damping,
+        }
+    return scene.model_copy(update={"structure": type(structure)(**(dict(given) | changed))})
+
+
+def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
+    """Stops that lose less and more, or that are stiffer and softer."""
+    pair = scene.impact_pairs[0]
+    if all(isinstance(law, Restitution) for _, law in pair.stops()):
+        changes: list[tuple[str, float]] = [
+            (f"restitution {sign * RESTITUTION_STEP:+g}", sign * RESTITUTION_STEP)
+            for sign in (-1.0, 1.0)
+        ]
+    else:
+        changes = [
+            (f"stiffness of the stops x {factor:g}", factor)
+            for factor in (1.0 / STIFFNESS_FACTOR, STIFFNESS_FACTOR)
+        ]
+    for change, amount in changes:
+        laws = {
+            name: _changed_law(law, amount)
+            for name in ("law", "lower_law", "upper_law")
+            if (law := getattr(pair, name)) is not None
+        }
+        moved = pair.model_copy(update=laws)
+        yield change, scene.model_copy(update={"impact_pairs": (moved,)})
+
+
+def _changed_law(law: Law, amount: float) -> Law:
+    if isinstance(law, Restitution):
+        return Restitution(coefficient=min(max(law.coefficient + amount, 0.0), 1.0))
+    # a force law of more stiffness is that of a mass which is smaller by as much
+    return law.per_unit_mass(1.0 / amount)
+
+
+def _not_gaussian(sizing: Sizing, seed: int, threads: int | None) -> list[dict[str, Any]]:
+    """The two ways for an input to have a larger kurtosis than a Gaussian one."""
+    curve = risk_curve(
+        sizing.scene, sizing.target, sizing.mission,
+        rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads,
+    )  # fmt: skip
+    sigma, old = curve.crossings.displacement_std, sizing.clearance.value
+    rows = []
+    try:
+        measured = fast_peaks(sizing.scene, KURTOSIS, seed=seed)
+    except NotApplicable:
+        pass
+    else:
+        hermite = Hermite.of(max(measured.response_kurtosis, 3.0))
+        needed = sigma * hermite(curve.clearance(sizing.target.value).value / sigma)
+        gaussian = sigma * hermite.inverse(old / sigma)
+        change = (
+            f"input kurtosis {measured.input_kurtosis:.3g} by fast peaks "
+            f"(response {measured.response_kurtosis:.3f})"
+        )
+        rows.append(_told(change, sizing, sigma, needed, curve.probability(gaussian)))
+    mission = sizing.mission
+    wanted = sizing.target.value
+    top = old
+    while slow_bursts(curve, top, KURTOSIS, mission) > wanted:
+        top *= 1.5
+    # in sigma: the absolute tolerance of the search has no unit then
+    needed = sigma * brentq(
+        lambda u: slow_bursts(curve, u * sigma, KURTOSIS, mission) - wanted,
+        0.5 * old / sigma,
+        top / sigma,
+        rtol=1e-6,
+    )
+    change = f"input kurtosis {KURTOSIS:g} by slow bursts"
+    chance = slow_bursts(curve, old, KURTOSIS, mission)
+    rows.append(_told(change, sizing, sigma, float(needed), chance))
+    return rows
+
+
+class Hermite(NamedTuple):
+    """Monotone cubic of a Gaussian variable of unit variance that has a chosen kurtosis,
+
+        x = k (g + h (g^3 - 3 g)),    k = 1 / sqrt(1 + 6 h^2)
+
+    (S. R. Winterstein, J. Eng. Mech. 114 (1988) 1772; h solved exactly for the kurtosis).
+
+    Examples
+    --------
+    >>> law = Hermite.of(5.0)
+    >>> round(law.inverse(law(4.0)), 9), Hermite.of(3.0)(4.0)
+    (4.0, 4.0)
+    """
+
+    h: float
+
+    @classmethod
+    def of(cls, kurtosis: float) -> Hermite:
+        """The cubic for a kurtosis of 3 to 20 or so."""
+
+        def excess(h: float) -> float:
+            # moments of H1 + h H3: E x^2 = 1 + 6 h^2, E x^4 = 3 + 24 h + 252 h^2 + 1296 h^3 + ...
+            fourth = 3.0 + 24.0 * h + 252.0 * h**2 + 1296.0 * h**3 + 3348.0 * h**4
+            return fourth / (1.0 + 6.0 * h**2) ** 2 - kurtosis
+
+        return cls(0.0 if kurtosis <= 3.0 else float(brentq(excess, 0.0, 1.0 / 3.0)))
+
+    def __call__(self, g: Any) -> Any:
+        """x for a Gaussian g."""
+        return (g + self.h * (g**3 - 3.0 * g)) / math.sqrt(1.0 + 6.0 * self.h**2)
+
+    def inverse(self, x: float) -> float:
+        """g for x >= 0."""
+        return float(brentq(lambda g: self(g) - x, 0.0, 3.0 + 2.0 * x))
+
+
+class FastPeaks(NamedTuple):
+    """Kurtosis of an input record and of the response to it, with its standard error."""
+
+    input_kurtosis: float
+    response_kurtosis: float
+    standard_error: float
+
+
+def fast_peaks(
+    scene: Scene, kurtosis: float, *, seed: int = 0, records: int = RECORDS
+) -> FastPeaks:
+    """How much of the kurtosis of an input with fast peaks a mount lets through.
+
+    Records of the tabulated input are given the law of `Hermite` and their own density in turn,
+    until they have both; the density last, so that it is exact. White noise, of which the mount
+    averages infinitely many values, has no kurtosis to pass.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene has no tabulated noise.
+    """
+    system = scene.system()
+    if not system.tables:
+        raise NotApplicable("fast_peaks", ["excitation must be tabulated (kind = 'psd')"])
+    length = 2**RECORD_BITS
+    highest = max(float(table.frequency_hz[-1]) for table in system.tables)
+    frequency: Vector = np.fft.rfftfreq(length, 1.0 / (SAMPLES_PER_PERIOD * highest)).astype(float)
+    amplitude = np.sqrt(_density(system.tables, frequency))
+    gain = np.zeros(len(frequency), complex)
+    w = 2.0 * math.pi * frequency[1:]
+    gain[1:] = 1.0 / (system.omega**2 - w**2 + 1j * system.damping_rate * w)
+    random = np.random.default_rng([seed, length])
+    ranks = np.sort(Hermite.of(kurtosis)(np.sort(random.standard_normal(length))))
+    found = []
+    for _ in range(records):
+        spectrum = amplitude * np.exp(2j * math.pi * random.random(len(amplitude)))
+        for _ in range(ROUNDS):
+            record = np.fft.irfft(spectrum, length)
+            shaped = np.empty(length)
+            shaped[np.argsort(record)] = ranks
+            phase = np.fft.rfft(shaped)
+            spectrum = amplitude * np.exp(1j * np.angle(phase))
+        response = np.fft.irfft(gain * spectrum, length)
+        found.append([_kurtosis(np.fft.irfft(spectrum, length)), _kurtosis(response)])
+    mean = np.mean(found, axis=0)
+    error = float(np.std(found, axis=0, ddof=1)[1] / math.sqrt(records))
+    return FastPeaks(float(mean[0]), float(mean[1]), error)
+
+
+def _density(tables: tuple[Table, ...], frequency: Vector) -> Vector:
+    density = np.zeros_like(frequency)
+    for table in tables:
+        density[1:] += table(frequency[1:])
+    return density
+
+
+def _kurtosis(record: Vector) -> float:
+    return float(np.mean(record**4) / np.mean(record**2) ** 2)
+
+
+def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: float) -> float:
+    """Chance of any hit where the variance of the input changes slowly, as in a gamma law.
+
+    With the variance m of unit mean and shape n, the kurtosis is 3 (1 + 1 / n). Where it changes
+    slowly against the memory of the response, and often in the mission, the rate of first hits is
+    the mean of lambda(clearance / sqrt m) over m: an upper limit for what a kurtosis may do.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Isolator
+    >>> scene = Scene(
+    ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
+    ...     excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    ... )
+    >>> from stochvi.isolators.sizing.answer import Target
+    >>> target = Target(name="probability", value=0.01, unit="1")
+    >>> curve = risk_curve(scene, target, 3600.0)
+    >>> level = 5.6 * curve.crossings.displacement_std
+    >>> slow_bursts(curve, level, 3.001, 3600.0) / curve.probability(level) < 1.05
+    True
+    """
+    shape = 3.0 / (kurtosis - 3.0)
+    if shape > 100.0:
+        nodes, weights = _nearly_constant(shape)
+    else:
+        nodes, weights = roots_genlaguerre(MODULATION_NODES, shape - 1.0)
+        nodes = nodes / shape
+        weights = weights / math.exp(gammaln(shape))
+    rates = [curve.first_rate(clearance / math.sqrt(m)) for m in nodes]
+    return -math.expm1(-mission * float(np.dot(weights, rates)))
+
+
+def _nearly_constant(shape: float) -> tuple[Vector, Vector]:
+    """A gamma law of large shape is nearly Gaussian, of variance 1 / shape."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(9)
+    return 1.0 + nodes / math.sqrt(shape), weights / math.sqrt(2.0 * math.pi)

@@ -1,0 +1,79 @@
+"""What a sizing may be asked for, and what the stops of a scene can say of it."""
+
+from __future__ import annotations
+
+from scipy.optimize import brentq
+
+from stochvi.isolators.sizing.answer import Target
+from stochvi.isolators.sizing.risk_curve import CERTAIN
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.scene import LARGEST_NUMBER, Scene
+
+TYPICAL_SPEED = 1.25
+"""Rms velocities: half of the first hits are about as fast or faster."""
+
+WIDEST = 3.0
+"""Speeds are drawn from a law at most so much wider: weights grow with it."""
+
+
+def target_of(
+    probability: float | None,
+    rate: float | None,
+    impact_speed: float | None,
+    peak_acceleration: float | None,
+    exceedance: float,
+) -> Target:
+    """The one target that is given; `ValueError` if it is none, or more, or out of range."""
+    known = {
+        "probability": (probability, "1"),
+        "rate": (rate, "1/s"),
+        "impact_speed": (impact_speed, "m/s"),
+        "peak_acceleration": (peak_acceleration, "m/s^2"),
+    }
+    given = [name for name, (value, _) in known.items() if value is not None]
+    if len(given) != 1:
+        raise ValueError(
+            f"give exactly one of {', '.join(known)}, got {' and '.join(given) or 'none'}"
+        )
+    name = given[0]
+    value, unit = known[name]
+    assert value is not None
+    if not 0.0 < value <= (CERTAIN if name == "probability" else LARGEST_NUMBER):
+        span = f"in (0, {CERTAIN:g}]" if name == "probability" else "positive"
+        raise ValueError(f"{name} must be {span}, got {value:g}")
+    if not 0.0 < exceedance < 1.0:
+        raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
+    limited = name in ("impact_speed", "peak_acceleration")
+    return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
+
+
+def widening(scene: Scene, target: Target, velocity_std: float, clearance: float) -> float:
+    """How much faster than usual first hits are to be drawn for the limit to be exceeded."""
+    system = scene.system()
+    speed = target.value
+    if target.name == "peak_acceleration":
+        left = max(target.value - system.omega**2 * clearance, 0.1 * target.value)
+        softest = next(law for law in system.laws if isinstance(law, CompliantLaw))
+        # forces are per unit mass here
+        low = 1e-9 * velocity_std
+        speed = float(
+            brentq(lambda w: softest.impact(w, 1.0).peak_force - left, low, 1e6, xtol=low)
+        )
+    return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
+
+
+def check_laws(scene: Scene, target: Target) -> None:
+    """Refuse what the stops of the scene cannot say."""
+    if not scene.impact_pairs:
+        raise NotApplicable("size", [f"{target.name} needs an impact_pair, for its law"])
+    rigid = [side for side, law in scene.impact_pairs[0].stops() if law.rigid]
+    if target.name == "peak_acceleration" and rigid:
+        raise NotApplicable(
+            "size",
+            [
+                f"peak_acceleration needs the stiffness of the stops, and the {rigid[0]} stop has "
+                "only a restitution (law.kind = 'restitution'); give an elastic, viscoelastic, "
+                "hertz or table law"
+            ],
+        )

@@ -1,0 +1,1 @@
+"""Mathematics that knows no scene: laws, quadrature, spectra, linear systems, units."""

@@ -1,0 +1,138 @@
+"""Response of a linear structure of several modes to tabulated noise, by frequency.
+
+Modal coordinates, q'' + B q' + K q = p f with f of a one-sided density G per hertz, so that
+
+    H(w) = (K - w^2 + i w B)^-1 p,    E q q' = int Re(H H*) G df        (n modes, w = 2 pi f)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.mathematics.spectra import Table
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Waves = NDArray[np.complex128]
+Tables = Sequence[tuple[Table, Vector]]
+"""Densities, and the modal forces p per unit of what they describe."""
+
+NODES = 6
+"""Of Gauss-Legendre quadrature on each panel, which narrow geometrically towards resonances."""
+
+NARROWEST = 1e-9
+"""Width of a resonance, relative to its frequency, that is looked at."""
+
+
+def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Vector) -> Waves:
+    """H of displacements over what shakes, complex (frequencies, n).
+
+    >>> still = gains(np.array([0.0]), np.diag([4.0]), np.diag([0.1]), np.array([2.0]))
+    >>> still.real.tolist()
+    [[0.5]]
+    """
+    w = 2.0 * np.pi * frequency_hz[:, None, None]
+    dynamic = stiffness - w**2 * np.eye(len(stiffness)) + 1j * w * damping
+    forces = np.broadcast_to(force[:, None].astype(complex), (len(frequency_hz), len(force), 1))
+    solved: Waves = np.linalg.solve(dynamic, forces)[:, :, 0]
+    return solved
+
+
+def quadrature(table: Table, stiffness: Matrix, damping: Matrix) -> tuple[Vector, Vector]:
+    """Nodes (Hz) and weights over a table, in panels that narrow towards every resonance."""
+    low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
+    octaves = 2 + 2 * math.ceil(math.log2(high / low))
+    edges = [table.frequency_hz, np.geomspace(low, high, octaves)]
+    for value in eigenvalues(stiffness, damping):
+        resonance = abs(value.imag) / (2.0 * math.pi)
+        width = max(abs(value.real) / (2.0 * math.pi), NARROWEST * abs(value), 1e-300)
+        reach = max(abs(high - resonance), abs(low - resonance), width)
+        offsets = width * 2.0 ** np.arange(-1.0, math.ceil(math.log2(reach / width)) + 1.0)
+        edges += [np.array([resonance]), resonance + offsets, resonance - offsets]
+    cuts = np.unique(np.concatenate(edges))
+    cuts = cuts[(cuts >= low) & (cuts <= high)]
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    half, middle = np.diff(cuts)[:, None] / 2.0, (cuts[1:] + cuts[:-1])[:, None] / 2.0
+    return (middle + half * nodes).ravel(), (half * weights).ravel()
+
+
+def eigenvalues(stiffness: Matrix, damping: Matrix) -> Waves:
+    """Of the free motion q'' + B q' + K q = 0, one of each conjugate pair."""
+    n = len(stiffness)
+    companion = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
+    found = np.linalg.eigvals(companion).astype(complex)
+    kept: Waves = found[found.imag >= 0.0]
+    return kept
+
+
+def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
+    """Stationary covariance of displacements and velocities, (2n, 2n).
+
+    Examples
+    --------
+    >>> wide = Table(frequency_hz=np.array([1e-4, 1e4]), density=np.array([0.4, 0.4]))
+    >>> found = covariance([(wide, np.array([1.0]))], np.diag([1.0]), np.diag([0.1]))
+    >>> found.round(3) + 0.0
+    array([[1., 0.],
+           [0., 1.]])
+    """
+    n = len(stiffness)
+    total = np.zeros((2 * n, 2 * n))
+    for table, force in tables:
+        f, weight = quadrature(table, stiffness, damping)
+        displacement = gains(f, stiffness, damping, force)
+        both = np.hstack([displacement, 2j * np.pi * f[:, None] * displacement])
+        total += np.einsum("fi,fj->ij", (table(f) * weight)[:, None] * both, both.conj()).real
+    return total
+
+
+def beyond(
+    tables: Tables, stiffness: Matrix, damping: Matrix, rows: Matrix
+) -> tuple[Vector, Matrix]:
+    """Frequencies (Hz), and the velocity variance of each of `rows` . q at and above them."""
+    nodes, parts = [], []
+    for table, force in tables:
+        f, weight = quadrature(table, stiffness, damping)
+        velocity = 2.0 * np.pi * f[:, None] * (gains(f, stiffness, damping, force) @ rows.T)
+        nodes.append(f)
+        parts.append((table(f) * weight)[:, None] * np.abs(velocity) ** 2)
+    order = np.argsort(np.concatenate(nodes))
+    shares = np.concatenate(parts)[order]
+    return np.concatenate(nodes)[order], np.cumsum(shares[::-1], axis=0)[::-1]
+
+
+NODES_OF_BIN = 3
+"""Of Gauss-Legendre quadrature in a bin, or in each part of one that a breakpoint cuts."""
+
+
+def bin_amplitudes(
+    table: Table, force: Vector, stiffness: Matrix, damping: Matrix, length: float, count: int
+) -> tuple[Waves, Matrix]:
+    """Amplitudes B of the bins 1 ... count - 1, [(k -+ 1/2)] / length, and their E q'^2.
+
+    |B|^2 is the integral of |H|^2 G over the bin, so that the edges of a table are exact; the
+    phases, which tell modes from one another, are those of H in its middle. What lies below the
+    first bin is added to it. Both (count - 1, n).
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(NODES_OF_BIN)
+    edges = (np.arange(count) + 0.5) / length
+    low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
+    cuts = np.unique(np.concatenate([edges, table.frequency_hz]))
+    cuts = cuts[(cuts >= low) & (cuts <= min(edges[-1], high))]
+    squares, velocities = np.zeros((2, count - 1, len(force)))
+    half, middle = np.diff(cuts) / 2.0, (cuts[1:] + cuts[:-1]) / 2.0
+    owner = np.clip(np.searchsorted(edges, middle) - 1, 0, count - 2)
+    for node, weight in zip(nodes, weights, strict=True):
+        f = middle + half * node
+        share = (half * weight * table(f))[:, None]
+        share = share * np.abs(gains(f, stiffness, damping, force)) ** 2
+        np.add.at(squares, owner, share)
+        np.add.at(velocities, owner, (2.0 * np.pi * f[:, None]) ** 2 * share)
+    turned = gains(np.arange(1, count) / length, stiffness, damping, force)
+    size = np.abs(turned)
+    phase = np.divide(turned, size, out=np.ones_like(turned), where=size > 0.0)
+    return phase * np.sqrt(squares), velocities

@@ -1,0 +1,1 @@
+"""The methods that turn a model into a response. No method imports another."""

@@ -1,0 +1,111 @@
+"""Averaging of the energy: a lightly damped mass keeps its orbit for many cycles."""
+
+from __future__ import annotations
+
+import time
+
+from stochvi.model.energy_law import CONTINUOUS, FINITE_JUMPS, UNFOLDED, VARIANTS, energy_law
+from stochvi.model.responses import Answer
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Response
+from stochvi.scenes.scene import Scene
+
+__all__ = ["CONTINUOUS", "FINITE_JUMPS", "UNFOLDED", "VARIANTS", "average", "unmet_conditions"]
+
+
+def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
+    """Stationary response by stochastic averaging of the energy, approximate.
+
+    Noise, damping and impacts are spread over a cycle. With every loss small the energy diffuses
+    (R. L. Stratonovich; W. Q. Zhu, Appl. Mech. Rev. 41 (1988) 189),
+
+        p(E) = C T exp(-(1 / D) integral of (b + L / J) dE),   L = sum_i (1 - R_i^2)(E - E_i),
+
+    the variant "continuous", exact at R = 1. The variant "finite jumps" lets an impact take the
+    energy from E to E_i + R_i^2 (E - E_i) at once: with the flux through E balanced,
+
+        D J G' + b J G + sum over E_i < E of integral of G from E to E_i + (E - E_i) / R_i^2 = 0,
+
+    which goes over into the first for R near 1. The variant "unfolded" is that of V. F. Zhuravlev's
+    transformation (Mech. Solids 11 (1976) 23): mirrored at its stops the motion is smooth but for
+    a jump (1 - R) v at each passage of one, which is taken for a damper (1 - R) v |v| delta(x - c)
+    in the place of the stop; then L = sum_i 2 (1 - R_i)(E - E_i), which is too much by the factor
+    2 / (1 + R). Within an orbit the mass is found in proportion
+    to the time spent, and each cycle hits each reached stop once.
+
+    Parameters
+    ----------
+    variant
+        "finite jumps", "continuous" or "unfolded".
+
+    Returns
+    -------
+    Response
+        `bias` is None: the error falls with b / omega and 1 - R, and is not known. The energy
+        balance holds, those of virial and force only approximately.
+
+    Raises
+    ------
+    NotApplicable
+        With every condition that the scene does not meet.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> print(f"{average(scene).coordinates['x']['displacement_std'].value:.3f} m")
+    0.531 m
+    """
+    started = time.perf_counter()
+    if variant not in VARIANTS:
+        raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
+    unmet = unmet_conditions(scene)
+    if unmet:
+        raise NotApplicable("average", unmet)
+    system = scene.system()
+    law = energy_law(system, variant)
+    if system.omega or system.load:
+        away = law.moment(lambda orbits: orbits.first)
+    else:
+        away = law.centre - law.well.place
+    mean = law.well.place + away
+    return Answer(
+        mean=mean,
+        variance=law.moment(lambda orbits: orbits.second) - away**2,
+        velocity_mean_square=law.velocity_mean_square,
+        upcrossing_rate=law.rate_of_cycles_above(float(law.well.energy(mean))),
+        lower=law.stop("lower"),
+        upper=law.stop("upper"),
+    ).response(
+        f"average:{variant}",
+        scene,
+        how="energy averaged over cycles",
+        started=started,
+        bias=0.0 if system.elastic else None,
+        assumptions=["noise, damping and impacts change the energy little in one cycle"],
+    )
+
+
+def unmet_conditions(scene: Scene) -> list[str]:
+    """What keeps a scene from being averaged; empty where nothing does."""
+    unmet = scene.beyond_one_oscillator()
+    if unmet:
+        return unmet
+    system = scene.system()
+    unmet = system.not_rigid()
+    if system.tables:
+        unmet.append("excitation must be white noise, got a tabulated density")
+    elif system.intensity == 0.0:
+        unmet.append("excitation must contain noise, got a constant load alone")
+    if system.damping_rate == 0.0 and system.elastic:
+        unmet.append("damping must be positive where no stop takes energy, got 0")
+    if not system.held:
+        unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
+    return unmet

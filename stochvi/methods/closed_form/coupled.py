@@ -1,0 +1,267 @@
+"""A few impact pairs that springs couple: their joint density by quadrature on a product of panels.
+
+p(y) ~ exp(-(y' A y / 2 - h' y + sum_j V_j(y_j)) / theta) between rigid stops.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from stochvi.mathematics.cut_normal import CUT
+from stochvi.mathematics.impact_rates import ContactStatistics
+from stochvi.model.model import Contact
+from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+MOST_PAIRS = 3
+"""That are integrated together: a fourth would cost another factor of a hundred."""
+
+NODES = {2: (24, 32), 3: (16, 20)}
+"""Nodes in each panel of a coordinate, by the number of pairs: coarse and fine."""
+
+MOST_POINTS = 20_000_000
+"""Of a product rule: some seconds, and some hundred megabytes."""
+
+ALLOWED = 1e-6
+"""Relative change from coarse to fine up to which an integral counts as exact."""
+
+STEPS_INTO_A_STOP = (1.0, 3.0, 9.0)
+"""Edges of panels within a stop that gives way, in deflections at the rms speed."""
+
+
+class Intractable(Exception):
+    """The integrals of a law are out of reach here; says why."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rule:
+    """A product rule: nodes of each coordinate, and the weights with the density, normalised."""
+
+    nodes: tuple[Vector, ...]
+    weights: NDArray[np.float64]
+    log_mass: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoupledLaw:
+    """The law of pairs that depend on each other.
+
+    Parameters
+    ----------
+    theta
+        Energy, J.
+    stiffness, load
+        A (p, p), N/m, and h (p,), N.
+    contacts
+        The pairs, with their stops.
+
+    Raises
+    ------
+    Intractable
+        If a coordinate has no end that can be told, or the quadrature does not settle.
+    """
+
+    theta: float
+    stiffness: Matrix
+    load: Vector
+    contacts: tuple[Contact, ...]
+    error: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.__dict__["error"] = self._settled()
+
+    # The energy ---------------------------------------------------------------------------
+
+    def _compliant(self, place: int) -> list[tuple[float, float, CompliantLaw]]:
+        """(sign, position, law) of the stops of a pair that give way."""
+        return [
+            (1.0 if side == "upper" else -1.0, stop, law)
+            for side, stop, law in self.contacts[place].stops
+            if isinstance(law, CompliantLaw)
+        ]
+
+    def _rigid(self, place: int) -> tuple[float, float]:
+        """Where rigid stops cut the density of a coordinate; infinite for none."""
+        contact = self.contacts[place]
+        held = {side: stop for side, stop, law in contact.stops if law.rigid}
+        return held.get("lower", -math.inf), held.get("upper", math.inf)
+
+    def _stored(self, place: int, y: Vector) -> Vector:
+        """Energy in the stops of a pair less that of the load, J."""
+        energy = -self.load[place] * y
+        for sign, stop, law in self._compliant(place):
+            energy = energy + law.potential_at(sign * (y - stop))
+        return np.asarray(energy)
+
+    def _energy_and_slope(self, y: Vector) -> tuple[float, Vector]:
+        pull = self.stiffness @ y
+        energy = 0.5 * float(y @ pull)
+        slope = pull - self.load
+        for place, here in enumerate(y):
+            energy += float(self._stored(place, here))
+            for sign, stop, law in self._compliant(place):
+                slope[place] += sign * float(law.force_at(sign * (here - stop)))
+        return energy / self.theta, slope / self.theta
+
+    @cached_property
+    def _mode(self) -> Vector:
+        """Where the density is largest."""
+        bounds = [self._rigid(place) for place in range(len(self.contacts))]
+        start = np.array([min(max(0.0, low), high) for low, high in bounds])
+        found = minimize(
+            self._energy_and_slope, start, jac=True, bounds=bounds, method="L-BFGS-B",
+            options={"ftol": 1e-15, "gtol": 1e-10, "maxiter": 1000},
+        )  # fmt: skip
+        return np.asarray(found.x)
+
+    def _ends(self, place: int) -> tuple[float, float]:
+        """A range that leaves e^-CUT: the energy above its minimum is at least d' A d / 2."""
+        low, high = self._rigid(place)
+        values, vectors = np.linalg.eigh(self.stiffness)
+        reach = math.inf
+        if values[0] > 1e-12 * values[-1]:
+            variance = float(np.sum(vectors[place] ** 2 / values)) * self.theta
+            reach = math.sqrt(2.0 * CUT * variance)
+        low, high = max(low, self._mode[place] - reach), min(high, self._mode[place] + reach)
+        if not math.isfinite(low) or not math.isfinite(high):
+            raise Intractable(
+                f"springs or two rigid stops must hold the pair {self.contacts[place].name!r}"
+            )
+        return low, high
+
+    # Quadrature ---------------------------------------------------------------------------
+
+    def _panels(self, place: int) -> list[float]:
+        low, high = self._ends(place)
+        edges = {low, high, float(self._mode[place])}
+        speed = math.sqrt(self.theta / self.contacts[place].mass)
+        for sign, stop, law in self._compliant(place):
+            knots = law.pieces[0] if isinstance(law, ForceTable) else np.zeros(1)
+            depth = law.impact(speed, self.contacts[place].mass).peak_deflection
+            into = [*knots, *(step * depth for step in STEPS_INTO_A_STOP)]
+            edges |= {float(stop + sign * y) for y in into}
+        own = math.sqrt(self.theta / self.stiffness[place, place])
+        whole = sorted(edge for edge in edges if low <= edge <= high)
+        # no panel longer than a few deviations of the coordinate with the others held
+        return sorted(
+            {
+                float(edge)
+                for one, two in pairwise(whole)
+                for edge in np.linspace(one, two, 1 + math.ceil((two - one) / (4.0 * own)))
+            }
+        )
+
+    def _rule(self, nodes: int, fixed: tuple[int, float] | None = None) -> Rule:
+        """The product rule; with `fixed` = (pair, y) on the plane where one coordinate is y."""
+        places, weights = [], []
+        root, share = np.polynomial.legendre.leggauss(nodes)
+        for place in range(len(self.contacts)):
+            if fixed is not None and fixed[0] == place:
+                places.append(np.array([fixed[1]]))
+                weights.append(np.ones(1))
+                continue
+            edges = np.array(self._panels(place))
+            half = np.diff(edges)[:, None] / 2.0
+            places.append(((edges[:-1, None] + edges[1:, None]) / 2.0 + half * root).ravel())
+            weights.append((half * share).ravel())
+        if math.prod(map(len, places)) > MOST_POINTS:
+            raise Intractable(f"the quadrature over {len(places)} coupled pairs is too large")
+        grid = np.meshgrid(*places, indexing="ij", sparse=True)
+        energy = sum(
+            self._stored(row, y) + 0.5 * self.stiffness[row, row] * y**2
+            for row, y in enumerate(grid)
+        )
+        for row in range(len(grid)):
+            for column in range(row):
+                energy = energy + self.stiffness[row, column] * grid[row] * grid[column]
+        energy = np.asarray(energy)
+        least = float(energy.min())
+        density = np.exp(-(energy - least) / self.theta)
+        for weight in np.ix_(*weights):
+            density = density * weight
+        mass = float(density.sum())
+        return Rule(
+            nodes=tuple(places),
+            weights=density / mass,
+            log_mass=math.log(mass) - least / self.theta,
+        )
+
+    def _settled(self) -> float:
+        """The error of the fine rule; Intractable where the two rules differ."""
+        coarse, fine = (self._rule(nodes) for nodes in NODES[len(self.contacts)])
+        self.__dict__["_fine"] = fine
+        one, two = _moments(coarse), _moments(fine)
+        size = np.sqrt(np.diag(two[1]))
+        error = max(
+            float(np.max(np.abs(one[0] - two[0]) / size)),
+            float(np.max(np.abs(one[1] - two[1]) / np.outer(size, size))),
+            abs(math.expm1(coarse.log_mass - fine.log_mass)),
+        )
+        if not error <= ALLOWED:
+            raise Intractable(
+                f"the quadrature over {len(self.contacts)} coupled pairs has not settled (error "
+                f"{error:.1g})"
+            )
+        return error
+
+    # What is asked of it ------------------------------------------------------------------
+
+    @cached_property
+    def mean(self) -> Vector:
+        """E y, m."""
+        return _moments(self._fine_rule)[0]
+
+    @cached_property
+    def covariance(self) -> Matrix:
+        """Of y, m^2."""
+        return _moments(self._fine_rule)[1]
+
+    @property
+    def _fine_rule(self) -> Rule:
+        rule: Rule = self.__dict__["_fine"]
+        return rule
+
+    def density_at(self, place: int, y: float) -> float:
+        """Marginal density of one pair's coordinate, 1/m."""
+        plane = self._rule(NODES[len(self.contacts)][1], fixed=(place, y))
+        return math.exp(plane.log_mass - self._fine_rule.log_mass)
+
+    def contact(self, place: int, side: str) -> ContactStatistics | None:
+        """Contact with one stop that gives way, per unit of the reduced mass."""
+        contact = self.contacts[place]
+        marginal = _marginal(self._fine_rule, place)
+        for sign, stop, law in self._compliant(place):
+            if (side == "upper") == (sign > 0.0):
+                y = sign * (self._fine_rule.nodes[place] - stop)
+                force = float(law.force_at(y) @ marginal) / contact.mass
+                return ContactStatistics(float(marginal[y > 0.0].sum()), force, None)
+        return None
+
+
+def _marginal(rule: Rule, place: int) -> Vector:
+    axes = tuple(axis for axis in range(rule.weights.ndim) if axis != place)
+    return np.asarray(rule.weights.sum(axis=axes))
+
+
+def _moments(rule: Rule) -> tuple[Vector, Matrix]:
+    """Mean and covariance."""
+    count = len(rule.nodes)
+    mean = np.array([_marginal(rule, row) @ rule.nodes[row] for row in range(count)])
+    away = [rule.nodes[row] - mean[row] for row in range(count)]
+    covariance = np.zeros((count, count))
+    for row in range(count):
+        covariance[row, row] = _marginal(rule, row) @ away[row] ** 2
+        for column in range(row):
+            axes = tuple(axis for axis in range(count) if axis not in (row, column))
+            joint = rule.weights.sum(axis=axes)
+            covariance[row, column] = covariance[column, row] = away[column] @ joint @ away[row]
+    return mean, covariance

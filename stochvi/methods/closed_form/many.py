@@ -1,0 +1,386 @@
+"""Several coordinates: the Gibbs law exp(-H / theta), and Gaussian laws without stops.
+
+The stops see y = D q alone, one entry per impact pair. Given y the rest is Gaussian, so that
+
+    p(y) ~ exp(-(y' A y / 2 - h' y + sum_j V_j(y_j)) / theta),   q | y ~ N(base + G y, spread),
+
+A and h what is left of stiffness and load after the other directions have settled. Pairs that A
+does not couple are independent, each like one oscillator; coupled ones are integrated together.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import null_space
+from scipy.sparse.csgraph import connected_components
+
+from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, gaussian_stop
+from stochvi.methods.closed_form.coupled import MOST_PAIRS, CoupledLaw, Intractable
+from stochvi.methods.closed_form.one import lossy
+from stochvi.model.balances import residuals
+from stochvi.model.gibbs_law import GibbsLaw
+from stochvi.model.modal import linear_law, modes_of
+from stochvi.model.model import Assembly, Contact, assemble
+from stochvi.results.estimates import Cost, Estimate, Response, provenance
+from stochvi.scenes.scene import Scene
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+ROUNDING = 1e-12
+"""Relative size below which an entry or an eigenvalue is rounding."""
+
+
+class Split(NamedTuple):
+    """The energy in the pairs' coordinates y, and the Gaussian law of q that is left given y.
+
+    stiffness (p, p) and load (p,) are A and h; q | y has the mean base + gain y and the
+    covariance `spread`.
+    """
+
+    stiffness: Matrix
+    load: Vector
+    gain: Matrix
+    base: Vector
+    spread: Matrix
+
+
+class PairLaw(NamedTuple):
+    """One impact pair: what its stops see, per unit of its reduced mass; `side` -> number."""
+
+    stops: Mapping[str, StopStatistics]
+    contacts: Mapping[str, ContactStatistics | None]
+
+
+class Solution(NamedTuple):
+    """Moments of all coordinates, and each pair; `error` is that of the quadrature, relative."""
+
+    mean: Vector
+    covariance: Matrix
+    velocity: Matrix
+    pairs: Sequence[PairLaw]
+    error: float
+
+
+def unmet_conditions(scene: Scene) -> list[str]:
+    """What keeps a scene of any structure from having a closed form here."""
+    unmet = scene.beyond_numbers()
+    if unmet:
+        return unmet
+    assembly = assemble(scene)
+    where = " where there are several coordinates, filtered noise or a sine"
+    if assembly.tables:
+        unmet.append(f"excitation must not be a tabulated density{where}")
+    if any(signal.amplitude for signal in assembly.signals):
+        unmet.append("excitation must be noise, got a sine")
+    coloured = any(signal.intensity for signal in assembly.signals)
+    if not (np.any(assembly.white) or coloured or assembly.tables):
+        unmet.append("excitation must contain noise, got none")
+    if not assembly.contacts:
+        if not _settles(assembly):
+            unmet.append(
+                "stiffness and damping must hold every coordinate where there are no stops"
+            )
+        return unmet
+    if coloured:
+        unmet.append("excitation must be white noise where there are stops, got filtered noise")
+    for contact in assembly.contacts:
+        for side, _, law in contact.stops:
+            if sentence := lossy(law, f"the {side} stop of {contact.name}"):
+                unmet.append(sentence)
+    return unmet or _not_gibbs(assembly)
+
+
+def _not_gibbs(assembly: Assembly) -> list[str]:
+    """What stands in the way of the Gibbs law under white noise, with stops that lose nothing."""
+    if assembly.temperature is None:
+        return [
+            "white noise must match damping, S = 2 theta C with one theta for all coordinates "
+            "(noise of the base, or on a part of what is damped, does not)"
+        ]
+    if not _reached(assembly):
+        return ["damping and noise must reach every motion, directly or through springs and stops"]
+    directions = np.array([contact.direction for contact in assembly.contacts])
+    if np.linalg.matrix_rank(directions) < len(directions):
+        return ["impact pairs must act on independent coordinates"]
+    try:
+        solve(assembly)
+    except (Intractable, ValueError) as reason:
+        return [str(reason)]
+    return []
+
+
+def response(scene: Scene, started: float) -> Response:
+    """The answer for a scene without unmet conditions."""
+    assembly = assemble(scene)
+    found = solve(assembly) if assembly.contacts else _gaussian(assembly)
+    how = "closed form" if assembly.contacts else "closed form (Lyapunov)"
+    return Response(
+        method="exact",
+        coordinates={
+            name: _coordinate(found, row, how, alone=not assembly.contacts)
+            for row, name in enumerate(assembly.coordinates)
+        },
+        impact_pairs={
+            contact.name: _pair(pair, contact.mass, found.error, how)
+            | _relative(found, contact, how)
+            for contact, pair in zip(assembly.contacts, found.pairs, strict=True)
+        },
+        effects=scene.effects(),
+        assumptions=scene.assumptions(),
+        cost=Cost(wall_time=time.perf_counter() - started),
+        provenance=provenance(scene.document()),
+        identities={
+            name: Estimate(value=value, bias=10.0 * found.error, how=how)
+            for name, value in residuals(
+                assembly, _moments(assembly, found), found.mean.tolist()
+            ).items()
+        },
+    )
+
+
+def _coordinate(found: Solution, row: int, how: str, *, alone: bool) -> dict[str, Estimate | None]:
+    mean, velocity = found.mean[row], found.velocity[row, row]
+    deviation = np.sqrt(found.covariance[row, row])
+    values = {
+        "displacement_mean": mean,
+        "displacement_std": deviation,
+        "displacement_mean_square": mean**2 + deviation**2,
+        "velocity_std": np.sqrt(velocity),
+        "velocity_mean_square": velocity,
+    }
+    if alone:
+        values["upcrossing_rate"] = np.sqrt(velocity) / deviation / (2.0 * np.pi)
+    sizes = {**values, "displacement_mean": deviation}
+    return {
+        name: Estimate(value=float(value), bias=found.error * float(sizes[name]), how=how)
+        for name, value in values.items()
+    } | {"acceleration_std": None}
+
+
+def _relative(found: Solution, contact: Contact, how: str) -> dict[str, Estimate | None]:
+    """Motion of a pair of two coordinates relative to each other."""
+    d = contact.direction
+    if np.count_nonzero(d) < 2:
+        return {}
+    deviation = float(np.sqrt(d @ found.covariance @ d))
+    speed = float(np.sqrt(d @ found.velocity @ d))
+    values = {
+        "relative_displacement_mean": (float(d @ found.mean), deviation),
+        "relative_displacement_std": (deviation, deviation),
+        "relative_velocity_std": (speed, speed),
+    }
+    return {
+        name: Estimate(value=value, bias=found.error * size, how=how)
+        for name, (value, size) in values.items()
+    }
+
+
+def _pair(pair: PairLaw, mass: float, error: float, how: str) -> dict[str, Any]:
+    stops = [pair.stops[side] for side in pair.stops]
+    rate, speed, square = (sum(column) for column in zip(*stops, strict=True))
+    contacts = {side: contact for side, contact in pair.contacts.items() if contact is not None}
+    values: dict[str, float | None] = {
+        "collision_rate": rate,
+        "collision_rate_lower": pair.stops["lower"].rate if "lower" in pair.stops else None,
+        "collision_rate_upper": pair.stops["upper"].rate if "upper" in pair.stops else None,
+        "impact_speed_mean": speed / rate if rate else None,
+        "impact_speed_rate": speed,
+        "impact_speed_square_rate": square,
+        "contact_probability": sum(item.probability for item in contacts.values()) or None,
+        "contact_force_lower": mass * contacts["lower"].force if "lower" in contacts else None,
+        "contact_force_upper": mass * contacts["upper"].force if "upper" in contacts else None,
+        "peak_force": None,
+    }
+    found: dict[str, Any] = {
+        name: None if value is None else Estimate(value=value, bias=error * abs(value), how=how)
+        for name, value in values.items()
+    }
+    return found | {"speed_threshold": 0.0}
+
+
+def _moments(assembly: Assembly, found: Solution) -> dict[tuple[str, str], float]:
+    """What the balances are about."""
+    moments: dict[tuple[str, str], float] = {}
+    for row, name in enumerate(assembly.coordinates):
+        moments[name, "x"] = float(found.mean[row])
+        moments[name, "variance"] = float(found.covariance[row, row])
+        moments[name, "vv"] = float(found.velocity[row, row])
+    for contact, pair in zip(assembly.contacts, found.pairs, strict=True):
+        for side in ("lower", "upper"):
+            stop = pair.stops.get(side, StopStatistics(0.0, 0.0, 0.0))
+            moments[contact.name, f"f1_{side}"] = stop.speed_rate
+            moments[contact.name, f"f2_{side}"] = stop.speed_square_rate
+            held = pair.contacts.get(side)
+            moments[contact.name, f"force_{side}"] = held.force if held else 0.0
+            moments[contact.name, f"loss_{side}"] = 0.0
+    moments["", "kinetic"] = float(np.trace(assembly.mass @ found.velocity))
+    moments["", "potential"] = float(np.trace(assembly.stiffness @ found.covariance))
+    moments["", "dissipation"] = float(np.trace(assembly.damping @ found.velocity))
+    return moments
+
+
+# The Gibbs law ----------------------------------------------------------------------------
+
+
+def solve(assembly: Assembly) -> Solution:
+    """Moments of exp(-H / theta).
+
+    Raises
+    ------
+    ValueError, Intractable
+        If a coordinate is held by nothing; if too many pairs depend on each other.
+    """
+    theta = assembly.temperature
+    assert theta is not None
+    split = _split(assembly, theta)
+    size = np.sqrt(np.diag(split.stiffness))
+    coupled = np.abs(split.stiffness) > ROUNDING * np.outer(size, size)
+    _, labels = connected_components(coupled, directed=False)
+    count = len(assembly.contacts)
+    mean, covariance = np.zeros(count), np.zeros((count, count))
+    pairs: list[PairLaw | None] = [None] * count
+    error = 0.0
+    for label in np.unique(labels):
+        block = np.flatnonzero(labels == label)
+        part = _one_pair if len(block) == 1 else _coupled_pairs
+        found = part(assembly, split, theta, block)
+        mean[block] = found.mean
+        covariance[np.ix_(block, block)] = found.covariance
+        error = max(error, found.error)
+        for place, pair in zip(block, found.pairs, strict=True):
+            pairs[place] = pair
+    return Solution(
+        mean=split.base + split.gain @ mean,
+        covariance=split.spread + split.gain @ covariance @ split.gain.T,
+        velocity=np.asarray(theta * np.linalg.inv(assembly.mass), dtype=float),
+        pairs=[pair for pair in pairs if pair is not None],
+        error=error,
+    )
+
+
+def _split(assembly: Assembly, theta: float) -> Split:
+    """q = along y + across z with D along = 1, D across = 0; z is Gaussian given y."""
+    directions = np.array([contact.direction for contact in assembly.contacts])
+    along, across = np.linalg.pinv(directions), null_space(directions)
+    stiffness, load = assembly.stiffness, assembly.load
+    held = across.T @ stiffness @ across
+    if held.size and not _positive(held):
+        raise ValueError("stiffness must hold every coordinate that stops do not hold")
+    inverse = across @ np.linalg.solve(held, across.T) if held.size else np.zeros_like(stiffness)
+    gain = along - inverse @ stiffness @ along
+    bare = along.T @ stiffness @ along
+    left = along.T @ stiffness @ gain
+    size = np.sqrt(np.diag(bare))
+    left = np.where(np.abs(left) > ROUNDING * np.outer(size, size), (left + left.T) / 2.0, 0.0)
+    return Split(left, gain.T @ load, gain, inverse @ load, theta * inverse)
+
+
+def _one_pair(assembly: Assembly, split: Split, theta: float, block: NDArray[np.intp]) -> Solution:
+    """A pair of its own, like an oscillator of its reduced mass."""
+    row = int(block[0])
+    contact = assembly.contacts[row]
+    try:
+        law = GibbsLaw(
+            theta=theta / contact.mass,
+            omega=float(np.sqrt(max(split.stiffness[row, row], 0.0) / contact.mass)),
+            load=float(split.load[row]) / contact.mass,
+            stop_lower=contact.lower,
+            stop_upper=contact.upper,
+            law_lower=contact.law_lower and contact.law_lower.per_unit_mass(contact.mass),
+            law_upper=contact.law_upper and contact.law_upper.per_unit_mass(contact.mass),
+        )
+    except ValueError:
+        raise ValueError(f"springs or stops must hold the pair {contact.name!r}") from None
+    pair = PairLaw(
+        {side: gaussian_stop(law.density_at(stop), law.theta) for side, stop, _ in contact.stops},
+        {side: law.contact(side) for side, _, _ in contact.stops},
+    )
+    nothing = np.zeros((1, 1))
+    return Solution(np.array([law.mean]), np.array([[law.variance]]), nothing, [pair], 0.0)
+
+
+def _coupled_pairs(
+    assembly: Assembly, split: Split, theta: float, block: NDArray[np.intp]
+) -> Solution:
+    """Pairs that springs couple, integrated together."""
+    contacts = [assembly.contacts[row] for row in block]
+    if len(block) > MOST_PAIRS:
+        names = ", ".join(contact.name for contact in contacts)
+        raise Intractable(
+            f"at most {MOST_PAIRS} impact pairs may depend on each other through springs, got "
+            f"{len(block)} ({names})"
+        )
+    law = CoupledLaw(
+        theta=theta,
+        stiffness=split.stiffness[np.ix_(block, block)],
+        load=split.load[block],
+        contacts=tuple(contacts),
+    )
+    pairs = []
+    for place, contact in enumerate(contacts):
+        velocity = theta / contact.mass
+        pairs.append(
+            PairLaw(
+                {
+                    side: gaussian_stop(law.density_at(place, stop), velocity)
+                    for side, stop, _ in contact.stops
+                },
+                {side: law.contact(place, side) for side, _, _ in contact.stops},
+            )
+        )
+    return Solution(law.mean, law.covariance, np.zeros((0, 0)), pairs, law.error)
+
+
+# Without stops ----------------------------------------------------------------------------
+
+
+def _gaussian(assembly: Assembly) -> Solution:
+    """Linear structure, white and filtered noise."""
+    modes = modes_of(assembly)
+    law = linear_law(modes)
+    assert law is not None
+    n, shapes = modes.size, modes.shapes
+    displacement, velocity = (
+        shapes @ law.covariance[part, part] @ shapes.T for part in (slice(0, n), slice(n, 2 * n))
+    )
+    return Solution(
+        mean=shapes @ (modes.rest + law.mean),
+        covariance=displacement,
+        velocity=velocity,
+        pairs=[],
+        error=0.0,
+    )
+
+
+def _settles(assembly: Assembly) -> bool:
+    """Whether a linear structure forgets how it started."""
+    return linear_law(modes_of(assembly)) is not None
+
+
+def _positive(matrix: Matrix) -> bool:
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    if np.any(size == 0.0):
+        return False
+    return bool(np.linalg.eigvalsh(matrix / np.outer(size, size))[0] > ROUNDING)
+
+
+def _reached(assembly: Assembly) -> bool:
+    """Whether damping acts in every mode, with a spring of some stiffness in place of each stop.
+
+    The stiffnesses are of the structure's size and have no simple ratio, so that no symmetry of
+    the springs hides a motion that impacts would reach.
+    """
+    stiffness = assembly.stiffness.copy()
+    size = float(np.trace(stiffness)) or 1.0
+    for number, contact in enumerate(assembly.contacts, start=2):
+        stiffness += size * np.sqrt(number) * np.outer(contact.direction, contact.direction)
+    root = np.linalg.inv(np.linalg.cholesky(assembly.mass))
+    _, modes = np.linalg.eigh(root @ stiffness @ root.T)
+    damped = np.einsum("ij,ij->j", modes, (root @ assembly.damping @ root.T) @ modes)
+    return bool(np.all(damped > ROUNDING * damped.max()))

@@ -1,0 +1,61 @@
+"""What `exact` answers: by the law of one oscillator, or by that of several coordinates."""
+
+from __future__ import annotations
+
+import time
+
+from stochvi.methods.closed_form import many, one
+from stochvi.results.errors import NoExactSolution
+from stochvi.results.estimates import Response
+from stochvi.scenes.scene import Scene
+
+
+def exact(scene: Scene) -> Response:
+    """Exact stationary response (B 13.38-13.44, for any spring, any stops and a constant load).
+
+    White force noise of intensity S = 2 theta C, C the damping, leaves the Gibbs density
+
+        p(q, q') = Z exp(-(q' M q' / 2 + U(q)) / theta),        (B 13.38 for one coordinate)
+
+    with U the potential of springs, load and stops that lose nothing, infinite beyond rigid ones;
+    of one oscillator theta = S0 / 2 b per unit mass. Returns every moment, the rate of hitting
+    each stop nu = p(stop) sqrt(E y'^2 / 2 pi), y the coordinate of the impact pair, and F1, F2 of
+    the Rayleigh law of impact speeds. Of stops that give way also the share of time in contact
+    and the mean force; of one oscillator the mean of the largest force of a contact, in which
+    noise and damping are neglected (`bias` bounds what that leaves). Without stops the response
+    of a linear structure to Gaussian noise is Gaussian: white and filtered noise through the
+    Lyapunov equation, tables (of one oscillator) as integrals over frequency.
+
+    Raises
+    ------
+    NoExactSolution
+        With every condition that the scene does not meet.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> exact(scene).coordinates["x"]["displacement_std"]
+    0.539560094 [closed form]
+    """
+    started = time.perf_counter()
+    unmet = unmet_conditions(scene)
+    if unmet:
+        raise NoExactSolution(unmet)
+    if scene.beyond_one_oscillator(functions=True):
+        return many.response(scene, started)
+    return one.response(scene, started)
+
+
+def unmet_conditions(scene: Scene) -> list[str]:
+    """What keeps this scene from having a closed form here; empty where it has one."""
+    if scene.beyond_one_oscillator(functions=True):
+        return many.unmet_conditions(scene)
+    return one.unmet_conditions(scene)

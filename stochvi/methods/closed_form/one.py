@@ -1,0 +1,171 @@
+"""One oscillator: p(x, v) = C exp(-(v^2 / 2 + U(x)) / theta), theta = S0 / 2 b (B 13.38).
+
+Without stops the response of a linear oscillator to a tabulated density is Gaussian, and its
+moments are integrals over frequency.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from stochvi.mathematics.impact_rates import gaussian_stop
+from stochvi.mathematics.spectra import LinearMoments, response_moments
+from stochvi.model.gibbs_law import GibbsLaw, Spring
+from stochvi.model.responses import Answer, linear_acceleration
+from stochvi.results.errors import SceneError
+from stochvi.results.estimates import Response
+from stochvi.scenes.impact_laws import Law
+from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.structures import NonlinearOscillator
+
+HEAVIEST = 3.0
+"""Power with which a density must fall, and faster, for its variance to be finite."""
+
+
+def response(scene: Scene, started: float) -> Response:
+    """The answer for a scene without unmet conditions."""
+    system = scene.system()
+    law = displacement_law(scene)
+    velocity = law.theta
+    return Answer(
+        mean=law.mean,
+        variance=law.variance,
+        velocity_mean_square=velocity,
+        upcrossing_rate=law.density_at(law.mean) * math.sqrt(velocity / (2.0 * math.pi)),
+        lower=gaussian_stop(law.density_at(system.lower), velocity),
+        upper=gaussian_stop(law.density_at(system.upper), velocity),
+        contact_lower=law.contact("lower"),
+        contact_upper=law.contact("upper"),
+        acceleration_mean_square=linear_acceleration(system),
+    ).response("exact", scene, how="closed form", started=started)
+
+
+def unmet_conditions(scene: Scene) -> list[str]:
+    """What keeps the scene of one oscillator from having a closed form here."""
+    system = scene.system()
+    unmet = [
+        sentence
+        for side, law in zip(("lower", "upper"), system.laws, strict=True)
+        if law is not None and (sentence := lossy(law, f"the {side} stop"))
+    ]
+    if system.damping_law is not None:
+        unmet.append("damping must be linear, got a function of velocity")
+    if system.tables and scene.impact_pairs:
+        unmet.append(
+            "excitation must be white noise where there are stops, got a tabulated density"
+        )
+    if system.tables and system.restoring is not None:
+        unmet.append(
+            "excitation must be white noise where the spring is a function, got a tabulated density"
+        )
+    if system.damping_rate == 0.0 and system.damping_law is None:
+        unmet.append("damping must be positive, got 0 (there would be no stationary state)")
+    if system.intensity == 0.0 and not system.tables:
+        unmet.append("excitation must contain noise, got a constant load alone")
+    if system.restoring is not None:
+        if not unmet and not _held(system, _white_theta(system)):
+            unmet.append("restoring_force must hold the mass where stops do not")
+        elif not unmet:
+            heaviest = _gibbs_law(system, _white_theta(system)).heaviest
+            if heaviest <= HEAVIEST:
+                unmet.append(
+                    "restoring_force must leave a finite variance, got a density that falls as "
+                    f"x^-{heaviest:.3g} far out, no faster than x^-3"
+                )
+    elif system.omega == 0.0 and not _held(system, theta=1.0):
+        unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
+    return unmet
+
+
+def lossy(law: Law, at: str) -> str:
+    """Whether a stop loses energy, in a sentence; empty if it does not."""
+    if law.conservative:
+        return ""
+    if not law.rigid:
+        return f"law must lose no energy, got {law.kind!r} at {at}"
+    got = f"{law.coefficient:g}" if law.kind == "restitution" else "a function of speed"
+    return f"restitution must be 1 (an elastic stop), got {got} at {at}"
+
+
+def displacement_law(scene: Scene) -> GibbsLaw:
+    """exp(-U / theta) between the stops; of tables the Gaussian law that they leave.
+
+    Raises
+    ------
+    SceneError
+        If the potential that a spring was given is not that of its force.
+    """
+    system = scene.system()
+    theta = _white_theta(system)
+    if system.tables:
+        tables = _table_moments(system)
+        velocity, variance = theta + tables.velocity, tables.displacement
+        variance += theta / system.omega**2
+        omega = math.sqrt(velocity / variance)
+        load = system.load / system.omega**2 * omega**2
+        return GibbsLaw(theta=velocity, omega=omega, load=load)
+    law = _gibbs_law(system, theta)
+    if isinstance(scene.structure, NonlinearOscillator):
+        _check_potential(scene.structure, law)
+    return law
+
+
+def _held(system: System, theta: float) -> bool:
+    try:
+        _gibbs_law(system, theta)
+    except ValueError:
+        return False
+    return True
+
+
+def _gibbs_law(system: System, theta: float) -> GibbsLaw:
+    spring = None
+    if system.restoring is not None and system.potential is not None:
+        spring = Spring(system.restoring, system.potential)
+    return GibbsLaw(
+        theta=theta,
+        omega=system.omega,
+        load=system.load,
+        stop_lower=system.lower,
+        stop_upper=system.upper,
+        law_lower=system.law_lower,
+        law_upper=system.law_upper,
+        spring=spring,
+    )
+
+
+def _white_theta(system: System) -> float:
+    """theta = E v^2 = S0 / (2 b) of the white noise."""
+    return system.intensity / (2.0 * system.damping_rate)
+
+
+def _table_moments(system: System) -> LinearMoments:
+    return response_moments(system.tables, system.omega, system.damping_rate)
+
+
+POTENTIAL_ERROR = 1e-6
+"""Of the energy (and of theta) by which a potential may differ from the integral of its force."""
+
+
+def _check_potential(structure: NonlinearOscillator, law: GibbsLaw) -> None:
+    """Compare a potential of its own with the integral of the force, where the mass is."""
+    if structure.potential is None:
+        return
+    places = np.linspace(law.mean - law.deviation, law.mean + law.deviation, 5)
+    bare = structure.model_copy(update={"potential": None})
+    by_force, own = bare.potential_at(places), structure.potential_at(places)
+    allowed = POTENTIAL_ERROR * (np.abs(by_force).max() + structure.mass * law.theta)
+    wrong = np.abs(own - by_force) > allowed
+    if np.any(wrong):
+        raise SceneError(
+            [
+                (
+                    "structure",
+                    "needs a potential whose derivative is restoring_force, got the energy "
+                    f"{own[wrong][0]:g} J at {places[wrong][0]:g} m where the integral of the "
+                    f"force is {by_force[wrong][0]:g} J",
+                )
+            ]
+        )

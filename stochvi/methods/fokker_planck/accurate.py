@@ -1,0 +1,293 @@
+"""One scene on strips that are refined until two answers in a row agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+from stochvi.methods.fokker_planck.field import Averages, Field
+from stochvi.methods.fokker_planck.motion import Frame, Motion, Stop, make_frame
+from stochvi.methods.fokker_planck.patches import (
+    Degrees,
+    Patch,
+    Strips,
+    first_patches,
+    graded,
+    refined,
+)
+from stochvi.methods.fokker_planck.strips import Strip, solve_strips
+from stochvi.results.errors import NotConverged
+
+FIRST_DEGREES = Degrees(2, 4)
+LAST_DEGREES = Degrees(7, 9)
+"""Polynomials of the first mesh, and the highest; both rise by one from mesh to mesh."""
+
+SLOWEST = (1e-2, 2e-3, 3e-4, 3e-5, 3e-6, 1e-6)
+"""Slowest impacts that the meshes resolve one after another, in units of the weight's velocity."""
+
+MOST_MESHES = 10
+"""In a row; `MOST_UNKNOWNS` ends it before."""
+
+MOST_UNKNOWNS = 800_000
+"""Of a mesh, some ten seconds of work and half a gigabyte."""
+
+SAFETY = 1.5
+"""Of the difference of two meshes as a bound on the error of the finer one."""
+
+SHARED = 0.2
+"""Part of the largest relative difference of motion and impacts that every quantity is granted,
+lest two meshes agree on one of them by chance."""
+
+FLOOR = 1e-9
+"""Relative error that every answer is granted: the ends of the box, and rounding."""
+
+HIT = 1e-12
+"""Hits of a stop for each crossing of the mean from which on it is within reach: less than the
+law of that height leaves, which is right where no stop is leaned on."""
+
+EDGE = 1e-8
+"""Probability beside the ends of the box from which on it is made larger."""
+
+STRETCH = 1.25
+"""Of the box in velocity, each time that it is too small."""
+
+MOST_STRETCHES = 8
+
+
+class Answered(NamedTuple):
+    """What the last mesh found, bounds on its errors, and what the mesh before it found."""
+
+    field: Field
+    averages: Averages
+    errors: Averages
+    coarser: Field
+
+
+def solve_accurately(
+    motion: Motion, rtol: float, threshold: float, rates: Collection[str] = ("lower", "upper")
+) -> Answered:
+    """Refine until the relative error of what `rtol` governs is reached, or no more can be had.
+
+    `rates` are the sides whose rate of impacts faster than `threshold` is wanted too.
+    """
+    frame, patches, field = _first(motion)
+    makers = Strips()
+    answered: Answered | None = None
+    found = field.averages(threshold)
+    for stage in range(1, MOST_MESHES):
+        before, coarser = found, field
+        slowest = SLOWEST[min(stage, len(SLOWEST) - 1)]
+        patches = graded(frame, refined(frame, coarser.solved, patches), slowest)
+        strips = makers.make(patches, _degrees(stage))
+        if stage > 1 and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
+            break
+        try:
+            field = _field(frame, strips, slowest)
+        except np.linalg.LinAlgError:
+            break
+        found = field.averages(threshold)
+        if min(found.variance, found.velocity_mean_square) <= 0.0:
+            answered = None  # a mesh too coarse for a density; finer ones may do
+            continue
+        errors = _errors(field, before, found)
+        answered = Answered(field, found, errors, coarser)
+        if _cut(field)["variance"] > 2.0 * rtol * found.variance:
+            break  # no mesh holds more
+        if worst(found, errors) <= rtol and vague(found, errors).isdisjoint(rates):
+            break
+    if answered is None:
+        raise NotConverged(UNSOLVED)
+    return answered
+
+
+UNSOLVED = "fokker-planck found no density on its first meshes: scales too far apart; simulate"
+
+
+def _field(frame: Frame, strips: tuple[Strip, ...], slowest: float) -> Field:
+    """The density on some strips; LinAlgError if there is none of finite numbers."""
+    solved = solve_strips(frame.box, strips)
+    if not all(np.isfinite(q).all() for q in solved.q):
+        raise np.linalg.LinAlgError(UNSOLVED)
+    return Field(frame, solved, frame.speed * slowest)
+
+
+def _degrees(stage: int) -> Degrees:
+    place, velocity = (
+        min(first + stage, last) for first, last in zip(FIRST_DEGREES, LAST_DEGREES, strict=True)
+    )
+    return Degrees(place, velocity)
+
+
+def _first(motion: Motion) -> tuple[Frame, tuple[Patch, ...], Field]:
+    """The coarsest mesh, of a box beyond which there is next to nothing.
+
+    A mass that leans on a lossy stop reaches further than the law exp(-energy / s^2): fast
+    bounces, which last longer, lose less in the same time.
+    """
+    stretch, hit = 1.0, set[Stop]()
+    for _ in range(MOST_STRETCHES + len(motion.stops)):
+        frame = make_frame(motion, stretch, hit)
+        patches = graded(frame, first_patches(frame), SLOWEST[0])
+        try:
+            field = _field(frame, Strips().make(patches, FIRST_DEGREES), SLOWEST[0])
+        except np.linalg.LinAlgError:
+            raise NotConverged(UNSOLVED) from None
+        new = _hit(field)
+        if not new and field.edge() <= EDGE * _rarity(frame):
+            break
+        hit |= new
+        stretch *= 1.0 if new else STRETCH
+    return frame, patches, field
+
+
+def _hit(field: Field) -> set[Stop]:
+    """Stops that count as out of reach, but lie in the box and are hit."""
+    crossings = field.averages(0.0).upcrossing_rate
+    return {
+        stop
+        for stop in _beyond(field.frame)
+        if _nearest(field.frame, stop) == stop.position
+        and float(field.flux(stop.position, stop.side, 1)) > HIT * crossings
+    }
+
+
+def _beyond(frame: Frame) -> list[Stop]:
+    return [stop for stop in frame.motion.stops if stop not in frame.reached]
+
+
+def _nearest(frame: Frame, stop: Stop) -> float:
+    """The place in the box, and its mirror image if that was left out, next to a stop."""
+    left = 2.0 * frame.left - frame.right if frame.halved else frame.left
+    return min(max(stop.position, left), frame.right)
+
+
+def _rarity(frame: Frame) -> float:
+    """Probability of energies that must be resolved however rare they are, by the weight."""
+    return math.exp(-frame.rare_energy)
+
+
+MOTION = ("mean", "variance", "velocity_mean_square")
+
+
+def _errors(field: Field, coarse: Averages, fine: Averages) -> Averages:
+    """Bounds on the errors of `fine`, the averages of `field`."""
+    sizes = fine._replace(mean=math.sqrt(fine.variance))
+    change = Averages(*(abs(a - b) for a, b in zip(fine, coarse, strict=True)))
+    shared = max(getattr(change, name) / getattr(sizes, name) for name in MOTION)
+    bounds: dict[str, float] = {}
+    for side in ("lower", "upper"):
+        impacts = [f"{name}_{side}" for name in ("speed_rate", "speed_square_rate")]
+        hits = max([shared, *(_ratio(change, sizes, name) for name in impacts)])
+        for name in (name for name in Averages._fields if name.endswith(side)):
+            bounds[name] = SAFETY * max(getattr(change, name), SHARED * hits * getattr(sizes, name))
+        # the share of time hangs on slow contacts, as the rate does, and counts light ones in full
+        contact = f"contact_{side}"
+        slow = max(hits, _ratio(change, sizes, f"rate_{side}"))
+        bounds[contact] = max(bounds[contact], 2.0 * SAFETY * slow * getattr(sizes, contact))
+    for name in (*MOTION, "upcrossing_rate"):
+        bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
+    far = _unreached(field, fine.upcrossing_rate) | _misplaced(field.frame)
+    for name, cut in _cut(field).items():
+        far[name] = far.get(name, 0.0) + cut
+    return Averages(
+        *(
+            bounds[name] + FLOOR * abs(getattr(sizes, name)) + far.get(name, 0.0)
+            for name in Averages._fields
+        )
+    )
+
+
+def _ratio(change: Averages, sizes: Averages, name: str) -> float:
+    size = getattr(sizes, name)
+    return getattr(change, name) / size if size > 0.0 else 0.0
+
+
+def _unreached(field: Field, crossing_rate: float) -> dict[str, float]:
+    """Bounds on what stops see that count as out of reach.
+
+    Rice's rate at the law's temperature, with Rayleigh's speeds, or what the solution has next to
+    the stop, if that is more. Beyond the box it falls at least as fast as the damper alone has it.
+    """
+    motion = field.frame.motion
+    square, hottest = motion.squares
+    speed = math.sqrt(square)
+    lowest = motion.lowest(square)
+    rayleigh = (1.0, speed * math.sqrt(math.pi / 2.0), 2.0 * square)
+    found = {}
+    for stop in _beyond(field.frame):
+        nearest = _nearest(field.frame, stop)
+        height, seen = motion.energy(np.array([stop.position, nearest]))
+        rice = crossing_rate * math.exp(-(height - lowest) / square)
+        falls = math.exp(-max(height - seen, 0.0) / hottest)
+        for power, (name, factor) in enumerate(zip(HITS, rayleigh, strict=True), start=1):
+            flux = abs(float(field.flux(nearest, stop.side, power)))
+            found[f"{name}_{stop.name}"] = SAFETY * max(rice * factor, flux * falls)
+    return found
+
+
+ROUNDING = 1e-15
+"""Probability that rounding makes or takes each time that the mass would cross from well to well;
+some five times that of the numbers."""
+
+
+def _misplaced(frame: Frame) -> dict[str, float]:
+    """What rounding leaves open of the shares of wells: it is as large as the rare crossings of a
+    high barrier, and moves probability from one well to another."""
+    if frame.barrier == 0.0:
+        return {}
+    share = min(ROUNDING * math.exp(frame.barrier), 1.0)
+    width = frame.right - frame.left
+    return {"mean": share * width, "variance": share * width**2}
+
+
+def _cut(field: Field) -> dict[str, float]:
+    """What a density that falls as a power of x, x^-n, has of the first two moments beyond the
+    ends of the box, x^2 p / (n - 2) and x^3 p / (n - 3)."""
+    frame = field.frame
+    found = {"mean": 0.0, "variance": 0.0}
+    if frame.motion.system.restoring is None:
+        return found
+    for side, end, falls in frame.motion.open_ends(frame.left, frame.right, frame.speed**2):
+        if frame.halved and side < 0:
+            continue
+        x = abs(end - frame.motion.start)
+        density = SAFETY * abs(float(field.displacement_density(end)))
+        found["mean"] += 0.0 if frame.halved else x**2 * density / (falls - 2.0)
+        found["variance"] += (2.0 if frame.halved else 1.0) * x**3 * density / (falls - 3.0)
+    return found
+
+
+HITS = ("rate", "speed_rate", "speed_square_rate")
+"""Averages of the powers 0, 1 and 2 of the speed of impacts."""
+
+
+def worst(found: Averages, bounds: Averages) -> float:
+    """Largest relative error of what `rtol` governs: deviations, F1 and F2 of all stops."""
+    ratios = [
+        bounds.variance / found.variance / 2.0,
+        bounds.velocity_mean_square / found.velocity_mean_square / 2.0,
+    ]
+    for name in ("speed_rate", "speed_square_rate"):
+        total, bound = (
+            getattr(group, f"{name}_lower") + getattr(group, f"{name}_upper")
+            for group in (found, bounds)
+        )
+        if total > 0.0:
+            ratios.append(bound / total)
+    return max(ratios)
+
+
+WORST_RATE = 0.1
+"""A rate whose relative error may be larger is not given."""
+
+
+def vague(found: Averages, bounds: Averages) -> set[str]:
+    """Sides whose rate is not known well enough yet."""
+    return {
+        side
+        for side in ("lower", "upper")
+        if getattr(bounds, f"rate_{side}") > WORST_RATE * getattr(found, f"rate_{side}") > 0.0
+    }

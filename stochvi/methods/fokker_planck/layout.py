@@ -1,0 +1,290 @@
+"""The box and the meshes on which a motion is followed in time."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from stochvi.methods.fokker_planck.mesh import Mesh
+from stochvi.methods.fokker_planck.operators import BoxFrame, LinearMotion, Walls, frame
+from stochvi.methods.fokker_planck.starts import Gaussian, Start
+
+REACH = 6.0
+"""Speeds beyond that of a barrier by REACH in units of the scale, squared and added, are cut off:
+exp(-REACH^2 / 2) = 2e-8 of what is there; so are speeds that noise would have to add REACH
+standard deviations for."""
+
+WIDEST = 12.0
+"""Largest velocity in units of the scale: where a weight exp(-u^2 / 2) is still a good scale."""
+
+FLATTEST = 2.0
+"""Largest velocity in units of the scale where damping allows a scale as large: a weight that
+falls faster than the stationary law makes room for modes that grow."""
+
+START_MARGIN = 2.0
+"""Speed that a path may still gain over that it starts with, in units of the scale."""
+
+
+class Layout(NamedTuple):
+    """A box with its walls, and what its mesh has to resolve, in units of its speed.
+
+    `reach` is the largest velocity, `core` that up to which the mesh stays fine; `length` counts
+    what there is to resolve along the box; `finest` is the smallest scale of velocity. `halved`
+    boxes hold the right half of a symmetric one, whose paths come back from the centre as their
+    mirror images.
+    """
+
+    frame: BoxFrame
+    walls: Walls
+    reach: float
+    core: float
+    length: float
+    finest: float
+    halved: bool
+
+    @property
+    def natural(self) -> float:
+        """The rate of the inner dynamics: of oscillation or of crossing the box."""
+        return max(math.sqrt(-self.frame.stiffness), 1.0)
+
+
+class Level(NamedTuple):
+    """Element size in units of what there is to resolve, degrees, layers towards a wall."""
+
+    size: float
+    x_degree: int
+    u_degree: int
+    x_layers: int
+    u_layers: int
+
+
+LEVELS = (
+    Level(0.8, 3, 4, 3, 3),
+    Level(0.6, 4, 5, 4, 3),
+    Level(0.42, 4, 5, 5, 4),
+    Level(0.32, 5, 6, 6, 4),
+    Level(0.24, 5, 6, 7, 5),
+    Level(0.18, 5, 6, 8, 5),
+)
+"""From some hundredths of a second to some ten seconds each."""
+
+MOST_UNKNOWNS = 120_000
+"""Meshes with more are not tried: some 10 seconds, and 0.5 GB for the projections."""
+
+X_RATIO = 0.15
+U_RATIO = 0.3
+"""Each layer towards a wall, or towards zero velocity, is this part of the one before."""
+
+GROWTH = 1.5
+"""Of the elements beyond the core, each over the one before."""
+
+FEWEST_ELEMENTS = 3.2
+"""Along a box, over the size of a level."""
+
+LAYER_SHARE = 2.0
+"""Element sizes over the width of what diffuses behind an absorbing wall, at size 1."""
+
+
+def lowest(motion: LinearMotion, lower: float, upper: float) -> float:
+    """Where the potential energy of spring and load is lowest between two displacements."""
+    if motion.omega > 0.0:
+        return min(max(motion.load / motion.omega**2, lower), upper)
+    if motion.load != 0.0:
+        return upper if motion.load > 0.0 else lower
+    return min(max(0.0, lower), upper)
+
+
+def rise(motion: LinearMotion, x: float, base: float) -> float:
+    """Potential energy per unit mass at x over that at `base`."""
+    return (x - base) * (motion.omega**2 * (x + base) / 2.0 - motion.load)
+
+
+def passage_layout(motion: LinearMotion, lower: float, upper: float, start: Start) -> Layout:
+    """Between absorbing barriers; an infinite one is none, and the box ends far from the other.
+
+    The scale of speed is that of the stationary law, or, if that is larger, the speed that takes a
+    path to a barrier or that noise gives it on the way there.
+    """
+    base = lowest(motion, lower, upper)
+    lower, upper = _felt(motion, lower, upper, base)
+    barriers = [x for x in (lower, upper) if math.isfinite(x)]
+    climb = math.sqrt(max(2.0 * max(rise(motion, x, base) for x in barriers), 0.0))
+    length = upper - lower
+    if not math.isfinite(length):
+        length = max(abs(barriers[0] - base), abs(_place(start) - barriers[0]))
+    native = max(climb, math.cbrt(motion.diffusion * length))
+    law = _law(motion)
+    energy = _start_energy(motion, start, lower, upper, base)
+    slow = min(law, native)
+    # what a path can still gain before it meets a barrier that it has the energy for
+    gained = climb + REACH * _layer(motion, length)
+    fastest = max(
+        min(math.hypot(climb, REACH * slow), gained),
+        math.sqrt(2.0 * energy) + START_MARGIN * slow,
+    )
+    speed = max(min(law, max(slow, fastest / FLATTEST)), fastest / WIDEST)
+    left = lower if math.isfinite(lower) else _end(motion, base, fastest, -1.0)
+    right = upper if math.isfinite(upper) else _end(motion, base, fastest, 1.0)
+    middle = (left + right) / 2.0
+    off_centre = abs(motion.load - motion.omega**2 * middle) * (right - left)
+    halved = len(barriers) == 2 and off_centre <= SYMMETRIC * speed**2
+    walls = Walls(1.0 if halved or math.isinf(lower) else None, 1.0 if math.isinf(upper) else None)
+    return _layout(
+        motion, middle if halved else left, right, speed, walls, halved,
+        reach=fastest, core=climb + slow, native=native,
+    )  # fmt: skip
+
+
+def _law(motion: LinearMotion) -> float:
+    """The rms velocity without barriers."""
+    if motion.damping_rate == 0.0:
+        return math.inf
+    return math.sqrt(motion.diffusion / motion.damping_rate)
+
+
+def _climbs(motion: LinearMotion, lower: float, upper: float, base: float) -> tuple[float, float]:
+    """The speeds at the lowest place that reach either barrier."""
+    first, second = (
+        math.sqrt(max(2.0 * rise(motion, x, base), 0.0)) if math.isfinite(x) else math.inf
+        for x in (lower, upper)
+    )
+    return first, second
+
+
+def barrier_height(motion: LinearMotion, lower: float, upper: float) -> float:
+    """Speed that the lower of two barriers takes, in standard deviations; 0 without damping."""
+    climbs = _climbs(motion, lower, upper, lowest(motion, lower, upper))
+    return min(climbs) / _law(motion)
+
+
+def _felt(motion: LinearMotion, lower: float, upper: float, base: float) -> tuple[float, float]:
+    """The barriers without one that is met exp(-REACH^2 / 2) times as often as the other."""
+    first, second = _climbs(motion, lower, upper, base)
+    most = math.hypot(min(first, second), REACH * _law(motion))
+    return (lower if first <= most else -math.inf), (upper if second <= most else math.inf)
+
+
+SYMMETRIC = 1e-12
+"""Work of spring and load over the box's excess, in squares of speed, for even barriers."""
+
+
+def stops_layout(
+    motion: LinearMotion, left: float, right: float, walls: Walls, speed: float, start: Start
+) -> Layout:
+    """Between stops; an infinite one is none, and the box ends far out; `speed` is its scale."""
+    base = lowest(motion, left, right)
+    energy = _start_energy(motion, start, left, right, base)
+    fastest = max(REACH * speed, math.sqrt(2.0 * energy) + START_MARGIN * speed)
+    speed = max(speed, fastest / WIDEST)
+    left = left if math.isfinite(left) else _end(motion, base, fastest, -1.0)
+    right = right if math.isfinite(right) else _end(motion, base, fastest, 1.0)
+    native = math.cbrt(motion.diffusion * (right - left))
+    return _layout(
+        motion, left, right, speed, walls, False,
+        reach=fastest, core=3.0 * speed, native=max(native, speed),
+    )  # fmt: skip
+
+
+def _layout(
+    motion: LinearMotion, left: float, right: float, speed: float, walls: Walls, halved: bool,
+    *, reach: float, core: float, native: float,
+) -> Layout:  # fmt: skip
+    length = right - left
+    steepest = max(abs(motion.load - motion.omega**2 * x) for x in (left, right))
+    layer = _layer(motion, length)
+    return Layout(
+        frame=frame(motion, left, right, speed),
+        walls=walls,
+        reach=reach / speed,
+        core=core / speed,
+        length=max(length * motion.omega / speed, length * steepest / speed**2 / STEEP),
+        finest=min(1.0, native / speed, LAYER_SHARE * layer / speed),
+        halved=halved,
+    )
+
+
+def _layer(motion: LinearMotion, length: float) -> float:
+    """The speed that noise gives in a natural period or on the way through the box."""
+    layer = math.cbrt(motion.diffusion * length)
+    if motion.omega > 0.0:
+        layer = min(layer, math.sqrt(2.0 * math.pi * motion.diffusion / motion.omega))
+    return layer
+
+
+STEEP = 8.0
+"""Falls of the potential, in squares of the speed, that one unit of length may have."""
+
+
+def _place(start: Start) -> float:
+    return start.mean[0] if isinstance(start, Gaussian) else start.x
+
+
+def _start_energy(
+    motion: LinearMotion, start: Start, lower: float, upper: float, base: float
+) -> float:
+    """The highest that matters among those of a start, per unit mass."""
+    if not isinstance(start, Gaussian):
+        return start.v**2 / 2.0 + rise(motion, start.x, base)
+    dx, dv = start.deviations
+    ends = (max(start.mean[0] - TAIL_KEPT * dx, lower), min(start.mean[0] + TAIL_KEPT * dx, upper))
+    fastest = abs(start.mean[1]) + TAIL_KEPT * dv
+    highest = max(rise(motion, x, base) for x in ends)
+    # the extremes of both at once are rarer still
+    return max(fastest**2 / 2.0, highest)
+
+
+TAIL_KEPT = 6.0
+"""Standard deviations of a start that a box has room for."""
+
+
+def _end(motion: LinearMotion, base: float, speed: float, side: float) -> float:
+    """How far a path of this speed at the lowest place gets."""
+    slope = abs(motion.load - motion.omega**2 * base)
+    energy = speed**2 / 2.0
+    if motion.omega > 0.0 and motion.load == motion.omega**2 * base:
+        slope = 0.0
+    return base + side * 2.0 * energy / (
+        slope + math.sqrt(slope**2 + 2.0 * motion.omega**2 * energy)
+    )
+
+
+def mesh(layout: Layout, level: Level) -> Mesh:
+    """A mesh of some fineness, with narrow elements where slow paths meet a wall that takes."""
+    size = level.size * layout.finest
+    count = max(_whole(FEWEST_ELEMENTS / level.size), _whole(layout.length / size))
+    ends = np.linspace(-1.0, 1.0, count + 1)
+    inner = ends[1:-1].tolist()
+    layers = (ends[1] - ends[0]) * X_RATIO ** np.arange(1, level.x_layers + 1)
+    if layout.walls.right != 1.0:
+        inner += (1.0 - layers).tolist()
+    if layout.walls.left != 1.0:
+        inner += (layers - 1.0).tolist()
+    return Mesh(
+        x_breaks=(-1.0, *sorted(inner), 1.0),
+        x_degree=level.x_degree,
+        u_breaks=_velocities(layout, level, size),
+        u_degree=level.u_degree,
+    )
+
+
+def _whole(number: float) -> int:
+    """The next whole number; the same in any units, where rounding differs."""
+    return math.ceil(number - 1e-9)
+
+
+def _velocities(layout: Layout, level: Level, size: float) -> tuple[float, ...]:
+    count = max(1, _whole(min(layout.core, layout.reach) / size))
+    step = min(layout.core, layout.reach) / count
+    breaks = [0.0, *(step * U_RATIO**k for k in range(level.u_layers, 0, -1))]
+    breaks += [step * k for k in range(1, count + 1)]
+    while breaks[-1] < layout.reach - step / 2.0:
+        breaks.append(breaks[-1] + min(GROWTH * (breaks[-1] - breaks[-2]), COARSEST))
+    if len(breaks) > 2 and layout.core < layout.reach:
+        breaks[-1] = layout.reach
+    return tuple(breaks)
+
+
+COARSEST = 2.0
+"""Largest element of velocity, in units of the scale."""

@@ -1,0 +1,201 @@
+"""Many scenes in SI units on meshes of growing fineness, and the error from two of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from stochvi.methods.fokker_planck.boxes import FARTHEST_STOP, Booleans, Boxes, Scenes, boxes
+from stochvi.methods.fokker_planck.half_range import BoxMoments, box_moments
+from stochvi.methods.fokker_planck.mesh import Array, Mesh
+
+CHUNK = 64
+"""Boxes solved together: enough to hide the price of a call, few enough to fit into memory."""
+
+
+class Level(NamedTuple):
+    """Two meshes of one fineness: for boxes with a stop on the right only, and on both sides.
+
+    Elements narrow towards a stop, where slow impacts pile up.
+    """
+
+    one_stop: Mesh
+    two_stops: Mesh
+
+
+def make_level(
+    right: tuple[float, ...], both: tuple[float, ...], x_degree: int,
+    u_breaks: tuple[float, ...], u_degree: int,
+) -> Level:  # fmt: skip
+    """Breaks inside the box of one stop, and those of two stops between centre and stop."""
+    mirrored = tuple(-x for x in reversed(both))
+    return Level(
+        *(
+            Mesh(x_breaks=x_breaks, x_degree=x_degree, u_breaks=u_breaks, u_degree=u_degree)
+            for x_breaks in ((-1.0, *right, 1.0), (-1.0, *mirrored, *both, 1.0))
+        )
+    )
+
+
+LEVELS = (
+    make_level((0.3, 0.85, 0.97, 0.995), (0.7, 0.95, 0.995), 2, (0.0, 5.0), 7),
+    make_level((0.3, 0.85, 0.97, 0.995), (0.7, 0.95, 0.995), 3, (0.0, 6.0), 11),
+    make_level(
+        (0.0, 0.4, 0.7, 0.88, 0.96, 0.99, 0.998), (0.3, 0.7, 0.9, 0.97, 0.995), 3,
+        (0.0, 0.4, 1.5, 3.0, 6.5), 5,
+    ),
+)  # fmt: skip
+"""From about half a millisecond a scene to some ten; what they do not reach is left to strips."""
+
+
+class Moments(NamedTuple):
+    """Stationary averages of many scenes, SI units: one array each, or errors of them.
+
+    Rates, F1 (`speed_rate`) and F2 (`speed_square_rate`) are 0 where there is no stop.
+    """
+
+    mean: Array
+    variance: Array
+    velocity_mean_square: Array
+    upcrossing_rate: Array
+    rate_lower: Array
+    rate_upper: Array
+    speed_rate_lower: Array
+    speed_rate_upper: Array
+    speed_square_rate_lower: Array
+    speed_square_rate_upper: Array
+
+
+class Solution(NamedTuple):
+    """The averages on one level, and the parts of its rates that are too slow for its meshes."""
+
+    moments: Moments
+    unresolved_lower: Array
+    unresolved_upper: Array
+
+
+def solve(scenes: Scenes, speed: Array, level: Level, threshold: Array) -> Solution:
+    """Averages on the meshes of a level; `speed` is the scale s, `threshold` in m/s."""
+    scaled = boxes(scenes, speed, level.one_stop.reach)
+    slowest = threshold / scaled.speed
+    found = np.empty((len(BoxMoments._fields), len(speed)))
+    both = scaled.stop_left & scaled.stop_right
+    for mesh, places in zip(level, (np.flatnonzero(~both), np.flatnonzero(both)), strict=True):
+        for start in range(0, len(places), CHUNK):
+            some = places[start : start + CHUNK]
+            found[:, some] = box_moments(scaled.take(some), mesh, slowest[some])
+    return _in_si(scaled, BoxMoments(*found))
+
+
+def _in_si(scaled: Boxes, found: BoxMoments) -> Solution:
+    """Out of the box: a halved one stands for both halves of its scene."""
+    length, speed, halved = scaled.half_length, scaled.speed, scaled.halved
+    sign = np.where(scaled.mirrored, -1.0, 1.0)
+    frequency = speed / length
+    sides = []
+    powers = {"rate": 0, "speed_rate": 1, "speed_square_rate": 2, "unresolved": 0}
+    for name, power in powers.items():
+        left, right = getattr(found, f"{name}_left"), getattr(found, f"{name}_right")
+        left, right = left * scaled.stop_left, right * scaled.stop_right
+        lower = np.where(halved, right / 2.0, np.where(scaled.mirrored, right, left))
+        upper = np.where(halved, right / 2.0, np.where(scaled.mirrored, left, right))
+        sides += [lower * frequency * speed**power, upper * frequency * speed**power]
+    half_square = found.mean_square + 2.0 * found.mean + 1.0
+    variance = np.where(halved, half_square, found.mean_square - found.mean**2)
+    averages = Moments(
+        scaled.centre + np.where(halved, -length, sign * length * found.mean),
+        variance * length**2,
+        found.velocity_mean_square * speed**2,
+        found.crossing_rate * frequency * np.where(halved, 0.5, 1.0),
+        *sides[:-2],
+    )
+    return Solution(averages, *sides[-2:])
+
+
+def unreached(scenes: Scenes, speed: Array, upcrossing_rate: Array) -> Moments:
+    """Bounds on what stops see that no box reaches: exp(-energy / t) times the rate of crossing.
+
+    That is Rice's rate with Rayleigh's law of speeds; 0 for the other quantities, and for the
+    stops that a box reaches. t is s^2, or what the damper alone leaves, S0 / (2 b), of a mass that
+    leans on a lossy stop, whose fast bounces last longer and lose less in the same time.
+    """
+    lowest = scenes.lowest()
+    far = scenes.climb(speed**2 * FARTHEST_STOP**2 / 2.0)
+    press = np.abs(scenes.force(lowest))
+    hottest = np.where(_leans(scenes), _damper_alone(scenes), speed**2)
+    sides, factors = [], []
+    for distance in (lowest - scenes.lower, scenes.upper - lowest):
+        away = np.where(np.isfinite(distance), distance, 0.0)
+        energy = away * (press + scenes.omega**2 * away / 2.0)
+        rate = upcrossing_rate * np.exp(-energy / hottest)
+        sides.append(np.where(np.isfinite(distance) & (distance > far), rate, 0.0))
+        # without damper no hotter than the energy that it takes to come there
+        square = np.minimum(hottest, speed**2 + energy)
+        factors.append((np.ones_like(square), np.sqrt(np.pi / 2.0 * square), 2.0 * square))
+    zero = np.zeros_like(speed)
+    lower, upper = factors
+    hits = [hit for pair in zip(lower, upper, strict=True) for hit in pair]
+    return Moments(
+        zero, zero, zero, zero, *(sides[k % 2] * factor for k, factor in enumerate(hits))
+    )
+
+
+def _leans(scenes: Scenes) -> Booleans:
+    """Whether spring and load press the mass on a stop that loses energy."""
+    lowest = scenes.lowest()
+    lower = (lowest == scenes.lower) & (scenes.restitution_lower < 1.0)
+    upper = (lowest == scenes.upper) & (scenes.restitution_upper < 1.0)
+    return np.asarray(lower | upper, dtype=np.bool_)
+
+
+def _damper_alone(scenes: Scenes) -> Array:
+    """E v^2 without stops, S0 / (2 b); infinite without damping."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(scenes.intensity / (2.0 * scenes.damping_rate), dtype=np.float64)
+
+
+SAFETY = 2.5
+"""Of the difference of two levels as a bound on the error of the finer one."""
+
+SHARED = 0.3
+"""Part of the largest relative difference of a group that all its members are granted, lest two
+levels agree on one of them by chance. With SAFETY it makes 19 of 20 bounds hold."""
+
+FLOOR = 1e-6
+"""Relative error that every answer is granted: the ends of the box, and rounding."""
+
+
+def errors(scenes: Scenes, coarse: Moments, fine: Solution, far: Moments) -> Moments:
+    """Bounds on the errors of `fine`, from a coarser answer and from stops out of reach.
+
+    Of the impacts too slow for the mesh a part (1 - R)^2 is taken for wrong, as was found against
+    much finer meshes.
+    """
+    sizes = fine.moments._replace(mean=np.sqrt(fine.moments.variance))
+    found = {
+        name: np.abs(getattr(fine.moments, name) - getattr(coarse, name))
+        for name in Moments._fields
+    }
+    motion = ["mean", "variance", "velocity_mean_square"]
+    bounds = {}
+    for side in ("lower", "upper"):
+        impacts = [f"speed_rate_{side}", f"speed_square_rate_{side}"]
+        moving, hitting = (*motion, "upcrossing_rate"), (*impacts, f"rate_{side}")
+        for members, group in ((moving, motion), (hitting, motion + impacts)):
+            largest = np.max([_ratio(found[name], getattr(sizes, name)) for name in group], axis=0)
+            for name in members:
+                shared = SHARED * largest * getattr(sizes, name)
+                bounds[name] = SAFETY * np.maximum(found[name], shared)
+        restitution = getattr(scenes, f"restitution_{side}")
+        bounds[f"rate_{side}"] += (1.0 - restitution) ** 2 * getattr(fine, f"unresolved_{side}")
+    return Moments(
+        *(
+            bounds[name] + FLOOR * getattr(sizes, name) + SAFETY * getattr(far, name)
+            for name in Moments._fields
+        )
+    )
+
+
+def _ratio(difference: Array, size: Array) -> Array:
+    return np.divide(difference, size, out=np.zeros_like(size), where=size > 0.0)

@@ -1,0 +1,445 @@
+"""The method: what it covers, which accuracy it reaches, what it says about its answer."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
+from stochvi.methods.fokker_planck.accurate import Answered, solve_accurately, vague, worst
+from stochvi.methods.fokker_planck.boxes import Scenes, speed_scale
+from stochvi.methods.fokker_planck.density import StationaryDensity
+from stochvi.methods.fokker_planck.field import Averages
+from stochvi.methods.fokker_planck.levels import LEVELS, Level, Moments, errors, solve, unreached
+from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.methods.fokker_planck.motion import Motion
+from stochvi.model.responses import Answer
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.estimates import Estimate, Response
+from stochvi.scenes.impact_laws import SpeedRestitution
+from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.validation import check_oscillators
+
+SLOW_IMPACTS = 0.05
+"""Impacts slower than this, in units of the speed scale, are left out of rates where a stop loses
+energy (never out of F1 and F2)."""
+
+
+COLLAPSES = (
+    "restitution {restitution:g} at the {side} stop is not above exp(-pi / sqrt 3) = 0.163: "
+    "impacts without end bring the mass to rest on the stop in finite time. The answer is the "
+    "limit as ever slower impacts are resolved, in which the noise takes the mass off at once; "
+    "rates only have a meaning above a speed"
+)
+"""Warning about what the density means there."""
+
+
+def fokker_planck(
+    scene: Scene, *, rtol: float = 0.01, speed_threshold: float | None = None
+) -> Response:
+    """Stationary response of one oscillator with stops under white noise, by Galerkin's method.
+
+    Solves -v p_x + [(b(v) + g(x) - load) p]_v + S0 / 2 p_vv = 0 (B 13.34) with
+    v p(c, v) dv = -R v p(c, -R v) d(R v) at a rigid stop c; other stops are part of g. Meshes of
+    the whole range come first; where they do not reach rtol, strips of velocity cells.
+
+    Parameters
+    ----------
+    scene
+        White noise, any constant load, no stop or one or two of any law, also different ones;
+        springs, dampers and restitution may be functions.
+    rtol
+        Relative error to reach in the deviations of displacement and velocity, F1 and F2, down
+        to some 1e-8; rates are brought to 10 %.
+    speed_threshold
+        Slowest impact that a rate counts, m/s. Default: 0 between stops that lose nothing, else
+        5 % of the rms velocity that a law exp(-energy / s^2) would have, as in `simulate`.
+
+    Returns
+    -------
+    Response
+        SI units; `bias` bounds the error of each quantity by the difference of the two finest
+        meshes. A rate known to no better than 10 %, or of all impacts of a rigid stop that loses
+        energy, is None (for R <= exp(-pi / sqrt 3) there is no end to them, and the rest is the
+        limit in which the mass that they bring to rest leaves at once).
+
+    Raises
+    ------
+    NotApplicable, NotConverged
+        With every unmet condition; if the finest mesh does not reach rtol, with its `response`.
+
+    Examples
+    --------
+    >>> from stochvi import ImpactPair, Oscillator, Restitution, Scene, WhiteNoise
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> print(f"{fokker_planck(scene, rtol=1e-6).coordinates['x']['displacement_std'].value:.7f} m")
+    0.5320907 m
+    """
+    started = time.perf_counter()
+    motion = _motion(scene, rtol, speed_threshold)
+    system = motion.system
+    if speed_threshold is None:
+        speed_threshold = _slow(motion)
+    found, balances = None, None
+    if _all_numbers(scene):
+        found = _quickly(system, rtol, speed_threshold)
+    how = "half-range Galerkin"
+    if found is None:
+        answered = solve_accurately(motion, rtol, speed_threshold, _told(system, speed_threshold))
+        found, how = (answered.averages, answered.errors), "refined Galerkin"
+        if scene.beyond_numbers():
+            balances = _balances(answered)
+    return _response(scene, found, rtol, speed_threshold, how, started, balances)
+
+
+def fokker_planck_density(
+    scene: Scene, *, rtol: float = 1e-4, speed_threshold: float | None = None
+) -> StationaryDensity:
+    """The stationary density itself, with its response; arguments and errors of `fokker_planck`.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> found = fokker_planck_density(scene)
+    >>> print(f"{found.density(0.0, 0.5):.4f} {found.tail(0.9):.4f}")
+    0.2382 0.0353
+    >>> print(f"{found.limit_rate('upper').value:.4f} impacts per second")
+    0.0966 impacts per second
+    """
+    started = time.perf_counter()
+    motion = _motion(scene, rtol, speed_threshold)
+    if speed_threshold is None:
+        speed_threshold = _slow(motion)
+    told = _told(motion.system, speed_threshold)
+    answered = solve_accurately(motion, rtol, speed_threshold, told)
+    found = answered.averages, answered.errors
+    balances = _balances(answered) if scene.beyond_numbers() else None
+    response = _response(scene, found, rtol, speed_threshold, "refined Galerkin", started, balances)
+    return StationaryDensity(response=response, fine=answered.field, coarse=answered.coarser)
+
+
+def _motion(scene: Scene, rtol: float, speed_threshold: float | None) -> Motion:
+    _check_arguments(rtol, speed_threshold)
+    unmet = unmet_conditions(scene)
+    if unmet:
+        raise NotApplicable("fokker-planck", unmet)
+    return Motion(system=scene.system())
+
+
+def _slow(motion: Motion) -> float:
+    """The threshold of rates where none is given, m/s."""
+    system = motion.system
+    if system.elastic:
+        return 0.0
+    if system.not_rigid() or system.restoring or _by_speed(system):
+        return SLOW_IMPACTS * math.sqrt(motion.squares[0])
+    return SLOW_IMPACTS * float(speed_scale(_as_scenes(system))[0])
+
+
+def _by_speed(system: System) -> bool:
+    """Whether a restitution is a function."""
+    return any(isinstance(law, SpeedRestitution) for law in system.laws)
+
+
+def _all_numbers(scene: Scene) -> bool:
+    """Whether the meshes of the whole range cover a scene: rigid stops, no functions."""
+    return not scene.beyond_one_oscillator() and not scene.system().not_rigid()
+
+
+def _quickly(
+    system: System, rtol: float, speed_threshold: float
+) -> tuple[Averages, Averages] | None:
+    """Averages and bounds on their errors within rtol, by meshes of the whole range, if these
+    have them."""
+    scenes = _as_scenes(system)
+    speed, threshold = speed_scale(scenes), np.array([speed_threshold])
+    coarse = solve(scenes, speed, LEVELS[0], threshold).moments
+    for level in LEVELS[1:]:
+        fine, bounds = _refine(scenes, speed, level, threshold, coarse)
+        found = _averages(_physical(fine)), _averages(bounds)
+        if worst(*found) <= rtol and vague(*found).isdisjoint(_told(system, speed_threshold)):
+            return found
+        coarse = fine
+    return None
+
+
+def _averages(found: Moments) -> Averages:
+    """Of one rigid scene."""
+    numbers = {name: float(column[0]) for name, column in found._asdict().items()}
+    rest = dict.fromkeys(set(Averages._fields) - numbers.keys(), 0.0)
+    return Averages(**numbers, **rest)
+
+
+def _response(
+    scene: Scene,
+    found: tuple[Averages, Averages],
+    rtol: float,
+    speed_threshold: float,
+    how: str,
+    started: float,
+    balances: Mapping[str, Estimate] | None = None,
+) -> Response:
+    """What was found, or `NotConverged` with it; `balances` where numbers do not say them."""
+    system = scene.system()
+    answer = _answer(system, *found, speed_threshold)
+    response = answer.response(
+        "fokker-planck", scene, how=how, started=started, speed_threshold=speed_threshold
+    )
+    response = replace(response, warnings=[*response.warnings, *_collapses(system)])
+    if balances is not None:
+        response = replace(response, identities=balances)
+    reached = worst(*found)
+    if reached > rtol:
+        raise NotConverged(
+            f"fokker-planck reached a relative error of {reached:.2g} on its finest mesh, not "
+            f"{rtol:g}; simulate, or allow more. Rare hits of a lightly damped mass, and stiff "
+            "dampers in stops, are its worst.",
+            response,
+        )
+    return response
+
+
+def _balances(answered: Answered) -> dict[str, Estimate]:
+    """Residuals of the balances, granted what the largest of their terms may be wrong by."""
+    bias = 2.0 * worst(answered.averages, answered.errors)
+    residuals = answered.field.balances()
+    return {
+        name: Estimate(value=value, bias=bias, how="refined Galerkin")
+        for name, value in residuals.items()
+    }
+
+
+def _collapses(system: System) -> list[str]:
+    return [
+        COLLAPSES.format(restitution=restitution, side=side)
+        for side in ("lower", "upper")
+        if (restitution := getattr(system, f"restitution_{side}")) is not None
+        and restitution <= COLLAPSE_RESTITUTION
+    ]
+
+
+def _refine(
+    scenes: Scenes, speed: Array, level: Level, threshold: Array, coarse: Moments
+) -> tuple[Moments, Moments]:
+    """The averages on a level, and bounds on their errors."""
+    fine = solve(scenes, speed, level, threshold)
+    far = unreached(scenes, speed, fine.moments.upcrossing_rate)
+    return fine.moments, errors(scenes, coarse, fine, far)
+
+
+class Batch(NamedTuple):
+    """Averages of many scenes, bounds on their errors, and the slowest impact that rates count."""
+
+    values: Moments
+    errors: Moments
+    speed_threshold: Array
+
+
+def fokker_planck_many(
+    *,
+    omega: ArrayLike,
+    damping_rate: ArrayLike,
+    intensity: ArrayLike,
+    load: ArrayLike = 0.0,
+    lower: ArrayLike = -math.inf,
+    upper: ArrayLike = math.inf,
+    restitution_lower: ArrayLike = 1.0,
+    restitution_upper: ArrayLike = 1.0,
+    speed_threshold: ArrayLike | None = None,
+) -> Batch:
+    """The averages of `fokker_planck` for arrays of scenes, some thousand per second.
+
+    Parameters
+    ----------
+    omega, damping_rate, intensity, load
+        x'' + damping_rate x' + omega^2 x = white noise of intensity S0 + load, per unit mass:
+        1/s, 1/s, m^2/s^3, m/s^2. Everything is broadcast to one shape.
+    lower, upper, restitution_lower, restitution_upper
+        Stops in metres from the position of the unloaded spring, infinite for none; their R.
+    speed_threshold
+        As for `fokker_planck`, m/s.
+
+    Returns
+    -------
+    Batch
+        `values` and `errors` hold arrays of the common shape. The two coarsest meshes are used
+        whatever error they leave: look at `errors`.
+
+    Raises
+    ------
+    NotApplicable, ValueError
+        If any scene has no stationary state; if a number is out of range.
+
+    Examples
+    --------
+    >>> found = fokker_planck_many(
+    ...     omega=1.0, damping_rate=0.1, intensity=0.2, lower=-1.0, upper=1.0,
+    ...     restitution_lower=[1.0, 0.8], restitution_upper=[1.0, 0.8],
+    ... )
+    >>> [f"{variance:.3f}" for variance in found.values.variance]
+    ['0.291', '0.283']
+    """
+    stops = (lower, upper, restitution_lower, restitution_upper)
+    columns = (omega, damping_rate, intensity, load, *stops)
+    whole = np.broadcast_arrays(*(np.asarray(column, dtype=float) for column in columns))
+    shape = whole[0].shape
+    scenes = Scenes(*(column.reshape(-1) for column in whole))
+    _check_arrays(scenes)
+    speed = speed_scale(scenes)
+    if speed_threshold is None:
+        threshold = np.where(scenes.elastic(), 0.0, SLOW_IMPACTS * speed)
+    else:
+        threshold = np.broadcast_to(np.asarray(speed_threshold, dtype=float), shape).reshape(-1)
+    coarse = solve(scenes, speed, LEVELS[0], threshold).moments
+    fine, bounds = _refine(scenes, speed, LEVELS[1], threshold, coarse)
+    return Batch(_shaped(_physical(fine), shape), _shaped(bounds, shape), threshold.reshape(shape))
+
+
+def _physical(found: Moments) -> Moments:
+    """Rates of stops that are hardly ever hit may come out below 0, within their errors."""
+    sides = {
+        name: np.maximum(column, 0.0)
+        for name, column in found._asdict().items()
+        if name.endswith(("_lower", "_upper"))
+    }
+    return found._replace(**sides)
+
+
+def _shaped(found: Moments, shape: tuple[int, ...]) -> Moments:
+    return Moments(*(column.reshape(shape) for column in found))
+
+
+def _check_arguments(rtol: float, speed_threshold: float | None) -> None:
+    if not rtol > 0.0:
+        raise ValueError(f"rtol must be greater than 0, got {rtol:g}")
+    if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
+        raise ValueError(f"speed_threshold must be finite and at least 0, got {speed_threshold:g}")
+
+
+def _check_arrays(scenes: Scenes) -> None:
+    check_oscillators(scenes._asdict())
+    unmet = []
+    if (scenes.intensity == 0.0).any():
+        unmet.append("intensity must be positive in every scene, got 0")
+    if (scenes.elastic() & (scenes.damping_rate == 0.0)).any():
+        unmet.append("damping_rate must be positive where no stop takes energy, got 0")
+    held_left = np.isfinite(scenes.lower) | (scenes.load > 0.0)
+    held_right = np.isfinite(scenes.upper) | (scenes.load < 0.0)
+    if ((scenes.omega == 0.0) & ~(held_left & held_right)).any():
+        unmet.append("omega must be positive where stops do not hold the mass, got 0")
+    if unmet:
+        raise NotApplicable("fokker-planck", unmet)
+
+
+def unmet_conditions(scene: Scene) -> list[str]:
+    """What keeps a scene from being solved; empty where nothing does."""
+    unmet = scene.beyond_one_oscillator(functions=True)
+    if unmet:
+        return unmet
+    system = scene.system()
+    if system.tables:
+        unmet.append("excitation must be white noise, got a tabulated density")
+    elif system.intensity == 0.0:
+        unmet.append("excitation must contain noise, got a constant load alone")
+    if system.damping_rate == 0.0 and system.damping_law is None and system.elastic:
+        unmet.append("damping must be positive where no stop takes energy, got 0")
+    if not _held(system):
+        unmet.append(
+            "stiffness must be positive where stops do not hold the mass, got 0"
+            if system.restoring is None
+            else "restoring_force must hold the mass where stops do not"
+        )
+    return unmet
+
+
+def _held(system: System) -> bool:
+    """Whether spring, load and stops keep the mass from leaving on either side."""
+    if system.omega > 0.0:
+        return True
+    try:
+        Motion(system=system).span(system.intensity or 1.0)
+    except NotApplicable:
+        return False
+    return True
+
+
+def _as_scenes(system: System) -> Scenes:
+    numbers = (
+        system.omega,
+        system.damping_rate,
+        system.intensity,
+        system.load,
+        -math.inf if system.lower is None else system.lower,
+        math.inf if system.upper is None else system.upper,
+        1.0 if system.restitution_lower is None else system.restitution_lower,
+        1.0 if system.restitution_upper is None else system.restitution_upper,
+    )
+    return Scenes(*(np.array([number]) for number in numbers))
+
+
+def _endless(system: System, side: str, threshold: float) -> bool:
+    """Whether a rate would count the slowest impacts of a rigid stop that loses energy."""
+    law = getattr(system, f"law_{side}")
+    return law is not None and law.rigid and not law.conservative and threshold == 0.0
+
+
+def _told(system: System, threshold: float) -> set[str]:
+    """The sides whose rate can be given."""
+    return {side for side in ("lower", "upper") if not _endless(system, side, threshold)}
+
+
+def _answer(system: System, found: Averages, bounds: Averages, threshold: float) -> Answer:
+    untold = ({"lower", "upper"} - _told(system, threshold)) | vague(found, bounds)
+    answer, limits = (
+        Answer(
+            mean=group.mean,
+            variance=group.variance,
+            velocity_mean_square=group.velocity_mean_square,
+            upcrossing_rate=group.upcrossing_rate,
+            lower=_stop(group, "lower", untold),
+            upper=_stop(group, "upper", untold),
+            contact_lower=_contact(system, group, "lower"),
+            contact_upper=_contact(system, group, "upper"),
+        )
+        for group in (found, bounds)
+    )
+    return replace(answer, errors=limits)
+
+
+def _stop(group: Averages, side: str, untold: set[str]) -> StopStatistics:
+    rate = None if side in untold else getattr(group, f"rate_{side}")
+    return StopStatistics(
+        rate,  # type: ignore[arg-type]
+        getattr(group, f"speed_rate_{side}"),
+        getattr(group, f"speed_square_rate_{side}"),
+    )
+
+
+def _contact(system: System, group: Averages, side: str) -> ContactStatistics | None:
+    law = getattr(system, f"law_{side}")
+    if law is None or law.rigid:
+        return None
+    return ContactStatistics(
+        probability=getattr(group, f"contact_{side}"),
+        force=getattr(group, f"force_{side}"),
+        peak_force=None,
+        power=getattr(group, f"power_{side}"),
+    )

@@ -1,0 +1,346 @@
+"""The Fokker-Planck equation of one box as sparse matrices: in time, with walls that may absorb.
+
+Symbols: xi in [-1, 1] displacement and u velocity in the units of the box (`BoxFrame`), as in
+`half_range`: the density is p = M q with M = exp(-u^2 / 2 - energy(xi)), N_i are the functions that
+both q and the tests are made of. Then
+
+    mass dq/dt = -matrix q,    mass_ij = int M N_i N_j,
+
+and the transpose is Kolmogorov's backward equation: mass dy/dt = -matrix' y for the mean
+y(xi, u, t) of any function of the state at t of a path that is at (xi, u) now. A wall with a
+restitution gives back what it takes; one without absorbs it. Unknowns are scaled by the size of
+their functions under M, which may be 1e-30 of others, so that the smallest are solved for with as
+many digits as the largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse.linalg import splu
+
+from stochvi.methods.fokker_planck.mesh import Array, Mesh, gauss, legendre
+from stochvi.scenes.scene import System
+
+Density = Callable[[Array, Array], Array]
+"""A probability density of (displacement, velocity), broadcasting, SI units."""
+
+
+class LinearMotion(NamedTuple):
+    """x'' + damping_rate x' + omega^2 x = white noise of intensity 2 diffusion + load."""
+
+    omega: float
+    damping_rate: float
+    diffusion: float
+    load: float
+
+    @classmethod
+    def of(cls, system: System) -> LinearMotion:
+        """The numbers of a scene that its motion between stops depends on."""
+        return cls(system.omega, system.damping_rate, system.intensity / 2.0, system.load)
+
+
+class BoxFrame(NamedTuple):
+    """x = centre + half_length xi, v = speed u, time in half_length / speed.
+
+    du/dt = force + stiffness xi - damping u + white noise of intensity 2 diffusion.
+    """
+
+    centre: float
+    half_length: float
+    speed: float
+    force: float
+    stiffness: float
+    damping: float
+    diffusion: float
+
+    @property
+    def time(self) -> float:
+        """Seconds of the unit of time."""
+        return self.half_length / self.speed
+
+    def xi(self, x: Array) -> Array:
+        """Displacements of the box."""
+        scaled: Array = (np.asarray(x, dtype=float) - self.centre) / self.half_length
+        return scaled
+
+    def log_weight(self, xi: Array) -> Array:
+        """-energy(xi), 0 where it is largest in the box."""
+        top = float(np.sign(self.force))
+        if self.stiffness < 0.0:
+            top = min(max(-self.force / self.stiffness, -1.0), 1.0)
+        highest = top * (self.force + self.stiffness * top / 2.0)
+        found: Array = xi * (self.force + self.stiffness * xi / 2.0) - highest
+        return found
+
+
+def frame(motion: LinearMotion, left: float, right: float, speed: float) -> BoxFrame:
+    """The box between two displacements, in units of a speed."""
+    centre, half_length = (left + right) / 2.0, (right - left) / 2.0
+    time = half_length / speed
+    return BoxFrame(
+        centre=centre,
+        half_length=half_length,
+        speed=speed,
+        force=(motion.load - motion.omega**2 * centre) * time / speed,
+        stiffness=-((motion.omega * time) ** 2),
+        damping=motion.damping_rate * time,
+        diffusion=motion.diffusion * time / speed**2,
+    )
+
+
+class Walls(NamedTuple):
+    """The restitution at either end of a box; None where the end absorbs."""
+
+    left: float | None
+    right: float | None
+
+
+class Factors:
+    """LU factors of a sparse matrix whose pattern is symmetric."""
+
+    def __init__(self, matrix: sparse.csc_array) -> None:
+        self._factors = splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=PIVOT_THRESHOLD,
+            options={"SymmetricMode": True},
+        )
+
+    def solve(self, right: Array) -> Array:
+        """matrix^-1 right, (n,)."""
+        return np.asarray(self._factors.solve(right), dtype=np.float64)
+
+    def solve_transposed(self, right: Array) -> Array:
+        """matrix'^-1 right, (n,)."""
+        solution = self._factors.solve(right, "T")  # type: ignore[call-overload]  # not in the stubs
+        return np.asarray(solution, dtype=np.float64)
+
+
+PIVOT_THRESHOLD = 0.1
+"""How small a diagonal pivot may be, relative. Pivots that respect the symmetry of the pattern
+leave a sixth of the fill and a tenth of the time of free ones, with the same residuals."""
+
+
+def _kron(of_displacement: Array, of_velocity: Array) -> sparse.csr_array:
+    sides = sparse.csr_array(of_displacement), sparse.csr_array(of_velocity)
+    return sparse.csr_array(sparse.kron(*sides, format="csr"))
+
+
+class Operator:
+    """The matrices of one box on one mesh, and functionals of its functions.
+
+    Attributes
+    ----------
+    matrix, mass
+        As above, scaled, (n, n), per unit time of the box.
+    unity
+        The function 1, that is, its scaled coefficients, (n,).
+    outflow
+        What absorbing ends take per unit time of the box, as a functional of the coefficients,
+        (n,): matrix' unity, but without the rounding that would let some flow out everywhere.
+    """
+
+    def __init__(self, frame: BoxFrame, mesh: Mesh, walls: Walls) -> None:
+        self.frame, self.mesh, self.walls = frame, mesh, walls
+        velocity = mesh.velocity
+        self._shape = (len(mesh.displacement), mesh.x_degree + 1, velocity.size)
+        matrix, mass = self._assemble()
+        self.scale: Array = 1.0 / np.sqrt(mass.diagonal())
+        scale = sparse.diags_array(self.scale)
+        self.matrix = sparse.csc_array(scale @ matrix @ scale)
+        self.mass = sparse.csc_array(scale @ mass @ scale)
+        constant = np.zeros(self._shape)
+        # P_0, and the linear functions of velocity, which add up to 1
+        linear = np.arange(velocity.elements + 1)
+        constant[:, 0, velocity.plus[linear]] = constant[:, 0, velocity.minus[linear]] = 1.0
+        self.unity: Array = constant.ravel() / self.scale
+        self.outflow: Array = np.zeros(len(self.scale))
+        for side, wall in ((-1, walls.left), (1, walls.right)):
+            if wall is None:
+                self.outflow += frame.time * self.arrivals(side, velocity.half_moments[1])
+
+    def factorised(self, shift: float) -> Factors:
+        """LU factors of matrix + shift mass; `shift` per unit time of the box."""
+        return Factors(sparse.csc_array(self.matrix + shift * self.mass))
+
+    def _weight(self, xi: float) -> float:
+        return float(np.exp(self.frame.log_weight(np.array(xi))))
+
+    def _assemble(self) -> tuple[sparse.csc_array, sparse.csc_array]:
+        """Sums of products of matrices in displacement and in velocity."""
+        frame, velocity = self.frame, self.mesh.velocity
+        products, pushed, up, down = self._displacement_matrices()
+        spread = frame.diffusion * velocity.diffusion
+        spread += (frame.damping - frame.diffusion) * velocity.damping
+        matrix = _kron(products, spread) - _kron(pushed, velocity.drift)
+        matrix = matrix + _kron(up, velocity.flux_plus) + _kron(down, velocity.flux_minus)
+        for side, restitution in ((-1, self.walls.left), (1, self.walls.right)):
+            if restitution is not None:
+                end = self._end(side)
+                given = self._given_back(restitution, side)
+                matrix = matrix - _kron(self._weight(side) * np.outer(end, end), given)
+        mass = _kron(products, self._velocity_mass())
+        return sparse.csc_array(matrix), sparse.csc_array(mass)
+
+    def _displacement_matrices(self) -> tuple[Array, Array, Array, Array]:
+        """Of M N_i N_j, of the same times the force, and the transport of u > 0 and of u < 0.
+
+        Between elements the flux is taken from the side that it comes from.
+        """
+        elements, size = self.mesh.displacement, self._shape[1]
+        products, pushed, up, down = np.zeros((4, len(elements) * size, len(elements) * size))
+        for e, element in enumerate(elements):
+            here = slice(e * size, (e + 1) * size)
+            after, before = (slice((e + k) * size, (e + k + 1) * size) for k in (1, -1))
+            weights = element.weights * np.exp(self.frame.log_weight(element.xi))
+            push = self.frame.force + self.frame.stiffness * element.xi
+            products[here, here] = (weights @ element.products).reshape(size, size)
+            pushed[here, here] = ((weights * push) @ element.products).reshape(size, size)
+            slopes = (weights @ element.slope_products).reshape(size, size)
+            right, left = self._weight(element.right), self._weight(element.left)
+            up[here, here] = right * np.outer(element.at_right, element.at_right) - slopes
+            down[here, here] = -left * np.outer(element.at_left, element.at_left) - slopes
+            if e + 1 < len(elements):
+                down[here, after] = right * np.outer(element.at_right, elements[e + 1].at_left)
+            if e > 0:
+                up[here, before] = -left * np.outer(element.at_left, elements[e - 1].at_right)
+        return products, pushed, up, down
+
+    def _end(self, side: int) -> Array:
+        """Values of the functions of displacement at the left (-1) or right (1) end."""
+        values = np.zeros(self._shape[:2])
+        place = -1 if side > 0 else 0
+        element = self.mesh.displacement[place]
+        values[place] = element.at_right if side > 0 else element.at_left
+        return values.ravel()
+
+    def _velocity_mass(self) -> Array:
+        velocity = self.mesh.velocity
+        u, weights = gauss(velocity.breaks, velocity.nodes)
+        values, _ = velocity.values(u)
+        half = values.T @ ((weights * np.exp(-(u**2) / 2.0))[:, None] * values)
+        return velocity.both(half, half)
+
+    def _given_back(self, restitution: float, side: int) -> Array:
+        """What a wall returns, (test, trial) in velocity."""
+        velocity = self.mesh.velocity
+        outward, inward = velocity.plus, velocity.minus
+        if side < 0:
+            outward, inward = inward, outward
+        whole = np.zeros((velocity.size, velocity.size))
+        _, given = velocity.wall(np.array([restitution]))
+        whole[np.ix_(inward, outward)] = given[0]
+        return whole
+
+    def _profiles(self, xi: Array) -> Array:
+        """Values of all functions of displacement, (place, element, polynomial)."""
+        elements = self.mesh.displacement
+        found = np.zeros((len(xi), len(elements), elements[0].size))
+        inner = np.array([element.right for element in elements[:-1]])
+        here = np.searchsorted(inner, xi, side="right")
+        for e in np.unique(here):
+            at = here == e
+            found[at, e], _ = legendre(elements[e].degree, elements[e].local(xi[at]))
+        return found
+
+    def _speeds(self, u: Array) -> Array:
+        """Values of all functions of velocity, (velocity, function)."""
+        velocity = self.mesh.velocity
+        found = np.zeros((len(u), velocity.size))
+        half, _ = velocity.values(np.minimum(np.abs(u), velocity.breaks[-1]))
+        up = u >= 0.0
+        found[np.ix_(up, velocity.plus)] = half[up]
+        found[np.ix_(~up, velocity.minus)] = half[~up]
+        return found
+
+    def at(self, x: float, v: float) -> Array:
+        """The functions at a point, (n,): times coefficients, the value of a function there."""
+        profile = self._profiles(self.frame.xi(np.array([x])))[0]
+        speeds = self._speeds(np.array([v / self.frame.speed]))[0]
+        values: Array = (profile[..., None] * speeds).ravel() * self.scale
+        return values
+
+    def integrals(self, density: Density, x_grid: Array, v_grid: Array) -> Array:
+        """int int density N_i over the box, (n,).
+
+        Gauss's rule between the mesh points and those of two grids that resolve the density.
+        """
+        frame, velocity = self.frame, self.mesh.velocity
+        ends = np.asarray(self.mesh.x_breaks)
+        inside = frame.xi(x_grid)
+        xi, x_weights = gauss(np.union1d(ends, inside[np.abs(inside) < 1.0]), GRID_NODES)
+        reach = np.union1d(-velocity.breaks, velocity.breaks)
+        slow = v_grid / frame.speed
+        u, u_weights = gauss(
+            np.union1d(reach, slow[np.abs(slow) < velocity.breaks[-1]]), GRID_NODES
+        )
+        values = density(frame.centre + frame.half_length * xi[:, None], frame.speed * u)
+        # the density is per metre and per metre a second
+        values = values * (frame.half_length * frame.speed * x_weights[:, None] * u_weights)
+        profiles = self._profiles(xi).reshape(len(xi), -1)
+        whole = profiles.T @ values @ self._speeds(u)
+        return np.asarray(whole.ravel() * self.scale, dtype=np.float64)
+
+    def moment(self, x_power: int, v_power: int) -> Array:
+        """Mean of (x - centre)^i v^j, SI, of p = M q, as a functional of coefficients, (n,)."""
+        frame, velocity = self.frame, self.mesh.velocity
+        profile = np.stack(
+            [
+                (element.weights * np.exp(frame.log_weight(element.xi)) * element.xi**x_power)
+                @ element.values
+                for element in self.mesh.displacement
+            ]
+        )
+        speeds = np.zeros(velocity.size)
+        speeds[velocity.plus] += velocity.half_moments[v_power]
+        speeds[velocity.minus] += (-1.0) ** v_power * velocity.half_moments[v_power]
+        unit = frame.half_length**x_power * frame.speed**v_power
+        whole: Array = unit * (profile[..., None] * speeds).ravel() * self.scale
+        return whole
+
+    def arrivals(self, side: int, half: Array) -> Array:
+        """A functional of the density of speeds that arrive at an end, (n,).
+
+        `half` holds int over u > 0 of u M N_k w for the functions of u >= 0, with w what is
+        counted; the result is per second.
+        """
+        velocity = self.mesh.velocity
+        speeds = np.zeros(velocity.size)
+        speeds[velocity.plus if side > 0 else velocity.minus] = half
+        weight = self._weight(float(side)) / self.frame.time
+        found: Array = weight * np.outer(self._end(side), speeds).ravel() * self.scale
+        return found
+
+    def density(self, coefficients: Array, x: Array, v: Array) -> Array:
+        """p = M q at the points of two equally long arrays, per metre and metre a second."""
+        frame = self.frame
+        xi, u = frame.xi(x), v / frame.speed
+        inside = (np.abs(xi) <= 1.0) & (np.abs(u) <= self.mesh.reach)
+        found = np.zeros(len(xi))
+        q = (coefficients * self.scale).reshape(-1, self.mesh.velocity.size)
+        profiles = self._profiles(xi[inside]).reshape(int(inside.sum()), -1)
+        values = np.einsum("pi,pi->p", profiles @ q, self._speeds(u[inside]))
+        weight = np.exp(frame.log_weight(xi[inside]) - u[inside] ** 2 / 2.0)
+        # coefficients make p a density in the units of the box
+        found[inside] = weight * values / (frame.half_length * frame.speed)
+        return found
+
+    def displacement_density(self, coefficients: Array, x: Array) -> Array:
+        """int p dv at displacements, per metre."""
+        frame = self.frame
+        xi = frame.xi(x)
+        inside = np.abs(xi) <= 1.0
+        q = (coefficients * self.scale).reshape(-1, self.mesh.velocity.size)
+        profiles = self._profiles(xi[inside]).reshape(int(inside.sum()), -1)
+        found = np.zeros(len(xi))
+        values = profiles @ (q @ self.mesh.velocity.mass)
+        found[inside] = np.exp(frame.log_weight(xi[inside])) * values / frame.half_length
+        return found
+
+
+GRID_NODES = 10
+"""Gauss nodes between neighbours of the grids that resolve a density."""

@@ -1,0 +1,465 @@
+"""First passage: when an oscillator under white noise first reaches a barrier, without sampling.
+
+Let u(x, v, t) be the probability that a path from (x, v) meets a barrier before t. It obeys the
+backward equation
+
+    u_t = v u_x + (load - omega^2 x - b v) u_v + S0 / 2 u_vv,   u = 1 where a path leaves,
+
+(Pontryagin, Andronov and Vitt 1933 for its mean; J. N. Yang, M. Shinozuka, J. Appl. Mech. 37 (1970)
+1017). Small probabilities are sums of what is absorbed, never one minus a survival, and keep their
+digits. With the slowest mode apart,
+
+    u = c phi (1 - exp(-lambda t)) + y(t),   y(t) -> 1 - c phi,
+
+where phi is the mode as a function, y follows by projection (`evolution`), and lambda is the
+outflow of the mode over what it holds.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
+from stochvi.methods.fokker_planck.evolution import (
+    SlowestMode,
+    projections,
+    slowest_mode,
+    time_groups,
+)
+from stochvi.methods.fokker_planck.layout import (
+    LEVELS,
+    MOST_UNKNOWNS,
+    Layout,
+    Level,
+    barrier_height,
+    mesh,
+    passage_layout,
+)
+from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.methods.fokker_planck.operators import LinearMotion, Operator
+from stochvi.methods.fokker_planck.starts import Given, Point, Start, start_of
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.estimates import Cost, Estimate, format_with_error, provenance
+from stochvi.scenes.scene import Scene, System
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+METHOD = "first-passage"
+HOW = "half-range Galerkin in time"
+
+SAFETY = 2.5
+"""Of the difference of two levels as a bound on the error of the finer one."""
+
+SHARED = 0.3
+"""Part of the largest relative difference of two meshes that all numbers of an answer are granted,
+lest two levels agree on one of them by chance. What the projection leaves at one time is no
+business of the others."""
+
+PROJECTION_SHARE = 0.2
+"""Of the relative error allowed, what the projection in time may take."""
+
+HIGHEST = 10.0
+"""Standard deviations of a barrier that is met at less than 1e-22 of the natural frequency: beyond
+it rounding would decide."""
+
+PLAUSIBLE = 10.0
+"""Size of a probability beyond which it is no mere error but a mode that grows."""
+
+FLOOR = 3e-8
+"""Relative error that every answer is granted: the ends of the box, and rounding."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class FirstPassage:
+    """When a barrier is first reached.
+
+    Attributes
+    ----------
+    times, probability
+        Seconds, and P(first passage before each of them).
+    mean_time
+        Mean time to the first passage, s; starts beyond a barrier count as 0.
+    decay_rate
+        lambda of P(no passage before t) -> c exp(-lambda t), 1/s.
+    rice_rate
+        Mean rate of leaving through the barriers if nothing were stopped there (S. O. Rice 1945),
+        1/s; None without a stationary law. A stationary start has passed before t with at most
+        P(beyond a barrier) + rice_rate t.
+    lower, upper
+        The barriers, m; None where there is none.
+    """
+
+    times: tuple[float, ...]
+    probability: tuple[Estimate, ...]
+    mean_time: Estimate
+    decay_rate: Estimate
+    rice_rate: Estimate | None
+    lower: float | None
+    upper: float | None
+    start: str
+    method: str = METHOD
+    effects: Sequence[str] = ()
+    assumptions: Sequence[str] = ()
+    cost: Cost
+    provenance: Mapping[str, Any]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row per time: seconds, probability, bound on its error."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "time": self.times,
+                "probability": [estimate.value for estimate in self.probability],
+                "bias": [estimate.bias for estimate in self.probability],
+            }
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document: only plain types, never NaN or infinity."""
+        return {
+            "method": self.method,
+            "barriers": {"lower": self.lower, "upper": self.upper},
+            "start": self.start,
+            "times": list(self.times),
+            "probability": [estimate.to_dict() for estimate in self.probability],
+            "mean_time": self.mean_time.to_dict(),
+            "decay_rate": self.decay_rate.to_dict(),
+            "rice_rate": None if self.rice_rate is None else self.rice_rate.to_dict(),
+            "effects": list(self.effects),
+            "assumptions": list(self.assumptions),
+            "cost": asdict(self.cost),
+            "provenance": dict(self.provenance),
+        }
+
+    def __repr__(self) -> str:
+        lines = [
+            f"  P(before {time:g} s) = {format_with_error(estimate.value, 0.0)}"
+            for time, estimate in zip(self.times, self.probability, strict=True)
+        ]
+        lines.append(f"  mean time = {self.mean_time.value:.9g} s")
+        lines.append(f"  decay rate = {self.decay_rate.value:.9g} 1/s")
+        return "\n".join([f"<{self.method}", *lines]) + ">"
+
+
+def first_passage(
+    scene: Scene,
+    lower: float | None = None,
+    upper: float | None = None,
+    *,
+    times: ArrayLike = (),
+    start: Given = "rest",
+    rtol: float = 1e-4,
+) -> FirstPassage:
+    """P(a barrier is reached before t), its mean time and its decay rate, for one oscillator.
+
+    Solves the backward equation of -v p_x + [(b v + omega^2 x - load) p]_v + S0 / 2 p_vv
+    (B 13.34) with absorbing barriers on finer and finer meshes until two of them agree.
+
+    Parameters
+    ----------
+    scene
+        One oscillator under white noise and any constant load. Its stops are the barriers
+        where none are given, whatever their law: the first passage is the first impact. Given
+        barriers must not lie beyond a stop.
+    lower, upper
+        Barriers, m from the position of the unloaded spring; one or both.
+    times
+        Seconds, in any order.
+    start
+        "rest" where spring and load balance; "stationary", the law without barriers and stops,
+        whose part beyond a barrier has passed at once; a point (m, m/s); or a `Gaussian`.
+    rtol
+        Relative error to reach in every number, however small it is. A probability that is still
+        below what lambda gives in t and three natural periods more is held to rtol of that; if it
+        cannot even reach the error allowed (`passages_at_most`), the bound is value and bias.
+
+    Returns
+    -------
+    FirstPassage
+        SI units; `bias` bounds each error by the difference of the two finest meshes.
+
+    Raises
+    ------
+    NotApplicable, NotConverged, ValueError
+        With every condition that the scene does not meet; if the finest mesh does not reach
+        rtol (`response` holds what it reached); if an argument is out of range.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> found = first_passage(scene, -3.0, 3.0, times=[62.83])
+    >>> print(f"{found.probability[0].value:.4f} in ten periods, on average {found.mean_time.value:.1f} s")
+    0.0785 in ten periods, on average 570.4 s
+    """  # noqa: E501
+    started = time.perf_counter()
+    if not rtol > 0.0:
+        raise ValueError(f"rtol must be greater than 0, got {rtol:g}")
+    moments = np.asarray(times, dtype=float).reshape(-1)
+    if not (np.isfinite(moments).all() and (moments >= 0.0).all()):
+        raise ValueError("times must be finite and at least 0 s")
+    unmet = unmet_conditions(scene, lower, upper)
+    if unmet:
+        raise NotApplicable(METHOD, unmet)
+    system = scene.system()
+    low, high = barriers(system, lower, upper)
+    motion = LinearMotion.of(system)
+    height = barrier_height(motion, low, high)
+    if height > HIGHEST:
+        sentence = f"barriers must be within {HIGHEST:g} standard deviations, got {height:.3g}"
+        raise NotApplicable(METHOD, [sentence])
+    begin = start_of(start, motion)
+    _check_start(begin, low, high)
+    layout = passage_layout(motion, low, high, begin)
+    most = passages_at_most(motion, begin, low, high, moments)
+    values, bounds = _refined(layout, begin, low, high, moments, most, rtol)
+    found = FirstPassage(
+        times=tuple(moments.tolist()),
+        probability=tuple(
+            Estimate(value=value, bias=bound, how=HOW)
+            for value, bound in zip(
+                np.clip(values.probability, 0.0, 1.0).tolist(),
+                bounds.probability.tolist(),
+                strict=True,
+            )
+        ),
+        mean_time=Estimate(value=values.mean_time, bias=bounds.mean_time, how=HOW),
+        decay_rate=Estimate(value=values.rate, bias=bounds.rate, how=HOW),
+        rice_rate=_rice_rate(motion, low, high),
+        lower=low if math.isfinite(low) else None,
+        upper=high if math.isfinite(high) else None,
+        start=start if isinstance(start, str) else str(begin),
+        effects=[effect for effect in scene.effects() if " stop " not in effect],
+        assumptions=_assumptions(scene, start),
+        cost=Cost(wall_time=time.perf_counter() - started),
+        provenance=provenance(scene.document()),
+    )
+    worst = _worst(values, bounds)
+    if worst > rtol:
+        raise NotConverged(
+            f"{METHOD} reached a relative error of {worst:.2g} on its finest mesh, not {rtol:g}; "
+            "allow more. Very light damping and starts close to a barrier are its worst.",
+            found,
+        )
+    return found
+
+
+def _assumptions(scene: Scene, start: Given) -> list[str]:
+    found = ["displacements are measured from the position of the unloaded spring"]
+    if scene.structure.mass is None:
+        found.append("mass is not given: 1 kg, which nothing here depends on")
+    found.append("the first passage ends a path: what a stop does afterwards does not matter")
+    if start == "stationary":
+        found.append("starts in the stationary law without barriers; beyond one counts as passed")
+    return found
+
+
+def _rice_rate(motion: LinearMotion, lower: float, upper: float) -> Estimate | None:
+    """omega / (2 pi) exp(-z^2 / 2) of each barrier, z its distance in standard deviations."""
+    if motion.omega == 0.0 or motion.damping_rate == 0.0:
+        return None
+    rest = motion.load / motion.omega**2
+    deviation = math.sqrt(motion.diffusion / motion.damping_rate) / motion.omega
+    distances = [(barrier - rest) / deviation for barrier in (lower, upper)]
+    rate = motion.omega / (2.0 * math.pi) * sum(math.exp(-(z**2) / 2.0) for z in distances)
+    return Estimate(value=rate, how="Rice")
+
+
+def barriers(system: System, lower: float | None, upper: float | None) -> tuple[float, float]:
+    """What is given, else the stops of the scene; infinite where there is none."""
+    if lower is None and upper is None:
+        lower, upper = system.lower, system.upper
+    return -math.inf if lower is None else lower, math.inf if upper is None else upper
+
+
+def unmet_conditions(scene: Scene, lower: float | None, upper: float | None) -> list[str]:
+    """What keeps a first passage from being computed; empty where nothing does."""
+    unmet = scene.beyond_one_oscillator()
+    if unmet:
+        return unmet
+    system = scene.system()
+    if system.tables:
+        unmet.append("excitation must be white noise, got a tabulated density")
+    elif system.intensity == 0.0:
+        unmet.append("excitation must contain noise, got a constant load alone")
+    low, high = barriers(system, lower, upper)
+    if math.isinf(low) and math.isinf(high):
+        unmet.append("there must be a lower or an upper barrier, or a stop, got none")
+    elif not low < high:
+        unmet.append(f"barriers must have lower < upper, got {low:g} and {high:g}")
+    if system.omega == 0.0 and (math.isinf(low) or math.isinf(high)):
+        unmet.append("stiffness must be positive where only one barrier is, got 0")
+    for name, barrier, stop, beyond in (
+        ("lower", low, system.lower, -1.0),
+        ("upper", high, system.upper, 1.0),
+    ):
+        if stop is not None and (barrier - stop) * beyond > 0.0:
+            there = f"at {barrier:g} m" if math.isfinite(barrier) else "left out"
+            unmet.append(
+                f"barriers must not lie beyond a stop, got {name} {there} and a stop at {stop:g} m"
+            )
+    return unmet
+
+
+def _check_start(start: Start, lower: float, upper: float) -> None:
+    if isinstance(start, Point) and not lower < start.x < upper:
+        raise ValueError(
+            f"start must lie between the barriers, {lower:g} and {upper:g} m, got {start.x:g} m"
+        )
+
+
+class _Values(NamedTuple):
+    """The numbers of an answer, or their errors; seconds. Errors of probabilities are relative to
+    `scale`: themselves, or what the settled rate would give a little later."""
+
+    probability: Array
+    mean_time: float
+    rate: float
+    scale: Array
+
+
+EARLY = 20.0
+"""How much later, in phase of the inner dynamics: three natural periods."""
+
+
+def _refined(
+    layout: Layout, start: Start, lower: float, upper: float, times: Array, most: Array,
+    rtol: float,
+) -> tuple[_Values, _Values]:  # fmt: skip
+    """Values and bounds on their errors, on the first level that reaches rtol or the last."""
+    coarse: tuple[_Values, Array] | None = None
+    values = bounds = None
+    for level in LEVELS:
+        if values is not None and mesh(layout, level).unknowns > MOST_UNKNOWNS:
+            break
+        fine, doubt = _on_level(layout, level, start, lower, upper, times, most, rtol)
+        if coarse is not None:
+            allowed = rtol * fine.scale
+            before, now = coarse[1] <= allowed, doubt <= allowed
+            values, bounds = fine, _bounds(coarse[0], fine, doubt, before & now)
+            # a finer mesh may have no modes that grow, but mends no other error of the projection
+            if _worst(values, bounds) <= rtol or not (before | now).all():
+                break
+        coarse = fine, doubt
+    assert values is not None
+    assert bounds is not None
+    return values, bounds
+
+
+def _worst(values: _Values, errors: _Values) -> float:
+    """The largest relative error."""
+    if not (values.rate > 0.0 and values.mean_time > 0.0):
+        return math.inf
+    ends = max(errors.mean_time / values.mean_time, errors.rate / values.rate)
+    return max(ends, float(np.max(errors.probability / values.scale, initial=0.0)))
+
+
+def _bounds(coarse: _Values, fine: _Values, doubt: Array, projected: NDArray[np.bool_]) -> _Values:
+    """Of the errors; `projected` are the probabilities whose difference is that of the meshes."""
+    differences = fine._replace(
+        probability=SAFETY * np.abs(fine.probability - coarse.probability),
+        mean_time=SAFETY * abs(fine.mean_time - coarse.mean_time),
+        rate=SAFETY * abs(fine.rate - coarse.rate),
+    )
+    of_meshes = differences._replace(probability=differences.probability * projected)
+    shared = SHARED * _worst(fine, of_meshes) + FLOOR
+    return fine._replace(
+        probability=np.maximum(differences.probability + doubt, shared * fine.scale),
+        mean_time=max(differences.mean_time, shared * fine.mean_time),
+        rate=max(differences.rate, shared * fine.rate),
+    )
+
+
+def _on_level(
+    layout: Layout, level: Level, start: Start, lower: float, upper: float, times: Array,
+    most: Array, rtol: float,
+) -> tuple[_Values, Array]:  # fmt: skip
+    """The numbers on one mesh, and what the projection in time leaves of error.
+
+    `most` are probabilities that none can exceed.
+    """
+    operator = Operator(layout.frame, mesh(layout, level), layout.walls)
+    second = layout.frame.time
+    factors = operator.factorised(0.0)
+    mode = slowest_mode(operator, factors)
+    weights, passed = _start_functional(operator, layout, start, lower, upper)
+    settled = float(weights @ mode.backward)
+    slow = -np.expm1(-mode.rate * times / second) * settled
+    left = operator.mass @ (operator.unity - mode.backward)
+    rest = factors.solve_transposed(left)
+    rest = rest - mode.backward * float(mode.forward @ (operator.mass @ rest))
+    mean_time = (settled / mode.rate + float(weights @ rest)) * second
+    later = -np.expm1(-mode.rate * (times / second + EARLY / layout.natural))
+    allowed = PROJECTION_SHARE * rtol * np.maximum(passed, later)
+    # where the bound leaves less than the error allowed, nothing is solved and it is the answer
+    doubt = most - passed
+    chances = most.copy()
+    wanted = np.flatnonzero(doubt > allowed)
+    fast, left_over = _projected(
+        operator, layout.natural, mode, weights, times[wanted] / second, allowed[wanted]
+    )
+    chances[wanted] = np.clip(passed + slow[wanted] + fast, passed, most[wanted])
+    doubt[wanted] = np.minimum(left_over, doubt[wanted])
+    return _Values(chances, mean_time, mode.rate / second, np.maximum(chances, later)), doubt
+
+
+def _projected(
+    operator: Operator, natural: float, mode: SlowestMode, weights: Array, times: Array,
+    allowed: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """y(t) of the start at times of the box, and how far the projection may be off."""
+    source = operator.outflow - mode.rate * (operator.mass @ mode.backward)
+    fast, change, doubt = np.zeros((3, len(times)))
+    for places, shift in time_groups(times, natural):
+        shifted = operator.factorised(shift)
+        for projection in projections(operator.mass, shifted.solve_transposed, source, shift):
+            found = projection.accumulated(times[places]) @ (projection.basis.T @ weights)
+            # a space too small may hold modes that grow
+            good = np.abs(found) < PLAUSIBLE
+            before = change[places]
+            change[places] = np.where(good, np.abs(found - fast[places]), 1.0)
+            # two sizes may agree by chance, three do not
+            doubt[places] = np.maximum(change[places], before)
+            fast[places] = np.where(good, found, fast[places])
+            if (doubt[places] <= allowed[places]).all():
+                break
+    return fast, doubt
+
+
+def _start_functional(
+    operator: Operator, layout: Layout, start: Start, lower: float, upper: float
+) -> tuple[Array, float]:
+    """The mean over the start of a backward function, and the part that has passed already.
+
+    In a halved box a path on the left counts as its mirror image on the right.
+    """
+    mirror = layout.frame.centre - layout.frame.half_length
+    if isinstance(start, Point):
+        point = start
+        if layout.halved and start.x < mirror:
+            point = Point(2.0 * mirror - start.x, -start.v)
+        return operator.at(*point), 0.0
+    x_grid, v_grid = start.grids()
+    density = start.density
+    if layout.halved:
+        x_grid = np.union1d(x_grid, 2.0 * mirror - x_grid)
+        v_grid = np.union1d(v_grid, -v_grid)
+
+        def density(x: Array, v: Array) -> Array:
+            return start.density(x, v) + start.density(2.0 * mirror - x, -v)
+
+    weights = operator.integrals(density, x_grid, v_grid)
+    return weights, start.beyond(lower, upper)

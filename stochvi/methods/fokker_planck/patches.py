@@ -1,0 +1,227 @@
+"""Which strips and velocity cells a box is solved on: first by its scales, then by what is found.
+
+Near the corner of a lossy stop and zero velocity the density goes as |v|^-beta on the scale
+v^3 ~ S0 times the distance from the stop: strips narrow geometrically towards the stop, and the
+cells of each towards 0 down to that scale; so they do where a viscoelastic stop is first touched,
+down to the speed below which noise hides its damper. Everything else is left to refinement: what
+the highest polynomials of a strip or cell still hold tells where it is split.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from stochvi.methods.fokker_planck.cells import VelocityCells
+from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.methods.fokker_planck.motion import Corner, Frame
+from stochvi.methods.fokker_planck.strips import Solved, Strip
+
+FIRST_BREAKS = (0.45, 1.0, 1.6, 2.3, 3.2)
+"""Of abs(u), before any refinement; from the last one on cells of LARGEST_CELL at most."""
+
+LARGEST_CELL = 1.7
+"""In units of the velocity of the weight."""
+
+ENERGY_PER_STRIP = 1.5
+"""How much the potential energy may vary in a strip, in units of that of the weight."""
+
+FEWEST_STRIPS = 4
+"""Of each interval between kinks of the force, however little the energy varies there."""
+
+NARROWING = 0.2
+"""Ratio of the distances of neighbouring strips from a corner."""
+
+SLOWING = 0.3
+"""Ratio of neighbouring breaks towards u = 0."""
+
+CORNER_CELL = 0.3
+"""Smallest break of a strip in units of (diffusion distance)^(1/3)."""
+
+ROOTED, ROOTED_STRIPS = 0.15, 4
+"""Ratio and number of strips that narrow towards a root of the force: what the smallest leaves of
+an integral of y^(5/2) is 1e-11 of the strip it began with."""
+
+KEPT = 0.1
+"""Part of what the highest polynomials hold that is left unrefined."""
+
+
+class Patch(NamedTuple):
+    """A strip without its degrees: offsets from an anchor at -1 or 1, and breaks of velocity."""
+
+    anchor: float
+    near: float
+    far: float
+    breaks: tuple[float, ...]
+
+
+class Degrees(NamedTuple):
+    """Of polynomials in xi and in u."""
+
+    place: int
+    velocity: int
+
+
+def first_patches(frame: Frame) -> tuple[Patch, ...]:
+    """By energies and knots, not yet graded towards the corners."""
+    edges = [-1.0, *(knot for knot in frame.knots), 1.0]
+    inner = []
+    for left, right in itertools.pairwise(edges):
+        inner += _cut(frame, left, right, FEWEST_STRIPS)
+    ends = _towards_roots(frame, [*inner, 1.0])
+    breaks = _first_breaks(frame.reach)
+    return tuple(_anchored(left, right, breaks) for left, right in itertools.pairwise(ends))
+
+
+def _towards_roots(frame: Frame, ends: list[float]) -> list[float]:
+    """Strips that narrow towards the first touch of a Hertzian stop, where y^(5/2) is no
+    polynomial and would cost digits of every integral."""
+    added = []
+    for root, side in frame.roots:
+        size = min((abs(end - root) for end in ends if side * (end - root) > 0.0), default=0.0)
+        added += [root + side * size * ROOTED**k for k in range(1, ROOTED_STRIPS + 1)]
+    return sorted({*ends, *added})
+
+
+def _anchored(left: float, right: float, breaks: tuple[float, ...]) -> Patch:
+    anchor = -1.0 if left + right < 0.0 else 1.0
+    return Patch(anchor, left - anchor, right - anchor, breaks)
+
+
+def _first_breaks(reach: float) -> tuple[float, ...]:
+    last = FIRST_BREAKS[-1]
+    count = math.ceil((reach - last) / LARGEST_CELL)
+    half = [*FIRST_BREAKS, *np.linspace(last, reach, count + 1)[1:]]
+    return (*(-u for u in reversed(half)), 0.0, *half)
+
+
+def _cut(frame: Frame, left: float, right: float, pieces: int) -> list[float]:
+    """Left ends of strips in which the energy varies little, where there is any probability."""
+    if pieces > 1:
+        edges = np.linspace(left, right, pieces + 1)
+        return [
+            end
+            for one, two in itertools.pairwise(edges)
+            for end in _cut(frame, float(one), float(two), 1)
+        ]
+    energy = frame.box.energy(np.linspace(left, right, 9))
+    wide = energy.max() - energy.min() > ENERGY_PER_STRIP
+    if wide and energy.min() < frame.reach**2 / 2.0:
+        return _cut(frame, left, right, 2)
+    return [left]
+
+
+def graded(frame: Frame, patches: Iterable[Patch], slowest: float) -> tuple[Patch, ...]:
+    """Narrower towards corners until impacts of the speed `slowest` are resolved."""
+    found = list(patches)
+    for corner in frame.corners:
+        depth = max(slowest, corner.slowest) ** 3 / frame.box.diffusion
+        found = [part for patch in found for part in _narrowed(patch, corner, depth)]
+    return tuple(patch._replace(breaks=_slowed(frame, patch, slowest)) for patch in found)
+
+
+def _narrowed(patch: Patch, corner: Corner, depth: float) -> list[Patch]:
+    """A patch, cut geometrically if it ends at the corner; offsets keep their digits there."""
+    place, size = corner.place - patch.anchor, patch.far - patch.near
+    if size <= depth or place not in (patch.near, patch.far):
+        return [patch]
+    if patch.far == place:
+        cut = place - NARROWING * size
+        return [patch._replace(far=cut), *_narrowed(patch._replace(near=cut), corner, depth)]
+    cut = place + NARROWING * size
+    return [*_narrowed(patch._replace(far=cut), corner, depth), patch._replace(near=cut)]
+
+
+def _slowed(frame: Frame, patch: Patch, slowest: float) -> tuple[float, ...]:
+    """Breaks that narrow towards 0 as far as the distance from the corners asks for."""
+    scales = []
+    for corner in frame.corners:
+        place = corner.place - patch.anchor
+        distance = max(abs(patch.near - place), abs(patch.far - place))
+        scales.append(max((frame.box.diffusion * distance) ** (1.0 / 3.0), slowest, corner.slowest))
+    if not scales:
+        return patch.breaks
+    least = CORNER_CELL * min(scales)
+    breaks = set(patch.breaks)
+    for side in (-1.0, 1.0):
+        u = min(side * u for u in patch.breaks if side * u > 0.0)
+        while SLOWING * u > least:
+            u *= SLOWING
+            breaks.add(side * u)
+    return tuple(sorted(breaks))
+
+
+class Strips:
+    """Makes strips, and shares the cells of those with equal breaks."""
+
+    def __init__(self) -> None:
+        self._cells: dict[tuple[tuple[float, ...], int], VelocityCells] = {}
+
+    def make(self, patches: Iterable[Patch], degrees: Degrees) -> tuple[Strip, ...]:
+        """The strips of all patches."""
+        return tuple(
+            Strip(
+                anchor=patch.anchor,
+                near=patch.near,
+                far=patch.far,
+                degree=degrees.place,
+                cells=self._shared(patch.breaks, degrees.velocity),
+            )
+            for patch in patches
+        )
+
+    def _shared(self, breaks: tuple[float, ...], degree: int) -> VelocityCells:
+        key = breaks, degree
+        if key not in self._cells:
+            self._cells[key] = VelocityCells(breaks, degree)
+        return self._cells[key]
+
+
+def refined(
+    frame: Frame, solved: Solved, patches: tuple[Patch, ...], kept: float = KEPT
+) -> tuple[Patch, ...]:
+    """Strips and cells split where the highest polynomials hold the most, until the others hold
+    `kept` of the whole."""
+    both = [_unresolved(frame, strip, q) for strip, q in zip(solved.strips, solved.q, strict=True)]
+    across = np.array([row for row, _ in both])
+    within = [row for _, row in both]
+    everything = np.sort(np.concatenate([across, *within]))
+    total = np.cumsum(everything)
+    limit = everything[int(np.searchsorted(total, kept * total[-1]))]
+    found: list[Patch] = []
+    for patch, wide, cells in zip(patches, across, within, strict=True):
+        breaks = list(patch.breaks)
+        for cell in np.flatnonzero(cells >= limit):
+            breaks.append((patch.breaks[cell] + patch.breaks[cell + 1]) / 2.0)
+        patch = patch._replace(breaks=tuple(sorted(breaks)))
+        middle = (patch.near + patch.far) / 2.0
+        found += (
+            [patch._replace(far=middle), patch._replace(near=middle)] if wide >= limit else [patch]
+        )
+    return tuple(found)
+
+
+def _unresolved(frame: Frame, strip: Strip, q: Array) -> tuple[float, Array]:
+    """Probability in the highest polynomials of a strip, and in those of each of its cells.
+
+    In units of exp(-energy), from the lowest stop on (or a barrier between wells) of
+    exp(-energy of that): impacts are asked for with a relative error, however rare they are, and
+    rare crossings tell how often each well is visited.
+    """
+    cells = strip.cells
+    energy = frame.box.energy(strip.nodes[0])
+    size = np.diff(cells.breaks)
+    middle = (cells.breaks[1:] + cells.breaks[:-1]) / 2.0
+    height = float(energy.min()) + middle**2 / 2.0
+    share = np.exp(-np.maximum(height - frame.rare_energy, 0.0)) * size * strip.length
+    local = q[:, cells.places]
+    top = np.sqrt(np.mean((local[-1] @ cells.local_values.T) ** 2, axis=1))
+    k = cells.degree
+    bubble = math.sqrt((1.0 / (2 * k + 1) + 1.0 / (2 * k - 3)) / (4.0 * k - 2.0))
+    norms = 1.0 / (2.0 * np.arange(len(q)) + 1.0)
+    inner = bubble * np.sqrt(norms @ local[:, :, -1] ** 2)
+    return float(np.sum(share * top) / math.sqrt(2.0 * strip.degree + 1.0)), share * inner

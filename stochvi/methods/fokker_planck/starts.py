@@ -1,0 +1,139 @@
+"""Where an oscillator starts: at a point, or in a Gaussian law of displacement and velocity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.methods.fokker_planck.operators import LinearMotion
+
+TAIL = 8.5
+"""Standard deviations beyond which a Gaussian holds less than 2e-17."""
+
+GRID = np.linspace(-TAIL, TAIL, 18)
+"""Standard deviations at which the intervals that resolve a Gaussian meet."""
+
+
+class Point(NamedTuple):
+    """A displacement (m) and a velocity (m/s)."""
+
+    x: float
+    v: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gaussian:
+    """A Gaussian law of displacement (m) and velocity (m/s).
+
+    Parameters
+    ----------
+    mean
+        Of displacement and velocity.
+    covariance
+        Symmetric and positive definite, ((m^2, m^2/s), (m^2/s, m^2/s^2)).
+
+    Examples
+    --------
+    >>> Gaussian(mean=(0.0, 0.0), covariance=((1.0, 0.0), (0.0, 4.0))).deviations
+    (1.0, 2.0)
+    """
+
+    mean: tuple[float, float]
+    covariance: tuple[tuple[float, float], tuple[float, float]]
+
+    def __post_init__(self) -> None:
+        mean, matrix = np.asarray(self.mean, dtype=float), np.asarray(self.covariance, dtype=float)
+        if mean.shape != (2,) or matrix.shape != (2, 2):
+            raise ValueError(
+                "mean must be (m, m/s) and covariance 2 by 2, got shapes "
+                f"{mean.shape} and {matrix.shape}"
+            )
+        determinant = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
+        good = np.isfinite(mean).all() and np.isfinite(matrix).all()
+        good = good and math.isclose(matrix[0, 1], matrix[1, 0], rel_tol=ALIKE)
+        if not (good and matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0 and determinant > 0.0):
+            raise ValueError(
+                f"covariance must be finite, symmetric and positive definite, got {self.covariance}"
+            )
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Standard deviations of displacement and velocity."""
+        return math.sqrt(self.covariance[0][0]), math.sqrt(self.covariance[1][1])
+
+    def density(self, x: Array, v: Array) -> Array:
+        """Per m and per m/s; broadcasts."""
+        (xx, xv), (_, vv) = self.covariance
+        determinant = xx * vv - xv * xv
+        a, b = x - self.mean[0], v - self.mean[1]
+        exponent = (vv * a**2 - 2.0 * xv * a * b + xx * b**2) / determinant
+        density: Array = np.exp(-exponent / 2.0) / (2.0 * math.pi * math.sqrt(determinant))
+        return density
+
+    def grids(self) -> tuple[Array, Array]:
+        """Displacements and velocities between which the density is smooth.
+
+        The grids are as fine as the law of either given the other.
+        """
+        (xx, xv), (_, vv) = self.covariance
+        narrow = math.sqrt(1.0 - xv**2 / (xx * vv))
+        steps = min(math.ceil((len(GRID) - 1) / narrow), MOST_STEPS)
+        scaled = np.linspace(-TAIL, TAIL, steps + 1)
+        return tuple(  # type: ignore[return-value]
+            centre + deviation * scaled
+            for centre, deviation in zip(self.mean, self.deviations, strict=True)
+        )
+
+    def beyond(self, lower: float, upper: float) -> float:
+        """Probability of displacements outside the barriers."""
+        deviation = self.deviations[0]
+        below = ndtr((lower - self.mean[0]) / deviation)
+        above = ndtr((self.mean[0] - upper) / deviation)
+        return float(below + above)
+
+
+MOST_STEPS = 200
+"""Intervals of the grid of a Gaussian whose displacement and velocity hardly differ."""
+
+ALIKE = 1e-9
+"""Relative difference of the two covariances in a matrix that is symmetric but for rounding."""
+
+Start = Point | Gaussian
+Given = Literal["rest", "stationary"] | tuple[float, float] | Gaussian
+"""A start in a user's words: at rest where spring and load balance, the stationary law without
+barriers and stops, a point (m, m/s), a law."""
+
+
+def start_of(given: Given, motion: LinearMotion) -> Start:
+    """The point or law that is meant.
+
+    Raises
+    ------
+    ValueError
+        If it is not one of the words, or the motion has no place of rest or no stationary law.
+    """
+    if isinstance(given, Gaussian):
+        return given
+    if not isinstance(given, str):
+        point = np.asarray(given, dtype=float)
+        if point.shape != (2,) or not np.isfinite(point).all():
+            raise ValueError(f"start must be a finite (displacement, velocity), got {given!r}")
+        return Point(float(point[0]), float(point[1]))
+    if given not in ("rest", "stationary"):
+        raise ValueError(
+            f"start must be 'rest', 'stationary', a point or a Gaussian, got {given!r}"
+        )
+    if motion.omega == 0.0 and motion.load != 0.0:
+        raise ValueError("start must be a point or a Gaussian where a load has no spring to meet")
+    rest = motion.load / motion.omega**2 if motion.omega > 0.0 else 0.0
+    if given == "rest":
+        return Point(rest, 0.0)
+    if motion.omega == 0.0 or motion.damping_rate == 0.0:
+        raise ValueError("start = 'stationary' needs a spring and damping, got none")
+    square = motion.diffusion / motion.damping_rate
+    return Gaussian(mean=(rest, 0.0), covariance=((square / motion.omega**2, 0.0), (0.0, square)))

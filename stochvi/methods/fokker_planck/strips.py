@@ -1,0 +1,335 @@
+"""The stationary Fokker-Planck equation on strips in displacement, each with its own velocities.
+
+Symbols (`Box`): p(xi, u) = M q with M = exp(-u^2 / 2 - energy(xi)), and
+
+    0 = -u dp/dxi - d/du [(force(xi) + grip(xi, u) - damping(u)) p] + diffusion d2p/du2,
+
+a particle that arrives at an end with speed w leaves it with R(w) w. In every strip q is a
+Legendre polynomial in xi times the functions of `VelocityCells`; it may jump from strip to
+strip, where the flux is taken from the side that it comes from, exactly also between different
+cells. A strip is reduced to what it lets out for what is let in, and strips are joined like walls.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import lapack
+
+from stochvi.methods.fokker_planck.cells import VelocityCells, given_back, passed_on
+from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, gauss, gauss_rule, legendre
+
+Law = Callable[[Array], Array]
+
+
+class Grip(NamedTuple):
+    """A force that depends on place and velocity, on the strips from `left` to `right`.
+
+    `force(xi, u)` is broadcast; `kink(xi)` is the velocity at which its slope jumps.
+    """
+
+    left: float
+    right: float
+    force: Callable[[Array, Array], Array]
+    kink: Law
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """A scene in units of a length and a speed; `leaving_left(w)` is the speed R(w) w."""
+
+    force: Law
+    energy: Law
+    damping: Law
+    diffusion: float
+    leaving_left: Law
+    leaving_right: Law
+    grips: tuple[Grip, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strip:
+    """From anchor + near to anchor + far; offsets keep their digits close to the anchor."""
+
+    anchor: float
+    near: float
+    far: float
+    degree: int
+    cells: VelocityCells
+
+    @property
+    def left(self) -> float:
+        """Where it begins."""
+        return self.anchor + self.near
+
+    @property
+    def right(self) -> float:
+        """Where it ends."""
+        return self.anchor + self.far
+
+    @property
+    def length(self) -> float:
+        """In xi."""
+        return self.far - self.near
+
+    @property
+    def unknowns(self) -> int:
+        """How many coefficients q has here."""
+        return (self.degree + 1) * self.cells.size
+
+    @cached_property
+    def nodes(self) -> tuple[Array, Array, Array, Array]:
+        """xi, weights, Legendre polynomials and their slopes at the Gauss nodes."""
+        offset, weights = gauss([self.near, self.far], self.degree + EXTRA_NODES)
+        local = gauss_rule(self.degree + EXTRA_NODES)[0]
+        values, slopes = legendre(self.degree, local)
+        return self.anchor + offset, weights, values, slopes * (2.0 / self.length)
+
+
+class Solved(NamedTuple):
+    """Coefficients of q in every strip, (Legendre, function), for a total probability of 1."""
+
+    strips: tuple[Strip, ...]
+    q: tuple[Array, ...]
+    top: float
+
+
+def solve_strips(box: Box, strips: tuple[Strip, ...]) -> Solved:
+    """The density, its energies counted from the lowest of all nodes, `top` = exp(-that)."""
+    lowest = min(float(box.energy(strip.nodes[0]).min()) for strip in strips)
+    pieces = [_Piece(box, strip, lowest) for strip in strips]
+    middle = int(np.argmin([float(box.energy(np.array([s.left])).min()) for s in strips]))
+    # from both ends to the middle, and back
+    before, after = pieces[middle::-1], pieces[middle:]
+    left = given_back(strips[0].cells, box.leaving_left, -1) * pieces[0].weight_left
+    right = given_back(strips[-1].cells, box.leaving_right, 1) * pieces[-1].weight_right
+    left, kept_left = _gathered(before[::-1], left, 1)
+    right, kept_right = _gathered(after[::-1], right, -1)
+    q = pieces[middle].inside(*_closed(pieces[middle], left, right))
+    found = _followed(before, kept_left[::-1], q, -1)[:0:-1] + _followed(
+        after, kept_right[::-1], q, 1
+    )
+    mass = sum(piece.mass(part) for piece, part in zip(pieces, found, strict=True))
+    return Solved(strips, tuple(part / mass for part in found), float(np.exp(lowest)))
+
+
+def _gathered(pieces: list[_Piece], wall: Array, side: int) -> tuple[Array, list[Array]]:
+    """The wall that all but the last of some strips are, met one after another towards `side`.
+
+    With it, for each of them, what its own wall sends in for what comes in through its open end.
+    """
+    kept = []
+    for piece, following in itertools.pairwise(pieces):
+        inward, back = _reduced(piece, wall, side)
+        kept.append(inward)
+        wall = _handed(piece, following, side) @ back @ _handed(following, piece, -side)
+    return wall, kept
+
+
+def _followed(pieces: list[_Piece], kept: list[Array], q: Array, side: int) -> list[Array]:
+    """Coefficients in strips, one after another towards `side`, from those in the first."""
+    found = [q]
+    for (piece, following), inward in zip(itertools.pairwise(pieces), kept, strict=True):
+        entering = _handed(piece, following, side) @ piece.trace(found[-1], side)
+        both = (entering, inward @ entering)
+        found.append(following.inside(*(both if side > 0 else both[::-1])))
+    return found
+
+
+def _handed(source: _Piece, target: _Piece, side: int) -> Array:
+    """From what leaves one strip to what enters its neighbour, towards `side`."""
+    weight = source.weight_right if side > 0 else source.weight_left
+    one, other = source.strip.cells, target.strip.cells
+    matrix = source.flux_matrix(side) if one is other else passed_on(other, one, side)
+    return np.asarray(weight * matrix, dtype=np.float64)
+
+
+def _reduced(piece: _Piece, wall: Array, side: int) -> tuple[Array, Array]:
+    """A strip with a wall behind it, open towards `side`.
+
+    What comes in from the wall, and what goes out through the open end, both as matrices on what
+    comes in through the open end.
+    """
+    out, through, back, into = piece.through(side)
+    inward = np.linalg.solve(np.eye(len(wall)) - wall @ out, wall @ through)
+    return np.asarray(inward, dtype=np.float64), into @ inward + back
+
+
+def _closed(piece: _Piece, left_wall: Array, right_wall: Array) -> tuple[Array, Array]:
+    """What enters the last strip from both its sides, up to a factor."""
+    out_left, cross_left, back_right, cross_right = piece.through(1)
+    cells = piece.strip.cells
+    first = len(cells.plus)
+    returned = np.block(
+        [
+            [left_wall @ out_left, left_wall @ cross_left],
+            [right_wall @ cross_right, right_wall @ back_right],
+        ]
+    )
+    # what enters leaves: the functions of the breaks are 1 together, and the equations dependent
+    total = np.concatenate([cells.plus < cells.vertices, cells.minus < cells.vertices]) * 1.0
+    matrix = np.eye(len(total)) - returned
+    matrix += np.outer(total, total) / total.sum()
+    entering = np.linalg.solve(matrix, total)
+    return entering[:first], entering[first:]
+
+
+class _Piece:
+    """The equations of a strip, its inner functions eliminated cell by cell."""
+
+    def __init__(self, box: Box, strip: Strip, lowest: float) -> None:
+        self.strip, cells = strip, strip.cells
+        self.size = strip.degree + 1
+        self.at_right = np.ones(self.size)
+        self.at_left = np.where(np.arange(self.size) % 2 == 0, 1.0, -1.0)
+        ends = np.array([strip.left, strip.right])
+        self.weight_left, self.weight_right = np.exp(lowest - box.energy(ends))
+        self._eliminate(self._equations(box, lowest))
+        self.incoming = len(cells.plus), len(cells.minus)
+
+    def _equations(self, box: Box, lowest: float) -> Array:
+        """(cell, test Legendre, test function, trial Legendre, trial function)."""
+        cells, strip = self.strip.cells, self.strip
+        xi, weights, values, slopes = strip.nodes
+        weights = weights * np.exp(lowest - box.energy(xi))
+        self.profile = weights @ values
+        products = values.T @ (weights[:, None] * values)
+        pushed = values.T @ ((weights * box.force(xi))[:, None] * values)
+        carried = -slopes.T @ (weights[:, None] * values)
+        right = self.weight_right * np.outer(self.at_right, self.at_right)
+        left = self.weight_left * np.outer(self.at_left, self.at_left)
+        spreading = cells.spreading(box.diffusion, box.damping)
+        parts = []
+        for some, out in ((slice(cells.zero), -left), (slice(cells.zero, None), right)):
+            terms = np.stack([carried + out, -pushed, products])
+            matrices = np.stack([cells.flux[some], cells.drift[some], spreading[some]])
+            parts.append(np.einsum("tji,tcab->cjaib", terms, matrices, optimize=True))
+        whole = np.concatenate(parts)
+        for grip in box.grips:
+            if grip.left <= (strip.left + strip.right) / 2.0 <= grip.right:
+                u, inner, functions, rises = cells.split(grip.kink(xi))
+                inner = inner * grip.force(xi[:, None, None], u)
+                push = np.swapaxes(rises * inner[..., None], 2, 3) @ functions
+                products = (weights[:, None] * values)[:, :, None] * values[:, None, :]
+                whole -= np.einsum("nji,ncab->cjaib", products, push, optimize=True)
+        return whole
+
+    def _eliminate(self, whole: Array) -> None:
+        """Inner functions as combinations of those of the breaks and of what enters."""
+        cells, n = self.strip.cells, self.size
+        inner = cells.inner
+        count = cells.cells
+        # the functions of one break side by side: (cell, break, Legendre)
+        whole = whole.transpose(0, 2, 1, 4, 3)
+        ends, inside = slice(0, 2), slice(2, None)
+        inner_block = whole[:, inside, :, inside].reshape(count, inner * n, inner * n)
+        inner_ends = whole[:, inside, :, ends].reshape(count, inner * n, 2 * n)
+        ends_inner = whole[:, ends, :, inside].reshape(count, 2 * n, inner * n)
+        block = whole[:, ends, :, ends].reshape(count, 2 * n, 2 * n)
+        enters = np.where(np.arange(count)[:, None] < cells.zero, self.at_right, self.at_left)
+        entrance = np.einsum("ab,cj->cajb", np.eye(inner), enters).reshape(count, -1, inner)
+        solved = np.linalg.solve(inner_block, np.concatenate([inner_ends, entrance], axis=2))
+        self.by_ends, self.by_entering = -solved[:, :, : 2 * n], solved[:, :, 2 * n :]
+        self.pushed = -ends_inner @ self.by_entering
+        self._factorise(block + ends_inner @ self.by_ends)
+
+    def _factorise(self, blocks: Array) -> None:
+        """The equations of the functions of the breaks, which couple neighbours only."""
+        n, count = self.size, len(blocks)
+        self.band = 2 * n - 1
+        height = 3 * self.band + 1
+        rows = np.arange(count)[:, None] * n + np.arange(2 * n)
+        row, column = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
+        banded = np.zeros((height, (count + 1) * n), order="F")
+        np.add.at(banded, (2 * self.band + row - column, column), blocks)
+        self.factors, self.pivots, status = lapack.dgbtrf(banded, self.band, self.band)
+        if status != 0:
+            raise np.linalg.LinAlgError(f"strip of {count} cells: singular equations ({status})")
+
+    def _solve(self, right: Array) -> Array:
+        found, _ = lapack.dgbtrs(self.factors, self.band, self.band, right, self.pivots)
+        return np.asarray(found, dtype=np.float64)
+
+    def flux_matrix(self, side: int) -> Array:
+        """Integrals of g |u| N_k N_l over one side, between strips of the same cells."""
+        cells = self.strip.cells
+        whole = np.zeros((cells.size, cells.size))
+        some = slice(cells.zero, None) if side > 0 else slice(cells.zero)
+        places = cells.places[some]
+        np.add.at(whole, (places[:, :, None], places[:, None, :]), side * cells.flux[some])
+        rows = cells.plus if side > 0 else cells.minus
+        return whole[np.ix_(rows, rows)]
+
+    def _entering(self, from_left: Array, from_right: Array) -> tuple[Array, Array]:
+        """Right sides of the equations of the breaks (break, Legendre, case), and what enters
+        each cell at its inner functions (cell, function, case)."""
+        cells = self.strip.cells
+        first, second = cells.vertices - cells.zero, cells.zero + 1
+        cases = from_left.shape[1]
+        right = np.zeros((cells.vertices, self.size, cases))
+        right[cells.zero :] += self.at_left[None, :, None] * from_left[:first, None, :]
+        right[: cells.zero + 1] += self.at_right[None, :, None] * from_right[:second, None, :]
+        inner = np.concatenate([from_right[second:], from_left[first:]])
+        inner = inner.reshape(cells.cells, cells.inner, cases)
+        pushed = (self.pushed @ inner).reshape(cells.cells, 2, self.size, cases)
+        right[:-1] += pushed[:, 0]
+        right[1:] += pushed[:, 1]
+        return right.reshape(-1, cases), inner
+
+    def inside(self, from_left: Array, from_right: Array) -> Array:
+        """Coefficients of q, (Legendre, function), for what enters from both sides."""
+        cells, n = self.strip.cells, self.size
+        right, inner = self._entering(from_left[:, None], from_right[:, None])
+        ends = self._solve(right).reshape(cells.vertices, n)
+        pairs = np.concatenate([ends[:-1], ends[1:]], axis=1)[:, :, None]
+        bubbles = (self.by_ends @ pairs + self.by_entering @ inner)[:, :, 0]
+        q = np.empty((n, cells.size))
+        q[:, : cells.vertices] = ends.T
+        bubbles = bubbles.reshape(cells.cells * cells.inner, n)
+        q[:, cells.vertices :] = bubbles.T
+        return q
+
+    def through(self, side: int) -> tuple[Array, Array, Array, Array]:
+        """What leaves for what enters: with a wall opposite to `side`, the matrices from the
+        wall to the wall, from the open end to the wall, from there back, and through from the
+        wall."""
+        cells, n = self.strip.cells, self.size
+        plus, minus = self.incoming
+        unit = np.eye(plus + minus)
+        right, inner = self._entering(unit[:plus], unit[plus:])
+        ends = self._solve(right).reshape(cells.vertices, n, -1)
+        pairs = np.concatenate([ends[:-1], ends[1:]], axis=1)
+        leaving = []
+        for some, at, kept in (
+            (slice(cells.zero), self.at_left, slice(cells.zero + 1)),
+            (slice(cells.zero, None), self.at_right, slice(cells.zero, None)),
+        ):
+            traced = (
+                np.einsum("j,cajb->cab", at, x[some].reshape(len(x[some]), cells.inner, n, -1))
+                for x in (self.by_ends, self.by_entering)
+            )
+            by_ends, by_entering = traced
+            bubbles = by_ends @ pairs[some] + by_entering @ inner[some]
+            corners = np.einsum("j,vjc->vc", at, ends[kept])
+            leaving.append(np.concatenate([corners, bubbles.reshape(-1, plus + minus)]))
+        left_out, right_out = leaving
+        if side > 0:
+            return left_out[:, :plus], left_out[:, plus:], right_out[:, plus:], right_out[:, :plus]
+        return right_out[:, plus:], right_out[:, :plus], left_out[:, :plus], left_out[:, plus:]
+
+    def trace(self, q: Array, side: int) -> Array:
+        """Coefficients of what leaves towards `side`."""
+        cells = self.strip.cells
+        at, places = (self.at_right, cells.plus) if side > 0 else (self.at_left, cells.minus)
+        found: Array = (at @ q)[places]
+        return found
+
+    def mass(self, q: Array) -> float:
+        """Integral of the density over the strip."""
+        cells = self.strip.cells
+        return float(self.profile @ q @ cells.functional(np.ones_like(cells.u)))

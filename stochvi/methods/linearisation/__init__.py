@@ -1,0 +1,39 @@
+"""Statistical linearisation: stops replaced by a spring and a damper that do the same on average.
+
+The stop force in x'' + b x' + omega^2 x = f + g + stop force is replaced by
+
+    -(m_F + k (x - m) + beta x'),        m = E x,                              (B 13.3, 13.4)
+
+the linear system x'' + (b + beta) x' + (omega^2 + k)(x - m) = f is solved exactly, for white or
+tabulated noise, and m_F, k and beta follow from the response that they are to produce. Four
+forms of that last step:
+
+* "closure": x has the density C exp(lambda x - kappa x^2 / 2) between the stops and x' is
+  Gaussian; both obey the balances of force, virial and energy. Exact for elastic stops and
+  white noise.
+* "motion": x has a normal law cut at the stops (B 8.58-8.77, 13.12-13.20).
+* "force": the force of spring and stops together is Gaussian, and x follows from it through
+  the inverse characteristic (B 8.79-8.87, 13.24-13.33).
+* "clumps": the closure, between two stops that with the hits of a box (variant "box"), corrected
+  by the law of a slowly varying energy where light damping lets hits come in clumps.
+
+`linearise_many` is the closure for arrays; `atlas` holds the errors that `linearise` states.
+"""
+
+from stochvi.methods.linearisation.many import Linearised, linearise_many
+from stochvi.methods.linearisation.method import FORMS, VARIANTS, linearise, linearise_all
+from stochvi.methods.linearisation.spectrum import LinearisedOscillator, linearised_oscillators
+from stochvi.methods.linearisation.structure import LinearisedStructure, linearised_structures
+
+__all__ = [
+    "FORMS",
+    "VARIANTS",
+    "Linearised",
+    "LinearisedOscillator",
+    "LinearisedStructure",
+    "linearise",
+    "linearise_all",
+    "linearise_many",
+    "linearised_oscillators",
+    "linearised_structures",
+]

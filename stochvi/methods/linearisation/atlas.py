@@ -1,0 +1,356 @@
+"""How wrong a linearisation is: read from an atlas of its errors over all oscillators with stops.
+
+One oscillator in white noise has, up to units, the places of its stops about the rest position in
+deviations without stops, their R, and zeta. The atlas (`data/linearisation_atlas`) holds
+ln(answer / truth) of every form on a grid of gap, R and zeta, for symmetric stops and for a single
+one. What the corners of a scene's cell span, times a safety, bounds its error. Two unlike stops
+have no grid: they are given the largest error of their relatives in it, times a larger safety.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
+from stochvi.results.estimates import Estimate, Response
+from stochvi.scenes.datasets import data_folder
+from stochvi.scenes.scene import System
+
+QUANTITIES = ("mean", "sigma_x", "sigma_v", "upcrossing", "rate", "f1", "f2")
+"""The mean in deviations, (answer - truth) / sigma_x; of the others ln(answer / truth)."""
+
+TWO, ONE = "two", "one"
+"""Symmetric stops at -gap and gap; a single one, at `gap` outwards from rest (below 0: preload)."""
+
+SAFETY = 1.25
+"""Of the errors at the corners of a cell: what errors do between them."""
+
+UNLIKE_SAFETY = 2.0
+"""Of the errors of the relatives of two unlike stops. With both, more than 99 % of the bounds hold
+in scenes that were not used to find them (studies/13_linearisation_atlas)."""
+
+ONE_SIDED_SAFETY = 2.0
+"""Times that, for F2 of two unlike stops. Where one keeps and the other takes energy no relative
+has its error: at zeta .006, R = 1 and .5, the closure was off by 1.95 of the bounds without it."""
+
+CLUMPS_SAFETY = 3.0
+"""Times UNLIKE_SAFETY, for the form "clumps": the law of the energy knows still less of two stops
+that differ. In 250 scenes of zeta .005 to .03, one stop nearly elastic, the other lossy, errors
+came to 2.7 times the bounds without it."""
+
+GRANTED = 1e-3
+"""Error that every answer is granted: the truth of the atlas is no better."""
+
+LARGEST = 3.0
+"""Logarithm of an error, a factor of 20, from which on a bound says nothing."""
+
+
+class Span(NamedTuple):
+    """Where ln(answer / truth) lies."""
+
+    low: float
+    high: float
+
+    def bound(self, power: float = 1.0) -> float:
+        """Largest |answer - truth| / answer of the power of a quantity."""
+        return max(1.0 - math.exp(-power * self.high), math.exp(-power * self.low) - 1.0)
+
+    def over(self, other: Span) -> Span:
+        """That of a ratio."""
+        return Span(self.low - other.high, self.high - other.low)
+
+    @property
+    def largest(self) -> float:
+        """Of either sign."""
+        return max(-self.low, self.high)
+
+
+class Grid(NamedTuple):
+    """Errors of one form for one kind of stops: axes, and an array (gap, R, zeta, quantity)."""
+
+    gaps: NDArray[np.float64]
+    restitutions: NDArray[np.float64]
+    zetas: NDArray[np.float64]
+    errors: NDArray[np.float64]
+
+    def corners(self, gap: float, restitution: float, zeta: float) -> NDArray[np.float64]:
+        """Errors at the corners of a cell, (corner, quantity); rows may hold nan (no rate)."""
+        places = []
+        for axis, value in (
+            (self.gaps, gap),
+            (self.restitutions, restitution),
+            (self.zetas, zeta),
+        ):
+            k = int(np.clip(np.searchsorted(axis, value) - 1, 0, len(axis) - 2))
+            # on a node the cell is the node itself
+            places.append([j for j in (k, k + 1) if value not in axis or axis[j] == value])
+        found = self.errors[np.ix_(*places)]
+        return found.reshape(-1, len(QUANTITIES))
+
+    def holds(self, gap: float, zeta: float) -> bool:
+        """Whether the grid reaches there."""
+        inside = self.gaps[0] <= gap <= self.gaps[-1]
+        return bool(inside and self.zetas[0] <= zeta <= self.zetas[-1])
+
+
+@cache
+def atlas(method: str) -> Mapping[str, Grid] | None:
+    """The grids of a method ("linearise:closure", ...), by kind of stops; None if it has none."""
+    path = (
+        data_folder() / "linearisation_atlas" / f"{method.split(':', 1)[1].replace(':', '-')}.csv"
+    )
+    if not path.is_file():
+        return None
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return {kind: _grid([row for row in rows if row["stops"] == kind]) for kind in (TWO, ONE)}
+
+
+def _grid(rows: Sequence[Mapping[str, str]]) -> Grid:
+    axes = [
+        np.unique([float(row[name]) for row in rows]) for name in ("gap", "restitution", "zeta")
+    ]
+    errors = np.full((*map(len, axes), len(QUANTITIES)), np.nan)
+    for row in rows:
+        place = [
+            int(np.searchsorted(axis, float(row[name])))
+            for axis, name in zip(axes, ("gap", "restitution", "zeta"), strict=True)
+        ]
+        errors[tuple(place)] = [float(row[name] or "nan") for name in QUANTITIES]
+    gaps, restitutions, zetas = axes
+    return Grid(gaps, restitutions, zetas, errors)
+
+
+class Place(NamedTuple):
+    """A scene in the atlas: stops outwards from rest in deviations (None for none), R, zeta."""
+
+    lower: float | None
+    upper: float | None
+    restitution_lower: float
+    restitution_upper: float
+    zeta: float
+
+    @property
+    def like(self) -> bool:
+        """Whether both stops are the same."""
+        same = self.lower == self.upper or (
+            self.lower is not None
+            and self.upper is not None
+            and math.isclose(self.lower, self.upper, rel_tol=1e-9)
+        )
+        return same and self.restitution_lower == self.restitution_upper
+
+
+def place_of(system: System) -> Place | str:
+    """Where a scene lies, or the reason why it has no place."""
+    if system.tables or system.filters:
+        return "the atlas knows white noise alone"
+    if system.not_rigid():
+        return "the atlas knows rigid stops"
+    if system.omega == 0.0 or system.damping_rate == 0.0:
+        return "the atlas knows no mass without a spring or a damper"
+    deviation = math.sqrt(system.intensity / (2.0 * system.damping_rate)) / system.omega
+    rest = system.load / system.omega**2
+    lower, upper = system.lower, system.upper
+    return Place(
+        None if lower is None else (rest - lower) / deviation,
+        None if upper is None else (upper - rest) / deviation,
+        1.0 if system.restitution_lower is None else system.restitution_lower,
+        1.0 if system.restitution_upper is None else system.restitution_upper,
+        system.damping_rate / (2.0 * system.omega),
+    )
+
+
+def spans(method: str, system: System) -> Mapping[str, Span] | str:
+    """Where the errors of a method lie in a scene, by quantity; or the reason why nobody knows.
+
+    A quantity is left out where its error is unknown: the rate at R <= exp(-pi / sqrt 3), where the
+    true one is infinite, and in the cell above it; what a form does not give; anything that may
+    be wrong by more than a factor of exp(LARGEST).
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair, Scene
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> span = spans("linearise:closure", scene.system())["sigma_v"]
+    >>> span.low < -0.012 < span.high
+    True
+    """
+    grids, place = atlas(method), place_of(system)
+    if grids is None:
+        return "this form has no atlas"
+    if isinstance(place, str):
+        return place
+    found = _corners(grids, place)
+    if isinstance(found, str):
+        return found
+    unlike = not place.like and None not in place[:2]
+    least = min(place.restitution_lower, place.restitution_upper)
+    known = {}
+    for k, name in enumerate(QUANTITIES):
+        column = found[:, k]
+        if np.isfinite(column).all() and not (name == "rate" and least <= COLLAPSE_RESTITUTION):
+            span = _widened(column, _unlike_safety(method, name) if unlike else SAFETY)
+            if span.largest < LARGEST:
+                known[name] = span
+    return known
+
+
+def _unlike_safety(method: str, quantity: str) -> float:
+    """Of the bound on a quantity between two stops that differ."""
+    if method.endswith(":clumps"):
+        return UNLIKE_SAFETY * CLUMPS_SAFETY
+    return UNLIKE_SAFETY * (ONE_SIDED_SAFETY if quantity == "f2" else 1.0)
+
+
+def _widened(errors: NDArray[np.float64], safety: float) -> Span:
+    """What errors span, with no error among them, times a safety."""
+    low, high = min(float(errors.min()), 0.0), max(float(errors.max()), 0.0)
+    return Span(safety * low - GRANTED, safety * high + GRANTED)
+
+
+def _corners(grids: Mapping[str, Grid], place: Place) -> NDArray[np.float64] | str:
+    """The errors that bear on a place, (corner, quantity); or why it is outside of the atlas."""
+    sides = [
+        (gap, restitution)
+        for gap, restitution in (
+            (place.lower, place.restitution_lower),
+            (place.upper, place.restitution_upper),
+        )
+        if gap is not None
+    ]
+    two, one = grids[TWO], grids[ONE]
+    if not two.zetas[0] <= place.zeta <= two.zetas[-1]:
+        return f"zeta = {place.zeta:.3g} is outside of the atlas, {two.zetas[0]} to {two.zetas[-1]}"
+    if len(sides) == 1 or place.like:
+        grid, (gap, restitution) = (one if len(sides) == 1 else two), sides[0]
+        if not grid.holds(gap, place.zeta):
+            return _outside(gap, grid)
+        return grid.corners(gap, restitution, place.zeta)
+    return _relatives(two, one, sides, place.zeta)
+
+
+def _outside(gap: float, grid: Grid) -> str:
+    return (
+        f"a stop at {gap:.3g} deviations is outside of the atlas, "
+        f"{grid.gaps[0]:g} to {grid.gaps[-1]:g}"
+    )
+
+
+def _relatives(
+    two: Grid, one: Grid, sides: Iterable[tuple[float, float]], zeta: float
+) -> NDArray[np.float64] | str:
+    """Of two unlike stops: each alone, symmetric stops of either kind, and of their mean gap.
+
+    A difference of two stops may turn the sign of an error, so that both signs count.
+    """
+    both = list(sides)
+    narrow = sum(gap for gap, _ in both) / 2.0
+    if narrow < two.gaps[0]:
+        return f"stops {2.0 * narrow:.3g} deviations apart are outside of the atlas"
+    found = []
+    for gap, restitution in both:
+        if not one.holds(gap, zeta):
+            return _outside(gap, one)
+        found.append(one.corners(gap, restitution, zeta))
+        for half in (narrow, gap):
+            inside = min(max(half, float(two.gaps[0])), float(two.gaps[-1]))
+            found.append(two.corners(inside, restitution, zeta))
+    corners = np.concatenate(found)
+    # symmetric relatives have no error of the mean, but what spreads them wrongly moves this one
+    corners[:, 0] = np.abs(corners[:, :2]).max(axis=1)
+    return np.concatenate([corners, -corners])
+
+
+def with_bounds(response: Response, system: System) -> Response:
+    """The response with the bounds of the atlas as `bias`, or the reason for none in `how`."""
+    known = spans(response.method, system)
+    if isinstance(known, str):
+        return _explained(response, {}, f"no error bound: {known}")
+    relative = _relative_bounds(known, one_rate=_one_rate(system))
+    bounds = {}
+    for (_, name), estimate in response.estimates().items():
+        if name in relative:
+            bounds[name] = relative[name] * abs(estimate.value)
+    found = {name: estimate for (_, name), estimate in response.estimates().items()}
+    if {"mean", "sigma_x"} <= known.keys():
+        deviation = found["displacement_std"].value * math.exp(known["sigma_x"].largest)
+        mean = known["mean"].largest * deviation
+        bounds["displacement_mean"] = mean
+        bounds["displacement_mean_square"] = (
+            2.0 * abs(found["displacement_mean"].value) * mean
+            + mean**2
+            + known["sigma_x"].bound(2.0) * found["displacement_std"].value ** 2
+        )
+    return _explained(response, bounds, "error bound from the atlas")
+
+
+def _one_rate(system: System) -> bool:
+    """Whether the rate of a stop errs as that of both: for a single one, and for symmetric ones."""
+    place = place_of(system)
+    return isinstance(place, Place) and (place.like or None in place[:2])
+
+
+def _relative_bounds(known: Mapping[str, Span], *, one_rate: bool) -> dict[str, float]:
+    """Bounds of the quantities of a response, over their values."""
+    names = {
+        "displacement_std": ("sigma_x", 1.0),
+        "velocity_std": ("sigma_v", 1.0),
+        "velocity_mean_square": ("sigma_v", 2.0),
+        "upcrossing_rate": ("upcrossing", 1.0),
+        "collision_rate": ("rate", 1.0),
+        "impact_speed_rate": ("f1", 1.0),
+        "impact_speed_square_rate": ("f2", 1.0),
+    }
+    if one_rate:
+        names |= dict.fromkeys(("collision_rate_lower", "collision_rate_upper"), ("rate", 1.0))
+    bounds = {
+        name: known[quantity].bound(power)
+        for name, (quantity, power) in names.items()
+        if quantity in known
+    }
+    if {"rate", "f1"} <= known.keys():
+        bounds["impact_speed_mean"] = known["f1"].over(known["rate"]).bound()
+    return bounds
+
+
+def _explained(response: Response, bounds: Mapping[str, float], words: str) -> Response:
+    """Every estimate with its bound where there is one, and the words after its `how`."""
+
+    def told(name: str, entry: Estimate | float | None) -> Estimate | float | None:
+        if not isinstance(entry, Estimate):
+            return entry
+        says = words if name in bounds or not bounds else "no error bound: unknown to the atlas"
+        return replace(entry, bias=bounds.get(name), how=f"{entry.how}; {says}")
+
+    def coordinate(name: str, entry: Estimate | None) -> Estimate | None:
+        found = told(name, entry)
+        assert found is None or isinstance(found, Estimate)
+        return found
+
+    return replace(
+        response,
+        coordinates={
+            owner: {name: coordinate(name, entry) for name, entry in group.items()}
+            for owner, group in response.coordinates.items()
+        },
+        impact_pairs={
+            owner: {name: told(name, entry) for name, entry in group.items()}
+            for owner, group in response.impact_pairs.items()
+        },
+    )

@@ -1,0 +1,538 @@
+"""The closure for arrays of oscillators between rigid stops under white noise.
+
+Per unit mass, in units in which the elastic law exp(-U / s^2) has mean 0, deviation 1 and s = 1.
+With p_i the density at stop i, A_i = (1 + R_i) / 2, g = omega^2 / E v^2 and s_v^2 = E v^2, the law
+C exp(lambda x - kappa x^2 / 2) and s_v obey (balances of force, virial about the mean, energy)
+
+    g m - load / s_v^2 + A_u p_u - A_l p_l = 0,
+    1 - g Var x - A_u p_u (upper - m) - A_l p_l (m - lower) = 0,
+    (b + sum (1 - R_i^2) p_i s_v / sqrt(2 pi)) s_v^2 = S0 / 2:
+
+three equations for lambda, kappa and log s_v, whose derivatives are moments of the same law.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from stochvi.methods.linearisation.cut_laws import ROUGH, Booleans, CutLaws, Vector, cut_laws
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.validation import check_oscillators
+
+ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
+
+CHUNK = 8192
+"""Oscillators solved together: enough to hide the price of a call."""
+
+SPEED_STEPS, STEPS, HALVINGS = 60, 40, 12
+"""Most Newton steps for the speed of the elastic law, and for the closure; halvings of a step."""
+
+SPEED_ACCEPTED = 0.05
+"""Of the logarithm of the speed of the elastic law, which only sets units and a start."""
+
+ACCEPTED = 1e-10
+"""Largest imbalance of a solution, relative to its terms, as of `linearise`."""
+
+POLISHED, CLOSE = 1e-13, 1e-6
+"""Imbalances: one at which steps end, and one from which a single step takes them to rounding."""
+
+LARGEST_STEP = 2.0
+"""Of lambda, kappa and log s_v, all of order 1 in these units."""
+
+START_SPEEDS = (1.0, 2.0, 0.5, 1.4, 0.7, 4.0, 0.25, 3.0, 8.0)
+"""Speeds of the elastic law to start from, relative to the one that balances its power, in turn
+where the one before led to no answer."""
+
+
+class Oscillators(NamedTuple):
+    """Arrays of one length: x'' + damping_rate x' + omega^2 x = white noise of S0 + load."""
+
+    omega: Vector
+    damping_rate: Vector
+    intensity: Vector
+    load: Vector
+    lower: Vector
+    upper: Vector
+    restitution_lower: Vector
+    restitution_upper: Vector
+
+    def take(self, places: Booleans) -> Oscillators:
+        """Some of them."""
+        return Oscillators._make(column[places] for column in self)
+
+
+class Linearised(NamedTuple):
+    """What the closure finds for many oscillators, SI units per unit mass.
+
+    Rates are 0 where there is no stop. `stiffness` (1/s^2) and `damping` (1/s) are what the stops
+    add on average; `rise` is the factor by which a density exceeds its law right at a stop (1
+    where the family holds the answer). Everything is nan where `converged` is False.
+    """
+
+    mean: Vector
+    variance: Vector
+    velocity_mean_square: Vector
+    upcrossing_rate: Vector
+    rate_lower: Vector
+    rate_upper: Vector
+    speed_rate_lower: Vector
+    speed_rate_upper: Vector
+    speed_square_rate_lower: Vector
+    speed_square_rate_upper: Vector
+    stiffness: Vector
+    damping: Vector
+    rise: Vector
+    converged: Booleans
+
+
+def linearise_many(
+    *,
+    omega: ArrayLike,
+    damping_rate: ArrayLike,
+    intensity: ArrayLike,
+    load: ArrayLike = 0.0,
+    lower: ArrayLike = -math.inf,
+    upper: ArrayLike = math.inf,
+    restitution_lower: ArrayLike = 1.0,
+    restitution_upper: ArrayLike = 1.0,
+) -> Linearised:
+    """The closure of `linearise` for arrays of oscillators, some 10^5 per second and core.
+
+    Parameters
+    ----------
+    omega, damping_rate, intensity, load
+        x'' + damping_rate x' + omega^2 x = white noise of intensity S0 + load, per unit mass:
+        1/s, 1/s, m^2/s^3, m/s^2. Everything is broadcast to one shape.
+    lower, upper, restitution_lower, restitution_upper
+        Rigid stops in metres from the position of the unloaded spring, infinite for none; their R.
+
+    Returns
+    -------
+    Linearised
+        Arrays of the common shape; exact where no stop loses energy. An oscillator without a
+        solution is nan and not `converged`.
+
+    Raises
+    ------
+    NotApplicable, ValueError
+        If any oscillator has no stationary state; if a number is out of range.
+
+    Examples
+    --------
+    >>> found = linearise_many(
+    ...     omega=1.0, damping_rate=0.1, intensity=0.2, lower=-1.0, upper=1.0,
+    ...     restitution_lower=[1.0, 0.8], restitution_upper=[1.0, 0.8],
+    ... )
+    >>> [f"{math.sqrt(variance):.4f}" for variance in found.variance]
+    ['0.5396', '0.5231']
+    """
+    stops = (lower, upper, restitution_lower, restitution_upper)
+    columns = (omega, damping_rate, intensity, load, *stops)
+    whole = np.broadcast_arrays(*(np.asarray(column, dtype=float) for column in columns))
+    shape = whole[0].shape
+    oscillators = Oscillators(*(column.reshape(-1) for column in whole))
+    _check(oscillators)
+    size = len(oscillators.omega)
+    parts = [
+        _chunk(Oscillators._make(column[start : start + CHUNK] for column in oscillators))
+        for start in range(0, size, CHUNK)
+    ] or [_chunk(oscillators)]
+    joined = [np.concatenate(rows).reshape(shape) for rows in zip(*parts, strict=True)]
+    return Linearised(*joined)
+
+
+def _check(oscillators: Oscillators) -> None:
+    check_oscillators(oscillators._asdict())
+    for name, column in oscillators._asdict().items():
+        if name not in ("lower", "upper") and np.isinf(column).any():
+            raise ValueError(f"{name} must be finite, got inf")
+    unmet = []
+    if (oscillators.intensity == 0.0).any():
+        unmet.append("intensity must be positive in every scene, got 0")
+    kept_lower = (oscillators.restitution_lower == 1.0) | np.isinf(oscillators.lower)
+    kept_upper = (oscillators.restitution_upper == 1.0) | np.isinf(oscillators.upper)
+    if (kept_lower & kept_upper & (oscillators.damping_rate == 0.0)).any():
+        unmet.append("damping_rate must be positive where no stop takes energy, got 0")
+    held_left = np.isfinite(oscillators.lower) | (oscillators.load > 0.0)
+    held_right = np.isfinite(oscillators.upper) | (oscillators.load < 0.0)
+    if ((oscillators.omega == 0.0) & ~(held_left & held_right)).any():
+        unmet.append("omega must be positive where stops do not hold the mass, got 0")
+    if unmet:
+        raise NotApplicable("linearise", unmet)
+
+
+# One chunk --------------------------------------------------------------------------------
+
+
+class _Unit(NamedTuple):
+    """Units and origin of each oscillator's frame, and the oscillators in them."""
+
+    origin: Vector
+    length: Vector
+    speed: Vector
+    scaled: Oscillators
+    least: Vector
+
+
+class _State(NamedTuple):
+    """lambda, kappa and log s_v as rows; the law they stand for; the imbalances as rows."""
+
+    unknowns: Vector
+    law: CutLaws
+    rise: Vector
+    imbalance: Vector
+    damping: Vector
+
+    def take(self, places: Booleans) -> _State:
+        """Some of them."""
+        return _State(
+            self.unknowns[:, places],
+            CutLaws._make(column[places] for column in self.law),
+            self.rise[places],
+            self.imbalance[:, places],
+            self.damping[places],
+        )
+
+
+def _chunk(oscillators: Oscillators) -> Linearised:
+    speed = _elastic_speed(oscillators)
+    found = _solved_from(oscillators, speed)
+    for factor in START_SPEEDS[1:]:
+        failed = ~found.converged
+        if not failed.any():
+            break
+        again = _solved_from(oscillators.take(failed), factor * speed[failed])
+        for column, renewed in zip(found, again, strict=True):
+            column[failed] = renewed
+    return found
+
+
+def _solved_from(oscillators: Oscillators, speed: Vector) -> Linearised:
+    """Newton's method from the elastic law at a speed."""
+    unit = _unit_of(oscillators, speed)
+    start = np.array([unit.scaled.load, unit.scaled.omega**2, np.zeros_like(speed)])
+    return _in_si(oscillators, unit, _newton(unit, start))
+
+
+def _take(unit: _Unit, places: Booleans) -> _Unit:
+    return _Unit(
+        unit.origin[places],
+        unit.length[places],
+        unit.speed[places],
+        unit.scaled.take(places),
+        unit.least[places],
+    )
+
+
+def _accepted(state: _State) -> Booleans:
+    with np.errstate(invalid="ignore"):
+        return np.asarray(_size(state.imbalance) < ACCEPTED)
+
+
+def _size(imbalance: Vector) -> Vector:
+    """The largest imbalance of each; infinite where it is not a number."""
+    largest = np.abs(imbalance).max(axis=0)
+    return np.where(np.isnan(largest), np.inf, largest)
+
+
+def _unit_of(oscillators: Oscillators, speed: Vector) -> _Unit:
+    with np.errstate(all="ignore"):
+        law = cut_laws(
+            oscillators.load / speed**2,
+            (oscillators.omega / speed) ** 2,
+            oscillators.lower,
+            oscillators.upper,
+        )
+        length = np.sqrt(law.variance)
+        time = length / speed
+        scaled = Oscillators(
+            omega=oscillators.omega * time,
+            damping_rate=oscillators.damping_rate * time,
+            intensity=oscillators.intensity * time / speed**2,
+            load=(oscillators.load - oscillators.omega**2 * law.mean) * time / speed,
+            lower=(oscillators.lower - law.mean) / length,
+            upper=(oscillators.upper - law.mean) / length,
+            restitution_lower=oscillators.restitution_lower,
+            restitution_upper=oscillators.restitution_upper,
+        )
+    return _Unit(law.mean, length, speed, scaled, _least_curvature(scaled))
+
+
+def _elastic_speed(oscillators: Oscillators) -> Vector:
+    """The speed at which the elastic law takes up the power that the noise supplies, m/s.
+
+    b s^2 + sum 2 (1 - R_i) p_i s^3 / sqrt(2 pi) = S0 / 2, where 2 p / (1 + R) is the density at a
+    stop that the balance of forces calls for; Newton's method in the logarithms of both sides.
+    """
+    o = oscillators
+    with np.errstate(all="ignore"):
+        log_power = np.log(o.intensity / 2.0)
+        log_speed = _rough_log_speed(o)
+        moving = np.ones(len(log_speed), dtype=bool)
+        for _ in range(SPEED_STEPS):
+            some = o.take(moving)
+            step = _speed_step(some, log_power[moving], log_speed[moving])
+            step = np.clip(np.nan_to_num(step, nan=0.0), -LARGEST_STEP, LARGEST_STEP)
+            log_speed[moving] += step
+            moving[moving] = np.abs(step) > SPEED_ACCEPTED
+            if not moving.any():
+                break
+    return np.exp(log_speed)
+
+
+def _rough_log_speed(o: Oscillators) -> Vector:
+    """Above the answer: the speed that the damper alone leaves; without one, the largest that
+    springs, stops and noise have a scale for."""
+    gap = o.upper - o.lower
+    rest = o.load / o.omega**2
+    away = np.fmin(np.abs(o.upper - rest), np.abs(rest - o.lower))
+    scales = np.array(
+        [
+            np.sqrt(o.intensity / (2.0 * o.omega)),
+            np.where(np.isfinite(away), o.omega * away, 0.0),
+            np.where(np.isfinite(gap), np.cbrt(gap * o.intensity), 0.0),
+        ]
+    )
+    undamped = np.where(np.isfinite(scales), scales, 0.0).max(axis=0)
+    # a load alone presses the mass on its stop, where it loses some load * s
+    undamped = np.where(undamped > 0.0, undamped, o.intensity / np.abs(o.load))
+    damped = np.sqrt(o.intensity / (2.0 * o.damping_rate))
+    return np.asarray(np.log(np.where(o.damping_rate > 0.0, damped, undamped)))
+
+
+def _speed_step(o: Oscillators, log_power: Vector, log_speed: Vector) -> Vector:
+    speed = np.exp(log_speed)
+    slope, curvature = o.load / speed**2, (o.omega / speed) ** 2
+    law = cut_laws(slope, curvature, o.lower, o.upper, ROUGH)
+    damping, growth = o.damping_rate.copy(), np.zeros_like(speed)
+    for stop, density, restitution in (
+        (o.lower, law.lower, o.restitution_lower),
+        (o.upper, law.upper, o.restitution_upper),
+    ):
+        there = np.where(np.isfinite(stop), stop, 0.0)
+        loss = 2.0 * (1.0 - restitution) * density * speed / ROOT_TWO_PI
+        # d log p / d log s, since slope and curvature go as s^-2
+        rise = slope * (there - law.mean) - curvature / 2.0 * (
+            there**2 - law.mean**2 - law.variance
+        )
+        damping += loss
+        growth += loss * (1.0 - 2.0 * rise)
+    surplus = log_power - np.log(damping) - 2.0 * log_speed
+    return np.asarray(surplus / (2.0 + growth / damping))
+
+
+def _least_curvature(o: Oscillators) -> Vector:
+    """The least kappa of each frame: `_floor` over the square of half a gap; 0 for one stop."""
+    restitution = np.minimum(
+        np.where(np.isfinite(o.lower), o.restitution_lower, 1.0),
+        np.where(np.isfinite(o.upper), o.restitution_upper, 1.0),
+    )
+    half = (o.upper - o.lower) / 2.0
+    return np.asarray(_floor()(restitution) / half**2)
+
+
+@cache
+def _floor() -> np.polynomial.Chebyshev:
+    """kappa D^2 of an evenly filled, very narrow gap of half width D, by R; -2.26 at 0, 0 at 1.
+
+    There the balance of forces asks for the density 1 / (1 + R) / D at the stops, as in `forms`;
+    by Newton's method from a straight line, at enough places to interpolate to rounding.
+    """
+
+    def solved(restitution: Vector) -> Vector:
+        wanted, one = 1.0 / (1.0 + restitution), np.ones_like(restitution)
+        found = -2.26 * (1.0 - restitution)
+        for _ in range(FLOOR_STEPS):
+            law = cut_laws(0.0 * one, found, -one, one)
+            found -= (law.upper - wanted) / (law.upper * (law.variance - 1.0) / 2.0)
+        return found
+
+    return np.polynomial.Chebyshev.interpolate(solved, FLOOR_DEGREE, domain=[0.0, 1.0])
+
+
+FLOOR_STEPS, FLOOR_DEGREE = 6, 24
+"""Newton steps that reach rounding, and the degree at which interpolation does."""
+
+
+def _evaluate(unit: _Unit, unknowns: Vector) -> _State:
+    o, least = unit.scaled, unit.least
+    slope, curvature, log_speed = unknowns
+    with np.errstate(all="ignore"):
+        law = cut_laws(slope, np.maximum(curvature, least), o.lower, o.upper)
+        rise = 1.0 + np.maximum(least - curvature, 0.0)
+        square = np.exp(2.0 * log_speed)
+        force = (o.omega**2 * law.mean - o.load) / square
+        virial = 1.0 - o.omega**2 * law.variance / square
+        damping = o.damping_rate.copy()
+        for stop, density, restitution, sign in _sides(o, law):
+            push = (1.0 + restitution) / 2.0 * rise * density
+            force += sign * push
+            virial -= push * np.abs(stop - law.mean)
+            damping += _loss(restitution, rise * density, log_speed)
+        deviation = np.sqrt(law.variance)
+        energy = np.log(2.0 * damping / o.intensity) + 2.0 * log_speed
+        return _State(unknowns, law, rise, np.array([force * deviation, virial, energy]), damping)
+
+
+def _loss(restitution: Vector, density: Vector, log_speed: Vector) -> Vector:
+    """The damper that takes as much as a stop: (1 - R^2) p s_v / sqrt(2 pi)."""
+    loss = (1.0 - restitution**2) * density * np.exp(log_speed) / ROOT_TWO_PI
+    return np.asarray(loss)
+
+
+def _sides(o: Oscillators, law: CutLaws) -> tuple[tuple[Vector, Vector, Vector, float], ...]:
+    """Place (0 where there is none), density, R and outward direction of the stops."""
+    lower = np.where(np.isfinite(o.lower), o.lower, 0.0)
+    upper = np.where(np.isfinite(o.upper), o.upper, 0.0)
+    return (
+        (lower, law.lower, o.restitution_lower, -1.0),
+        (upper, law.upper, o.restitution_upper, 1.0),
+    )
+
+
+def _newton(unit: _Unit, start: Vector) -> _State:
+    """Newton's method with the step halved until the largest imbalance falls."""
+    state = _evaluate(unit, start)
+    unknowns = state.unknowns.copy()
+    moving = _size(state.imbalance) > POLISHED
+    for _ in range(STEPS):
+        if not moving.any():
+            break
+        some = _take(unit, moving)
+        here = state.take(moving)
+        found, better = _search(some, here, _step(some, here))
+        unknowns[:, moving] = found.unknowns
+        state = _put(state, moving, found)
+        close = _size(here.imbalance) < CLOSE
+        moving[moving] = better & ~close & (_size(found.imbalance) > POLISHED)
+    return state
+
+
+def _put(state: _State, places: Booleans, found: _State) -> _State:
+    """`state` with some columns renewed."""
+    for old, new in zip((*state.law, *_rows(state)), (*found.law, *_rows(found)), strict=True):
+        old[..., places] = new
+    return state
+
+
+def _rows(state: _State) -> tuple[Vector, ...]:
+    return state.unknowns, state.rise, state.imbalance, state.damping
+
+
+def _step(unit: _Unit, state: _State) -> Vector:
+    """The Newton step of lambda, kappa and log s_v."""
+    o, law, rise = unit.scaled, state.law, state.rise
+    _, curvature, log_speed = state.unknowns
+    with np.errstate(all="ignore"):
+        m, var = law.mean, law.variance
+        square = np.exp(2.0 * log_speed)
+        stiffness = o.omega**2 / square
+        risen = curvature < unit.least
+        # derivatives by lambda and kappa of the mean, the variance, and log p at the stops
+        mean_by = (var, np.where(risen, 0.0, -law.third / 2.0 - m * var))
+        spread_by = (
+            law.third,
+            np.where(risen, 0.0, -(law.fourth - var**2) / 2.0 - m * law.third),
+        )
+        zero = np.zeros_like(m)
+        jacobian = np.empty((len(m), 3, 3))
+        for k in (0, 1):
+            force, virial, energy = stiffness * mean_by[k], -stiffness * spread_by[k], zero.copy()
+            for stop, density, restitution, sign in _sides(o, law):
+                log_by = (
+                    stop - m,
+                    np.where(risen, -1.0 / rise, -(stop**2 - m**2 - var) / 2.0),
+                )[k]
+                push = (1.0 + restitution) / 2.0 * rise * density
+                force += sign * push * log_by
+                virial -= push * (np.abs(stop - m) * log_by - sign * mean_by[k])
+                energy += _loss(restitution, rise * density, log_speed) * log_by
+            deviation = np.sqrt(var)
+            jacobian[:, 0, k] = force * deviation + state.imbalance[0] * spread_by[k] / (2.0 * var)
+            jacobian[:, 1, k] = virial
+            jacobian[:, 2, k] = energy / state.damping
+        losses = state.damping - o.damping_rate
+        jacobian[:, 0, 2] = -2.0 * (stiffness * m - o.load / square) * np.sqrt(var)
+        jacobian[:, 1, 2] = 2.0 * stiffness * var
+        jacobian[:, 2, 2] = 2.0 + losses / state.damping
+        return _by_cramer(jacobian, -state.imbalance.T).T
+
+
+def _by_cramer(matrix: Vector, right: Vector) -> Vector:
+    """Cramer's rule, three by three; not a number where there is no solution."""
+    a, b, c = matrix[:, :, 0], matrix[:, :, 1], matrix[:, :, 2]
+    cross = _cross(b, c)
+    determinant = (a * cross).sum(axis=1)
+    columns = (
+        (right * cross).sum(axis=1),
+        (a * _cross(right, c)).sum(axis=1),
+        (a * _cross(b, right)).sum(axis=1),
+    )
+    return np.asarray(np.stack(columns, axis=1) / determinant[:, None])
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return np.stack(
+        [
+            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
+        ],
+        axis=1,
+    )
+
+
+def _search(unit: _Unit, state: _State, step: Vector) -> tuple[_State, Booleans]:
+    """The state after the step, or the largest part of it that lowers the imbalance."""
+    with np.errstate(all="ignore"):
+        step = step * np.minimum(1.0, LARGEST_STEP / np.abs(step).max(axis=0))
+    step = np.where(np.isfinite(step), step, 0.0)
+    size = _size(state.imbalance)
+    found = _evaluate(unit, state.unknowns + step)
+    better = _size(found.imbalance) < size
+    share = 1.0
+    for _ in range(HALVINGS):
+        if better.all():
+            break
+        share /= 2.0
+        again = ~better
+        trial = _evaluate(_take(unit, again), state.unknowns[:, again] + share * step[:, again])
+        lower = _size(trial.imbalance) < size[again]
+        better[again] = lower
+        found = _put(found, again, trial)
+    if not better.all():
+        kept = state.take(~better)
+        found = _put(found, ~better, kept)
+    return found, better
+
+
+def _in_si(oscillators: Oscillators, unit: _Unit, state: _State) -> Linearised:
+    """Back in SI units; without stops the linear law itself is the elastic one."""
+    law, rise, damping = state.law, state.rise, state.damping
+    good = _accepted(state)
+    with np.errstate(all="ignore"):
+        speed = unit.speed * np.exp(state.unknowns[2])
+        frequency = speed / unit.length
+        lower, upper = rise * law.lower, rise * law.upper
+        variance = law.variance * unit.length**2
+        columns = (
+            unit.origin + unit.length * law.mean,
+            variance,
+            speed**2,
+            law.at_mean * frequency / ROOT_TWO_PI,
+            lower * frequency / ROOT_TWO_PI,
+            upper * frequency / ROOT_TWO_PI,
+            lower * frequency * speed / 2.0,
+            upper * frequency * speed / 2.0,
+            lower * frequency * speed**2 * 2.0 / ROOT_TWO_PI,
+            upper * frequency * speed**2 * 2.0 / ROOT_TWO_PI,
+            np.maximum(speed**2 / variance - oscillators.omega**2, 0.0),
+            (damping - unit.scaled.damping_rate) * unit.speed / unit.length,
+            rise,
+        )
+    return Linearised._make([*(np.where(good, column, np.nan) for column in columns), good])

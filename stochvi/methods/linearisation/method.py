@@ -1,0 +1,374 @@
+"""The method: what it covers, what it says about its answer."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stochvi.mathematics.impact_rates import NO_STOP
+from stochvi.methods.linearisation.atlas import with_bounds
+from stochvi.methods.linearisation.clumps import clumped
+from stochvi.methods.linearisation.forms import choose
+from stochvi.methods.linearisation.scales import gibbs_law, linear_moments
+from stochvi.methods.linearisation.several import closure
+from stochvi.methods.linearisation.solver import solve
+from stochvi.methods.linearisation.told import answer_of
+from stochvi.methods.linearisation.trial import ROOT_TWO_PI, SIGNS, Trial, soft_stops
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Response
+from stochvi.scenes.impact_laws import Viscoelastic
+from stochvi.scenes.scene import Scene, System
+
+FORMS = ("closure", "motion", "force", "clumps")
+VARIANTS = ("consistent", "book", "box")
+
+
+def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") -> Response:
+    """Approximate stationary response by statistical linearisation (B section 8, 13).
+
+    Parameters
+    ----------
+    scene
+        White, filtered and tabulated noise, any constant load, no stop or one or two of any
+        law; by the closure also several coordinates, several pairs, and sines.
+    form
+        "closure", "motion" or "force", as `stochvi.methods.linearisation` says; "clumps", the
+        closure (of two stops its variant "box") corrected by the law of the energy, the best of
+        them for one oscillator between rigid stops in white noise.
+    variant
+        "consistent"; "book": the factors of m_F as in (B 13.12) for "motion", and of beta as in
+        (B 8.54) for "force"; "box" for the closure between two rigid stops: hits as those of a
+        free mass in a box as far as impacts take the energy, nearly everywhere better.
+
+    Returns
+    -------
+    Response
+        SI units. `bias` is a bound on the error that is read from an atlas of errors
+        (`data/linearisation_atlas`; more than 99 % of the bounds hold) for one oscillator between
+        rigid stops in white noise, and for a loose mass in a box; None, with the reason
+        in `how`, outside of the atlas; 0 where the answer is exact, that is without stops, and
+        for the closure with stops that lose nothing in white noise (of several coordinates: one
+        pair, and noise that matches the damping).
+
+    Raises
+    ------
+    ValueError, NotApplicable, NotConverged
+        If there is no such form or variant; with every condition that the scene does not meet;
+        if no response was found that is its own linearisation.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> response = linearise(scene)
+    >>> print(f"{response.coordinates['x']['displacement_std'].value:.4f} m")
+    0.5231 m
+    """
+    return linearise_all(scene, form, variant)[0]
+
+
+def linearise_all(
+    scene: Scene, form: str = "closure", variant: str = "consistent"
+) -> tuple[Response, ...]:
+    """All responses that are their own linearisation; the first is that of `linearise`.
+
+    White noise has one. In coloured noise the linearised resonance may pass a peak or an edge of
+    the density more than once, as that of a hardening spring under a sine: which solution is
+    seen then depends on how the motion began, and each warns of the others. The one next to the
+    response without stops comes first. Of several coordinates those are returned that starts at
+    several speeds lead to. Parameters and exceptions are those of `linearise`.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import TabulatedNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> band = TabulatedNoise(on="x", frequency_hz=[0.5, 5.0], density=[0.4, 0.4], unit="N2/Hz")
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-0.2, upper=0.2, law=Restitution(coefficient=0.9))],
+    ...     excitations=[band],
+    ... )
+    >>> [f"{one.coordinates['x']['velocity_std'].value:.3f}" for one in linearise_all(scene)]
+    ['0.141', '0.379', '0.622']
+    """
+    started = time.perf_counter()
+    _check_words(form, variant)
+    if form == "closure" and variant == "consistent" and _is_assembly(scene):
+        return closure(scene)
+    system, trials = linear_oscillators(scene, form, variant)
+    free = system.lower is None and system.upper is None
+    white = not system.tables and not system.filters
+    exact = free or (form in ("closure", "clumps") and system.elastic and white)
+    found = [
+        answer_of(system, trial).response(
+            method_name(form, variant),
+            scene,
+            how="exact: linear and Gaussian" if free else _HOW[form],
+            started=started,
+            bias=0.0 if exact else None,
+            assumptions=() if free else _assumptions(form, variant, system),
+        )
+        for trial in trials
+    ]
+    several = _several(trials)
+    warned = [
+        replace(one, warnings=[*one.warnings, *several, *_warnings(system, trial, form)])
+        for one, trial in zip(found, trials, strict=True)
+    ]
+    return tuple(warned if exact else [with_bounds(one, system) for one in warned])
+
+
+def method_name(form: str, variant: str) -> str:
+    """What a response says of its method."""
+    return f"linearise:{form}" + ("" if variant == "consistent" else f":{variant}")
+
+
+def linear_oscillators(scene: Scene, form: str, variant: str) -> tuple[System, list[Trial]]:
+    """A scene of one oscillator per unit mass, and its solutions."""
+    _check_words(form, variant)
+    unmet = scene.beyond_one_oscillator(filtered=True) or _unmet_conditions(scene.system(), form)
+    if variant == "box" and not unmet:
+        unmet = _unmet_by_box(scene.system())
+    if unmet:
+        raise NotApplicable("linearise", unmet)
+    system = scene.system()
+    if system.lower is None and system.upper is None:
+        return system, [_without_stops(system)]
+    if form == "clumps":
+        # the better closure of the two, where it applies
+        between = system.lower is not None and system.upper is not None
+        form_of = choose("closure", "box" if between else variant, system)
+        trials = solve(system, form_of, method_name(form, variant))
+        return system, [clumped(system, one) for one in trials]
+    return system, solve(system, choose(form, variant, system), method_name(form, variant))
+
+
+_HOW = {
+    "closure": "moment closure",
+    "clumps": "moment closure and law of the energy",
+    "motion": "linearisation, cut normal law of the motion",
+    "force": "linearisation, Gaussian law of the force",
+}
+
+_RAYLEIGH = "impact speeds are Rayleigh distributed, mean square 2 E v^2"
+_CLUMPS = (
+    "hits come in clumps as a slowly varying energy has them, in the measure of "
+    "gap / (gap + 50 zeta), gap in deviations without stops"
+)
+_ASSUMPTIONS = {
+    ("closure", "consistent"): (
+        "x has the density C exp(lambda x - kappa x^2 / 2) between the stops; v is Gaussian and "
+        "independent of x",
+        _RAYLEIGH,
+    ),
+    ("closure", "box"): (
+        "x has the density C exp(lambda x - kappa x^2 / 2) between the stops",
+        "hits have the strength and the speeds of those of a free mass in a box as far as impacts "
+        "take the energy",
+    ),
+    ("clumps", "consistent"): (
+        "x has the density C exp(lambda x - kappa x^2 / 2) between the stops; v is Gaussian and "
+        "independent of x; impact speeds are Rayleigh distributed at a single stop, between two as "
+        "those of a free mass in a box as far as impacts take the energy",
+        _CLUMPS,
+    ),
+    ("motion", "consistent"): (
+        "x has a normal law cut at the stops, whose mean and deviation before the cut are taken "
+        "for those of x; v is Gaussian and independent of x",
+        _RAYLEIGH,
+    ),
+    ("motion", "book"): (
+        "x has a normal law cut at the stops, whose mean and deviation before the cut are taken "
+        "for those of x; v is Gaussian and independent of x",
+        "the mean stop force is (1 + R^2) / 4 E v^2 times the density at the stop (B 13.12)",
+        _RAYLEIGH,
+    ),
+    ("force", "consistent"): (
+        "the force of spring and stops together is Gaussian",
+        _RAYLEIGH,
+    ),
+    ("force", "book"): (
+        "the force of spring and stops together is Gaussian",
+        "the mean square impact speed is E v^2 (B 8.52)",
+    ),
+}
+
+
+def _is_assembly(scene: Scene) -> bool:
+    """Whether the closure for several coordinates, pairs or signals is the one to use.
+
+    Of filtered noise on one oscillator that is so as long as no stop gives way.
+    """
+    if scene.beyond_numbers() or not scene.beyond_one_oscillator():
+        return False
+    return bool(scene.beyond_one_oscillator(filtered=True)) or not soft_stops(scene.system())
+
+
+_WITHIN = {
+    "closure": "within a stop that gives way the density falls off with the energy stored there",
+    "motion": "the normal law goes on within a stop that gives way",
+    "force": "spring and stop together have one inverse characteristic",
+}
+
+
+def _assumptions(form: str, variant: str, system: System) -> tuple[str, ...]:
+    soft = soft_stops(system)
+    found = _ASSUMPTIONS[form, variant]
+    if soft:
+        found = (*found, _WITHIN[form])
+    if any(not law.conservative for law in soft.values()):
+        found = (*found, "a contact of a viscoelastic stop loses what that of a free mass does")
+    return found
+
+
+def _check_words(form: str, variant: str) -> None:
+    if form not in FORMS:
+        raise ValueError(f"form must be one of {', '.join(FORMS)}, got {form!r}")
+    if variant not in VARIANTS:
+        raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
+    if form in ("closure", "clumps") and variant == "book":
+        others = "'consistent' or 'box'" if form == "closure" else "'consistent'"
+        raise ValueError(
+            f"variant must be {others} for form {form!r}, which is not in the book; 'book' is of "
+            "the forms 'motion' and 'force'"
+        )
+    if form != "closure" and variant == "box":
+        only = "'consistent'" if form == "clumps" else "'consistent' or 'book'"
+        raise ValueError(f"variant must be {only} for form {form!r}, got 'box'")
+
+
+def _unmet_conditions(system: System, form: str) -> list[str]:
+    """What keeps a scene from being linearised in this form; empty where nothing does."""
+    unmet = []
+    if system.intensity == 0.0 and not system.tables and not system.filters:
+        unmet.append("excitation must contain noise, got a constant load alone")
+    if form == "clumps":
+        if system.tables or system.filters:
+            unmet.append("excitation must be white noise for form 'clumps', got a coloured one")
+        unmet.extend(system.not_rigid())
+    if system.damping_rate == 0.0 and system.elastic:
+        unmet.append("damping must be positive where no stop takes energy, got 0")
+    if system.omega == 0.0:
+        if not _held(system):
+            unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
+        elif form == "motion":
+            unmet.append("stiffness must be positive for form 'motion', got 0")
+        elif form == "force" and (system.lower is None or system.upper is None):
+            unmet.append("stiffness must be positive for form 'force' with one stop, got 0")
+    return unmet
+
+
+def _unmet_by_box(system: System) -> list[str]:
+    unmet = system.not_rigid()
+    if (system.lower is None) != (system.upper is None):
+        unmet.append("variant 'box' needs stops on both sides, got one")
+    return unmet
+
+
+def _held(system: System) -> bool:
+    """Whether spring or stops keep the mass, also a table whose force no longer grows."""
+    if not system.held:
+        return False
+    if not soft_stops(system):
+        return True
+    try:
+        gibbs_law(system, 1.0)
+    except ValueError:
+        return False
+    return True
+
+
+def _several(trials: Sequence[Trial]) -> list[str]:
+    if len(trials) == 1:
+        return []
+    deviations = ", ".join(f"{math.sqrt(trial.variance):.4g}" for trial in trials)
+    return [
+        f"this form has {len(trials)} solutions, of displacement_std {deviations} m: which one is "
+        "seen depends on how the motion began (linearise_all gives all of them)"
+    ]
+
+
+def _warnings(system: System, trial: Trial, form: str) -> list[str]:
+    found = []
+    if trial.rise > 1.0:
+        found.append(
+            "the mass leans on a stop more closely than a density C exp(lambda x - kappa x^2 / 2) "
+            f"allows: this is kept at its limit, and raised {trial.rise:.3g}-fold at the stop"
+        )
+    soft = soft_stops(system)
+    for side, sign in SIGNS.items():
+        stop = getattr(system, side)
+        if side in soft:
+            law = soft[side]
+            if form == "closure" and isinstance(law, Viscoelastic) and law.damping_ratio >= LOSSY:
+                found.extend(_warnings_of_losses(system, law, side))
+        elif stop is not None and sign * (trial.mean - stop) > 0.0:
+            found.append(f"the mean that this form gives lies beyond the {side} stop")
+    return found
+
+
+LOSSY = 0.15
+"""Damping ratio of a stop from which the closure is known to be far off."""
+
+MEASURED_RATIOS = (0.2, 0.4, 0.6, 1.0)
+"""Damping ratios at which the two errors below were measured against `fokker_planck`: single stops
+of 3 to 300 times the spring's stiffness, zeta .01 to .2."""
+
+PRESSED_ERROR = (0.18, 0.40, 0.54, 0.74)
+"""Largest error of sigma_x over the truth seen where the spring's rest position lies within a stop,
+by .3 to 2 deviations without stops."""
+
+CONTACT_ERROR = (0.30, 0.55, 0.73, 0.96)
+"""Likewise of P(contact), always too high, with stops at rest to 2 deviations away; less for
+stiffer ones, where contacts are short."""
+
+LONG_CONTACT = 300.0
+"""Stiffness of a stop over the spring's up to which P(contact) is warned of."""
+
+
+def _warnings_of_losses(system: System, law: Viscoelastic, side: str) -> list[str]:
+    """What is known to be wrong of a stop that takes much energy in its contacts."""
+    ratio, stop = law.damping_ratio, getattr(system, side)
+    # would a load alone, without noise, hold the mass on the stop?
+    if SIGNS[side] * (system.load - system.omega**2 * stop) > 0.0:
+        off = 100.0 * float(np.interp(ratio, MEASURED_RATIOS, PRESSED_ERROR))
+        return [
+            f"a load presses the mass onto the {side} stop, whose damping_ratio is {ratio:g}: "
+            f"displacement_std may be off by {off:.0f} %, and what is said of impacts by far more; "
+            "simulate this scene"
+        ]
+    if law.stiffness <= LONG_CONTACT * system.omega**2:
+        off = 100.0 * float(np.interp(ratio, MEASURED_RATIOS, CONTACT_ERROR))
+        return [
+            f"contacts with the {side} stop, whose damping_ratio is {ratio:g}, are long: "
+            f"contact_probability may be {off:.0f} % too high"
+        ]
+    return []
+
+
+def _without_stops(system: System) -> Trial:
+    variance, velocity = linear_moments(system, 0.0, 0.0)
+    return Trial(
+        mean=system.load / system.omega**2,
+        variance=variance,
+        velocity_mean_square=velocity,
+        density_at_mean=1.0 / (ROOT_TWO_PI * math.sqrt(variance)),
+        stop_force=0.0,
+        stiffness=0.0,
+        damping=0.0,
+        lower=NO_STOP,
+        upper=NO_STOP,
+    )

@@ -1,0 +1,329 @@
+"""The moment closure for stops that give way, alone or beside a rigid one.
+
+x has the density C exp(lambda x - kappa x^2 / 2) between the stops, and within a stop this times
+exp(-V(y) / tau), V the energy stored at the deflection y; x' is Gaussian with the mean square s^2.
+lambda, kappa and s obey the balances of force, virial and energy. tau is s^2 where a stop loses
+nothing: with white noise the law is then the Gibbs law exp(-U / s^2), and exact (B 13.38).
+
+A viscoelastic stop loses energy. A brief contact leaves with R = exp(-2 z arccos z / sqrt(1 - z^2))
+times its speed (B App. I); the mean push of such contacts is (1 + R) / 2 p s^2, p the density at
+the surface, and that of the layer p tau: hence tau = (1 + R) / 2 s^2. They lose (1 - R^2) / 2 F2 =
+(1 - R^2) p s^3 / sqrt(2 pi); the damper alone, c = 2 z sqrt(K), would take c s^2 P(contact), P =
+p sqrt(pi tau / (2 K)), so that its power is to be multiplied by
+
+    g = (1 - R^2) / (pi z sqrt(2 (1 + R))),
+
+which is 1 for a small z. Where a load keeps the mass within the stop the damper acts all the time
+as it is: tau = s^2 and g = 1, and the law is a Gibbs law again. In between the two are mixed by
+
+    r = sqrt(pi s^2 / (2 K)) / (time in contact per density at the surface), at most 1,
+
+1 for a stop that nothing presses, 0 for one that is never left. So the closure is exact in white
+noise where no stop takes energy and where the mass never leaves the stop, and tends to that of
+rigid stops of the same restitution as they stiffen.
+
+Where a lossy stop is pressed there may be no such law: what bounces ever lower stays close to the
+stop. Then kappa is kept at its limit, and a factor rises from 1 instead: of the densities at and
+within the stop, as for rigid stops, where contacts are brief; of tau where they are not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from stochvi.mathematics.cut_normal import CutNormal
+from stochvi.mathematics.impact_rates import (
+    NO_STOP,
+    ContactStatistics,
+    StopStatistics,
+    gaussian_stop,
+)
+from stochvi.mathematics.kelvin_voigt import half_contact
+from stochvi.methods.linearisation.closure import curvature_floor
+from stochvi.methods.linearisation.layers import Layer, Vector, layer
+from stochvi.methods.linearisation.trial import (
+    SIGNS,
+    Form,
+    Trial,
+    Unknowns,
+    restitutions,
+    soft_stops,
+)
+from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
+from stochvi.scenes.scene import System
+
+SOFTEST_CURVATURE = 1e-3
+"""Least kappa of a law with one open side, in units of that of the elastic law: what is less calls
+for a density that is higher right at the stop."""
+
+
+def soft_closure(system: System, coloured: bool = False) -> Form:
+    """The closure where at least one stop gives way; `coloured`: what shakes is not white, or
+    reaches the mass through others.
+
+    Where the mass is pressed onto one of two stops, there may be no law but with the least
+    curvature of a single stop; where it stays within stops for most of the time, none but with
+    the curvature of the elastic law and other tau.
+    """
+    least = least_curvature(system, coloured)
+    one_stop = Form(_start, lambda system, x: _trial(system, x, math.inf))
+    stretched = Form(_start_stretched, _stretched)
+    others = (stretched,) if math.isinf(least) else (one_stop, stretched)
+    return Form(_start, lambda system, x: _trial(system, x, least), others)
+
+
+def least_curvature(system: System, coloured: bool = False) -> float:
+    """Least kappa between two stops, below which the density at the stops rises instead."""
+    if system.lower is None or system.upper is None:
+        return math.inf
+    half = (system.upper - system.lower) / 2.0
+    laws = soft_stops(system)
+    lower, upper = (
+        laws[side].restitution if side in laws else own
+        for side, own in zip(SIGNS, restitutions(system), strict=True)
+    )
+    if coloured or system.tables or system.filters:
+        # a narrow band makes x dwell near its turning points, whatever the restitution
+        lower = upper = 0.0
+    hard = system._replace(restitution_lower=lower, restitution_upper=upper)
+    return curvature_floor(hard) / half**2
+
+
+def _start(system: System) -> Unknowns:
+    return np.array([system.load, 1.0 if system.omega > 0.0 else 0.0, 0.0])
+
+
+def _trial(system: System, unknowns: Unknowns, least: float) -> Trial:
+    """Unknowns lambda, kappa s^2 in units of omega^2 (of 1 without a spring), and log s."""
+    slope, relative, log_speed = unknowns.tolist()
+    speed = math.exp(log_speed)
+    unit = (system.omega**2 or 1.0) / speed**2
+    least = min(least / unit, SOFTEST_CURVATURE if system.omega > 0.0 else 0.0)
+    law = SoftLaw(
+        system=system,
+        slope=slope,
+        curvature=unit * max(relative, least),
+        speed=speed,
+        rise=1.0 + max(least - relative, 0.0),
+    )
+    return law.trial()
+
+
+def _start_stretched(system: System) -> Unknowns:
+    return np.array([system.load, 0.0, 0.0])
+
+
+def _stretched(system: System, unknowns: Unknowns) -> Trial:
+    """Unknowns lambda, log of a factor on every tau, and log s."""
+    slope, log_stretch, log_speed = unknowns.tolist()
+    speed = math.exp(log_speed)
+    law = SoftLaw(
+        system=system,
+        slope=slope,
+        curvature=(system.omega / speed) ** 2,
+        speed=speed,
+        stretch=math.exp(log_stretch),
+    )
+    return law.trial()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoftLaw:
+    """The law of x of this closure, and what it makes of the stops. Per unit mass.
+
+    Parameters
+    ----------
+    system
+        Stops and their laws.
+    slope, curvature
+        lambda and kappa, 1/m and 1/m^2.
+    speed
+        s, m/s.
+    rise
+        Factor on the densities at and within the stops, or on their tau.
+    stretch
+        Factor on every tau.
+    """
+
+    system: System
+    slope: float
+    curvature: float
+    speed: float
+    rise: float = 1.0
+    stretch: float = 1.0
+
+    @cached_property
+    def between(self) -> CutNormal:
+        """The law between the stops alone."""
+        return CutNormal(
+            slope=self.slope,
+            curvature=self.curvature,
+            lower=self.system.lower,
+            upper=self.system.upper,
+        )
+
+    @cached_property
+    def layers(self) -> dict[str, _Within]:
+        """What lies within each stop that gives way."""
+        return {side: self._layer(law, side) for side, law in soft_stops(self.system).items()}
+
+    def _rise_at(self, side: str) -> float:
+        """What does not bounce lies on stops that take energy, where there are any."""
+        law = getattr(self.system, f"law_{side}")
+        return 1.0 if law.conservative and not self.system.elastic else self.rise
+
+    def _layer(self, law: CompliantLaw, side: str) -> _Within:
+        stop, sign = getattr(self.system, side), SIGNS[side]
+        push = sign * (self.slope - self.curvature * stop)
+        square = self.stretch * self.speed**2
+
+        def log_density(y: Vector, energy: float = square) -> Vector:
+            shape: Vector = y * (push - self.curvature * y / 2.0) - law.potential_at(y) / energy
+            return shape
+
+        inside, energy, brief = layer(log_density, law), square, 1.0
+        if isinstance(law, Viscoelastic) and not law.conservative:
+            free = math.log(math.pi * square / (2.0 * law.stiffness)) / 2.0
+            brief = math.exp(min(free - inside.log_mass, 0.0))
+            energy *= 1.0 - brief * (1.0 - law.restitution) / 2.0
+            energy *= self.rise ** (1.0 - brief)
+            inside = layer(lambda y: log_density(y, energy), law)
+        log_surface = brief * math.log(self._rise_at(side)) + self.between.log_density_at(stop)
+        return _Within(
+            law=law,
+            stop=stop,
+            sign=sign,
+            log_density=lambda y: log_surface + log_density(y, energy),
+            inside=inside,
+            log_weight=log_surface + inside.log_mass,
+            brief=brief,
+        )
+
+    @cached_property
+    def log_total(self) -> float:
+        """Logarithm of the mass of the whole in units of that between the stops."""
+        logs = [0.0, *(each.log_weight for each in self.layers.values())]
+        return float(np.logaddexp.reduce(logs))
+
+    def density_at(self, side: str) -> float:
+        """Density at the surface of a stop, 1/m."""
+        rise = self._rise_at(side)
+        if side in self.layers:
+            rise **= self.layers[side].brief
+        log_density = self.between.log_density_at(getattr(self.system, side))
+        return rise * math.exp(log_density - self.log_total)
+
+    @cached_property
+    def regions(self) -> list[tuple[float, float, float]]:
+        """Probability, mean and variance between the stops and within each."""
+        found = [(math.exp(-self.log_total), self.between.mean, self.between.variance)]
+        for each in self.layers.values():
+            y = each.inside.deflection
+            mean = each.inside.expect(y)
+            variance = each.inside.expect((y - mean) ** 2)
+            share = math.exp(each.log_weight - self.log_total)
+            found.append((share, each.stop + each.sign * mean, variance))
+        return found
+
+    @cached_property
+    def mean(self) -> float:
+        """E x, m."""
+        return sum(share * mean for share, mean, _ in self.regions)
+
+    @cached_property
+    def variance(self) -> float:
+        """Variance of x, m^2."""
+        return sum(
+            share * (variance + (mean - self.mean) ** 2) for share, mean, variance in self.regions
+        )
+
+    def _density_at_mean(self) -> float:
+        for each in self.layers.values():
+            y = each.sign * (self.mean - each.stop)
+            if y > 0.0:
+                return math.exp(float(each.log_density(np.asarray(y))) - self.log_total)
+        return math.exp(self.between.log_density_at(self.mean) - self.log_total)
+
+    def _contact(self, each: _Within) -> tuple[ContactStatistics, float]:
+        """Contact statistics, and the covariance of force and x."""
+        share = math.exp(each.log_weight - self.log_total)
+        y = each.inside.deflection
+        force = each.law.force_at(y)
+        push = share * each.inside.expect(force)
+        away = each.sign * (each.stop - self.mean)
+        covariance = share * each.inside.expect(force * (away + y))
+        power, touching = 0.0, share
+        if isinstance(each.law, Viscoelastic):
+            loss, time = brief_contact(each.law)
+            power = each.law.damping(1.0) * self.speed**2 * share
+            power *= 1.0 + each.brief * (loss - 1.0)
+            touching *= 1.0 + each.brief * (time - 1.0)
+        return ContactStatistics(touching, push, None, power), covariance
+
+    def trial(self) -> Trial:
+        """m_F = E F, k = E F (x - m) / Var x, beta = power of the stops / s^2."""
+        force = covariance = power = 0.0
+        stops: dict[str, StopStatistics] = {}
+        contacts: dict[str, ContactStatistics | None] = {"lower": None, "upper": None}
+        for (side, sign), restitution in zip(SIGNS.items(), restitutions(self.system), strict=True):
+            stop = getattr(self.system, side)
+            if stop is None:
+                stops[side] = NO_STOP
+                continue
+            hits = stops[side] = gaussian_stop(self.density_at(side), self.speed**2)
+            if side in self.layers:
+                contact, product = self._contact(self.layers[side])
+                contacts[side] = contact
+                force += sign * contact.force
+                covariance += product
+                power += contact.power
+            else:
+                push = (1.0 + restitution) * hits.speed_rate
+                force += sign * push
+                covariance += push * sign * (stop - self.mean)
+                power += (1.0 - restitution**2) / 2.0 * hits.speed_square_rate
+        return Trial(
+            mean=self.mean,
+            variance=self.variance,
+            velocity_mean_square=self.speed**2,
+            density_at_mean=self._density_at_mean(),
+            stop_force=force,
+            stiffness=covariance / self.variance,
+            damping=power / self.speed**2,
+            lower=stops["lower"],
+            upper=stops["upper"],
+            rise=self.rise,
+            contact_lower=contacts["lower"],
+            contact_upper=contacts["upper"],
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Within:
+    """A stop, and the layer within it.
+
+    `log_density` is that of x at a deflection, and `log_weight` the mass of the layer, in units of
+    what lies between the stops; `brief` says how far contacts are brief ones.
+    """
+
+    law: CompliantLaw
+    stop: float
+    sign: float
+    log_density: Callable[[Vector], Vector]
+    inside: Layer
+    log_weight: float
+    brief: float
+
+
+def brief_contact(law: Viscoelastic) -> tuple[float, float]:
+    """g, and the time of a brief contact over that in which the deflection is positive."""
+    if law.conservative:
+        return 1.0, 1.0
+    r, z = law.restitution, law.damping_ratio
+    slowed = math.pi * math.sqrt(2.0 * (1.0 + r))
+    return (1.0 - r * r) / (z * slowed), 4.0 * half_contact(z) / slowed

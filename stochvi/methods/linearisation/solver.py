@@ -1,0 +1,132 @@
+"""Finds the response that is its own linearisation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import fsolve, least_squares
+
+from stochvi.methods.linearisation.forms import Form, Trial, Unknowns
+from stochvi.methods.linearisation.scales import (
+    Frame,
+    balanced_speeds,
+    linear_moments,
+    speed_scale,
+)
+from stochvi.results.errors import NotConverged
+from stochvi.scenes.scene import System
+
+ACCEPTED = 1e-10
+"""Largest relative imbalance of a solution. Roots are polished to rounding; this bound only
+tells a root from the lack of one."""
+
+START_SPEEDS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.25, 4.0)
+"""Speeds to start from, relative to the one that balances the power of the elastic law."""
+
+NOWHERE = 1e3
+"""Imbalance of unknowns that stand for no response, to turn the solver back."""
+
+
+Problem = Callable[[Unknowns], Unknowns]
+
+
+SAME = 1e-6
+"""Relative difference of the mean squares up to which two solutions are one."""
+
+
+def solve(system: System, form: Form, method: str) -> list[Trial]:
+    """The responses that are their own linearisation; the first is the one to believe first.
+
+    Newton's method from the elastic law, at the speed that balances its power. In coloured noise
+    there may be several solutions, or none near that speed, where the linearised resonance
+    passes a peak or an edge of the density: then it starts from all speeds that balance. The one
+    next to the response without stops comes first: a motion that starts from rest keeps to it.
+
+    Raises
+    ------
+    NotConverged
+        If there is none.
+    """
+    speed = speed_scale(system)
+    coloured = bool(system.tables or system.filters)
+    found: list[Trial] = []
+    for factor in START_SPEEDS:
+        trial = _from(system, form, factor * speed)
+        if trial is not None:
+            found.append(trial)
+            break
+    for other in balanced_speeds(system, speed) if coloured else []:
+        trial = _from(system, form, other)
+        if trial is not None and not any(_same(trial, one) for one in found):
+            found.append(trial)
+    if not found and form.others:
+        return solve(system, form.others[0]._replace(others=form.others[1:]), method)
+    if not found:
+        raise NotConverged(
+            f"{method} found no response that is its own linearisation, as where a preload "
+            "holds the mass on a stop; try another form, or simulate this scene."
+        )
+    return found
+
+
+def _from(system: System, form: Form, speed: float) -> Trial | None:
+    """The solution near the elastic law of a speed, or None."""
+    frame = Frame.of(system, speed)
+    target = frame.shrink(system)
+    unknowns = root(_problem(form, target), form.start(target))
+    return None if unknowns is None else frame.grow(form.trial(target, unknowns))
+
+
+def _same(one: Trial, two: Trial) -> bool:
+    squares = ((one.variance, two.variance), (one.velocity_mean_square, two.velocity_mean_square))
+    return all(abs(math.log(a / b)) < SAME for a, b in squares)
+
+
+def _problem(form: Form, system: System) -> Problem:
+    """The imbalances to be made zero: of the mean forces, and of the variances of x and v."""
+
+    def imbalance(unknowns: Unknowns) -> Unknowns:
+        try:
+            with np.errstate(all="ignore"):
+                trial = form.trial(system, unknowns)
+                moments = linear_moments(system, trial.stiffness, trial.damping)
+            total_stiffness = system.omega**2 + trial.stiffness
+            force = system.omega**2 * trial.mean + trial.stop_force - system.load
+            found = np.array(
+                [
+                    force / (total_stiffness * math.sqrt(trial.variance)),
+                    math.log(trial.variance / moments[0]) / 2.0,
+                    math.log(trial.velocity_mean_square / moments[1]) / 2.0,
+                ]
+            )[3 - len(unknowns) :]
+        except (ValueError, ZeroDivisionError, OverflowError):
+            return np.full(len(unknowns), NOWHERE)
+        return np.where(np.isfinite(found), found, NOWHERE)
+
+    return imbalance
+
+
+def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns | None:
+    """The root near `start`, whose entries are of order 1, or None; `patient`: at any cost."""
+    if np.abs(problem(start)).max() < 1e-14:
+        return start
+
+    # MINPACK takes its difference steps relative to each unknown, which would vanish in noise
+    # at an unknown near 0; every unknown here is of order 1, so the offset costs no digits
+    def shifted(offset: Unknowns) -> Unknowns:
+        return problem(start + (offset - 1.0))
+
+    offset, *_ = fsolve(shifted, np.ones(len(start)), xtol=1e-13, maxfev=100, full_output=True)
+    unknowns: Unknowns = start + (offset - 1.0)
+    if np.abs(problem(unknowns)).max() < ACCEPTED:
+        return unknowns
+    if not patient:
+        return None
+    # where the hybrid steps of MINPACK stall: at a kink, or next to an edge of a density
+    slow = least_squares(
+        shifted, np.ones(len(start)), xtol=1e-14, ftol=None, gtol=None, max_nfev=60
+    )
+    unknowns = start + (slow.x - 1.0)
+    return unknowns if np.abs(problem(unknowns)).max() < ACCEPTED else None

@@ -1,0 +1,156 @@
+"""The linear structure that stands for several coordinates and pairs, and its spectra."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stochvi.mathematics.frequency_response import gains
+from stochvi.mathematics.spectra import Filter
+from stochvi.methods.linearisation.several import solutions
+from stochvi.model.modal import Matrix, Modes, Substitute, Vector, modes_of
+from stochvi.model.model import Assembly, assemble
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.scene import Scene
+
+Density = Callable[[ArrayLike], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearisedStructure:
+    """M q'' + C q' + K q + sum over pairs d (k (y - centre) + beta y') = forces, y = d . q.
+
+    It stands for a scene in `linearise` (B 17.3, 17.38). Densities are one-sided per hertz, at
+    frequencies in hertz, and exact for this structure; sines are lines and are left out.
+
+    Parameters
+    ----------
+    coordinates
+        Names of q.
+    stops
+        By the name of the pair: spring k (N/m), its centre (m), damper beta (N s/m).
+    shapes
+        Phi (n, n), q = Phi times modal displacements.
+    stiffness, damping
+        Modal matrices (n, n), stops included.
+    shaken
+        (one-sided density, modal forces (n,) per unit of it) of all noise.
+    """
+
+    coordinates: tuple[str, ...]
+    stops: Mapping[str, Substitute]
+    shapes: Matrix
+    stiffness: Matrix
+    damping: Matrix
+    shaken: tuple[tuple[Density, Vector], ...]
+
+    def displacement_density(self, coordinate: str, frequency_hz: ArrayLike) -> Vector:
+        """G of the displacement of a coordinate, m^2/Hz.
+
+        Raises
+        ------
+        KeyError
+            If there is no such coordinate.
+        """
+        if coordinate not in self.coordinates:
+            raise KeyError(f"coordinate must be one of {', '.join(self.coordinates)}")
+        row = self.shapes[self.coordinates.index(coordinate)]
+        f = np.asarray(frequency_hz, dtype=float)
+        total = np.zeros(f.size)
+        for density, force in self.shaken:
+            gain = gains(f.ravel(), self.stiffness, self.damping, force) @ row
+            total += density(f.ravel()) * np.abs(gain) ** 2
+        return total.reshape(f.shape)
+
+    def velocity_density(self, coordinate: str, frequency_hz: ArrayLike) -> Vector:
+        """G of the velocity of a coordinate, (m/s)^2/Hz."""
+        w = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
+        return np.asarray(w**2 * self.displacement_density(coordinate, frequency_hz))
+
+
+def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
+    """The linear structures that stand for a scene in `linearise`, one for every solution.
+
+    Parameters
+    ----------
+    scene
+        Any that `linearise` covers by the closure, a loose mass in a box by the springs and
+        dampers of the closure too.
+
+    Raises
+    ------
+    NotApplicable, NotConverged
+        As `linearise`.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Viscoelastic
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Matrices
+    >>> scene = Scene(
+    ...     structure=Matrices(
+    ...         coordinates=["a", "b"], mass=[[1.0, 0.0], [0.0, 0.5]],
+    ...         damping=[[0.3, -0.1], [-0.1, 0.1]], stiffness=[[2.0, -1.0], [-1.0, 1.0]],
+    ...     ),
+    ...     impact_pairs=[
+    ...         ImpactPair(on="a", upper=0.5, law=Viscoelastic(stiffness=50.0, damping_ratio=0.2))
+    ...     ],
+    ...     excitations=[WhiteNoise(on="a", intensity=0.3)],
+    ... )
+    >>> (found,) = linearised_structures(scene)
+    >>> f = np.linspace(0.0, 20.0, 100_001)
+    >>> area = np.trapezoid(found.displacement_density("a", f), f)
+    >>> from stochvi.methods.linearisation import linearise
+    >>> rms = linearise(scene).coordinates["a"]["displacement_std"].value
+    >>> print(f"{area**0.5 / rms:.4f}")
+    1.0000
+    """
+    unmet = scene.beyond_numbers()
+    if unmet:
+        raise NotApplicable("linearise", unmet)
+    assembly = assemble(scene)
+    modes = modes_of(assembly)
+    shaken = _shaken(assembly, modes)
+    found = []
+    for one in solutions(assembly, modes):
+        stops = {
+            gap.contact.name: gap.substitute(trial)
+            for gap, trial in zip(one.gaps, one.trials, strict=True)
+        }
+        springs = np.array([each.spring for each in stops.values()])
+        dampers = np.array([each.damper for each in stops.values()])
+        found.append(
+            LinearisedStructure(
+                coordinates=assembly.coordinates,
+                stops=stops,
+                shapes=modes.shapes,
+                stiffness=np.diag(modes.squares) + (modes.gaps.T * springs) @ modes.gaps,
+                damping=modes.damping + (modes.gaps.T * dampers) @ modes.gaps,
+                shaken=shaken,
+            )
+        )
+    return tuple(found)
+
+
+def _shaken(assembly: Assembly, modes: Modes) -> tuple[tuple[Density, Vector], ...]:
+    """All noise as densities and modal forces; white noise in independent parts of density 2."""
+    found: list[tuple[Density, Vector]] = [(table, force) for table, force in modes.tables]
+    for signal in assembly.signals:
+        if signal.intensity:
+            noise = Filter(signal.omega, signal.damping_rate, signal.intensity)
+            found.append((noise.__call__, modes.shapes.T @ signal.direction))
+    intensities, directions = np.linalg.eigh(modes.white)
+    # eigenvalues of a matrix of low rank are known to rounding of the largest
+    kept = intensities > np.finfo(float).eps * len(intensities) * max(intensities[-1], 0.0)
+    for intensity, direction in zip(intensities[kept], directions.T[kept], strict=True):
+        found.append((_flat, np.sqrt(intensity) * direction))
+    return tuple(found)
+
+
+def _flat(frequency_hz: ArrayLike) -> Vector:
+    """One-sided density of white noise of intensity 1."""
+    return np.full(np.shape(frequency_hz), 2.0)

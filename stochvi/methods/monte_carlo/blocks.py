@@ -1,0 +1,307 @@
+"""Blocks of paths on any executor: named, done again where a worker is lost, handed on in order.
+
+A block is named by (seed, first path, paths) and by nothing else, so that any worker may do it, and
+do it again. Results leave in the order of their blocks through a bounded window: which worker was
+quicker, and how many there are, never shows in a digit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import math
+import os
+import platform
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from dataclasses import dataclass
+from functools import cache
+from itertools import islice
+from typing import Any
+
+from stochvi.methods.monte_carlo.plans import Plan
+from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
+
+WINDOW = 4
+"""Tasks per worker that may wait to be merged in order: bounds memory, hides stragglers."""
+
+TASK_SECONDS = 0.5
+"""Work of one task for somebody else's executor, at least: a hundred times what it costs to send
+it, and no more than a checkpoint may lose."""
+
+SENDING_SECONDS = 0.003
+"""CPU of a Dask client and its scheduler to send a task and to get its result back, measured; a
+pool of processes takes a tenth. Tasks last so long that this keeps all workers at work."""
+
+MOST_WAITING = 2**17
+"""Blocks that may be under way or wait to be merged, however many workers: some 300 MB."""
+
+LATE = 3.0
+"""Times what a task should take, after which what others overtook is begun a second time: a few
+slow or dead machines would hold up all that waits to be merged in order."""
+
+LOOK_SECONDS = 0.5
+"""Between looks at tasks that are lost or late, while the first in line is waited for; or half of
+what a task should take, if that is longer."""
+
+SHORTEST_BLOCK = 1e-6
+"""Seconds, where the clock saw none."""
+
+MOST_ATTEMPTS = 4
+"""How often a block is begun before it is given up. Schedulers do lost blocks again themselves."""
+
+Block = tuple[int, int]
+"""First path, and how many."""
+
+
+BlockDone = tuple[Block, list[PathStatistics], list[str]]
+"""A block with its statistics by every plan, and the machines that they come from."""
+
+
+class WorkersLost(Exception):
+    """The executor cannot do a block, however often it is asked."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Done:
+    """What comes back of a task: statistics of each of its blocks, where from, and CPU seconds."""
+
+    statistics: tuple[PathStatistics, ...]
+    machine: str
+    seconds: float
+
+
+@cache
+def machine() -> str:
+    """Everything that the digits of a path hang on beside the scene: versions and processor.
+
+    The processor is named as the compiler of the kernels names it, with a digest of its features.
+    """
+    from numba.core.registry import cpu_target
+
+    _, processor, features = cpu_target.target_context.codegen().magic_tuple()
+    kind = hashlib.sha256(features.encode()).hexdigest()[:8]
+    names = ("stochvi", "numpy", "scipy", "numba", "llvmlite")
+    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
+    return (
+        f"{versions}, Python {platform.python_version()}, {platform.system()} "
+        f"{platform.machine()} {processor} (features {kind})"
+    )
+
+
+def simulate_blocks(
+    plan: Plan, layout: Layout, seed: int, blocks: tuple[Block, ...], attempt: int = 1
+) -> Done:
+    """One task: a function of its arguments alone, so any worker may do it, twice if need be.
+
+    `attempt` changes nothing but the name by which a scheduler may remember that it failed.
+    """
+    start = time.thread_time()
+    statistics = tuple(
+        PathStatistics.of(plan.averages(seed, first_path, paths), layout)
+        for first_path, paths in blocks
+    )
+    return Done(statistics=statistics, machine=machine(), seconds=time.thread_time() - start)
+
+
+def blocks_of(first_path: int, paths: int, size: int) -> Iterator[Block]:
+    """Blocks that start at multiples of `size` where they can."""
+    end = first_path + paths
+    while first_path < end:
+        count = min(size - first_path % size, end - first_path)
+        yield first_path, count
+        first_path += count
+
+
+def workers_of(executor: Executor) -> int:
+    """How many tasks an executor does at once: pools of threads and processes, MPI and Dask say;
+    else as many as there are cores here."""
+    client: Any = getattr(executor, "_client", None)
+    if hasattr(client, "nthreads"):
+        return max(1, sum(int(threads) for threads in client.nthreads().values()))
+    for name in ("num_workers", "_max_workers"):
+        if isinstance(number := getattr(executor, name, None), int):
+            return max(1, number)
+    return len(os.sched_getaffinity(0))
+
+
+@dataclass
+class Crew:
+    """An executor, and how it is asked. `theirs`: it was not started here, and may be far away."""
+
+    executor: Executor
+    workers: int
+    theirs: bool
+    block_seconds: float = math.inf
+
+    def per_task(self, blocks: int) -> int:
+        """Blocks to a task, of so many in all. They are merged one by one either way.
+
+        Enough that one sender keeps all workers at work, but some for everybody; unless that makes
+        so many tasks that sending them takes longer than the last of them.
+        """
+        if not self.theirs or math.isinf(self.block_seconds):
+            return 1
+        each = max(self.block_seconds, SHORTEST_BLOCK)
+        enough = max(TASK_SECONDS, 2.0 * self.workers * SENDING_SECONDS) / each
+        fair = max(blocks / self.workers, math.sqrt(blocks * SENDING_SECONDS / each))
+        return math.ceil(min(enough, fair))
+
+    @property
+    def window(self) -> int:
+        """Tasks that may be under way; one, far away, until it is known how long a block takes."""
+        return 1 if self.theirs and math.isinf(self.block_seconds) else WINDOW * self.workers
+
+    def do(
+        self,
+        plans: list[Plan],
+        layout: Layout,
+        seed: int,
+        blocks: Iterator[Block],
+        total: int,
+        late: Callable[[], bool],
+    ) -> Generator[BlockDone, None, None]:
+        """Each block in order, once it is done.
+
+        `total` is how many blocks there are. Once `late()`, no task is begun that has not been.
+
+        Raises
+        ------
+        WorkersLost
+            If a block cannot be done; all before it have been handed on.
+        """
+        waiting: deque[_Task] = deque()
+        try:
+            while not late() and (chunk := tuple(islice(blocks, self.per_task(total)))):
+                calls = [(plan, layout, seed, chunk) for plan in plans]
+                waiting.append(_Task(self.executor, calls, MOST_ATTEMPTS if self.theirs else 1))
+                while len(waiting) >= min(self.window, max(1, MOST_WAITING // len(chunk))):
+                    yield from self._hand_on(waiting)
+            while waiting and not (late() and waiting[0].cancel()):
+                yield from self._hand_on(waiting)
+        finally:
+            for task in waiting:
+                task.cancel()
+
+    def _hand_on(self, waiting: deque[_Task]) -> Iterator[BlockDone]:
+        """The blocks of the task that is first in line, and what it takes to get them."""
+        task = waiting[0]
+        expected = self.block_seconds * len(task.blocks)
+
+        def look(waited: float) -> None:
+            overtaken = False  # by a task that was begun after it: it does not just wait its turn
+            for each in reversed(waiting):
+                each.ask_again(also_late=overtaken and waited > LATE * expected)
+                overtaken = overtaken or each.done()
+
+        known = math.isfinite(expected)
+        done = task.results(look, max(LOOK_SECONDS, expected / 2.0) if known else LOOK_SECONDS)
+        waiting.popleft()
+        self.block_seconds = sum(each.seconds for each in done) / (len(done) * len(task.blocks))
+        where = [each.machine for each in done]
+        for number, block in enumerate(task.blocks):
+            yield block, [each.statistics[number] for each in done], where
+
+
+Call = tuple[Plan, Layout, int, tuple[Block, ...]]
+"""Arguments of `simulate_blocks`."""
+
+
+class _Task:
+    """Some blocks by every plan."""
+
+    def __init__(self, executor: Executor, calls: list[Call], attempts: int) -> None:
+        self.blocks = calls[0][-1]
+        self.asked = [_Asked(executor, call, attempts) for call in calls]
+
+    def results(self, look: Callable[[float], None], every: float) -> list[Done]:
+        """Of every plan, each once, however often it was begun."""
+        return [asked.result(look, every) for asked in self.asked]
+
+    def done(self) -> bool:
+        """Whether all of it is."""
+        return all(asked.done() is not None for asked in self.asked)
+
+    def ask_again(self, *, also_late: bool) -> None:
+        """For what is lost; and a second time for what is not done, if that is late."""
+        for asked in self.asked:
+            asked.ask_again(also_late)
+
+    def cancel(self) -> bool:
+        """Whether some of it had not begun, and now never will."""
+        cancelled = [asked.cancel() for asked in self.asked]
+        return any(cancelled)
+
+
+class _Asked:
+    """A call of `simulate_blocks` that was asked for, again where it failed or is late. All tries
+    give the same; the first that is done is taken."""
+
+    def __init__(self, executor: Executor, call: Call, attempts: int) -> None:
+        self.executor, self.call, self.attempts = executor, call, attempts
+        self.tries: list[Future[Done]] = []
+        self.begun = 0
+        self._ask()
+
+    def _ask(self) -> None:
+        self.begun += 1
+        try:
+            self.tries.append(self.executor.submit(simulate_blocks, *self.call, self.begun))
+        except Exception as error:  # broken, shut down, out of reach: whatever it calls that
+            raise WorkersLost(
+                f"the executor takes no more work ({type(error).__name__}: {error})"
+            ) from error
+
+    def result(self, look: Callable[[float], None], every: float) -> Done:
+        """Wait for it; `look` is called every so many seconds with those that this took so far."""
+        if self.attempts == 1:
+            return self.tries[0].result()
+        waited = 0.0
+        while True:
+            future = self.done() or self.tries[0]
+            try:
+                found = future.result(timeout=every)
+            except Exception as error:
+                if isinstance(error, TimeoutError) and not future.done():
+                    waited += every
+                    look(waited)
+                else:
+                    self._lost(future, error)
+            else:
+                if isinstance(found, Done):
+                    self.cancel()
+                    return found
+                kind = type(found).__name__
+                self._lost(future, TypeError(f"a task returned {kind}, not statistics of paths"))
+
+    def done(self) -> Future[Done] | None:
+        """A try that is over, if there is one."""
+        return next((future for future in self.tries if future.done()), None)
+
+    def _lost(self, future: Future[Done], error: BaseException) -> None:
+        if isinstance(error, BrokenExecutor):
+            raise WorkersLost(f"the executor lost its workers ({error})") from error
+        if self.begun >= self.attempts:
+            raise WorkersLost(
+                f"the block that starts at path {self.call[-1][0][0]} failed {self.begun} times "
+                f"({type(error).__name__}: {error})"
+            ) from error
+        self.tries.remove(future)
+        if not self.tries:
+            self._ask()
+
+    def ask_again(self, also_late: bool) -> None:
+        """If it is lost; or not done and late, and was asked for once."""
+        if future := self.done():
+            error = CancelledError() if future.cancelled() else future.exception()
+            if error is not None:
+                self._lost(future, error)
+        elif also_late and len(self.tries) == 1 and self.begun < self.attempts:
+            self._ask()
+
+    def cancel(self) -> bool:
+        """Whether it had not begun, and now never will."""
+        cancelled = [future.cancel() for future in self.tries]
+        return all(cancelled)

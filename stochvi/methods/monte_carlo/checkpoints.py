@@ -1,0 +1,339 @@
+"""What a run has come to, on disk: whole or not at all, and only for the same question.
+
+A checkpoint is one line, "stochvi checkpoint 1" and the SHA-256 of all that follows, and then a
+JSON document: the question (scene, arguments, versions and processor) and the state. Floats are
+written with all their digits: a run that goes on is the run that was never stopped, bit by bit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stochvi.mathematics.units import plain_number
+from stochvi.methods.monte_carlo.blocks import machine
+from stochvi.methods.monte_carlo.plans import Plan, layout_of
+from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
+from stochvi.results.atomic_files import write_whole
+from stochvi.results.errors import CheckpointError
+from stochvi.scenes.scene import Scene
+
+HEADER, FORMAT = "stochvi checkpoint", 1
+"""What a checkpoint begins with, and the number of its format, which follows."""
+
+LONG_SECONDS = 10.0
+"""What took longer to simulate is not thrown away because a new run is given the same file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """The arguments of `simulate` that its digits hang on."""
+
+    rel_error: float | None = None
+    paths: int | None = None
+    duration: float | None = None
+    seed: int | None = None
+    speed_threshold: float | None = None
+    slow_impacts: bool = False
+
+    def settled(self) -> Asked:
+        """With what is taken where nothing is said: seed 0, and 1 % where no number of paths is
+        given."""
+        plain = self.plain()
+        rel_error = 0.01 if plain.rel_error is None and plain.paths is None else plain.rel_error
+        return replace(plain, rel_error=rel_error, seed=0 if plain.seed is None else plain.seed)
+
+    def plain(self) -> Asked:
+        """With numbers of NumPy as those of Python, which JSON knows."""
+        return Asked(**{name: plain_number(value) for name, value in asdict(self).items()})
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """What a run has come to after some blocks; replaced whole, so it is never half a block old.
+
+    `goal` is the number of paths that the round under way ends with, `refinements` how often the
+    step was halved, `machines` where the blocks were simulated, `seconds` those spent so far.
+    """
+
+    fine: PathStatistics
+    coarse: PathStatistics
+    goal: int = 0
+    steps: int = 0
+    refinements: int = 0
+    machines: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @classmethod
+    def start(cls, layout: Layout) -> State:
+        """Of a run that has not begun."""
+        none = PathStatistics.none(layout)
+        return cls(fine=none, coarse=none)
+
+    def with_block(self, block: list[PathStatistics], steps: int, where: Sequence[str]) -> State:
+        """After one block more: its statistics by the plan and, if there is bias, by the coarser
+        one; the steps they took."""
+        return replace(
+            self,
+            fine=self.fine.merge(block[0]),
+            coarse=self.coarse.merge(block[1]) if len(block) > 1 else self.coarse,
+            steps=self.steps + steps,
+            machines=tuple(dict.fromkeys((*self.machines, *where))),
+        )
+
+    def document(self) -> dict[str, Any]:
+        """As plain types."""
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name in ("fine", "coarse"):
+            part: PathStatistics = plain[name]
+            plain[name] = {
+                "count": part.count,
+                "mean": part.mean.tolist(),
+                "scatter": part.scatter.tolist(),
+            }
+        return plain | {"machines": list(self.machines)}
+
+    @classmethod
+    def from_document(cls, plain: Mapping[str, Any], layout: Layout) -> State:
+        """The state that was written; `layout` is that of the scene."""
+        parts = {
+            name: PathStatistics(
+                count=plain[name]["count"],
+                mean=np.array(plain[name]["mean"], float),
+                scatter=np.array(plain[name]["scatter"], float),
+                layout=layout,
+            )
+            for name in ("fine", "coarse")
+        }
+        return cls(**{**plain, **parts, "machines": tuple(plain["machines"])})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checkpoint:
+    """A question, and the state of its answer. `proof` is a digest of what two short paths give:
+    it stands for the tables that a scene names, and for the arithmetic of the machine."""
+
+    path: Path
+    scene: Mapping[str, Any]
+    asked: Asked
+    machine: str
+    proof: str = ""
+    state: Mapping[str, Any]
+
+    def write(self) -> None:
+        """Whole or not at all, and on the disk when this returns."""
+        document = {
+            "scene": self.scene,
+            "asked": asdict(self.asked),
+            "machine": self.machine,
+            "proof": self.proof,
+            "state": self.state,
+        }
+        body = json.dumps(document, allow_nan=False).encode()
+        write_whole(_header(body) + body, self.path, durable=True)
+
+    @classmethod
+    def read(cls, path: Path) -> Checkpoint:
+        """CheckpointError unless the file is exactly what was written."""
+        if path.exists() and not _is_checkpoint(path):
+            raise CheckpointError(f"{path} is not a checkpoint of stochvi")
+        text = path.read_bytes()
+        header, newline, body = text.partition(b"\n")
+        number = re.match(rf"{HEADER} (\d+) [0-9a-f]{{64}}$".encode(), header)
+        if number and int(number[1]) != FORMAT:
+            raise CheckpointError(
+                f"{path} was written by another version of stochvi (format {int(number[1])}, here "
+                f"{FORMAT}); go on with that version, or start again without it"
+            )
+        if header + newline != _header(body):
+            raise CheckpointError(
+                f"{path} is damaged: it was cut short or changed since it was written (its "
+                "checksum does not match); start again without it"
+            )
+        try:
+            found = json.loads(body)
+            return cls(path=path, **(found | {"asked": Asked(**found["asked"])}))
+        except (KeyError, TypeError, ValueError) as error:
+            raise _incomplete(path) from error
+
+    def asked_again(self, given: Asked) -> Asked:
+        """What was asked, where nothing else is `given` now."""
+        for name, value in asdict(given.plain()).items():
+            before = getattr(self.asked, name)
+            if value is not None and value is not False and value != before:
+                had = f"{self._instead_of(name)}, not with {name} {value}"
+                if before is not None:
+                    had = f"{name} {before}, not {value}"
+                raise CheckpointError(
+                    f"{self.path} is of a run with {had}; leave {name} out "
+                    "to go on with it, or start again without the checkpoint"
+                )
+        return self.asked
+
+    def _instead_of(self, name: str) -> str:
+        """What was asked for where an argument was not given."""
+        if name == "rel_error":
+            return f"{self.asked.paths} paths"
+        return f"rel_error {self.asked.rel_error}" if name == "paths" else f"no {name}"
+
+    def check(self, scene: Scene, proof: str = "") -> None:
+        """CheckpointError if it is of another scene, of other versions or another processor."""
+        if differing := _difference(self.scene, plain_scene(scene)):
+            raise CheckpointError(f"{self.path} is of another scene: {differing}")
+        if self.machine != machine():
+            raise CheckpointError(
+                f"{self.path} is of another version or processor, where digits differ: it was made "
+                f"with {self.machine}; here is {machine()}"
+            )
+        if proof and self.proof and proof != self.proof:
+            raise CheckpointError(
+                f"{self.path} is of another scene: the same words give other paths now (a table "
+                "that the scene names has changed, or the package itself)"
+            )
+
+    def resumed(self, scene: Scene, plan: Plan) -> State:
+        """The state to go on from."""
+        try:
+            return State.from_document(self.state, layout_of(scene, plan))
+        except (KeyError, TypeError, ValueError) as error:
+            raise _incomplete(self.path) from error
+
+
+class Keeper:
+    """Writes what a run has come to: at once, and when the run asks whether it is due.
+
+    A checkpoint that is there is replaced, nothing else is; that of another run (`new`) which took
+    longer than `LONG_SECONDS` is set aside first, as FILE.earlier.
+
+    Raises
+    ------
+    CheckpointError
+        If something else is there, or the file cannot be written now; later that is no end.
+    """
+
+    def __init__(
+        self, path: Path, scene: Scene, asked: Asked, state: State, proof: str, interval: float,
+        new: bool = True,
+    ) -> None:  # fmt: skip
+        self.path, self.asked, self.proof, self.interval = path.resolve(), asked, proof, interval
+        self.scene, self.machine = plain_scene(scene), machine()
+        try:
+            _check_place(self.path)
+            if new:
+                _set_aside(self.path)
+            self.keep(state)
+        except OSError as error:
+            raise CheckpointError(
+                f"{self.path} cannot be written: {error.strerror or error}; name another file for "
+                "the checkpoint"
+            ) from error
+
+    def due(self) -> bool:
+        """Whether the interval is over."""
+        return time.perf_counter() - self.written >= self.interval
+
+    def keep(self, state: State) -> None:
+        """Write; what fails is tried again after the interval."""
+        self.written = time.perf_counter()
+        Checkpoint(
+            path=self.path,
+            scene=self.scene,
+            asked=self.asked,
+            machine=self.machine,
+            proof=self.proof,
+            state=state.document(),
+        ).write()
+        self.written = time.perf_counter()
+
+
+def _check_place(path: Path) -> None:
+    """CheckpointError if what is there is more than an empty file and no checkpoint."""
+    if path.is_dir():
+        raise CheckpointError(f"{path} is a folder; name a file in it for the checkpoint")
+    if path.exists() and not _is_checkpoint(path) and not _is_empty(path):
+        raise CheckpointError(f"{path} is there and is no checkpoint of stochvi; name another file")
+
+
+def _is_checkpoint(path: Path) -> bool:
+    """Whether it is a file, no device or pipe, that begins as one."""
+    if not path.is_file():
+        return False
+    with open(path, "rb") as file:
+        return file.read(len(HEADER)) == HEADER.encode()
+
+
+def _is_empty(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size == 0
+
+
+def _set_aside(path: Path) -> None:
+    """Keep what took long as FILE.earlier; of two, the one that took longer."""
+    earlier = path.with_name(path.name + ".earlier")
+    if _seconds_in(path) > max(LONG_SECONDS, _seconds_in(earlier)):
+        with contextlib.suppress(FileNotFoundError):  # another run did it
+            os.replace(path, earlier)
+
+
+def _seconds_in(path: Path) -> float:
+    """Of simulation that a checkpoint holds; 0 if it cannot be gone on with."""
+    try:
+        state = Checkpoint.read(path).state
+        return float(state["seconds"]) if state["fine"]["count"] else 0.0
+    except (CheckpointError, FileNotFoundError, KeyError, TypeError):
+        return 0.0
+
+
+def _incomplete(path: Path) -> CheckpointError:
+    return CheckpointError(
+        f"{path} does not hold what a checkpoint of this version holds; start again without it"
+    )
+
+
+def plain_scene(scene: Scene) -> dict[str, Any]:
+    """The scene as it is in JSON, files without their folders, which may be reached by other
+    ways."""
+    document: dict[str, Any] = json.loads(json.dumps(scene.document()))
+    return {key: _without_folders(value) for key, value in document.items()}
+
+
+def _without_folders(part: Any) -> Any:
+    if isinstance(part, list):
+        return [_without_folders(each) for each in part]
+    if not isinstance(part, dict):
+        return part
+    return {
+        key: Path(value).name if key == "file" else _without_folders(value)
+        for key, value in part.items()
+    }
+
+
+def _difference(there: Any, here: Any, key: str = "") -> str:
+    """The first key in which two documents differ, in words; empty if they do not."""
+    if isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        there, here = dict(enumerate(there)), dict(enumerate(here))
+    if isinstance(there, dict) and isinstance(here, dict):
+        for name in [*there, *(name for name in here if name not in there)]:
+            place = f"{key}.{name}".lstrip(".")
+            if found := _difference(there.get(name), here.get(name), place):
+                return found
+        return ""
+    return "" if there == here else f"{key} is {_short(there)} in it, {_short(here)} here"
+
+
+def _short(value: Any) -> str:
+    text = "not there" if value is None else json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _header(body: bytes) -> bytes:
+    return f"{HEADER} {FORMAT} {hashlib.sha256(body).hexdigest()}\n".encode()

@@ -1,0 +1,188 @@
+"""Stops that give way, under white noise: steps, start and lengths of the paths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.methods.monte_carlo.kernels.contact import (
+    CONTACT_LOWER,
+    CONTACT_SUMS,
+    CONTACT_UPPER,
+    DAMPED,
+    ENDED,
+    HERTZ,
+    IMPULSE,
+    LOSS,
+    PEAK,
+    PIECES,
+    RIGID,
+    TIME,
+    run_contacts,
+)
+from stochvi.methods.monte_carlo.white import (
+    BOUNCE_PER_STEP,
+    GAP_PER_STEP,
+    LARGEST_ANGLE,
+    LOSSY_ANGLE,
+    LOSSY_DECAY,
+    WhitePlan,
+    _flow,
+    _kick,
+    default_threshold,
+    expected_speed,
+    lengths,
+    pressing,
+)
+from stochvi.model.gibbs_law import GibbsLaw
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Restitution, Viscoelastic
+from stochvi.scenes.scene import System
+
+SUMS_OF_A_STOP = (
+    ("force", IMPULSE),
+    ("loss", LOSS),
+    ("peak", PEAK),
+    ("contact", TIME),
+    ("ended", ENDED),
+)
+
+CONTACT_ROWS = {
+    f"{name}_{side}": first + row
+    for side, first in (("lower", CONTACT_LOWER), ("upper", CONTACT_UPPER))
+    for name, row in SUMS_OF_A_STOP
+}
+"""Names of the time averages that come after those of `statistics.ROWS`, for each stop: mean force
+and power taken, per unit mass; largest forces of contacts that ended, per second and unit mass;
+share of time in contact; contacts that ended, per second, however slow."""
+
+SPREAD_PER_STEP = GAP_PER_STEP * math.sqrt(12.0)
+"""Standard deviations of x that the mass crosses in a step at its rms speed: those of a gap."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompliantPlan(WhitePlan):
+    """Steps, start and lengths where a stop gives way; its `averages` have CONTACT_SUMS rows."""
+
+    rows = CONTACT_SUMS
+    contacts = True
+    _kernel = staticmethod(run_contacts)
+
+    def _kernel_constants(self) -> tuple[Any, ...]:
+        lower, upper = self.system.lower, self.system.upper
+        law_lower, law_upper = self.system.laws
+        return (
+            _kick(self.system, self.step),
+            _flow(self.system, self.step),
+            None if lower is None or law_lower is None else _stop(lower - self.rest, law_lower),
+            None if upper is None or law_upper is None else _stop(upper - self.rest, law_upper),
+        )
+
+    @cached_property
+    def _law(self) -> GibbsLaw:  # type: ignore[override]
+        """The Gibbs law at the expected speed, from the rest position."""
+        return _gibbs_law(self.system, self.speed, self.rest)
+
+
+def _stop(position: float, law: Law) -> tuple[float, int, NDArray[np.float64]]:
+    """(position, kind, data) of a stop for the kernel."""
+    match law:
+        case Restitution():
+            return position, RIGID, np.array([[law.coefficient]])
+        case Viscoelastic() if not law.conservative:
+            return position, DAMPED, np.array([[law.stiffness, law.damping(1.0)]])
+        case Elastic() | Viscoelastic():
+            return position, PIECES, np.array([[0.0, 0.0, law.stiffness]])
+        case ForceTable():
+            return position, PIECES, np.ascontiguousarray(law.pieces.T)
+        case Hertz():
+            return position, HERTZ, np.array([[law.coefficient]])
+    raise TypeError(f"no kernel knows a stop of the kind {law.kind!r}")
+
+
+def _gibbs_law(system: System, speed: float, rest: float = 0.0) -> GibbsLaw:
+    """Gibbs law at E v^2 = speed^2, from a rest position that takes the load if it is given."""
+    return GibbsLaw(
+        theta=speed**2,
+        omega=system.omega,
+        load=system.load - system.omega**2 * rest,
+        stop_lower=None if system.lower is None else system.lower - rest,
+        stop_upper=None if system.upper is None else system.upper - rest,
+        law_lower=system.law_lower,
+        law_upper=system.law_upper,
+    )
+
+
+def plan_compliant(
+    system: System, threshold: float | None, duration: float | None, slow_impacts: bool = False
+) -> CompliantPlan:
+    """Choose step, burn-in and length for white noise and stops of which one gives way.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Elastic
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair, Scene
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(upper=1.0, law=Elastic(stiffness=100.0))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> plan = plan_compliant(scene.system(), None, None)
+    >>> plan.step, plan.averages(seed=1, first_path=0, paths=3).shape
+    (0.8, (19, 3))
+    """
+    unmet = []
+    if slow_impacts:
+        unmet.append("slow_impacts needs rigid stops, got one that gives way")
+    if system.omega == 0.0 and system.load != 0.0:
+        unmet.append("a constant load needs stiffness > 0, got 0")
+    try:
+        _gibbs_law(system, 1.0)
+    except ValueError:
+        unmet.append("without stiffness the mass needs a lower and an upper stop that hold it")
+    if system.damping_rate == 0.0 and system.elastic:
+        unmet.append("damping must be positive or a stop must lose energy (no stationary state)")
+    if unmet:
+        raise NotApplicable("simulate", unmet)
+    speed = expected_speed(_rigid(system))
+    law = _gibbs_law(system, speed)
+    spread = math.sqrt(law.variance)
+    rate = system.intensity / (2.0 * speed**2)
+    slowest = max(1.0 / rate, spread / speed, spread**2 * rate / speed**2)
+    step = _step(system, speed, spread)
+    burn_in, length = lengths(system, step, slowest, duration)
+    return CompliantPlan(
+        system=system,
+        speed=speed,
+        step=step,
+        burn_in=burn_in,
+        duration=length,
+        threshold=default_threshold(system.elastic, speed) if threshold is None else threshold,
+    )
+
+
+def _rigid(system: System) -> System:
+    """The scene with rigid stops of the same restitution: close enough for its speed."""
+    lower, upper = (None if law is None else law.restitution for law in system.laws)
+    return system._replace(
+        restitution_lower=lower, restitution_upper=upper, law_lower=None, law_upper=None
+    )
+
+
+def _step(system: System, speed: float, spread: float) -> float:
+    """A part of a radian, of the loss of energy, of the way through the law, of a bounce."""
+    limits = [SPREAD_PER_STEP * spread / speed]
+    if system.omega > 0.0:
+        limits.append((LARGEST_ANGLE if system.elastic else LOSSY_ANGLE) / system.omega)
+    if not system.elastic:
+        limits.append(LOSSY_DECAY * 2.0 * speed**2 / system.intensity)
+    if pressing(system) > 0.0:
+        limits.append(BOUNCE_PER_STEP * speed / pressing(system))
+    return min(limits)

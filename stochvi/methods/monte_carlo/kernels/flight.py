@@ -1,0 +1,460 @@
+"""White noise and rigid stops by kick-flow-kick, for many paths at once.
+
+The oscillator x'' + b x' + w0^2 x = f + g is split in two parts that are both solved exactly:
+
+    kick   dv = -b v dt + sqrt(S0) dW        v <- e v + s z,  e = exp(-b h), z ~ N(0, 1)
+    flow   x'' + w0^2 x = g, with its stops  a rotation, and impacts v <- -R v
+
+One step is a kick over h and a flow over h. With elastic stops both parts preserve the density
+exp(-(v^2 + w0^2 x^2) / 2 theta), so the stationary law is exact for any h; else the scheme is of
+second order. The flow draws no random numbers, so nothing about an impact has to be sampled.
+
+Symbols: x is measured from the rest position under the load g, u and l are the stops from there;
+(C, S) = (cos w0 h, sin w0 h / w0), so that a flow over h is x1 = C x + S v, v1 = C v - w0^2 S x,
+also for w0 = 0. An orbit of energy E2 = v^2 + w0^2 x^2 passes the stop u with the speed
+w = sqrt(E2 - w0^2 u^2). Sr, Cr belong to the time r between that passage and the end of the step:
+Sr = (x1 w - v1 u) / E2, Cr = (v1 w + w0^2 x1 u) / E2. A reset of the velocity at the stop changes
+the end by -(1 + R) w (Sr, Cr).
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
+
+LANES = 256
+"""Paths that move together: their arrays stay in the first-level cache."""
+
+MOST_BOUNCES = 10_000
+"""In one step; after that the mass stays at the stop, with the speed of its last bounce."""
+
+RESTING = 1e-8
+"""A bounce this much lower than the pressing acceleration times the step rests on the stop."""
+
+CORNER_SHARE = 0.25
+"""Usual length of a sub-step near a stop, in the time in which noise changes the state."""
+
+AGAIN = np.inf
+"""Marks a path whose step may hold more than one impact, in the array of impact speeds."""
+
+X, XX, VV, N_LOWER, F1_LOWER, F2_LOWER, N_UPPER, F1_UPPER, F2_UPPER = range(9)
+SUMS = 9
+"""Rows of the table of sums: x, x^2, v^2, and for each stop hits, w and w^2."""
+
+
+@numba.njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
+def passage(x, v, x1, v1, stiff, stop):
+    """Does the free orbit from (x, v) to (x1, v1) pass `stop` upwards? Also w, E2 Sr, E2 Cr."""
+    # differences of squares keep their digits close to the stop
+    square = v * v + stiff * (x - stop) * (x + stop)
+    w = math.sqrt(max(square, 0.0))
+    sr = x1 * w - v1 * stop
+    since_start = v * stop - x * w
+    passed = (square > 0.0) & (sr > 0.0) & ((since_start > 0.0) | (x1 > stop))
+    return passed, w, sr, v1 * w + stiff * x1 * stop
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def drift(x, v, z, kick, flow):
+    """One step of every path where there is no stop."""
+    e, s = kick
+    _, cosine, sine, stiff = flow
+    for i in range(x.shape[0]):
+        q = x[i]
+        p = e * v[i] + s * z[i]
+        x[i] = cosine * q + sine * p
+        v[i] = cosine * p - stiff * sine * q
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def fly(x, v, z, hit, kick, flow, lower, upper):
+    """One step of every path; `hit` gets +w at the upper stop, -w at the lower, 0, or AGAIN.
+
+    A path marked AGAIN has had its kick only. Returns how many there are.
+    """
+    e, s = kick
+    h, cosine, sine, stiff = flow
+    again = 0
+    for i in range(x.shape[0]):
+        q = x[i]
+        p = e * v[i] + s * z[i]
+        x1 = cosine * q + sine * p
+        v1 = cosine * p - stiff * sine * q
+        energy = p * p + stiff * q * q
+        inverse = 1.0 / energy
+        speed = 0.0
+        both = False
+        shift_x = 0.0
+        shift_v = 0.0
+        if upper is not None:
+            stop, restitution, slow = upper
+            up, w, sr, cr = passage(q, p, x1, v1, stiff, stop)
+            factor = (1.0 + restitution) * w * inverse if up else 0.0
+            shift_x = factor * sr
+            shift_v = factor * cr
+            speed = w if up else 0.0
+            both = up & (restitution * w < slow)
+        if lower is not None:
+            stop, restitution, slow = lower
+            down, w, sr, cr = passage(-q, -p, -x1, -v1, stiff, -stop)
+            factor = (1.0 + restitution) * w * inverse if down else 0.0
+            both = both | (down & ((speed > 0.0) | (restitution * w < slow)))
+            shift_x -= factor * sr
+            shift_v -= factor * cr
+            speed = -w if down else speed
+        if (lower is not None) and (upper is not None):
+            gap = upper[0] - lower[0]
+            both = both | ((speed != 0.0) & (energy * h * h >= gap * gap))
+        x2 = x1 - shift_x
+        v2 = v1 - shift_v
+        if upper is not None:
+            x2 = min(x2, upper[0])
+        if lower is not None:
+            x2 = max(x2, lower[0])
+        x[i] = q if both else x2
+        v[i] = p if both else v2
+        hit[i] = AGAIN if both else speed
+        again += 1 if both else 0
+    return again
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def fly_between(x, v, z, hit, kick, flow, lower, upper):
+    """`fly` for stops on either side of the rest position, omega h <= pi / 2: one test a step.
+
+    A mass that moves up cannot meet the lower stop first: it would have to turn before the upper
+    stop, and from there it is more than a quarter of a period to the lower one. The signs of x
+    and v are changed so that every mass moves up.
+    """
+    e, s = kick
+    _, cosine, sine, stiff = flow
+    low, restitution_low, _ = lower
+    high, restitution_high, _ = upper
+    # a mass at the speed sqrt(energy) takes sr / sqrt(energy) <= time left <= pi / 2 of that
+    reach = (high - low) / (0.5 * math.pi)
+    again = 0
+    for i in range(x.shape[0]):
+        q = x[i]
+        p = e * v[i] + s * z[i]
+        rising = p > 0.0
+        q = q if rising else -q
+        p = p if rising else -p
+        stop = high if rising else -low
+        restitution = restitution_high if rising else restitution_low
+        x1 = cosine * q + sine * p
+        v1 = cosine * p - stiff * sine * q
+        energy = p * p + stiff * q * q
+        passed, w, sr, cr = passage(q, p, x1, v1, stiff, stop)
+        more = passed & (sr * sr >= reach * reach * energy)
+        factor = (1.0 + restitution) * w / energy if passed else 0.0
+        x2 = min(x1 - factor * sr, stop)
+        v2 = v1 - factor * cr
+        x2 = q if more else x2
+        v2 = p if more else v2
+        speed = w if passed else 0.0
+        x[i] = x2 if rising else -x2
+        v[i] = v2 if rising else -v2
+        hit[i] = AGAIN if more else (speed if rising else -speed)
+        again += 1 if more else 0
+    return again
+
+
+@numba.njit(cache=True, error_model="numpy")
+def entry(log, path, sample):
+    """Where a path writes its impacts down in a step that is counted (sample >= 0), or None."""
+    if log is None:
+        return None
+    return log[0], log[1], path, sample
+
+
+@numba.njit(cache=True, error_model="numpy")
+def write_down(page, speed):
+    """One impact into the next row, as long as there are rows; all are counted."""
+    events, count, path, sample = page
+    if sample >= 0:
+        k = count[0]
+        if k < events.shape[0]:
+            events[k, 0], events[k, 1], events[k, 2] = path, sample, speed
+        count[0] = k + 1
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
+    """One flow with any number of impacts, added up in `sums`; returns the end (x, v).
+
+    A mass that is pressed against a stop and bounces too low to leave it rests there; its impacts
+    are the limit of ever lower bounces, whose impulses (1 + R) w add up to the pressing force.
+    """
+    h, cosine, sine, stiff = flow
+    x1 = cosine * x + sine * v
+    v1 = cosine * v - stiff * sine * x
+    for bounces in range(MOST_BOUNCES + 1):
+        energy = v * v + stiff * x * x
+        up = False
+        down = False
+        upper_cr = 0.0
+        if upper is not None:
+            up, w, sr, upper_cr = passage(x, v, x1, v1, stiff, upper[0])
+            if up:
+                position, restitution = upper[0], upper[1]
+                speed, s_r, c_r = w, sr / energy, upper_cr / energy
+        if lower is not None:
+            down, w, sr, cr = passage(-x, -v, -x1, -v1, stiff, -lower[0])
+            # of two passages the first is the one farther from the end
+            if down and (not up or cr < upper_cr):
+                position, restitution = lower[0], lower[1]
+                speed, s_r, c_r = -w, sr / energy, cr / energy
+                up = False
+            else:
+                down = False
+        if not (up or down):
+            break
+        if bounces == MOST_BOUNCES:
+            return position, v
+        w = abs(speed)
+        row = N_UPPER if up else N_LOWER
+        sums[row] += 1.0 if w >= threshold else 0.0
+        sums[row + 1] += w
+        sums[row + 2] += w * w
+        if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
+            if w >= threshold:
+                write_down(page, speed)
+        x1 -= (1.0 + restitution) * speed * s_r
+        v1 -= (1.0 + restitution) * speed * c_r
+        x = position
+        v = -restitution * speed
+        pressing = stiff * abs(position)
+        if (position * speed < 0.0) and (abs(v) <= RESTING * pressing * h):
+            omega = math.sqrt(stiff)
+            sums[row + 1] += pressing * math.atan2(omega * s_r, c_r) / omega / (1.0 + restitution)
+            return position, 0.0
+    if upper is not None:
+        x1 = min(x1, upper[0])
+    if lower is not None:
+        x1 = max(x1, lower[0])
+    return x1, v1
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def find_in_corner(x, v, owed, usual, box, lower, upper, found):
+    """Mark paths that are near a stop and slow, or come from there with less of a kick owed."""
+    width, speed = box
+    count = 0
+    for i in range(x.shape[0]):
+        near = False
+        if upper is not None:
+            near = x[i] > upper[0] - width
+        if lower is not None:
+            near = near | (x[i] < lower[0] + width)
+        slow = (near & (abs(v[i]) < speed)) | (owed[i] != usual)
+        found[i] = 1.0 if slow else 0.0
+        count += 1 if slow else 0
+    return count
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def fly_corner(
+    x, v, owed, s0, s1, ladder, share, noise, stiff, lower, upper, threshold, sums, page=None
+):  # fmt: skip
+    """One step near a stop as shorter steps, each short enough for the state it starts from.
+
+    Free of any other scale, noise of intensity S0 changes a velocity v in the time v^2 / S0 and a
+    distance d in (d^2 / S0)^(1/3); a sub-step is at most `share` of the larger of the two.
+    Its length is chosen before its noise is drawn, so the choice brings no bias.
+
+    A step is half a kick, a flow, and half a kick; the last half is `owed` until the next step,
+    whose first half it joins. With steps of one length that is a whole kick; here it is not.
+
+    `ladder` holds h / 2^k and (C, S) of it in row k, `noise` is (b, S0). Returns x, v, the time of
+    the kick that is owed, and the stream's state.
+    """
+    damping_rate, intensity = noise
+    deepest = ladder.shape[0] - 1
+    unit = ladder[deepest, 0]
+    left = 1 << deepest
+    spare, have_spare = 0.0, False
+    while left > 0:
+        distance = np.inf
+        if upper is not None:
+            distance = min(distance, upper[0] - x)
+        if lower is not None:
+            distance = min(distance, x - lower[0])
+        longest = share * max(v * v / intensity, (distance * distance / intensity) ** (1.0 / 3.0))
+        level = deepest
+        while level > 0 and (2 << (deepest - level)) <= min(left, longest / unit):
+            level -= 1
+        left -= 1 << (deepest - level)
+        if have_spare:
+            z = spare
+        else:
+            s0, s1, z, spare = normal_pair(s0, s1)
+        have_spare = not have_spare
+        length = ladder[level, 0]
+        kick = owed + 0.5 * length
+        owed = 0.5 * length
+        decay = math.exp(-damping_rate * kick)
+        # S0 (1 - e^(-2 b t)) / (2 b), which is S0 t (1 + e^(-2 b t)) / 2 to third order in b t
+        v = decay * v + math.sqrt(intensity * kick * 0.5 * (1.0 + decay * decay)) * z
+        flow = (length, ladder[level, 1], ladder[level, 2], stiff)
+        x, v = bounce(x, v, flow, lower, upper, threshold, sums, page)
+    return x, v, owed, s0, s1
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def count_side(hit, threshold, number, speed_sum, square_sum):
+    """Add the impacts of one step on the upper stop (hit > 0)."""
+    for i in range(hit.shape[0]):
+        w = hit[i]
+        w = w if w > 0.0 else 0.0
+        number[i] += 1.0 if (w > 0.0) & (w >= threshold) else 0.0
+        speed_sum[i] += w
+        square_sum[i] += w * w
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def add_moments(x, v, origin, mean, square, speed):
+    """Add x - origin, its square, and v^2 to their sums."""
+    for i in range(x.shape[0]):
+        away = x[i] - origin
+        mean[i] += away
+        square[i] += away * away
+        speed[i] += v[i] * v[i]
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def negate(values, out):
+    """out = -values."""
+    for i in range(values.shape[0]):
+        out[i] = -values[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def take_several(several, counted, local, record, sample, first_path, i):
+    """Add the impacts of a step that had any number; a record takes their summed speed."""
+    if counted:
+        local[:, i] += several
+    if record is not None:
+        record[sample, first_path + i, 2] = several[F1_UPPER] - several[F1_LOWER]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def run_white(
+    x,
+    v,
+    streams,
+    sums,
+    kick,
+    flow,
+    lower,
+    upper,
+    between,
+    corner,
+    threshold,
+    burn_in,
+    steps,
+    stride,
+    origin,
+    record,
+    log=None,
+):
+    """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
+
+    Parameters
+    ----------
+    x, v : (paths,) start, replaced by the end.
+    streams : (2, paths) random streams, advanced.
+    sums : (SUMS, paths), added to. Moments are taken every `stride` steps, before the kick; those
+        of x about `origin`, which should be near its mean.
+    kick : (e, s); flow : (h, C, S, w0^2).
+    lower, upper : None, or (stop, R, slow), slow = the speed after an impact under which the
+        same stop may be met again within a step (negative: never).
+    between : None, or () where the stops lie on either side of the rest position.
+    corner : None, or ((width, speed), (b, S0), ladder, share) to refine steps near a stop.
+    record : None, or zeros (steps, paths, 3) to take x, v and the impact speed of every step;
+        the burn-in must then be 0.
+    log : None, or (events, count) to write down every impact as fast as the threshold in the
+        counted steps: rows (path, step, speed, negative at the lower stop) of `events`, and how
+        many there are, stored or not, in `count` (1,).
+    """
+    first = np.empty(LANES)
+    second = np.empty(LANES)
+    hit = np.zeros(LANES)
+    mirrored = np.empty(LANES)
+    local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
+    several = np.zeros(SUMS)
+    slow, corner_x, corner_v = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
+    usual = 0.5 * flow[0]
+    owed = np.empty(LANES)
+    for start in range(0, x.shape[0], LANES):
+        end = min(start + LANES, x.shape[0])
+        xs, vs = x[start:end], v[start:end]
+        state0, state1 = streams[0][start:end], streams[1][start:end]
+        local[:] = 0.0
+        owed[:] = usual
+        z1, z2 = first[: end - start], second[: end - start]
+        hits, opposite = hit[: end - start], mirrored[: end - start]
+        for step in range(burn_in + steps):
+            if step % 2 == 0:
+                normal_pairs(state0, state1, z1, z2)
+            counted = step >= burn_in
+            refined = 0
+            if corner is not None:
+                box, noise, ladder, share = corner
+                refined = find_in_corner(xs, vs, owed, usual, box, lower, upper, slow)
+                for i in range(end - start if refined > 0 else 0):
+                    if slow[i] != 0.0:
+                        several[:] = 0.0
+                        corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = fly_corner(
+                            xs[i], vs[i], owed[i], state0[i], state1[i], ladder, share, noise,
+                            flow[3], lower, upper, threshold, several,
+                            entry(log, start + i, step - burn_in),
+                        )  # fmt: skip
+                        take_several(several, counted, local, record, step - burn_in, start, i)
+            z = z1 if step % 2 == 0 else z2
+            again = 0
+            if (lower is None) and (upper is None):
+                drift(xs, vs, z, kick, flow)
+            elif between is not None:
+                again = fly_between(xs, vs, z, hits, kick, flow, lower, upper)
+            else:
+                again = fly(xs, vs, z, hits, kick, flow, lower, upper)
+            for i in range(end - start if refined > 0 else 0):
+                if slow[i] != 0.0:
+                    again -= 1 if hits[i] == AGAIN else 0
+                    xs[i], vs[i], hits[i] = corner_x[i], corner_v[i], 0.0
+            for i in range(end - start if again > 0 else 0):
+                if hits[i] == AGAIN:
+                    several[:] = 0.0
+                    xs[i], vs[i] = bounce(
+                        xs[i], vs[i], flow, lower, upper, threshold, several,
+                        entry(log, start + i, step - burn_in),
+                    )  # fmt: skip
+                    hits[i] = 0.0
+                    take_several(several, counted, local, record, step - burn_in, start, i)
+            if counted:
+                if log is not None:
+                    for i in range(end - start):
+                        if (hits[i] != 0.0) & (abs(hits[i]) >= threshold):
+                            write_down(entry(log, start + i, step - burn_in), hits[i])
+                if upper is not None:
+                    count_side(hits, threshold, local[N_UPPER], local[F1_UPPER], local[F2_UPPER])
+                if lower is not None:
+                    negate(hits, opposite)
+                    count_side(
+                        opposite, threshold, local[N_LOWER], local[F1_LOWER], local[F2_LOWER]
+                    )
+                if (step - burn_in) % stride == 0:
+                    add_moments(xs, vs, origin, local[X], local[XX], local[VV])
+                    if corner is not None:
+                        # so that half the usual kick, added to all, brings what is owed
+                        _, intensity = corner[1]
+                        for i in range(end - start if refined > 0 else 0):
+                            local[VV, i] += intensity * (owed[i] - usual)
+                if record is not None:
+                    for i in range(end - start):
+                        record[step - burn_in, start + i, 0] = xs[i]
+                        record[step - burn_in, start + i, 1] = vs[i]
+                        record[step - burn_in, start + i, 2] += hits[i]
+        sums[:, start:end] += local[:, : end - start]

@@ -1,0 +1,181 @@
+"""Missions under white noise by kick-flow-kick, each flown until something happens.
+
+The step is that of `contact`: a kick by noise and damping, then the exact undamped motion with the
+stops in it. A mission ends with its event, with its time, or where its energy first reaches a
+level, from where splitting goes on with copies of it. Paths that fly together fill lanes; a lane
+whose path has ended takes the next one, so that no lane waits for the longest path.
+
+Symbols: x is measured from the rest position under the load; E2 = v^2 + w0^2 x^2 is twice the
+energy per unit mass, without that stored in a stop.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from stochvi.methods.monte_carlo.kernels.contact import (
+    CONTACT_LOWER,
+    CONTACT_SUMS,
+    CONTACT_UPPER,
+    ENDED,
+    PEAK,
+    flow_through,
+    fly_clear,
+)
+from stochvi.methods.monte_carlo.kernels.flight import LANES, N_LOWER, N_UPPER
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
+
+OVER, AT_LEVEL, HAPPENED = range(3)
+"""How a flight ended: time is up, the level is reached, the event has happened."""
+
+PASSAGE, IMPACT, FORCE, NOTHING = range(4)
+"""Events: a barrier is passed; an impact at a speed or faster; a force of a stop above its limit;
+none."""
+
+
+@numba.njit(cache=True, error_model="numpy")
+def too_strong(peaks, sums, limit):
+    """Whether a stop's force in a step, of a contact that lasts or ended, is above its limit.
+
+    Contacts that ended in one step on one stop count with their mean: so soon after one another
+    they are nearly alike.
+    """
+    for side, row in ((0, CONTACT_LOWER), (1, CONTACT_UPPER)):
+        force = peaks[side]
+        if sums[row + ENDED] > 0.0:
+            force = max(force, sums[row + PEAK] / sums[row + ENDED])
+        if force > limit[side]:
+            return True
+    return False
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def pass_time(x, v, left, top, near, stiff, level, mark):
+    """Count a step down and mark the paths that need a look; returns how many.
+
+    Of a path that meets a stop, the step is still to be made.
+    """
+    count = 0
+    for i in range(x.shape[0]):
+        energy = v[i] * v[i] + stiff * x[i] * x[i]
+        rest = left[i] - 1.0
+        met = near[i] != 0.0
+        left[i] = rest
+        top[i] = max(top[i], 0.0 if met else energy)
+        look = (energy >= level) | (rest <= 0.0) | met
+        mark[i] = 1.0 if look else 0.0
+        count += 1 if look else 0
+    return count
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fly_missions(
+    x, v, left, top, how, hits, streams, kick, flow, lower, upper, event, limit, threshold,
+    counted, level,
+):  # fmt: skip
+    """Fly every path that has steps left until its event, the level, or the end of its time.
+
+    Parameters
+    ----------
+    x, v : (paths,) start, replaced by the end.
+    left : (paths,) steps left, replaced by those left at the end.
+    top : (paths,) replaced by the largest E2 at the start and at the ends of steps.
+    how : (paths,) replaced by OVER, AT_LEVEL or HAPPENED; of a path without steps left untouched.
+    hits : (paths,) replaced by the impacts at `threshold` and faster in the steps that count.
+    streams : (2, paths) random streams, advanced.
+    kick : (e, s); flow : (h, C, S, w0^2), as in `flight`.
+    lower, upper : None, or (position, kind, data); where the event is PASSAGE the barriers.
+    event, limit : what ends a mission, and its limits at the lower and the upper stop: m/s^2 for a
+        force per unit mass; for a speed, m/s, the first holds for both.
+    counted : an event, or an impact, counts in the last `counted` steps only. Barriers are not
+        there before.
+    level : E2 at which a flight ends.
+
+    Returns the steps that were made.
+    """
+    stiff = flow[3]
+    z1, z2, near, mark = np.empty((4, LANES))
+    xs, vs, rest, high, seen = np.zeros((5, LANES))
+    state = np.zeros((2, LANES), np.uint64)
+    owner = np.empty(LANES, np.int64)
+    peaks, sums, tally = np.zeros((LANES, 2)), np.zeros(CONTACT_SUMS), np.zeros(4)
+    done = np.zeros(LANES, np.bool_)
+    waiting, lanes, steps, ended = 0, 0, 0, True
+    while True:
+        lane = 0
+        while ended:
+            # a lane whose path has ended takes the next path, or else the last lane's
+            if lane < lanes and not done[lane]:
+                lane += 1
+                continue
+            while waiting < x.shape[0]:
+                energy = v[waiting] * v[waiting] + stiff * x[waiting] * x[waiting]
+                if left[waiting] > 0.0 and energy < level:
+                    break
+                if left[waiting] > 0.0:
+                    top[waiting], how[waiting] = energy, AT_LEVEL
+                waiting += 1
+            if waiting < x.shape[0] and lane < LANES:
+                owner[lane], done[lane] = waiting, False
+                xs[lane], vs[lane], rest[lane] = x[waiting], v[waiting], left[waiting]
+                high[lane], seen[lane] = energy, 0.0
+                state[0, lane], state[1, lane] = streams[0, waiting], streams[1, waiting]
+                peaks[lane, :] = 0.0
+                waiting += 1
+                lanes = max(lanes, lane + 1)
+            elif lane < lanes:
+                lanes -= 1
+                owner[lane], done[lane] = owner[lanes], done[lanes]
+                xs[lane], vs[lane], rest[lane] = xs[lanes], vs[lanes], rest[lanes]
+                high[lane], seen[lane] = high[lanes], seen[lanes]
+                state[0, lane], state[1, lane] = state[0, lanes], state[1, lanes]
+                peaks[lane, :] = peaks[lanes, :]
+            else:
+                ended = False
+        if lanes == 0:
+            return steps
+        normal_pairs(state[0, :lanes], state[1, :lanes], z1[:lanes], z2[:lanes])
+        for half in range(2):
+            z = z1 if half == 0 else z2
+            steps += lanes
+            fly_clear(xs[:lanes], vs[:lanes], z[:lanes], near[:lanes], kick, flow, lower, upper)
+            looks = pass_time(
+                xs[:lanes], vs[:lanes], rest[:lanes], high[:lanes], near[:lanes], stiff, level,
+                mark[:lanes],
+            )  # fmt: skip
+            for i in range(lanes if looks > 0 else 0):
+                if mark[i] == 0.0 or done[i]:
+                    continue
+                counts = rest[i] < counted
+                happened = False
+                if near[i] != 0.0:
+                    if event == PASSAGE:
+                        happened = counts
+                        xs[i], vs[i] = (
+                            flow[1] * xs[i] + flow[2] * vs[i],
+                            flow[1] * vs[i] - stiff * flow[2] * xs[i],
+                        )
+                    else:
+                        sums[:] = 0.0
+                        least = limit[0] if event == IMPACT else threshold
+                        xs[i], vs[i] = flow_through(
+                            xs[i], vs[i], flow[0], stiff, lower, upper, least, tally, peaks[i], sums
+                        )
+                        number = sums[N_LOWER] + sums[N_UPPER]
+                        if event == IMPACT:
+                            happened = counts and number > 0.0
+                        elif event == FORCE:
+                            happened = counts and too_strong(peaks[i], sums, limit)
+                        seen[i] += number if counts else 0.0
+                energy = vs[i] * vs[i] + stiff * xs[i] * xs[i]
+                high[i] = max(high[i], energy)
+                if happened or energy >= level or rest[i] <= 0.0:
+                    path = owner[i]
+                    x[path], v[path], left[path] = xs[i], vs[i], max(rest[i], 0.0)
+                    top[path] = math.inf if happened else high[i]
+                    hits[path] = seen[i]
+                    how[path] = HAPPENED if happened else (AT_LEVEL if energy >= level else OVER)
+                    streams[0, path], streams[1, path] = state[0, i], state[1, i]
+                    done[i] = True
+                    ended = True

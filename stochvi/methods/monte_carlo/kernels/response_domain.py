@@ -1,0 +1,212 @@
+"""Stops under tabulated noise: the response without stops is given, impacts are added.
+
+Between impacts the structure is linear, so x = y + e with y the stationary response without
+stops, synthesised from its own spectrum, and e a free decay that every impact kicks:
+
+    e(t + h) = A(h) e(t),    impact at u with speed w:  e' <- e' - (1 + R) w
+
+Only y and y' at the samples enter. Within a sampling interval x is the cubic through the end
+values and slopes (error of fourth order); an impact takes the first upward root of x - u, and
+changes the end of the interval by -(1 + R) w times the second column of A(remaining time). Where a
+stop gives way, `compliant_response` takes the interval instead.
+
+All paths move together from sample to sample: a loop without branches flies those that stay
+clear of the stops, which most do, and marks the others, which are then taken one by one. To that
+end a row holds one sample (or one bin) of all paths, (y, y' / w0) or (real, imaginary) in turn.
+
+Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
+"""
+
+import numba
+import numpy as np
+
+from stochvi.methods.monte_carlo.kernels.compliant_response import (
+    EXTREMES,
+    FASTEST,
+    SHARPEST,
+    TALLY,
+    cross_contacts,
+)
+from stochvi.methods.monte_carlo.kernels.flight import (
+    N_LOWER,
+    N_UPPER,
+    VV,
+    XX,
+    X,
+    add_moments,
+    take_several,
+)
+from stochvi.methods.monte_carlo.kernels.intervals import MOST_BOUNCES, RESTING, decay, time_to_stop
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
+
+
+@numba.njit(cache=True, error_model="numpy")
+def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, extremes, sums):
+    """One sampling interval with any number of impacts; returns the end (x, v)."""
+    omega, damping_rate = structure
+    for bounces in range(MOST_BOUNCES + 1):
+        s, w, position, restitution, side = 2.0, 0.0, 0.0, 0.0, 1.0
+        if upper is not None:
+            s, w = time_to_stop(x0, v0, x1, v1, span, upper[0])
+            position, restitution = upper[0], upper[1]
+        if lower is not None:
+            t, below = time_to_stop(-x0, -v0, -x1, -v1, span, -lower[0])
+            if t < s:
+                s, w, side = t, below, -1.0
+                position, restitution = lower[0], lower[1]
+        if s > 1.0:
+            return x1, v1
+        if w <= RESTING * scale or bounces == MOST_BOUNCES:
+            return position, 0.0
+        row = N_UPPER if side > 0.0 else N_LOWER
+        sums[row] += 1.0 if w >= threshold else 0.0
+        sums[row + 1] += w
+        sums[row + 2] += w * w
+        extremes[FASTEST] = max(extremes[FASTEST], w)
+        span *= 1.0 - s
+        shape, slope = decay(span, damping_rate, omega)
+        change = -(1.0 + restitution) * w * side
+        x1 += change * shape
+        v1 += change * slope
+        x0, v0 = position, -restitution * w * side
+    return x1, v1
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def spread(cosine, sine, above, below, up, down):
+    """One bin of every path: its rows of the spectrum at +w and at -w."""
+    for i in range(cosine.shape[0]):
+        up[2 * i] = above * cosine[i]
+        up[2 * i + 1] = -above * sine[i]
+        down[2 * i] = below * cosine[i]
+        down[2 * i + 1] = below * sine[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fill_spectrum(streams, amplitudes, relative, spectrum):
+    """Gaussian spectrum of y + i y' / w0 for y = sum a cos wt + b sin wt = Re sum (a - i b) e^iwt.
+
+    y has (a - i b) / 2 at +w and the conjugate of it at -w; i y' / w0 adds -w / w0 and w / w0
+    times as much.
+
+    Parameters
+    ----------
+    streams : (2, paths) random streams, advanced by a pair of normals per bin.
+    amplitudes, relative : of bins 1, 2, ...: deviation of a and b, and w / w0.
+    spectrum : (samples, 2 paths), replaced. An inverse transform is not to divide by `samples`.
+    """
+    samples, paths = spectrum.shape[0], streams.shape[1]
+    count = amplitudes.shape[0]
+    cosine, sine = np.empty(paths), np.empty(paths)
+    spectrum[0] = 0.0
+    spectrum[count + 1 : samples - count] = 0.0
+    for k in range(count):
+        normal_pairs(streams[0], streams[1], cosine, sine)
+        half = 0.5 * amplitudes[k]
+        above, below = half * (1.0 - relative[k]), half * (1.0 + relative[k])
+        spread(cosine, sine, above, below, spectrum[k + 1], spectrum[samples - 1 - k])
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def advance(y, x, v, e, rate, near, structure, column, span, lower, upper):
+    """One interval of every path that stays clear of the stops; the others are marked `near`.
+
+    A path marked has had its decay only. The cubic between the samples lies in the hull of its
+    four control points. `column` is the second column of A(span). Returns how many are marked.
+    """
+    omega, damping_rate = structure
+    shape, slope = column
+    # first column of A, from e'' = -b e' - w0^2 e
+    shape_x, slope_x = slope + damping_rate * shape, -omega * omega * shape
+    third = span / 3.0
+    count = 0
+    for i in range(x.shape[0]):
+        e1 = shape_x * e[i] + shape * rate[i]
+        rate1 = slope_x * e[i] + slope * rate[i]
+        x0, v0 = x[i], v[i]
+        x1 = y[2 * i] + e1
+        v1 = omega * y[2 * i + 1] + rate1
+        a, b = x0 + v0 * third, x1 - v1 * third
+        close = False
+        if upper is not None:
+            close = max(max(a, b), max(x0, x1)) > upper[0]
+        if lower is not None:
+            close = close | (min(min(a, b), min(x0, x1)) < lower[0])
+        e[i], rate[i] = e1, rate1
+        x[i] = x0 if close else x1
+        v[i] = v0 if close else v1
+        near[i] = 1.0 if close else 0.0
+        count += 1 if close else 0
+    return count
+
+
+@numba.njit(cache=True, error_model="numpy")
+def sharpest(x, v, structure, extremes):
+    """Take the absolute acceleration by spring and damper into the largest so far."""
+    omega, damping_rate = structure
+    for i in range(x.shape[0]):
+        pull = abs(damping_rate * v[i] + omega * omega * x[i])
+        extremes[i, SHARPEST] = max(extremes[i, SHARPEST], pull)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def run_response(
+    free, span, structure, lower, upper, peaks, threshold, scale, warm_up, counted, sums, record,
+    extremes,
+):  # fmt: skip
+    """Add impacts to `free` responses, each periodic in time; sums of `counted` samples to `sums`.
+
+    Parameters
+    ----------
+    free : (samples, 2 paths), y and y' / w0 of each path in turn, at equal intervals `span`.
+    structure : (w0, b).
+    lower, upper : None, or (stop, R) from the mean position; with `peaks`, (stop, kind, data) as
+        in `contact`.
+    peaks : None, or (paths, 2) where a stop gives way: the largest forces so far of contacts that
+        last, of the lower and the upper stop.
+    warm_up, counted : samples flown first, at the end of the period, and samples that count.
+    scale : a velocity to compare the slowest impacts with.
+    sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
+    record : None, or (counted, paths, 3).
+    extremes : None, or (paths, EXTREMES) as in `compliant_response`, of the samples that count.
+    """
+    omega, damping_rate = structure
+    column = decay(span, damping_rate, omega)
+    samples, paths = free.shape[0], free.shape[1] // 2
+    e, rate, near = np.zeros(paths), np.zeros(paths), np.zeros(paths)
+    previous = samples - warm_up - 1
+    x, v = free[previous, 0::2].copy(), omega * free[previous, 1::2]
+    local, several, tally = np.zeros_like(sums), np.zeros(sums.shape[0]), np.zeros(TALLY)
+    spare = np.zeros(EXTREMES)
+    for step in range(-warm_up, counted):
+        y = free[step if step >= 0 else samples + step]
+        marked = advance(y, x, v, e, rate, near, structure, column, span, lower, upper)
+        for i in range(paths if marked > 0 else 0):
+            if near[i] != 0.0:
+                several[:] = 0.0
+                own = spare
+                if extremes is not None:
+                    own = extremes[i] if step >= 0 else spare
+                y0, y1 = y[2 * i], omega * y[2 * i + 1]
+                if peaks is None:
+                    x[i], v[i] = cross(
+                        x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
+                        threshold, scale, own, several,
+                    )  # fmt: skip
+                else:
+                    x[i], v[i] = cross_contacts(
+                        x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
+                        threshold, scale, tally, peaks[i], own, several,
+                    )  # fmt: skip
+                e[i], rate[i] = x[i] - y0, v[i] - y1
+                if step >= 0:
+                    take_several(several, True, local, record, step, 0, i)
+        if step >= 0:
+            add_moments(x, v, 0.0, local[X], local[XX], local[VV])
+            if extremes is not None:
+                sharpest(x, v, structure, extremes)
+            if record is not None:
+                for i in range(paths):
+                    record[step, i, 0] = x[i]
+                    record[step, i, 1] = v[i]
+    sums += local

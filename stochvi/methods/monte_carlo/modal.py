@@ -1,0 +1,530 @@
+"""Several modes, several impact pairs, white noise and signals: the plan, and a block of paths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.mathematics.state_space import square_root, step_covariance, transition
+from stochvi.methods.monte_carlo.kernels.modes import MOST_SWEEPS, ROWS_OF_PAIR, run_modes
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
+from stochvi.methods.monte_carlo.quantities import RATES, Key, gap_of, is_relative, restitutions
+from stochvi.methods.monte_carlo.statistics import Layout
+from stochvi.methods.monte_carlo.white import (
+    BOUNCE_PER_STEP,
+    DURATION,
+    GAP_PER_STEP,
+    LONGEST_BLOCK,
+    LOSSY_ANGLE,
+    LOSSY_DECAY,
+    MOMENT_ANGLE,
+    MOST_PATHS,
+    MOST_STEPS,
+    RELAXATIONS,
+    WELL_RESOLVED_RESTITUTION,
+    default_threshold,
+    extrapolated,
+)
+from stochvi.model.modal import LinearLaw, Modes, modes_of
+from stochvi.model.model import Assembly, Contact
+from stochvi.model.scales import PairScale, scales_of
+from stochvi.results.errors import NotApplicable
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+LARGEST_ANGLE = 0.4
+"""omega h of the fastest mode or signal, for the quintic and the series: errors below 1e-7."""
+
+LONGEST_FLOW = 2.0
+"""Norm of the generator times a step up to which the series converges and quintics find impacts:
+errors below (omega h)^6 / 46080 of an amplitude."""
+
+FEWEST_LANES = 32
+"""Of a block: with fewer, a step costs hardly less."""
+
+MOST_MODAL_STEPS = MOST_STEPS / 4.0
+"""Of one path, each of which takes longer than that of one oscillator."""
+
+LYING = 16.0
+"""Cost of a step of a mass that lies on a stop, in steps of one that flies."""
+
+INDEPENDENT = 1e-12
+"""Share of the largest variance of a kick below which a noise is left out."""
+
+NEGLIGIBLE = 1e-10
+"""Variance that the noise of signals brings to a state in a step, relative to the state's own,
+which is left out."""
+
+SERIES_ERROR = 1e-13
+"""Relative error of the Taylor series of the response to an impact."""
+
+MOST_TERMS = 20
+"""Of such a series."""
+
+SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
+"""Names of the ROWS_OF_PAIR sums over the impacts of a pair."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalPlan:
+    """Steps, start and lengths for a scene of any structure without tabulated noise (SI units)."""
+
+    assembly: Assembly
+    modes: Modes
+    law: LinearLaw
+    pairs: tuple[PairScale, ...]
+    step: float
+    burn_in: float
+    duration: float
+    speed_threshold: float | None
+
+    method = "kick-flow-kick in modal coordinates"
+    contacts = False
+    sums_of_pair = SUMS_OF_PAIR
+
+    @property
+    def elastic(self) -> bool:
+        """Whether any step leaves the stationary law exact: matched noise, elastic stops."""
+        return self.assembly.elastic and self.assembly.temperature is not None
+
+    @property
+    def states(self) -> int:
+        """Displacements, velocities, and the states of signals."""
+        return len(self.law.covariance)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """What the rows of `averages` are."""
+        rows: list[Key] = [
+            (name, what) for name in self.assembly.coordinates for what in ("x", "xx", "vv")
+        ]
+        rows += [("", what) for what in ("kinetic", "potential", "dissipation")]
+        rows += [
+            (gap_of(contact), what) for contact in self._relative for what in ("x", "xx", "vv")
+        ]
+        thresholds = {}
+        for contact, scale in zip(self.assembly.contacts, self.pairs, strict=True):
+            rows += [(contact.name, name) for name in self.sums_of_pair]
+            thresholds[contact.name] = self._threshold(contact, scale)
+        origins = dict(zip(self.assembly.coordinates, self._origin.tolist(), strict=True))
+        for contact in self._relative:
+            origins[gap_of(contact)] = float(contact.direction @ self._origin)
+        return Layout(rows=tuple(rows), origins=origins, thresholds=thresholds)
+
+    @property
+    def _relative(self) -> list[Contact]:
+        """Pairs of two coordinates, whose difference is an answer of its own."""
+        return [contact for contact in self.assembly.contacts if is_relative(contact)]
+
+    def _threshold(self, contact: Contact, scale: PairScale) -> float:
+        if self.speed_threshold is not None:
+            return self.speed_threshold
+        elastic = all(r == 1.0 for r in restitutions(contact))
+        return default_threshold(elastic, scale.speed)
+
+    @property
+    def _origin(self) -> Vector:
+        """About where the coordinates stay (n,)."""
+        origin: Vector = self.modes.shapes @ (self.modes.rest + self.law.mean)
+        return origin
+
+    @property
+    def block(self) -> int:
+        """Paths to a block, the unit of work: some seconds at most."""
+        # a step in contact is flown by itself: at a stop that gives way, and where no kick lifts a
+        # mass that lies on one
+        quick = self.modes.kicked and not self.contacts
+        longest = LONGEST_BLOCK if quick else LONGEST_BLOCK / LYING
+        return max(FEWEST_LANES, min(MOST_PATHS, int(longest // self.steps_per_path)))
+
+    @property
+    def hits_in_a_cluster(self) -> float:
+        """Periods in which the energy is remembered, at most one hit each on either stop."""
+        return max(1.0, self.modes.fastest / (2.0 * math.pi) * self.law.slowest)
+
+    def step_bias(self, name: str, difference: float) -> float | None:
+        """What the step leaves in a quantity, from its difference to twice the step; None for
+        rates of slow impacts under white noise, as `WhitePlan.step_bias` says. Under signals
+        alone the motion is smooth and the order is 2."""
+        found = [r for contact in self.assembly.contacts for r in restitutions(contact)]
+        if not self.modes.kicked or not found:
+            return difference / 3.0
+        lossiest = min(found)
+        pressed = any(scale.pressing > 0.0 for scale in self.pairs)
+        unknown = name in RATES and (lossiest < WELL_RESOLVED_RESTITUTION or pressed)
+        return None if unknown else extrapolated(name, difference, lossiest)
+
+    @property
+    def steps(self) -> int:
+        """Counted steps of a path."""
+        return max(2, math.ceil(self.duration / self.step))
+
+    @property
+    def _burn_in_steps(self) -> int:
+        return math.ceil(self.burn_in / self.step)
+
+    @property
+    def steps_per_path(self) -> int:
+        """All steps of a path, burn-in included."""
+        return self.steps + self._burn_in_steps
+
+    @property
+    def recorded_samples(self) -> int:
+        """Samples of a recorded path."""
+        return self.steps
+
+    def coarser(self) -> ModalPlan:
+        """The same paths at twice the step, to measure what the step leaves as bias."""
+        return self.with_step(2.0 * self.step)
+
+    def finer(self) -> ModalPlan:
+        """The same paths at half the step."""
+        return self.with_step(self.step / 2.0)
+
+    def with_step(self, step: float) -> ModalPlan:
+        """The same paths at a chosen step, s; ValueError if impacts would go unseen in it."""
+        if self.assembly.contacts and self._size_of_flow * step > LONGEST_FLOW:
+            longest = LONGEST_FLOW / self._size_of_flow
+            raise ValueError(
+                f"step must be at most {longest:.3g} s where there are stops, got {step:g} s"
+            )
+        return replace(self, step=step)
+
+    def shortest(self) -> ModalPlan:
+        """Two steps: enough to have the kernels compiled."""
+        return replace(self, burn_in=self.step, duration=2.0 * self.step)
+
+    def averages(
+        self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ..."""
+        streams = np.empty((2, paths), np.uint64)
+        seed_streams(np.uint64(seed), first_path, streams)
+        state = self.start(streams)
+        n, pairs = self.modes.size, len(self.assembly.contacts)
+        moments = n + n * (n + 1)
+        sums = np.zeros((moments + len(self.sums_of_pair) * pairs, paths))
+        stride = self._stride
+        self._fly(
+            state, streams, sums,
+            0 if record is not None else self._burn_in_steps, self.steps, stride, record,
+        )  # fmt: skip
+        sums[:moments] /= math.ceil(self.steps / stride)
+        sums[moments:] /= self.steps * self.step
+        return self._physical(sums)
+
+    def _fly(
+        self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, burn_in: int, steps: int,
+        stride: int, record: NDArray[np.float64] | None,
+    ) -> None:  # fmt: skip
+        """Fly paths on, and add what the last `steps` bring to `sums`."""
+        run_modes(state, streams, sums, *self._kernel_constants, burn_in, steps, stride, record)
+
+    def counts(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> NDArray[np.float64]:
+        """Fly paths on for some steps: impacts of each pair on its stops (pairs, 2, paths).
+
+        `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
+        """
+        n, pairs = self.modes.size, len(self.assembly.contacts)
+        moments = n + n * (n + 1)
+        sums = np.zeros((moments + ROWS_OF_PAIR * pairs, state.shape[1]))
+        run_modes(state, streams, sums, *self._kernel_constants, 0, steps, steps, None)
+        found: NDArray[np.float64] = sums[moments:].reshape(pairs, 2, -1, state.shape[1])[:, :, 0]
+        return found
+
+    def recorded(self, record: NDArray[np.float64]) -> dict[str, Vector]:
+        """Columns of one path: displacement and velocity of every coordinate, impact speeds."""
+        n, shapes, found = self.modes.size, self.modes.shapes, {}
+        for row, name in enumerate(self.assembly.coordinates):
+            rest = float(shapes[row] @ self.modes.rest)
+            found[f"displacement of {name}"] = rest + record[:, 0, :n] @ shapes[row]
+            found[f"velocity of {name}"] = record[:, 0, n : 2 * n] @ shapes[row]
+        for j, contact in enumerate(self.assembly.contacts):
+            found[f"impact_speed of {contact.name}"] = record[:, 0, 2 * n + j]
+        return found
+
+    @property
+    def record_width(self) -> int:
+        """Numbers to record of a sample."""
+        return 2 * self.modes.size + len(self.assembly.contacts)
+
+    @property
+    def _stride(self) -> int:
+        fastest = max(self.modes.fastest, 1.0 / self.burn_in)
+        return max(1, round(MOMENT_ANGLE / fastest / self.step))
+
+    def _physical(self, sums: Matrix) -> Matrix:
+        """Moments of coordinates and energies from those of modes; velocities in mid-kick."""
+        n = self.modes.size
+        upper = np.triu_indices(n)
+        half = len(upper[0])
+        paths = sums.shape[1]
+        displacements, velocities = np.empty((n, n, paths)), np.empty((n, n, paths))
+        for target, first in ((displacements, n), (velocities, n + half)):
+            target[upper] = sums[first : first + half]
+            target[upper[::-1]] = sums[first : first + half]
+        decay, brought = self._half_kick
+        velocities = np.einsum("ij,jkp,lk->ilp", decay, velocities, decay)
+        velocities += _product(brought, brought.T)[:, :, None]
+        shapes = self.modes.shapes
+        rows = np.empty((len(self.layout.rows), paths))
+        energies = slice(3 * n, 3 * n + 3)
+        gaps = slice(3 * n + 3, 3 * n + 3 + 3 * len(self._relative))
+        rows[: 3 * n] = _mean_squares(shapes, sums[:n], displacements, velocities)
+        rows[energies] = (
+            np.einsum("iip->p", velocities),
+            np.einsum("i,iip->p", self.modes.squares, displacements),
+            np.einsum("ij,ijp->p", self.modes.damping, velocities),
+        )
+        relative = [is_relative(contact) for contact in self.assembly.contacts]
+        rows[gaps] = _mean_squares(self.modes.gaps[relative], sums[:n], displacements, velocities)
+        rows[gaps.stop :] = sums[n + 2 * half :]
+        return rows
+
+    @cached_property
+    def _half_kick(self) -> tuple[Matrix, Matrix]:
+        """The kick from the start of a step to its middle."""
+        return self._kick(self.step / 2.0)
+
+    def _kick(self, h: float) -> tuple[Matrix, Matrix]:
+        """(E, L) of the kick over h: p <- E p + L z."""
+        modes = self.modes
+        if not modes.kicked:
+            return np.eye(modes.size), np.zeros((modes.size, 0))
+        brought = step_covariance(-modes.damping, modes.white, h)
+        return transition(-modes.damping, h), square_root(brought, INDEPENDENT)
+
+    @cached_property
+    def _kernel_constants(self) -> tuple[Any, ...]:
+        modes, h = self.modes, self.step
+        n, flow = modes.size, self.modes.flow
+        motion = slice(n, 2 * n)
+        decay, brought = self._kick(h)
+        size = self._size
+        grown = size[:, None] * transition(flow * size / size[:, None], h) / size
+        kicked = np.eye(len(flow))
+        kicked[motion, motion] = decay
+        drawn = np.hstack([grown[:, motion] @ brought, self._signal_noise(flow)])
+        displacement = np.hstack([modes.gaps, np.zeros((len(modes.gaps), len(flow) - n))])
+        speed = np.roll(displacement, n, axis=1)
+        curvature = speed @ flow
+        speed_drawn = np.zeros((len(modes.gaps), drawn.shape[1]))
+        speed_drawn[:, : brought.shape[1]] = modes.gaps @ brought
+        passes = (
+            _table(grown @ kicked), _table(drawn), drawn.shape[1], _table(speed @ kicked),
+            _table(speed_drawn), _table(curvature @ kicked), _table(displacement), _table(speed),
+            _table(curvature),
+        )  # fmt: skip
+        # a grazing path may leave the hull of its cubic by its fourth derivative
+        margins = (modes.fastest * h) ** 3 / 384.0 * h * np.array([s.speed for s in self.pairs])
+        resets = self._resets(flow, speed, curvature)
+        series, _, later = resets
+        impact = np.vstack([later[0, 0], series[0]]) if len(series) == 1 else np.zeros((0, 1))
+        return (
+            h, n, passes, self._stops, margins, resets, _table(impact), self.law.mean,
+        )  # fmt: skip
+
+    def _signal_noise(self, flow: Matrix) -> Matrix:
+        """Columns of what the noise of the signals brings to all states in a step."""
+        modes = self.modes
+        if not np.any(modes.signal_noise):
+            return np.zeros((len(flow), 0))
+        size = self._size
+        intensity = modes.noise(np.zeros_like(modes.white)) / np.outer(size, size)
+        values, vectors = np.linalg.eigh(
+            step_covariance(flow * size / size[:, None], intensity, self.step)
+        )
+        kept = values > NEGLIGIBLE
+        columns: Matrix = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+        return columns
+
+    @property
+    def _size(self) -> Vector:
+        """A unit for each state, in which a generator holds rates only: its standard deviation."""
+        law = self.law
+        squares = np.diag(law.covariance) + sum(np.abs(wave) ** 2 / 2.0 for wave in law.waves)
+        own: Vector = np.sqrt(np.maximum(squares, 0.0))
+        return np.where(own > 0.0, own, 1.0)
+
+    @property
+    def _stops(self) -> NDArray[np.float64]:
+        """Position from the rest, restitution and threshold: (pairs, lower and upper, 3)."""
+        stops = np.full((len(self.assembly.contacts), 2, 3), np.inf)
+        stops[:, 0, 0] = -np.inf
+        for j, contact in enumerate(self.assembly.contacts):
+            rest = float(self.modes.gaps[j] @ self.modes.rest)
+            for side, stop, law in contact.stops:
+                threshold = self.layout.thresholds[contact.name]
+                stops[j, int(side == "upper")] = stop - rest, law.restitution, threshold
+        return stops
+
+    def _resets(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> tuple[Any, ...]:
+        """Taylor series of the response to a unit change of each pair's speed."""
+        pairs, n = len(speed), self.modes.size
+        masses = np.array([contact.mass for contact in self.assembly.contacts])
+        displacement = np.roll(speed, -n, axis=1)
+        terms = [speed.T * masses]
+        size = self._size_of_flow * self.step
+        while len(terms) < MOST_TERMS and _term(size, len(terms)) > SERIES_ERROR:
+            terms.append(flow @ terms[-1] / len(terms))
+        series = np.array(terms).transpose(2, 1, 0)  # pairs, states, terms
+        later = np.stack(
+            [np.einsum("os,psk->pok", rows, series) for rows in (displacement, speed, curvature)],
+            axis=2,
+        )
+        at_once = np.ascontiguousarray(later[:, :, 1:, 0])
+        return np.ascontiguousarray(series[:, : 2 * n]), at_once.reshape(pairs, pairs, 2), later
+
+    @cached_property
+    def _size_of_flow(self) -> float:
+        """Norm of the generator of displacements and velocities, 1/s."""
+        motion = slice(0, 2 * self.modes.size)
+        return float(np.linalg.norm(self.modes.flow[motion, motion] * self._balance, 2))
+
+    @property
+    def _balance(self) -> Matrix:
+        """Scales displacements by the fastest frequency, so that a norm means something."""
+        n, omega = self.modes.size, max(self.modes.fastest, 1.0 / self.burn_in)
+        size = np.concatenate([np.full(n, omega), np.ones(n)])
+        balance: Matrix = size[:, None] / size
+        return balance
+
+    @cached_property
+    def _root(self) -> Matrix:
+        """Columns that bring the covariance of the linear law."""
+        return square_root(self.law.covariance, INDEPENDENT)
+
+    def start(self, streams: NDArray[np.uint64]) -> Matrix:
+        """Independent draws of the linear law, put between the stops: close to stationary."""
+        modes, law = self.modes, self.law
+        paths, states = streams.shape[1], len(law.covariance)
+        rows = -(-states // 2) + len(modes.sines)
+        first, second = np.empty((2, rows, paths))
+        normal_rows(streams[0], streams[1], first, second)
+        root = self._root
+        state = _product(root, np.concatenate([first, second])[: root.shape[1]])
+        for number, wave in enumerate(law.waves):
+            turn = np.exp(1j * np.arctan2(first[-1 - number], second[-1 - number]))
+            state += (wave[:, None] * turn).real
+        if len(modes.signals) % 2:
+            state[-1] = 1.0
+        state[: modes.size] += law.mean[:, None]
+        return self.between_stops(state)
+
+    def between_stops(self, state: Matrix) -> Matrix:
+        """States (states, paths) whose gaps are moved onto the stops that they lie beyond."""
+        modes = self.modes
+        for _ in range(MOST_SWEEPS):
+            largest = 0.0
+            for gap, stops in zip(modes.gaps, self._stops, strict=True):
+                (y,) = _product(gap[None], state[: modes.size])
+                moved = np.clip(y, stops[0, 0], stops[1, 0]) - y
+                state[: modes.size] += np.outer(gap / np.sum(gap**2), moved)
+                largest = max(largest, float(np.max(np.abs(moved))))
+            if len(modes.gaps) < 2 or largest == 0.0:
+                break
+        return np.ascontiguousarray(state)
+
+
+def plan_modal(assembly: Assembly, threshold: float | None, duration: float | None) -> ModalPlan:
+    """Choose step, burn-in and length for a scene of any structure with rigid stops, no tables."""
+    unmet = assembly.not_rigid()
+    if assembly.tables:
+        unmet.append("excitation must not be tabulated where the paths are steps of states alone")
+    if unmet:
+        raise NotApplicable("simulate", unmet)
+    return ModalPlan(**basis(assembly, threshold, duration))
+
+
+def basis(assembly: Assembly, threshold: float | None, duration: float | None) -> dict[str, Any]:
+    """What any plan in modal coordinates begins with: modes, a rough law, step and lengths."""
+    if not np.any(assembly.white) and not assembly.signals and not assembly.tables:
+        raise NotApplicable(
+            "simulate", ["excitation must contain noise or a sine, got a constant load alone"]
+        )
+    modes = modes_of(assembly)
+    found = scales_of(assembly, modes)
+    if found is None:
+        raise NotApplicable(
+            "simulate",
+            [
+                "every mode must be shaken, lose energy by damping or at stops of a restitution "
+                "below 1, and be held by stiffness or stops (no stationary state was found)"
+            ],
+        )
+    law, pairs = found
+    step = _step(assembly, modes, law, pairs)
+    burn_in = RELAXATIONS * law.slowest
+    length = DURATION * burn_in if duration is None else duration
+    if burn_in + length > MOST_MODAL_STEPS * step:
+        raise NotApplicable(
+            "simulate",
+            [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
+             f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_MODAL_STEPS:.2g} are made: "
+             "the times in which the scene hits, swings and settles lie too far apart"],
+        )  # fmt: skip
+    return {
+        "assembly": assembly, "modes": modes, "law": law, "pairs": pairs, "step": step,
+        "burn_in": burn_in, "duration": length, "speed_threshold": threshold,
+    }  # fmt: skip
+
+
+def _step(assembly: Assembly, modes: Modes, law: LinearLaw, pairs: tuple[PairScale, ...]) -> float:
+    exact = not modes.kicked or (assembly.elastic and assembly.temperature is not None)
+    limits = []
+    if modes.fastest > 0.0:
+        limits.append((LARGEST_ANGLE if exact else LOSSY_ANGLE) / modes.fastest)
+    if not exact:
+        limits.append(LOSSY_DECAY / float(law.decay[-1]))
+    if not modes.kicked:
+        # then the damping is in the flow, of which a fast decay must be followed as well
+        fastest = float(np.linalg.eigvalsh(modes.damping)[-1])
+        limits += [LARGEST_ANGLE / fastest] if fastest > 0.0 else []
+    for contact, scale in zip(assembly.contacts, pairs, strict=True):
+        if contact.lower is not None and contact.upper is not None:
+            limits.append(GAP_PER_STEP * (contact.upper - contact.lower) / scale.speed)
+        if scale.pressing > 0.0:
+            limits.append(BOUNCE_PER_STEP * scale.speed / scale.pressing)
+    return min(limits)
+
+
+def _table(matrix: Matrix) -> tuple[NDArray[np.int64], NDArray[np.int64], Vector]:
+    """A matrix by rows without its zeros: where rows start, columns, weights; no row is empty."""
+    starts, columns, weights = [0], [], []
+    for row in matrix:
+        kept = np.flatnonzero(row)
+        if len(kept) == 0 and len(row) > 0:
+            kept = np.array([0])
+        columns += kept.tolist()
+        weights += row[kept].tolist()
+        starts.append(len(columns))
+    return np.array(starts), np.array(columns, np.int64), np.array(weights, float)
+
+
+def _mean_squares(
+    shapes: Matrix, means: Matrix, displacements: Matrix, velocities: Matrix
+) -> Matrix:
+    """Means of y, y^2 and y'^2, in turn, of sums y = shapes . q of modal displacements."""
+    rows = np.empty((3 * len(shapes), means.shape[1]))
+    rows[0::3] = _product(shapes, means)
+    rows[1::3] = np.einsum("ij,jkp,ik->ip", shapes, displacements, shapes)
+    rows[2::3] = np.einsum("ij,jkp,ik->ip", shapes, velocities, shapes)
+    return rows
+
+
+def _product(matrix: Matrix, columns: Matrix) -> Matrix:
+    """Matrix product without the threads of a linear algebra library, which would stand in the way
+    of those that fly paths."""
+    product: Matrix = np.einsum("ij,jp->ip", matrix, columns)
+    return product
+
+
+def _term(size: float, order: int) -> float:
+    """Bound of the term of this order of exp, for a matrix of this norm."""
+    return math.exp(order * math.log(size) - math.lgamma(order + 1.0)) if size > 0.0 else 0.0

@@ -1,0 +1,125 @@
+"""Stops that give way on structures of several modes: the plan, and a block of paths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
+from stochvi.methods.monte_carlo.compliant import SUMS_OF_A_STOP, _stop
+from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
+from stochvi.methods.monte_carlo.kernels.driven_modes import run_driven_modes
+from stochvi.methods.monte_carlo.modal import SUMS_OF_PAIR, ModalPlan, basis
+from stochvi.methods.monte_carlo.tabulated import MOST_SUB_STEPS
+from stochvi.model.model import Assembly
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import CompliantLaw
+
+Matrix = NDArray[np.float64]
+
+SUMS_OF_CONTACT_PAIR = (
+    *SUMS_OF_PAIR,
+    *(f"{name}_{side}" for side in ("lower", "upper") for name, _ in SUMS_OF_A_STOP),
+)
+"""Names of the ROWS_OF_CONTACT_PAIR sums, those of contacts per unit of the reduced mass."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalContactsPlan(ModalPlan):
+    """Steps, start and lengths where a stop of some pair gives way (SI units)."""
+
+    @property
+    def method(self) -> str:  # type: ignore[override]
+        """What is done, in words."""
+        way = "kick-flow-kick" if self.modes.kicked else "exact steps"
+        return f"{way} in modal coordinates, contacts integrated in sub-steps"
+
+    @property
+    def contacts(self) -> bool:  # type: ignore[override]
+        """Whether a stop gives way; pairs then have SUMS_OF_CONTACT_PAIR."""
+        return bool(self.assembly.not_rigid())
+
+    @property
+    def sums_of_pair(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of the sums over impacts and contacts of a pair."""
+        return SUMS_OF_CONTACT_PAIR if self.contacts else SUMS_OF_PAIR
+
+    def _fly(
+        self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, burn_in: int, steps: int,
+        stride: int, record: NDArray[np.float64] | None, tables: tuple[Any, ...] | None = None,
+    ) -> None:  # fmt: skip
+        h, n, passes, stops, margins, resets, _, origins = self._kernel_constants
+        laws, structure = self._contact_constants
+        run_driven_modes(
+            state, streams, sums, h, n, passes, stops, margins, resets, origins, tables, laws,
+            structure, burn_in, steps, stride, record,
+        )  # fmt: skip
+
+    @cached_property
+    def _contact_constants(self) -> tuple[Any, ...]:
+        """Laws of the stops per unit of the reduced mass, and the structure that they act on."""
+        if not self.contacts:
+            return None, None
+        contacts, modes = self.assembly.contacts, self.modes
+        found = {
+            (j, int(side == "upper")): _stop(0.0, law.per_unit_mass(contact.mass))[1:]
+            for j, contact in enumerate(contacts)
+            for side, _, law in contact.stops
+        }
+        longest = max(len(data) for _, data in found.values())
+        kinds = np.zeros((len(contacts), 2), np.int64)
+        laws = np.zeros((len(contacts), 2, longest, 3))
+        laws[:, :, 1:, 0] = np.inf
+        for place, (kind, data) in found.items():
+            kinds[place] = kind
+            laws[(*place, slice(len(data)), slice(data.shape[1]))] = data
+        masses = np.array([contact.mass for contact in contacts])
+        damping = np.zeros((modes.size, 0)) if modes.kicked else modes.damping
+        decay = 0.0 if modes.kicked else float(np.linalg.eigvalsh(modes.damping)[-1])
+        structure = (
+            modes.squares, damping, modes.gaps, modes.gaps * masses[:, None],
+            max(modes.fastest, decay),
+        )  # fmt: skip
+        return (kinds, laws), structure
+
+
+def plan_modal_contacts(
+    assembly: Assembly, threshold: float | None, duration: float | None
+) -> ModalContactsPlan:
+    """Choose step, burn-in and length where a stop of some pair gives way.
+
+    Raises
+    ------
+    NotApplicable
+        Where there is no stationary state, or a mass lies on a stop that is too stiff to follow.
+    """
+    plan = ModalContactsPlan(**basis(assembly, threshold, duration))
+    check_stiffness(plan)
+    return plan
+
+
+def check_stiffness(plan: ModalContactsPlan) -> None:
+    """NotApplicable for stops that a mass stays on, as it is pressed onto them or comes to rest
+    between noise and loss, and whose contact would take too many sub-steps."""
+    unmet = []
+    for contact, scale in zip(plan.assembly.contacts, plan.pairs, strict=True):
+        for side, _, law in contact.stops:
+            stays = scale.pressing > 0.0 or law.restitution <= COLLAPSE_RESTITUTION
+            if not (isinstance(law, CompliantLaw) and stays):
+                continue
+            _, kind, data = _stop(0.0, law.per_unit_mass(contact.mass))
+            rate = contact_rate(0.0, scale.speed, scale.pressing, (0.0, 0.0), kind, data)
+            needed = plan.step * math.hypot(rate, plan.modes.fastest) / CONTACT_ANGLE
+            if needed > MOST_SUB_STEPS:
+                unmet.append(
+                    f"a mass that stays on the {side} stop of {contact.name}, which is this stiff, "
+                    f"needs {needed:.2g} sub-steps in each step, at most {MOST_SUB_STEPS} are "
+                    "made; take a rigid stop (law.kind = 'restitution')"
+                )
+    if unmet:
+        raise NotApplicable("simulate", unmet)

@@ -1,0 +1,312 @@
+"""Tabulated noise on structures of several modes: the plan, and a block of paths.
+
+The response to the tables without stops is synthesised: a periodic Gaussian signal of all modes at
+once, a sum over bins of width 1 / length with common coefficients, each mode through its own H (see
+`frequency_response.bin_amplitudes`). To it are added, step by step, what impacts and contacts
+change, and the response to white noise (kicks) and signals (states), which are exact over a step.
+As for one oscillator (`tabulated`), bins up to half the sampling rate are synthesised, and the last
+quarter of them is scaled up so that no velocity variance is lost beyond.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import ifft
+
+from stochvi.mathematics.frequency_response import (
+    Waves,
+    beyond,
+    bin_amplitudes,
+    covariance,
+    eigenvalues,
+)
+from stochvi.methods.monte_carlo.kernels.driven_modes import fill_modal_spectrum
+from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.methods.monte_carlo.modal import Matrix, ModalPlan, Vector, _table, basis
+from stochvi.methods.monte_carlo.modal_contacts import ModalContactsPlan, check_stiffness
+from stochvi.methods.monte_carlo.tabulated import (
+    BIN_ERROR,
+    BLOCK_RELAXATIONS,
+    BLOCK_SAMPLES,
+    FOLD_FROM,
+    GAP_PER_SAMPLE,
+    LARGEST_BLOCK,
+    LARGEST_LOSS,
+    MOST_BLOCKS,
+    MOST_DOUBLINGS,
+    MOST_SAMPLES,
+    SAMPLES_PER_PERIOD,
+    WARM_UP_RELAXATIONS,
+    _even_fast_length,
+)
+from stochvi.model.modal import UNSTABLE, Modes
+from stochvi.model.model import Assembly
+from stochvi.results.errors import NotApplicable
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModalTablesPlan(ModalContactsPlan):
+    """Sampling and lengths for a structure of any kind under tabulated noise, which may have
+    company (SI units). `burn_in` is that of each of a path's `blocks`."""
+
+    samples: int
+    block_length: float
+    blocks: int
+
+    @property
+    def method(self) -> str:  # type: ignore[override]
+        """What is done, in words."""
+        return "response-domain synthesis in modal coordinates"
+
+    @property
+    def block(self) -> int:
+        """Paths that are synthesised together: a few megabytes of samples, a power of two."""
+        room = BLOCK_SAMPLES // (self.samples * self.modes.size)
+        return 1 << (max(1, min(LARGEST_BLOCK, room)).bit_length() - 1)
+
+    @property
+    def _counted_of_block(self) -> int:
+        return max(1, min(self.samples, round(self.duration / self.blocks / self.step)))
+
+    @property
+    def steps(self) -> int:
+        """Counted samples of a path."""
+        return self._counted_of_block * self.blocks
+
+    @property
+    def _burn_in_steps(self) -> int:
+        return min(self.samples - 1, math.ceil(self.burn_in / self.step))
+
+    @property
+    def steps_per_path(self) -> int:
+        """All samples of a path, warm-up included."""
+        return self.steps + self._burn_in_steps * self.blocks
+
+    def with_step(self, step: float) -> ModalTablesPlan:
+        """Paths at a chosen sampling interval, s; those of common bins have common amplitudes."""
+        return self._with_samples(_even_fast_length(self.block_length / step))
+
+    def with_block(self, length: float) -> ModalTablesPlan:
+        """Paths of one block of so many seconds, at about the same sampling interval."""
+        return replace(self, block_length=length, blocks=1).with_step(self.step)
+
+    def coarser(self) -> ModalTablesPlan:
+        """The same paths at half the sampling rate."""
+        return self._with_samples(2 * (self.samples // 4))
+
+    def _with_samples(self, samples: int) -> ModalTablesPlan:
+        return replace(self, samples=samples, step=self.block_length / samples)
+
+    def shortest(self) -> ModalTablesPlan:
+        """A few samples: enough to have the kernels compiled."""
+        return replace(
+            self, samples=32, block_length=32 * self.step, blocks=1,
+            burn_in=self.step, duration=2.0 * self.step,
+        )  # fmt: skip
+
+    def averages(
+        self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ..."""
+        # the last stream of a path is that of its kicks and signals: no block comes that far
+        streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
+        state = self.start(streams)
+        n, pairs = self.modes.size, len(self.assembly.contacts)
+        moments = n + n * (n + 1)
+        sums = np.zeros((moments + len(self.sums_of_pair) * pairs, paths))
+        counted, stride = self._counted_of_block, self._stride
+        middle = _table(np.hstack([np.zeros((n, n)), self._kick(self.step / 2.0)[0]]))
+        for number in range(self.blocks):
+            free = self.free_response(seed, first_path, paths, number)
+            before = free[self.samples - self._burn_in_steps - 1, :, 0::2]
+            state[:n] += before
+            state = self.between_stops(state)
+            state[:n] -= before
+            block_record = None
+            if record is not None:
+                block_record = record[number * counted : (number + 1) * counted]
+            self._fly(
+                state, streams, sums, self._burn_in_steps, counted, stride, block_record,
+                (free, self._scale, middle),
+            )  # fmt: skip
+        sums[:moments] /= math.ceil(counted / stride) * self.blocks
+        sums[moments:] /= self.steps * self.step
+        return self._physical(sums)
+
+    def start(self, streams: NDArray[np.uint64]) -> Matrix:
+        """Draws of what is not synthesised; the rest of the motion begins at none."""
+        own = replace(self, law=self.law._replace(covariance=self._own_covariance))
+        return ModalPlan.start(own, streams)
+
+    @property
+    def _own_covariance(self) -> Matrix:
+        """That of the signals: displacements and velocities begin with what is correlated."""
+        n = self.modes.size
+        inner = self.law.covariance.copy()
+        inner[: 2 * n, : 2 * n] = 0.0
+        inner[: 2 * n, 2 * n :] = inner[2 * n :, : 2 * n] = 0.0
+        return inner
+
+    @cached_property
+    def _half_kick(self) -> tuple[Matrix, Matrix]:
+        """Moments are taken of velocities in mid-kick, but for what the half of it brings."""
+        return np.eye(self.modes.size), self._kick(self.step / 2.0)[1]
+
+    @property
+    def _scale(self) -> float:
+        """Velocities are synthesised over this frequency, rad/s, as displacements are."""
+        return max(self.modes.fastest, 2.0 * math.pi / self.block_length)
+
+    @cached_property
+    def amplitudes(self) -> Waves:
+        """B of each synthesised bin, (bins, modes, tables), the last quarter scaled up."""
+        count = self.samples // 2
+        found, missing = [], np.zeros(self.modes.size)
+        for table, force in self.modes.tables:
+            matrices = np.diag(self.modes.squares), self.modes.damping
+            found.append(bin_amplitudes(table, force, *matrices, self.block_length, count)[0])
+            whole = covariance([(table, force)], *matrices)
+            missing += np.diag(whole)[self.modes.size :]
+        waves: Waves = np.stack(found, axis=2)
+        omega2 = (2.0 * np.pi / self.block_length * np.arange(1, count)) ** 2
+        velocities = omega2[:, None] * np.sum(np.abs(waves) ** 2, axis=2)
+        missing -= velocities.sum(axis=0)
+        last = int(FOLD_FROM * (count - 1))
+        top = velocities[last:].sum(axis=0)
+        grown = np.divide(missing, top, out=np.zeros_like(top), where=(top > 0.0) & (missing > 0.0))
+        waves[last:] *= np.sqrt(1.0 + grown)[:, None]
+        return waves
+
+    def free_response(
+        self, seed: int, first_path: int, paths: int, number: int
+    ) -> NDArray[np.float64]:
+        """Modal displacements and velocities over `_scale`, in turn, without stops, of block
+        `number` of each path: (samples, modes, 2 paths)."""
+        streams = _streams(seed, first_path, paths, number)
+        waves = self.amplitudes
+        relative = 2.0 * np.pi / self.block_length / self._scale * np.arange(1, len(waves) + 1)
+        spectrum = np.empty((self.samples, self.modes.size, paths), complex)
+        real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
+        fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
+        free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        response: NDArray[np.float64] = free.view(np.float64)
+        return response
+
+
+def _streams(seed: int, first_path: int, paths: int, number: int) -> NDArray[np.uint64]:
+    """The random stream `number` of each path, whatever the streams of other paths."""
+    streams = np.empty((2, paths), np.uint64)
+    for index in range(paths):
+        stream = (first_path + index) * MOST_BLOCKS + number
+        seed_streams(np.uint64(seed), stream, streams[:, index : index + 1])
+    return streams
+
+
+def plan_modal_tables(
+    assembly: Assembly, threshold: float | None, duration: float | None
+) -> ModalTablesPlan:
+    """Choose sampling and lengths for a structure of any kind with tabulated noise.
+
+    Raises
+    ------
+    NotApplicable
+        Where a mode has no damping of its own, there is no stationary state, or times lie too far
+        apart.
+    """
+    known = basis(assembly, threshold, duration)
+    modes: Modes = known["modes"]
+    warm_up = 2.0 * WARM_UP_RELAXATIONS * known["law"].slowest
+    length = _block_length(modes, max(_resonance_length(modes), 2.0 * warm_up))
+    blocks = 1 if duration is None else math.ceil(duration / length)
+    if blocks >= MOST_BLOCKS:
+        raise NotApplicable(
+            "simulate",
+            [f"a path of {duration:.3g} s needs more than {MOST_BLOCKS} blocks of {length:.3g} s; "
+             "give a shorter duration and more paths"],
+        )  # fmt: skip
+    samples = _samples(modes, length, 1.0 / _interval(assembly, known))
+    plan = ModalTablesPlan(**known, samples=samples, block_length=length, blocks=blocks)
+    plan = replace(
+        plan,
+        step=length / samples,
+        burn_in=warm_up,
+        duration=length if duration is None else duration,
+    )
+    check_stiffness(plan)
+    return plan
+
+
+def _interval(assembly: Assembly, known: dict[str, Any]) -> float:
+    """Longest time between samples: of the steps of states, of a period, of the way to a stop."""
+    limits: list[float] = [known["step"]]
+    fastest = known["modes"].fastest
+    if fastest > 0.0:
+        limits.append(2.0 * math.pi / fastest / SAMPLES_PER_PERIOD)
+    for contact, scale in zip(assembly.contacts, known["pairs"], strict=True):
+        if contact.lower is not None and contact.upper is not None:
+            limits.append(GAP_PER_SAMPLE * (contact.upper - contact.lower) / scale.speed)
+    return min(limits)
+
+
+def _resonance_length(modes: Modes) -> float:
+    """Seconds in which bins resolve every resonance; NotApplicable where one has no width."""
+    found = [0.0]
+    for value in eigenvalues(np.diag(modes.squares), modes.damping):
+        if abs(value) <= UNSTABLE * modes.fastest:
+            continue  # a loose mass: nothing swings
+        if -value.real <= UNSTABLE * modes.fastest:
+            raise NotApplicable(
+                "simulate",
+                [f"tabulated noise needs damping > 0 in every mode, got none at "
+                 f"{abs(value) / (2.0 * math.pi):.3g} Hz"],
+            )  # fmt: skip
+        found.append(BLOCK_RELAXATIONS * max(-1.0 / value.real, 1.0 / abs(value)))
+    return max(found)
+
+
+def _block_length(modes: Modes, shortest: float) -> float:
+    """Seconds of a block whose bins are narrow enough for the slowest parts of the tables: the
+    velocity variances from their middles must be the true ones."""
+    stiffness = np.diag(modes.squares)
+    length = shortest or max(1.0 / float(table.frequency_hz[0]) for table, _ in modes.tables)
+    for _ in range(MOST_DOUBLINGS):
+        error = 0.0
+        for table, force in modes.tables:
+            highest = max(modes.fastest / math.pi, 2.0 * float(table.frequency_hz[0]))
+            count = math.ceil(min(highest * length, MOST_SAMPLES / 2)) + 2
+            waves, exact = bin_amplitudes(table, force, stiffness, modes.damping, length, count)
+            omega2 = (2.0 * np.pi / length * np.arange(1, count)) ** 2
+            found = omega2[:, None] * np.abs(waves) ** 2
+            total = np.maximum(exact.sum(axis=0), np.finfo(float).tiny)
+            error = max(error, float(np.max(np.abs(np.sum(found - exact, axis=0)) / total)))
+        if error <= BIN_ERROR:
+            return length
+        length *= 2.0
+    raise NotApplicable(
+        "simulate", ["the table reaches down to frequencies too far below the resonances"]
+    )
+
+
+def _samples(modes: Modes, length: float, rate: float) -> int:
+    """Samples of a block: at least at `rate`, and up to where no coordinate or gap has more than
+    LARGEST_LOSS of its velocity variance beyond."""
+    rows: Vector = np.vstack([modes.shapes, modes.gaps])
+    frequency, left = beyond(modes.tables, np.diag(modes.squares), modes.damping, rows)
+    share = left / np.maximum(left[0], np.finfo(float).tiny)
+    enough = np.flatnonzero(np.all(share <= LARGEST_LOSS, axis=1))
+    cut = float(frequency[enough[0]] if len(enough) else frequency[-1])
+    needed = max(rate, 2.0 * cut) * length
+    if needed * modes.size > MOST_SAMPLES:
+        raise NotApplicable(
+            "simulate",
+            [f"a block needs {needed:.2g} samples of {modes.size} modes, at most "
+             f"{MOST_SAMPLES // modes.size} are made: the fastest motion (table, mode, or flight "
+             "between the stops) and the slowest (decay of a resonance) are too far apart"],
+        )  # fmt: skip
+    return _even_fast_length(needed + 2.0)

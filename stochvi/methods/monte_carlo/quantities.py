@@ -1,0 +1,132 @@
+"""What is asked of the means of many paths: each quantity as a function of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
+from stochvi.model.model import Assembly, Contact
+
+Key = tuple[str, str]
+"""Whose (a coordinate's, an impact pair's), and what."""
+
+Means = dict[Key, float]
+Quantity = Callable[[Means], float]
+
+RATES = ("collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_mean")
+"""What depends on a count of impacts, above a speed threshold where stops lose energy."""
+
+CONTACT_QUANTITIES = (
+    "peak_force",
+    "contact_probability",
+    "contact_force_lower",
+    "contact_force_upper",
+)
+"""Of stops that give way."""
+
+GOVERNED = (
+    "displacement_mean",
+    "displacement_mean_square",
+    "velocity_mean_square",
+    "collision_rate",
+    "impact_speed_rate",
+    "impact_speed_square_rate",
+)
+"""What `rel_error` governs, of each coordinate and each impact pair."""
+
+
+def of_coordinate(name: str) -> dict[str, Quantity]:
+    """Quantities of a coordinate, from the means of x, x^2 and v^2."""
+    return {
+        "displacement_mean": lambda m: m[name, "x"],
+        "displacement_std": lambda m: math.sqrt(m[name, "variance"]),
+        "displacement_mean_square": lambda m: m[name, "xx"],
+        "velocity_std": lambda m: math.sqrt(max(m[name, "vv"], 0.0)),
+        "velocity_mean_square": lambda m: m[name, "vv"],
+    }
+
+
+def of_pair(name: str) -> dict[str, Quantity]:
+    """Quantities of an impact pair, from the sums of 1, w and w^2 over impacts, per second."""
+
+    def total(what: str) -> Quantity:
+        return lambda m: m[name, f"{what}_lower"] + m[name, f"{what}_upper"]
+
+    return {
+        "collision_rate": total("n"),
+        "collision_rate_lower": lambda m: m[name, "n_lower"],
+        "collision_rate_upper": lambda m: m[name, "n_upper"],
+        "impact_speed_rate": total("f1"),
+        "impact_speed_square_rate": total("f2"),
+    }
+
+
+def is_relative(contact: Contact) -> bool:
+    """Whether a pair acts between two coordinates."""
+    return int((contact.direction != 0.0).sum()) > 1
+
+
+def gap_of(contact: Contact) -> str:
+    """Owner of the means of a pair's relative displacement and velocity."""
+    return f"gap of {contact.name}"
+
+
+def of_gap(contact: Contact) -> dict[str, Quantity]:
+    """Quantities of the relative motion of a pair of two coordinates."""
+    known = of_coordinate(gap_of(contact))
+    return {
+        f"relative_{name}": known[name]
+        for name in ("displacement_mean", "displacement_std", "velocity_std")
+    }
+
+
+def of_compliant_pair(contact: Contact) -> dict[str, Quantity]:
+    """Quantities of a pair of which a stop gives way, from the sums over its contacts.
+
+    The peak force needs all stops to give way.
+    """
+    name, mass = contact.name, contact.mass
+    sides = [side for side, _, law in contact.stops if not law.rigid]
+    found: dict[str, Quantity] = {
+        f"contact_force_{side}": lambda m, side=side: mass * m[name, f"force_{side}"]  # type: ignore[misc]
+        for side in sides
+    }
+    found["contact_probability"] = lambda m: sum(m[name, f"contact_{side}"] for side in sides)
+    if len(sides) == len(contact.stops):
+        found["peak_force"] = lambda m: (
+            mass
+            * sum(m[name, f"peak_{side}"] for side in sides)
+            / sum(m[name, f"ended_{side}"] for side in sides)
+        )
+    return found
+
+
+def speed_mean(name: str) -> Quantity:
+    """Mean impact speed, F1 over the rate of all impacts counted."""
+    pair = of_pair(name)
+    return lambda m: pair["impact_speed_rate"](m) / pair["collision_rate"](m)
+
+
+def governed(assembly: Assembly) -> dict[Key, Quantity]:
+    """What `rel_error` governs: a rate that has no limit as slow impacts are counted is not."""
+    found: dict[Key, Quantity] = {}
+    for coordinate in assembly.coordinates:
+        known = of_coordinate(coordinate)
+        found |= {(coordinate, name): known[name] for name in GOVERNED if name in known}
+    for contact in assembly.contacts:
+        known = of_pair(contact.name)
+        for name in GOVERNED:
+            if name in known and not (name in RATES and collapses(contact)):
+                found[contact.name, name] = known[name]
+    return found
+
+
+def collapses(contact: Contact) -> bool:
+    """Whether the rate of all impacts is infinite at one of the stops."""
+    return any(law.rigid and law.restitution <= COLLAPSE_RESTITUTION for _, _, law in contact.stops)
+
+
+def restitutions(contact: Contact) -> Sequence[float]:
+    """Of the stops of a pair."""
+    return [law.restitution for _, _, law in contact.stops]

@@ -1,0 +1,475 @@
+"""Rounds of independent paths, until the errors are what was asked for; what they say."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from threading import Timer
+
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, upper_limit_unseen
+from stochvi.methods.monte_carlo.blocks import Crew, blocks_of, machine
+from stochvi.methods.monte_carlo.checkpoints import Keeper, State
+from stochvi.methods.monte_carlo.plans import Plan, layout_of
+from stochvi.methods.monte_carlo.quantities import (
+    CONTACT_QUANTITIES,
+    RATES,
+    Key,
+    Means,
+    Quantity,
+    governed,
+    is_relative,
+    of_compliant_pair,
+    of_coordinate,
+    of_gap,
+    of_pair,
+    restitutions,
+    speed_mean,
+)
+from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.balances import residuals
+from stochvi.model.cautions import scene_notes
+from stochvi.model.model import Contact, assemble
+from stochvi.results.errors import NotConverged
+from stochvi.results.estimates import Cost, Estimate, Response, provenance
+from stochvi.scenes.scene import Scene
+
+Progress = Callable[[float, str], None]
+
+FIRST_BLOCKS = 1
+"""Blocks of paths in the first round."""
+
+FEWEST_PATHS = 64
+"""Paths in the first round, for an honest standard error."""
+
+MOST_REFINEMENTS = 4
+"""How often the step is halved when its bias, beyond doubt, exceeds what was asked for."""
+
+
+COMPILING_SECONDS = 2.5
+"""From which on it is said; code that is kept is there much sooner."""
+
+REPORT_SECONDS = 0.5
+"""Between sentences of progress: each takes the errors of all governed quantities."""
+
+
+@contextmanager
+def compiling(progress: Progress | None) -> Iterator[None]:
+    """Say that machine code is being made, where that takes time: it is kept, so that the next run
+    on this machine finds it."""
+    if progress is None:
+        yield
+        return
+    speaker = Timer(COMPILING_SECONDS, progress, (0.0, "compiling, once on each machine"))
+    speaker.daemon = True
+    speaker.start()
+    try:
+        yield
+    finally:
+        speaker.cancel()
+
+
+@dataclass
+class Run:
+    """Paths simulated so far, at the step and (unless that is free of bias) at twice the step.
+
+    `state` is all that a run has come to, `resumed` that of a checkpoint to go on from; what else
+    is here is the same after every start.
+    """
+
+    scene: Scene
+    plan: Plan
+    seed: int
+    crew: Crew
+    progress: Progress | None
+    compile_time: float
+    resumed: State | None = None
+    keeper: Keeper | None = None
+
+    def __post_init__(self) -> None:
+        self.started = time.perf_counter()
+        self.assembly = assemble(self.scene)
+        self.layout = layout_of(self.scene, self.plan)
+        self.state = self.resumed or State.start(self.layout)
+        self.first_seconds, self.first_steps = self.state.seconds, self.state.steps
+        for _ in range(self.state.refinements):
+            self.plan = self.plan.finer()
+        self.expected_paths = 1.0
+        self.shown = 0.0
+        self.sentence, self.said = "", -math.inf
+        self.unwritten = ""
+
+    @property
+    def fine(self) -> PathStatistics:
+        """Of the paths at the step."""
+        return self.state.fine
+
+    @property
+    def coarse(self) -> PathStatistics:
+        """Of the same paths at twice the step."""
+        return self.state.coarse
+
+    @property
+    def exposure(self) -> float:
+        """Counted seconds of motion, all paths together."""
+        return self.fine.count * self.plan.duration
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since this start."""
+        return time.perf_counter() - self.started
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since the first start, without those between an end and a new start."""
+        return self.first_seconds + self.elapsed
+
+    def aim(self, goal: int) -> None:
+        """The number of paths that the round which begins now ends with."""
+        self.state = replace(self.state, goal=goal)
+
+    def add_paths(self, paths: int, deadline: float = math.inf) -> bool:
+        """Simulate more paths; False if time ran out."""
+        self.aim(self.fine.count + paths)
+        return self.reach_goal(deadline)
+
+    def reach_goal(self, deadline: float = math.inf) -> bool:
+        """Simulate the paths that are left of this round, merged in the order of their numbers;
+        False if time ran out."""
+        plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
+        steps_per_path = sum(plan.steps_per_path for plan in plans)
+        goal = self.state.goal
+        self.expected_paths = max(self.expected_paths, goal)
+        left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
+        total = math.ceil((goal - self.fine.count) / self.plan.block)
+        results = self.crew.do(
+            plans, self.layout, self.seed, left, total, lambda: self.elapsed > deadline
+        )
+        with closing(results):  # at once, so that an interrupt leaves no task to be begun
+            for (_, paths), statistics, where in results:
+                self.state = self.state.with_block(statistics, paths * steps_per_path, where)
+                if self.keeper and self.keeper.due():
+                    self.keep()
+                self._report()
+        return self.fine.count == goal
+
+    def keep(self) -> None:
+        """Write the checkpoint now, if there is one; `unwritten` says if that failed: a full disk
+        must not throw away what was simulated."""
+        if not self.keeper:
+            return
+        try:
+            self.keeper.keep(replace(self.state, seconds=self.seconds))
+            self.unwritten = ""
+        except OSError as error:
+            reason = error.strerror or str(error)
+            self.unwritten = (
+                f"the checkpoint {self.keeper.path} could not be written: {reason.lower()}; it "
+                "holds what it held before"
+            )
+
+    def _report(self) -> None:
+        if not self.progress:
+            return
+        # what is expected may grow, but a bar never goes back
+        self.shown = max(self.shown, min(1.0, self.fine.count / self.expected_paths))
+        if self.elapsed - self.said > REPORT_SECONDS:
+            self.sentence, self.said = self._sentence(), self.elapsed
+        self.progress(self.shown, self.sentence)
+
+    def _sentence(self) -> str:
+        """Rate, impacts so far, and the relative error of what converges last."""
+        rate = (self.state.steps - self.first_steps) / self.elapsed
+        errors = relative_standard_errors(self) if self.fine.count > 1 else {}
+        error = f", error {100.0 * max(errors.values()):.2g} %" if errors else ""
+        return f"{rate:.2g} steps/s, {self.impacts} impacts{error}"
+
+    @property
+    def impacts(self) -> int:
+        """Of all paths together."""
+        return round(self._rate_of_all() * self.exposure)
+
+    def refine(self) -> None:
+        """Start again with less bias: at half the step, or with slow impacts resolved."""
+        self.plan = self.plan.finer()
+        none, before = PathStatistics.none(self.layout), self.state
+        self.state = replace(
+            before,
+            fine=none,
+            coarse=none,
+            goal=before.fine.count,  # which was enough for the errors
+            refinements=before.refinements + 1,
+        )
+
+    def estimate(self, quantity: Quantity, name: str = "") -> Estimate:
+        """A function of the means with its standard error and the bias left by the step."""
+        value, error = self.fine.evaluate(quantity)
+        how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
+        if value == 0.0 and (name in RATES or name.startswith("impact_speed")):
+            limit = self._limit_unseen(name) if name.startswith("collision_rate") else None
+            return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
+        if self.plan.elastic:
+            return Estimate(value=value, standard_error=error, how=how)
+        coarse, coarse_error = self.coarse.evaluate(quantity)
+        bias = self.plan.step_bias(name, abs(coarse - value))
+        source = "bias of the step unknown" if bias is None else "bias from twice the step"
+        return Estimate(
+            value=value,
+            standard_error=error,
+            bias=bias,
+            how=f"{how}; {source}",
+            # paths at the two steps may share their noise: as if they did not is on the safe side
+            bias_error=self.plan.step_bias(name, math.hypot(error, coarse_error)) or 0.0,
+        )
+
+    def _limit_unseen(self, name: str) -> float:
+        """Upper limit of a rate of which nothing was seen: that of clusters of hits, times the
+        most hits in a cluster, on one stop or on both."""
+        stops = 2.0 if name == "collision_rate" else 1.0
+        return stops * self.plan.hits_in_a_cluster * upper_limit_unseen(self.exposure)
+
+    def response(self, warnings: tuple[str, ...] = (), interrupted: bool = False) -> Response:
+        """Everything that the paths so far say."""
+        coordinates: dict[str, dict[str, Estimate | None]] = {}
+        for coordinate in self.assembly.coordinates:
+            coordinates[coordinate] = {
+                "acceleration_std": self._acceleration(),
+                "upcrossing_rate": None,
+            }
+            for name, quantity in of_coordinate(coordinate).items():
+                coordinates[coordinate][name] = self.estimate(quantity)
+        pairs = {contact.name: self._pair(contact) for contact in self.assembly.contacts}
+        return Response(
+            method="simulate",
+            coordinates=coordinates,
+            impact_pairs=pairs,
+            effects=self.scene.effects(),
+            assumptions=[*self.scene.assumptions(), *self._assumptions()],
+            cost=Cost(
+                wall_time=self.seconds,
+                compile_time=self.compile_time,
+                steps=self.state.steps,
+                impacts=self.impacts,
+                paths=self.fine.count,
+                threads=self.crew.workers,
+                tenfold_wall_time=100.0 * self.seconds,
+            ),
+            warnings=[*warnings, *self._warnings()],
+            provenance=provenance(self.scene.document(), self.seed) | {"machine": machine()},
+            identities=self._identities(),
+            interrupted=interrupted,
+        )
+
+    def _pair(self, contact: Contact) -> dict[str, Estimate | float | None]:
+        known, sides = of_pair(contact.name), [side for side, _, _ in contact.stops]
+        found: dict[str, Estimate | float | None] = {
+            name: None
+            if name in ("collision_rate_lower", "collision_rate_upper")
+            and name.removeprefix("collision_rate_") not in sides
+            else self.estimate(quantity, name)
+            for name, quantity in known.items()
+        }
+        hit = self.fine.evaluate(known["collision_rate"])[0] > 0.0
+        found["impact_speed_mean"] = self._speed_mean(contact, found) if hit else None
+        if is_relative(contact):
+            for name, quantity in of_gap(contact).items():
+                found[name] = self.estimate(quantity)
+        threshold = self.layout.thresholds[contact.name]
+        found |= dict.fromkeys(CONTACT_QUANTITIES)
+        if hit and any(not law.rigid for _, _, law in contact.stops):
+            pressed = {
+                name: self.estimate(quantity, name)
+                for name, quantity in of_compliant_pair(contact).items()
+            }
+            found |= _granted_alike(pressed)
+        return found | {"speed_threshold": threshold}
+
+    def _speed_mean(
+        self, contact: Contact, known: Mapping[str, Estimate | float | None]
+    ) -> Estimate:
+        """Mean impact speed, F1 over the rate. What the step leaves in these two may cancel in
+        its difference to twice the step and still be there: their biases are added."""
+        mean = self.estimate(speed_mean(contact.name), "impact_speed_mean")
+        parts = [known[name] for name in ("impact_speed_rate", "collision_rate")]
+        relative = [
+            None if part.bias is None else part.bias / part.value
+            for part in parts
+            if isinstance(part, Estimate)
+        ]
+        if mean.bias is None or None in relative:
+            return replace(mean, bias=None)
+        return replace(mean, bias=mean.value * sum(part for part in relative if part is not None))
+
+    def _rate_of_all(self) -> float:
+        """Impacts per second, all pairs together."""
+        rates = (of_pair(contact.name)["collision_rate"] for contact in self.assembly.contacts)
+        return sum(self.fine.evaluate(rate)[0] for rate in rates)
+
+    def _identities(self) -> dict[str, Estimate]:
+        origin = [self.layout.origins[name] for name in self.assembly.coordinates]
+
+        def of(means: Means) -> dict[str, float]:
+            return residuals(self.assembly, means, origin)
+
+        names = of(self.fine.means())
+        return {name: self.estimate(lambda means, name=name: of(means)[name]) for name in names}  # type: ignore[misc]
+
+    def _acceleration(self) -> Estimate | None:
+        """Absolute acceleration between impacts, -(b x' + w0^2 x): finite without rigid stops."""
+        if self.scene.impact_pairs or self.scene.beyond_one_oscillator():
+            return None
+        system = self.scene.system()
+        if not system.moving_base or system.noise_on_mass:
+            return None
+        b, stiff = system.damping_rate, system.omega**2
+        return self.estimate(
+            lambda m: math.sqrt(b**2 * m["x", "vv"] + stiff**2 * m["x", "variance"])
+        )
+
+    def _assumptions(self) -> list[str]:
+        plan = self.plan
+        return [
+            f"{plan.method}, step {plan.step:.3g} s, burn-in {plan.burn_in:.3g} s per path",
+            "standard errors from independent paths (delta method)",
+        ]
+
+    def _warnings(self) -> Iterator[str]:
+        if len(self.state.machines) > 1:
+            yield (
+                f"blocks were simulated on {len(self.state.machines)} kinds of machines: another "
+                "run agrees within the standard errors, not in every digit ("
+                + "; ".join(self.state.machines)
+                + ")"
+            )
+        if not self.scene.beyond_one_oscillator():
+            yield from scene_notes(self.scene.system())
+        contacts = self.assembly.contacts
+        if contacts and any(signal.amplitude for signal in self.assembly.signals):
+            yield (
+                "a sine between stops may keep several regimes, which paths leave rarely: compare "
+                "with a longer duration"
+            )
+        several = len(contacts) > 1
+        unresolved = not self.plan.elastic and self.plan.step_bias("collision_rate", 0.0) is None
+        if unresolved and any(
+            COLLAPSE_RESTITUTION < r < 1.0 for pair in contacts for r in restitutions(pair)
+        ):
+            remedy = (
+                "a higher speed threshold leaves them out"
+                if self.scene.beyond_one_oscillator()
+                else "--slow-impacts (slow_impacts=True) resolves them"
+            )
+            yield (
+                "slow impacts at these stops are not resolved: the bias of the rates is unknown, "
+                f"that of F1, F2 and the moments is stated; {remedy}"
+            )
+        for contact in contacts:
+            of = f" of {contact.name}" if several else ""
+            threshold = self.layout.thresholds[contact.name]
+            if threshold > 0.0:
+                yield (
+                    f"rates{of} count impacts faster than {threshold:.3g} m/s; F1 and F2 count all"
+                )
+            for side, _, law in contact.stops:
+                if law.rigid and law.restitution <= COLLAPSE_RESTITUTION:
+                    yield (
+                        f"restitution {law.restitution:g} at the {side} stop{of} is below "
+                        f"{COLLAPSE_RESTITUTION:.4f}: the rate of all impacts is infinite under "
+                        "white noise; rates above a speed threshold are given, rel_error does not "
+                        "govern them"
+                    )
+                unseen = of_pair(contact.name)[f"collision_rate_{side}"]
+                if self.fine.evaluate(unseen)[0] == 0.0:
+                    yield (
+                        f"no impact on the {side} stop{of} in {self.exposure:.3g} s of motion: its "
+                        "rate has an upper limit only, rel_error does not govern it; more paths "
+                        "or a longer duration look further"
+                    )
+
+
+def _granted_alike(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Estimates of one kind, each with the largest relative bias among them: that of one may
+    vanish in its difference to twice the step by chance."""
+    if any(each.bias is None for each in group.values()):
+        return dict(group)
+    relative = [(each.bias or 0.0) / abs(each.value) for each in group.values() if each.value]
+    largest = max(relative, default=0.0)
+    return {name: replace(each, bias=largest * abs(each.value)) for name, each in group.items()}
+
+
+def until(run: Run, rel_error: float, budget: float | None) -> None:
+    """Double the number of paths until every governed quantity is as accurate as asked.
+
+    What is decided hangs on the state alone, but for the budget: a run that goes on from a
+    checkpoint takes the decisions of one that never stopped.
+    """
+    deadline = math.inf if budget is None else budget
+    if not run.state.goal:
+        run.aim(max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS))
+    run.expected_paths = 4.0 * run.state.goal  # until the first errors are known
+    while True:
+        in_time = run.reach_goal(deadline)
+        if run.fine.count < 2:
+            raise NotConverged(f"budget of {budget:g} s was too short for a single block of paths")
+        errors, bias = _relative_errors(run)
+        if errors <= rel_error:
+            if bias <= rel_error:
+                run.aim(run.fine.count)  # also where time ran out: the answer is there
+                return
+            if not in_time or run.state.refinements == MOST_REFINEMENTS:
+                raise NotConverged(
+                    f"the step still leaves a relative bias of {bias:.2g}, asked for "
+                    f"{rel_error:g}; raise rel_error" + ("" if in_time else " or budget"),
+                    run.response(("the accuracy asked for was not reached",)),
+                )
+            run.refine()
+            continue
+        needed = run.seconds * (errors / rel_error) ** 2
+        if not in_time or run.elapsed > deadline:
+            raise NotConverged(
+                f"relative standard error {errors:.2g} after {run.seconds:.1f} s, asked for "
+                f"{rel_error:g}, which takes about {needed:.0f} s; raise budget or rel_error",
+                run.response(("the accuracy asked for was not reached",)),
+            )
+        run.expected_paths = 1.1 * run.fine.count * (errors / rel_error) ** 2
+        growth = (errors / rel_error) ** 2 - 1.0
+        paths = math.ceil(run.fine.count * min(max(1.1 * growth, 0.1), 3.0))
+        run.aim(run.fine.count + math.ceil(paths / run.plan.block) * run.plan.block)
+
+
+def _relative_errors(run: Run) -> tuple[float, float]:
+    """Largest relative standard error, and largest relative bias that is beyond its own noise."""
+    biases = [0.0]
+    if not run.plan.elastic:
+        for key, quantity in governed(run.assembly).items():
+            # halving the step would do little for the rates at lossy stops: it is only stated
+            if key[1] in RATES:
+                continue
+            value, error = run.fine.evaluate(quantity)
+            coarse, coarse_error = run.coarse.evaluate(quantity)
+            excess = abs(coarse - value) - 2.0 * math.hypot(error, coarse_error)
+            size = _size(run, key, value)
+            bias = run.plan.step_bias(key[1], max(0.0, excess))
+            biases.append(bias / size if bias and size else 0.0)
+    return max(relative_standard_errors(run).values()), max(biases)
+
+
+def relative_standard_errors(run: Run) -> dict[Key, float]:
+    """Of each governed quantity that is not zero."""
+    found = {}
+    for key, quantity in governed(run.assembly).items():
+        value, error = run.fine.evaluate(quantity)
+        size = _size(run, key, value)
+        if size > 0.0:
+            found[key] = error / size
+    return found
+
+
+def _size(run: Run, key: Key, value: float) -> float:
+    """What a quantity is measured by: itself, but a mean by the standard deviation."""
+    owner, name = key
+    if name == "displacement_mean":
+        return run.fine.evaluate(of_coordinate(owner)["displacement_std"])[0]
+    return abs(value)

@@ -1,0 +1,426 @@
+"""Monte Carlo of a scene: what is asked for, what it would cost, and single paths of it."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import time
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stochvi.methods.monte_carlo.blocks import Crew, WorkersLost, workers_of
+from stochvi.methods.monte_carlo.checkpoints import Asked, Checkpoint, Keeper, State
+from stochvi.methods.monte_carlo.modal import ModalPlan
+from stochvi.methods.monte_carlo.plans import Plan, layout_of, make_plan, plan_several
+from stochvi.methods.monte_carlo.quantities import (
+    Key,
+)
+from stochvi.methods.monte_carlo.runs import (
+    FEWEST_PATHS,
+    Progress,
+    Run,
+    compiling,
+    relative_standard_errors,
+    until,
+)
+from stochvi.model.model import assemble
+from stochvi.results.errors import Interrupted, NotConverged
+from stochvi.results.estimates import Response
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def simulate(
+    scene: Scene,
+    *,
+    rel_error: float | None = None,
+    paths: int | None = None,
+    duration: float | None = None,
+    seed: int | None = None,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    speed_threshold: float | None = None,
+    slow_impacts: bool = False,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+    checkpoint_interval: float = 1.0,
+    resume: str | Path | None = None,
+) -> Response:
+    """Stationary response by Monte Carlo, with standard errors from independent paths.
+
+    White noise is stepped by kick-flow-kick (impacts inside the step, no bias with elastic
+    stops); for a tabulated density the response without stops is synthesised and the impacts are
+    added. The bias of a finite step is measured by running the same paths at twice the step:
+    |difference| / (2^order - 1). The order is 2, less where slow impacts on lossy stops under
+    white noise are missed (see `white.extrapolated`); where it is not known the bias is None.
+
+    Parameters
+    ----------
+    rel_error
+        Run until mean squares, rate, F1 and F2 have this relative standard error (means:
+        relative to the standard deviation). 0.01 if `paths` is not given either.
+    paths, duration
+        Instead: this many paths of this many seconds each, after burn-in.
+    seed
+        The streams of random numbers belong to (seed, path): same seed, same digits, on any
+        number of threads or machines of one kind. 0 if not given.
+    threads, executor
+        Threads to start here; or any `concurrent.futures.Executor`, as `ProcessPoolExecutor()`,
+        `mpi4py.futures.MPIPoolExecutor()`, or Dask's `Client(address).get_executor()` (see
+        `monte_carlo.clusters`), with `threads` to correct how many tasks it does at once.
+    speed_threshold
+        Impacts slower than this (m/s) are left out of the rates, never out of F1 and F2. By
+        default 0, or 5 % of the rms velocity where a stop loses energy.
+    slow_impacts
+        Refine the steps near a stop until impacts at the threshold are resolved, for the rates
+        under white noise at restitutions below 0.5. Ten or more times the cost; without it the
+        bias of those rates is unknown (None). F1 and the moments need it only for small errors,
+        and get it then by themselves.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
+        It is counted from this start, not from that of the run that is resumed.
+    progress
+        Called with the fraction done and a sentence.
+    checkpoint, checkpoint_interval
+        File to keep what was simulated in: written at once, then every so many seconds and at the
+        end. A checkpoint that is there is replaced (but if it took longer than 10 s to come to,
+        it is kept as FILE.earlier), anything else refused. Where the disk fills up on the way, a
+        warning of the response says so.
+    resume
+        Go on from this checkpoint, and on writing it unless `checkpoint` names another: with its
+        rel_error, paths, duration and seed, to the digits of a run that never stopped. That of a
+        run that ended gives its result again.
+
+    Raises
+    ------
+    NotApplicable
+        With every condition that the scene does not meet.
+    NotConverged
+        Carries the response so far; also if the executor loses its workers.
+    CheckpointError
+        If `resume` is damaged, or of another scene, seed, version or processor; or `checkpoint`
+        cannot be written, or is a file of something else.
+    Interrupted
+        A KeyboardInterrupt that carries the response so far.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> deviation = simulate(scene, rel_error=0.01).coordinates["x"]["displacement_std"]
+    >>> abs(deviation.value - 0.53956) < 4.5 * deviation.standard_error
+    True
+    """
+    asked = Asked(
+        rel_error=rel_error, paths=paths, duration=duration, seed=seed,
+        speed_threshold=speed_threshold, slow_impacts=slow_impacts,
+    )  # fmt: skip
+    _check_files(checkpoint=checkpoint, resume=resume)
+    _check_executor(executor)
+    try:
+        run, asked = _begun(
+            scene, asked, budget, threads, executor, progress, checkpoint, checkpoint_interval,
+            resume,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        raise Interrupted("interrupted by Ctrl-C before any path was simulated") from None
+    try:
+        try:
+            _simulate(run, asked, budget)
+        finally:
+            if executor is None:
+                run.crew.executor.shutdown(wait=False, cancel_futures=True)
+            run.keep()
+    except KeyboardInterrupt:
+        raise Interrupted(
+            "interrupted by Ctrl-C",
+            _so_far(run, "interrupted before all paths were simulated", True),
+        ) from None
+    except WorkersLost as error:
+        raise NotConverged(
+            f"{error}, after {run.fine.count} paths; start workers that do, and resume from a "
+            "checkpoint if there is one",
+            _so_far(run, "not all paths were simulated, for want of workers"),
+        ) from error
+    except NotConverged as error:
+        error.response = error.response and _noted(run, error.response)
+        raise
+    return _noted(run, run.response())
+
+
+def _begun(
+    scene: Scene,
+    asked: Asked,
+    budget: float | None,
+    threads: int | None,
+    executor: Executor | None,
+    progress: Progress | None,
+    checkpoint: str | Path | None,
+    checkpoint_interval: float,
+    resume: str | Path | None,
+) -> tuple[Run, Asked]:
+    """The run, compiled and with its first checkpoint written, and what is asked of it."""
+    before = None if resume is None else Checkpoint.read(Path(resume))
+    asked = asked.settled() if before is None else before.asked_again(asked)
+    check_asked(asked, budget, threads)
+    _check_seconds(checkpoint_interval=checkpoint_interval)
+    if before is not None:
+        before.check(scene)
+    plan = make_plan(scene, asked.speed_threshold, asked.duration, asked.slow_impacts)
+    state = State.start(layout_of(scene, plan)) if before is None else before.resumed(scene, plan)
+    target = resume if checkpoint is None else checkpoint
+    keeper = None
+    if target is not None:
+        proof = "" if before is None else before.proof  # a new one takes time to compile
+        new = resume is None or Path(target).resolve() != Path(resume).resolve()
+        keeper = Keeper(Path(target), scene, asked, state, proof, checkpoint_interval, new)
+    with compiling(progress):
+        compile_time, proof = _compile(plan)
+    if before is not None:
+        before.check(scene, proof)
+    if keeper is not None:
+        keeper.proof = proof
+    crew = _crew(executor, threads)
+    return Run(scene, plan, asked.seed or 0, crew, progress, compile_time, state, keeper), asked
+
+
+def _simulate(run: Run, asked: Asked, budget: float | None) -> None:
+    """As many paths, or as long, as was asked for."""
+    if asked.paths is None:
+        assert asked.rel_error is not None  # settled
+        until(run, asked.rel_error, budget)
+        return
+    run.aim(asked.paths)
+    if not run.reach_goal(math.inf if budget is None else budget):
+        raise NotConverged(
+            f"{run.fine.count} of {asked.paths} paths were done in {budget:g} s; raise budget",
+            _so_far(run, "not all paths were simulated"),
+        )
+
+
+def _so_far(run: Run, warning: str, interrupted: bool = False) -> Response | None:
+    """What the paths say that there are, if they say anything."""
+    if run.fine.count < 2:
+        return None
+    response = run.response((f"{warning}: these are the first {run.fine.count}",), interrupted)
+    return _noted(run, response)
+
+
+def _noted(run: Run, response: Response) -> Response:
+    """With a warning if the checkpoint does not hold it."""
+    if not run.unwritten or run.unwritten in response.warnings:
+        return response
+    return replace(response, warnings=[*response.warnings, run.unwritten])
+
+
+def _crew(executor: Executor | None, threads: int | None) -> Crew:
+    if executor is not None:
+        return Crew(executor, threads or workers_of(executor), theirs=True)
+    workers = threads or len(os.sched_getaffinity(0))
+    return Crew(ThreadPoolExecutor(workers), workers, theirs=False)
+
+
+def record_path(
+    scene: Scene, *, duration: float, seed: int = 0, path: int = 0, step: float | None = None
+) -> pd.DataFrame:
+    """One path, sample by sample: time (s), displacement, velocity and impact_speed (SI).
+
+    `impact_speed` is the incident speed of an impact within the step that ends at `time`,
+    positive at the upper stop, negative at the lower, 0 for none (several: their sum). The path
+    is not stationary at its start: it begins at a guess of the stationary law. Where the scene
+    has more than one oscillator under white or tabulated noise, the columns say of what they are,
+    as in "displacement of absorber".
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> list(record_path(scene, duration=10.0))
+    ['time', 'displacement', 'velocity', 'impact_speed']
+    """
+    import pandas as pd
+
+    check_arguments(None, None, duration, seed, None, None, None)
+    _check_seconds(step=step)
+    if not 0 <= path < 2**40:
+        raise ValueError(f"path must be in [0, 2^40), got {path}")
+    plan = make_plan(scene, None, duration)
+    if step is not None:
+        plan = plan.with_step(step)
+    samples = plan.recorded_samples
+    time = {"time": plan.step * np.arange(1, samples + 1)}
+    if isinstance(plan, ModalPlan):
+        record = np.zeros((samples, 1, plan.record_width))
+        plan.averages(seed, path, 1, record)
+        return pd.DataFrame(time | plan.recorded(record))
+    record = np.zeros((samples, 1, 3))
+    plan.averages(seed, path, 1, record)
+    columns = {
+        "displacement": record[:, 0, 0] + plan.rest,
+        "velocity": record[:, 0, 1],
+        "impact_speed": record[:, 0, 2],
+    }
+    return pd.DataFrame(time | columns)
+
+
+def record_paths(
+    scene: Scene, *, duration: float, paths: int, seed: int = 0
+) -> tuple[float, list[pd.DataFrame]]:
+    """Several paths of a scene of several coordinates at once, as `record_path` gives one.
+
+    Returns the time, s, after which they have settled, and the records, `duration` longer.
+    """
+    import pandas as pd
+
+    check_arguments(None, None, duration, seed, None, None, None)
+    settling = plan_several(assemble(scene), None, duration).burn_in
+    plan = plan_several(assemble(scene), None, settling + duration)
+    record = np.zeros((plan.recorded_samples, paths, plan.record_width))
+    plan.averages(seed, 0, paths, record)
+    time = {"time": plan.step * np.arange(1, plan.recorded_samples + 1)}
+    return settling, [
+        pd.DataFrame(time | plan.recorded(record[:, [path]])) for path in range(paths)
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prospect:
+    """What a simulation would be like: its states and steps, and what they cost here and now.
+
+    `nanoseconds_per_step` is wall time per step of one path, all threads at work; `seconds` maps
+    relative errors to predicted wall time, None where no impact was seen to predict by.
+    """
+
+    method: str
+    states: int
+    step: float
+    burn_in: float
+    duration: float
+    steps_per_path: int
+    nanoseconds_per_step: float
+    seconds: dict[float, float | None]
+    governed_by: str
+
+
+def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Prospect:
+    """Predict the cost of `simulate` from a pilot run of one block or two (well under a second).
+
+    Standard errors fall with the square root of the scene time, so seconds(rel_error) =
+    seconds(pilot) (pilot error / rel_error)^2, from the quantity that converges last.
+    """
+    plan = make_plan(scene, None, None)
+    compile_time, _ = _compile(plan)
+    crew = _crew(None, threads)
+    with crew.executor:
+        run = Run(scene, plan, seed, crew, None, compile_time)
+        run.add_paths(max(2 * plan.block, FEWEST_PATHS))
+        elapsed = run.elapsed
+    relative = relative_standard_errors(run)
+    slowest = max(relative, key=lambda key: relative[key])
+    unseen = any((pair.name, "impact_speed_rate") not in relative for pair in scene.impact_pairs)
+    return Prospect(
+        method=plan.method,
+        states=plan.states,
+        step=plan.step,
+        burn_in=plan.burn_in,
+        duration=plan.duration,
+        steps_per_path=plan.steps_per_path,
+        nanoseconds_per_step=1e9 * elapsed / run.state.steps,
+        seconds={
+            target: None if unseen else elapsed * (relative[slowest] / target) ** 2
+            for target in (0.01, 0.001)
+        },
+        governed_by="no impact was seen" if unseen else _spoken(scene, slowest),
+    )
+
+
+def _spoken(scene: Scene, key: Key) -> str:
+    """A quantity in words; of whom, where the scene has several coordinates or pairs."""
+    owner, name = key
+    alone = len(scene.structure.coordinates) == 1 and len(scene.impact_pairs) < 2
+    return name if alone else f"{name} of {owner}"
+
+
+def check_asked(asked: Asked, budget: float | None, threads: int | None) -> None:
+    """ValueError for what makes no sense of what was asked for."""
+    check_arguments(
+        asked.rel_error, asked.paths, asked.duration, asked.seed or 0, asked.speed_threshold,
+        budget, threads,
+    )  # fmt: skip
+
+
+def check_arguments(
+    rel_error: float | None,
+    paths: int | None,
+    duration: float | None,
+    seed: int,
+    speed_threshold: float | None,
+    budget: float | None,
+    threads: int | None,
+) -> None:
+    """ValueError for what makes no sense of what was asked for."""
+    for name, number in (("paths", paths), ("threads", threads), ("seed", seed)):
+        if number is not None and not isinstance(number, (int, np.integer)):
+            raise ValueError(f"{name} must be a whole number, got {number!r}")
+    if rel_error is not None and paths is not None:
+        raise ValueError("give rel_error or paths, not both")
+    if rel_error is not None and not 1e-6 <= rel_error < 1.0:
+        raise ValueError(f"rel_error must be in [1e-6, 1), got {rel_error}")
+    if paths is not None and paths < 2:
+        raise ValueError(f"paths must be at least 2 for a standard error, got {paths}")
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads must be at least 1, got {threads}")
+    if not 0 <= seed < 2**63:
+        raise ValueError(f"seed must be in [0, 2^63), got {seed}")
+    _check_seconds(duration=duration, budget=budget)
+    if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
+        raise ValueError(f"speed_threshold must be at least 0, got {speed_threshold}")
+
+
+def _check_executor(executor: Executor | None) -> None:
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise ValueError(
+            "executor must be a concurrent.futures.Executor, as ProcessPoolExecutor(), got "
+            f"{executor!r}"
+        )
+
+
+def _check_files(**files: str | Path | None) -> None:
+    for name, file in files.items():
+        if file is not None and str(file) == "":
+            raise ValueError(f"{name} must name a file, got ''")
+
+
+def _check_seconds(**times: float | None) -> None:
+    for name, value in times.items():
+        if value is not None and not 0.0 < value < math.inf:
+            raise ValueError(f"{name} must be a positive number of seconds, got {value}")
+
+
+def _compile(plan: Plan) -> tuple[float, str]:
+    """Run the kernels once on next to nothing: seconds it took (machine code is cached), and a
+    digest of what came out."""
+    start = time.perf_counter()
+    averages = plan.shortest().averages(0, 0, 2)
+    lengths = np.array([plan.step, plan.burn_in, plan.duration, plan.block])
+    digest = hashlib.sha256(averages.tobytes() + lengths.tobytes()).hexdigest()
+    return time.perf_counter() - start, digest

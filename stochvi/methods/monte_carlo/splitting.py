@@ -1,0 +1,324 @@
+"""Rare events by splitting: paths that come close are copied, and count for less.
+
+A mission that fails passes through states of higher and higher energy. With levels of energy
+E_1 < ... < E_m, and F the event,
+
+    P(F) = P(E_1 reached) P(E_2 reached | E_1 reached) ... P(F | E_m reached),
+
+and each factor, some 0.2, is a share of N paths that start where earlier ones reached the level
+before: splitting with fixed effort (P. Glasserman, P. Heidelberger, P. Shahabuddin and T. Zajic,
+Oper. Res. 47 (1999) 585; M. Garvels, thesis, Twente 2000). Each survivor is copied as often as any
+other, once more or less by lot, so that the product is unbiased for levels fixed beforehand; paths
+with common ancestors are not independent, so that the error comes from independent repetitions of
+the whole. The energy is the right measure of closeness for light damping: a vibration forgets its
+phase in a period, its energy in many.
+
+Levels are the quantiles of the largest energies of a pilot (adaptive multilevel splitting: F.
+Cerou and A. Guyader, Stoch. Anal. Appl. 25 (2007) 417), whose own biased result is not used.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+from statsmodels.stats.proportion import proportion_confint
+
+from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.methods.monte_carlo.missions import AFTERWARDS, Fleet, MissionPlan
+from stochvi.results.errors import NotConverged
+
+Vector = NDArray[np.float64]
+
+SHARE = 0.2
+"""Of the paths that are to reach the next level: -log(p)^2 p / (1 - p), the work at a given error,
+is flat about there."""
+
+PARTICLES = 1024
+"""Paths of each stage of a repetition: some lanes full."""
+
+MOST_LEVELS = 64
+"""A chance below 0.2^64 = 2e-45 is not sought."""
+
+BLOCK_STEPS = 2.0**23
+"""Of crude missions in one task: a tenth of a second."""
+
+
+class Trial(NamedTuple):
+    """One repetition of a splitting, or one block of crude missions.
+
+    `chance` estimates P of the event, and `hits` the expected number of impacts, without bias.
+    """
+
+    missions: int
+    chance: float
+    hits: float
+    hits_square: float
+    steps: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A confidence interval at `confidence`, and the rule that it was made by."""
+
+    lower: float
+    upper: float
+    confidence: float
+    rule: str
+
+
+def crude(plan: MissionPlan, seed: int, first_path: int, missions: int, hits: bool) -> Trial:
+    """Independent missions, each counted for what it is."""
+    started = time.thread_time()
+    fleet = plan.fleet(seed, first_path, missions)
+    steps = plan.settled * missions + plan.fly(fleet, math.inf)
+    happened = fleet.happened
+    numbers = np.zeros(1)
+    if hits:
+        numbers, more = _hits_of(plan, fleet)
+        steps += more
+    return Trial(
+        missions=missions,
+        chance=float(happened.mean()),
+        hits=float(numbers.sum() / missions),
+        hits_square=float(np.sum(numbers**2) / missions),
+        steps=steps,
+        seconds=time.thread_time() - started,
+    )
+
+
+def crude_block(plan: MissionPlan) -> int:
+    """Missions in one task."""
+    return int(min(max(BLOCK_STEPS // plan.steps_per_path, 256), 2**16))
+
+
+def repetition(
+    plan: MissionPlan,
+    levels: tuple[float, ...],
+    seed: int,
+    index: int,
+    particles: int,
+    hits: bool,
+    deadline: float = math.inf,
+) -> Trial:
+    """One splitting with fixed levels, a function of its arguments alone; `deadline` is a time of
+    `time.perf_counter` after which it is given up."""
+    started = time.thread_time()
+    fleet = plan.fleet(seed, _first_path(index, 0, particles), particles)
+    random = np.random.default_rng([seed, index])
+    chance, steps = 1.0, plan.settled * particles
+    for stage, level in enumerate((*levels, math.inf)):
+        _look_at_the_clock(deadline, plan)
+        steps += plan.fly(fleet, level)
+        reached = np.flatnonzero(fleet.top >= level)
+        chance *= len(reached) / particles
+        if chance == 0.0 or level == math.inf:
+            break
+        fleet = copies(fleet, reached, random, seed, _first_path(index, stage + 1, particles))
+    number = 0.0
+    if hits and chance > 0.0:
+        numbers, more = _hits_of(plan, fleet)
+        number, steps = float(numbers.mean()), steps + more
+    return Trial(
+        missions=particles,
+        chance=chance,
+        hits=chance * number,
+        hits_square=0.0,
+        steps=steps,
+        seconds=time.thread_time() - started,
+    )
+
+
+def copies(
+    fleet: Fleet, reached: NDArray[np.intp], random: np.random.Generator, seed: int, first_path: int
+) -> Fleet:
+    """As many paths as there were, from those that reached the level, all with new streams."""
+    paths, survivors = len(fleet.x), len(reached)
+    extra = random.permutation(reached)[: paths % survivors]
+    chosen = np.concatenate([np.repeat(reached, paths // survivors), extra])
+    streams = np.empty((2, paths), np.uint64)
+    seed_streams(np.uint64(seed), first_path, streams)
+    # what has happened to is flown no further; the steps it had left are kept for its impacts
+    left = np.where(fleet.happened, -np.abs(fleet.left), fleet.left)
+    return fleet._replace(left=left).chosen(chosen)._replace(streams=streams)
+
+
+def _hits_of(plan: MissionPlan, fleet: Fleet) -> tuple[Vector, int]:
+    """Impacts in the whole mission of each path that the event has happened to; steps made."""
+    chosen = fleet.happened
+    rest = fleet.chosen(chosen)
+    rest = rest._replace(left=np.abs(rest.left), hits=np.zeros(len(rest.x)))
+    steps = plan.fly(rest, math.inf, AFTERWARDS)
+    return fleet.hits[chosen] + rest.hits, steps
+
+
+def _look_at_the_clock(deadline: float, plan: MissionPlan) -> None:
+    if time.perf_counter() > deadline:
+        # what is flown before a short mission does not shrink with it
+        change = "shorter" if plan.counted > plan.before + plan.settled else "longer"
+        raise NotConverged(
+            "the budget ended before a splitting did; raise budget or rel_error, or ask for a "
+            f"{change} mission"
+        )
+
+
+def _first_path(index: int, stage: int, particles: int) -> int:
+    return (index * (MOST_LEVELS + 1) + stage) * particles
+
+
+class Levels(NamedTuple):
+    """Levels of twice the energy, the chance that the pilot gave, and its steps."""
+
+    levels: tuple[float, ...]
+    chance: float
+    steps: int
+
+
+def pilot_levels(
+    plan: MissionPlan, seed: int, particles: int = PARTICLES, deadline: float = math.inf
+) -> Levels:
+    """Levels that a share of about `SHARE` of the paths reach from the one before.
+
+    Every stage is flown twice: to its end, for the largest energies, and up to the level.
+    """
+    fleet = plan.fleet(seed, 0, particles)
+    random = np.random.default_rng(seed)
+    levels: list[float] = []
+    chance, steps = 1.0, plan.settled * particles
+    while True:
+        _look_at_the_clock(deadline, plan)
+        again = fleet.chosen(np.arange(particles))
+        steps += plan.fly(fleet, math.inf)
+        happened = float(fleet.happened.mean())
+        if happened >= SHARE:
+            return Levels(tuple(levels), chance * happened, steps)
+        level = float(np.quantile(fleet.top, 1.0 - SHARE, method="lower"))
+        last = levels[-1] if levels else 0.0
+        if not level > last:  # most are copies of one path, and none of them rose
+            level = float(np.min(fleet.top[fleet.top > last], initial=math.inf))
+        if len(levels) == MOST_LEVELS or level == math.inf:
+            raise NotConverged(
+                f"splitting found no way to the event: {len(levels)} levels of energy were reached "
+                f"with a chance of {chance:.2g}, and no higher one; the limit is out of reach, or "
+                "the stops take so much energy in an impact that it is no guide: ask for less"
+            )
+        steps += plan.fly(again, level)
+        reached = np.flatnonzero(again.top >= level)
+        levels.append(level)
+        chance *= len(reached) / particles
+        fleet = copies(again, reached, random, seed, _first_path(0, len(levels), particles))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """What independent trials say together.
+
+    Parameters
+    ----------
+    chance, error
+        Mean of the trials, and its standard error.
+    hits, hits_error
+        The same of the number of impacts in a mission.
+    missions
+        Of all trials together.
+    steps, seconds
+        Of one path; CPU seconds.
+    """
+
+    trials: int
+    missions: int
+    chance: float
+    error: float
+    hits: float
+    hits_error: float
+    steps: int
+    seconds: float
+
+    @property
+    def relative_error(self) -> float:
+        """Standard error over value; infinite where nothing was seen."""
+        return self.error / self.chance if self.chance > 0.0 else math.inf
+
+    def interval(self, confidence: float) -> Interval:
+        """Student's interval of the logarithm of the mean over repetitions."""
+        lower, upper = logarithmic_interval(self.chance, self.error, self.trials - 1, confidence)
+        rule = f"Student's, of the logarithm of the mean of {self.trials} repetitions"
+        return Interval(lower=lower, upper=min(upper, 1.0), confidence=confidence, rule=rule)
+
+
+def logarithmic_interval(
+    value: float, error: float, freedom: float, confidence: float
+) -> tuple[float, float]:
+    """value exp(-+ t error / value), t Student's quantile: never below 0.
+
+    >>> [round(end, 3) for end in logarithmic_interval(1.0, 0.1, 19, 0.95)]
+    [0.811, 1.233]
+    """
+    if value <= 0.0:
+        return 0.0, math.inf
+    reach = float(student.ppf(0.5 + 0.5 * confidence, freedom)) * error / value
+    return value * math.exp(-reach), value * math.exp(reach)
+
+
+def of_repetitions(trials: list[Trial]) -> Sample:
+    """The mean over repetitions of a splitting, errors from their spread."""
+    count = len(trials)
+    chances, hits = np.array([[trial.chance, trial.hits] for trial in trials]).T
+    errors = [float(each.std(ddof=1)) / math.sqrt(count) for each in (chances, hits)]
+    return Sample(
+        trials=count,
+        missions=sum(trial.missions for trial in trials),
+        chance=float(chances.mean()),
+        error=errors[0],
+        hits=float(hits.mean()),
+        hits_error=errors[1],
+        steps=sum(trial.steps for trial in trials),
+        seconds=sum(trial.seconds for trial in trials),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counted(Sample):
+    """Of crude missions: a count of those that failed, of which the law is known."""
+
+    @property
+    def failed(self) -> int:
+        """Missions that the event happened in."""
+        return round(self.chance * self.missions)
+
+    def interval(self, confidence: float) -> Interval:
+        """Clopper and Pearson's, which covers at least as often as it says."""
+        return self._binomial("beta", "Clopper and Pearson", confidence)
+
+    def wilson(self, confidence: float) -> Interval:
+        """Wilson's, which covers about as often as it says."""
+        return self._binomial("wilson", "Wilson", confidence)
+
+    def _binomial(self, method: str, name: str, confidence: float) -> Interval:
+        lower, upper = proportion_confint(self.failed, self.missions, 1.0 - confidence, method)
+        rule = f"{name}, {self.failed} of {self.missions} missions"
+        return Interval(lower=float(lower), upper=float(upper), confidence=confidence, rule=rule)
+
+
+def of_missions(trials: list[Trial]) -> Counted:
+    """Of blocks of crude missions, errors from the missions."""
+    missions = sum(trial.missions for trial in trials)
+    chance = sum(trial.chance * trial.missions for trial in trials) / missions
+    hits = sum(trial.hits * trial.missions for trial in trials) / missions
+    square = sum(trial.hits_square * trial.missions for trial in trials) / missions
+    return Counted(
+        trials=missions,
+        missions=missions,
+        chance=chance,
+        error=math.sqrt(chance * (1.0 - chance) / missions),
+        hits=hits,
+        hits_error=math.sqrt(max(square - hits**2, 0.0) / missions),
+        steps=sum(trial.steps for trial in trials),
+        seconds=sum(trial.seconds for trial in trials),
+    )

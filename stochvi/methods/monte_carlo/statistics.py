@@ -1,0 +1,110 @@
+"""Statistics of independent paths: merged exactly, turned into estimates with their errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.methods.monte_carlo.quantities import Key, Means, Quantity
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """What the rows of a table of time averages are, and the positions they are taken from.
+
+    `rows` are keys of `Means`; of each coordinate in `origins`, "x" and "xx" are those of x less
+    its origin. `thresholds` are the slowest impacts (m/s) that the rates of each pair count.
+    """
+
+    rows: tuple[Key, ...]
+    origins: Mapping[str, float]
+    thresholds: Mapping[str, float]
+
+
+GRADIENT_STEP = 1e-3
+"""Of a standard error."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathStatistics:
+    """Count, mean vector and scatter matrix of the time averages of independent paths.
+
+    Merging is exact up to rounding and does not depend on how the paths were grouped, as long
+    as groups are merged in the same order (T. F. Chan, G. H. Golub and R. J. LeVeque 1983).
+    """
+
+    count: int
+    mean: Vector
+    scatter: NDArray[np.float64]
+    layout: Layout
+
+    @classmethod
+    def of(cls, averages: NDArray[np.float64], layout: Layout) -> PathStatistics:
+        """Statistics of an array (rows, paths)."""
+        mean = averages.mean(axis=1)
+        centred = averages - mean[:, None]
+        # einsum sums in a fixed order, where a threaded matrix product may not
+        scatter = np.einsum("ip,jp->ij", centred, centred)
+        return cls(count=averages.shape[1], mean=mean, scatter=scatter, layout=layout)
+
+    @classmethod
+    def none(cls, layout: Layout) -> PathStatistics:
+        """Of no paths at all."""
+        size = len(layout.rows)
+        return cls(count=0, mean=np.zeros(size), scatter=np.zeros((size, size)), layout=layout)
+
+    def merge(self, other: PathStatistics) -> PathStatistics:
+        """Statistics of both groups of paths together."""
+        count = self.count + other.count
+        shift = other.mean - self.mean
+        weight = self.count * other.count / count
+        return PathStatistics(
+            count=count,
+            mean=self.mean + shift * (other.count / count),
+            scatter=self.scatter + other.scatter + shift[:, None] * shift * weight,
+            layout=self.layout,
+        )
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the mean vector."""
+        return self.scatter / (self.count * max(self.count - 1, 1))
+
+    def evaluate(self, quantity: Quantity) -> tuple[float, float]:
+        """Value and standard error of a smooth function of the means (delta method).
+
+        The gradient is taken by central differences over a small part of one standard error each
+        way: the whole would reach rate 0 where a single path holds all the impacts.
+        """
+        value = quantity(self._named(self.mean))
+        steps = GRADIENT_STEP * np.sqrt(np.diag(self.covariance))
+        gradient = np.zeros_like(steps)
+        for row in np.flatnonzero(steps):
+            offset = np.zeros_like(steps)
+            offset[row] = steps[row]
+            above = quantity(self._named(self.mean + offset))
+            below = quantity(self._named(self.mean - offset))
+            gradient[row] = (above - below) / (2.0 * steps[row])
+        variance = float(gradient @ self.covariance @ gradient)
+        return value, math.sqrt(max(variance, 0.0))
+
+    def means(self) -> Means:
+        """The means by key."""
+        return self._named(self.mean)
+
+    def _named(self, mean: Vector) -> Means:
+        """The means by key, positions from the unloaded springs; and the variance of each x, which
+        is taken from its origin, as a far one would cost its digits."""
+        named = dict(zip(self.layout.rows, mean.tolist(), strict=True))
+        for coordinate, origin in self.layout.origins.items():
+            offset, square = named[coordinate, "x"], named[coordinate, "xx"]
+            named[coordinate, "x"] = origin + offset
+            named[coordinate, "xx"] = max(origin * (origin + 2.0 * offset) + square, 0.0)
+            named[coordinate, "variance"] = max(square - offset**2, 0.0)
+        return named

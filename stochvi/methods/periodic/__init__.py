@@ -1,0 +1,1 @@
+"""Periodic regimes of oscillators with stops."""

@@ -1,0 +1,1 @@
+"""The numbers that every method reads: a scene, lowered once."""

@@ -1,0 +1,378 @@
+"""The law of a slowly varying energy: orbits between stops, and how often each is run through.
+
+Symbols, per unit mass: E energy, U potential of spring and load, T(E) the period of the orbit of
+energy E between the stops it reaches, J(E) = closed integral of v dx (J' = T), c_i a stop, E_i =
+U(c_i), R_i its restitution, D = S0 / 2, b = c / m. A cycle gains D T by noise, loses b J by
+damping and (1 - R_i^2)(E - E_i) at each stop that it reaches, and p(E) = T G. Up to floor 3 this is
+mathematics that methods share; `average` says where it comes from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.scene import System
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+CONTINUOUS, FINITE_JUMPS, UNFOLDED = "continuous", "finite jumps", "unfolded"
+VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+INTEGRATED = np.polynomial.legendre.Legendre.basis
+"""Of a Legendre polynomial, by its degree."""
+
+PANELS = 14
+"""Between two stops' energies, and above the last; twice as many change the ninth digit."""
+
+LARGEST_FALL = 2.0
+"""Of ln G in the first panel above a stop, before that is halved: a mass pressed hard against a
+stop that takes much has little energy for most of the time, and a long tail."""
+
+CUT = 40.0
+"""The energy ends where G has fallen by e^-CUT, some 4e-18, from what it is at the last stop."""
+
+UNREACHED = 600.0
+"""Energy of a stop, in theta, from which on it is never reached in numbers of this size."""
+
+MOST_DOUBLINGS = 200
+"""Of the largest energy, and halvings of first panels."""
+
+
+class Orbits(NamedTuple):
+    """Of orbits of given energies: T, J, and the integrals of y dt and y^2 dt over a cycle.
+
+    y = x - `Well.place`: of a mass that is pressed hard against a stop x varies too little for the
+    difference of its squares to keep any digit.
+    """
+
+    period: Vector
+    action: Vector
+    first: Vector
+    second: Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class Well:
+    """U = omega^2 x^2 / 2 - load x between the stops, less its least value there."""
+
+    omega: float
+    load: float
+    lower: float
+    upper: float
+
+    def energy(self, x: float) -> float:
+        """U(x), with all its digits close to the place where it is 0."""
+        away = x - self.place
+        return away * (0.5 * self.omega**2 * away + (self.omega**2 * self.place - self.load))
+
+    @cached_property
+    def place(self) -> float:
+        """Where the energy is least between the stops."""
+        if self.omega:
+            return min(max(self.load / self.omega**2, self.lower), self.upper)
+        place = self.upper if self.load > 0.0 else self.lower
+        return place if math.isfinite(place) else self.upper
+
+    def orbits(self, energy: Vector) -> Orbits:
+        """Periods and what else a cycle holds: smooth integrals, of which few nodes are exact."""
+        return self._sprung(energy) if self.omega else self._free(energy)
+
+    def _sprung(self, energy: Vector) -> Orbits:
+        """With x = load / omega^2 + w sin a / omega and v = w cos a: dt = da / omega.
+
+        What is left of the circle may be a short arc about a turning point, so that angles come
+        from place and speed, and differences of sines from half differences of angles.
+        """
+        rest = self.load / self.omega**2
+        largest = np.sqrt(2.0 * (energy - self.energy(rest)))
+        ends, speeds = [], []
+        for stop in (self.lower, self.upper):
+            if math.isfinite(stop):
+                speeds.append(np.sqrt(np.maximum(2.0 * (energy - self.energy(stop)), 0.0)))
+                ends.append(np.arctan2(self.omega * (stop - rest), speeds[-1]))
+            else:
+                speeds.append(np.zeros_like(energy))
+                ends.append(np.full_like(energy, math.copysign(0.5 * math.pi, stop)))
+        half = ((ends[1] - ends[0]) / 2.0)[:, None]
+        angle = ((ends[1] + ends[0]) / 2.0)[:, None] + half * NODES
+        place = np.zeros_like(energy)
+        if self.place == self.upper:
+            place = ends[1]
+        elif self.place == self.lower:
+            place = ends[0]
+        middle, away = ((angle + sign * place[:, None]) / 2.0 for sign in (1.0, -1.0))
+        y = 2.0 * largest[:, None] / self.omega * np.cos(middle) * np.sin(away)
+        time = 2.0 * half * WEIGHTS / self.omega
+        return Orbits(
+            period=time.sum(axis=1),
+            action=(time * (largest[:, None] * np.cos(angle)) ** 2).sum(axis=1),
+            first=(time * y).sum(axis=1),
+            second=(time * y**2).sum(axis=1),
+        )
+
+    def _free(self, energy: Vector) -> Orbits:
+        """Without a spring v^2 / 2 = E + load y, and y a parabola in v: few nodes are exact."""
+        ends = np.array([np.full(energy.shape, stop) for stop in (self.lower, self.upper)])
+        if self.load:
+            turn = self.place - energy / self.load
+            row = 0 if self.load > 0.0 else 1
+            ends[row] = np.clip(turn, self.lower, self.upper)
+        speeds = np.sqrt(np.maximum(2.0 * (energy + self.load * (ends - self.place)), 0.0))
+        length = ends[1] - ends[0]
+        v = (speeds[0] + speeds[1])[:, None] / 2.0 + (speeds[1] - speeds[0])[:, None] / 2.0 * NODES
+        share = WEIGHTS / 2.0
+        # dt = dx / v, and (v - v_0)(v + v_0) = 2 load (x - x_0) from the lowest place
+        whole = (speeds[0] + speeds[1])[:, None] / 2.0
+        fastest = speeds[1 if self.load > 0.0 else 0][:, None]
+        y = length[:, None] * (1.0 + NODES) / 2.0
+        if self.load:
+            y = (v - fastest) * (v + fastest) / (2.0 * self.load)
+        time = 2.0 * length[:, None] * share / whole
+        return Orbits(
+            period=time.sum(axis=1),
+            action=(time * v**2).sum(axis=1),
+            first=(time * y).sum(axis=1),
+            second=(time * y**2).sum(axis=1),
+        )
+
+
+class Stop(NamedTuple):
+    """E_i and R_i of a stop."""
+
+    energy: float
+    restitution: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnergyLaw:
+    """G on nodes: panels between the energies of the stops, E = E_k + s^2 above each of them.
+
+    The square takes the root out of T and J where an orbit begins to reach a stop.
+    """
+
+    well: Well
+    diffusion: float
+    damping: float
+    stops: dict[str, Stop]
+    span: float
+    variant: str
+    halvings: tuple[int, ...]
+
+    @cached_property
+    def _edges(self) -> list[tuple[float, float, float]]:
+        """(E_k, s from, s to) of every panel."""
+        starts = _starts(self.stops)
+        ends = [*starts[1:], starts[-1] + self.span]
+        found = []
+        for start, end, halvings in zip(starts, ends, self.halvings, strict=True):
+            grid = np.linspace(0.0, math.sqrt(end - start), PANELS + 1)
+            halved = grid[1] * 0.5 ** np.arange(halvings, 0, -1)
+            grid = np.concatenate([grid[:1], halved, grid[1:]])
+            found += [(start, float(one), float(two)) for one, two in pairwise(grid)]
+        return found
+
+    @property
+    def _first_panels(self) -> list[int]:
+        """Of the panels above each E_k."""
+        sizes = [PANELS + halvings for halvings in self.halvings]
+        return [sum(sizes[:k]) for k in range(len(sizes))]
+
+    @property
+    def halved(self) -> tuple[int, ...]:
+        """`halvings`, one more where the first panel holds too much of a fall of G."""
+        panels = self.flux.reshape(-1, len(NODES))
+        least, most = math.exp(-CUT) * panels.max(), math.exp(LARGEST_FALL)
+        return tuple(
+            halvings + int(panels[first, 0] > max(least, most * abs(panels[first, -1])))
+            for first, halvings in zip(self._first_panels, self.halvings, strict=True)
+        )
+
+    @property
+    def ends(self) -> bool:
+        """Whether hardly anything is left at the largest energy."""
+        last = self._first_panels[-1] * len(NODES)
+        return bool(self.flux[-1] <= math.exp(-CUT) * self.flux[last])
+
+    @cached_property
+    def nodes(self) -> tuple[Vector, Vector]:
+        """Energies, and dE / ds there."""
+        start, one, two = (np.array(column)[:, None] for column in zip(*self._edges, strict=True))
+        s = (one + two) / 2.0 + (two - one) / 2.0 * NODES
+        return (start + s**2).ravel(), (2.0 * s).ravel()
+
+    @cached_property
+    def weights(self) -> Vector:
+        """Of integrals over all energies."""
+        halves = np.array([(two - one) / 2.0 for _, one, two in self._edges])
+        return np.asarray((halves[:, None] * WEIGHTS).ravel() * self.nodes[1])
+
+    def integrals_above(self, energy: Vector) -> Matrix:
+        """Row by row, the weights of the nodes in an integral from each energy on."""
+        edges = np.array(self._edges)
+        bounds = edges[:, 0] + edges[:, 1] ** 2
+        panel = np.clip(np.searchsorted(bounds, energy, side="right") - 1, 0, len(edges) - 1)
+        size = len(NODES)
+        rows = np.repeat(self.weights[None, :], len(energy), axis=0)
+        whole = np.arange(len(edges))[None, :] > panel[:, None]
+        rows *= np.repeat(whole, size, axis=1)
+        start, one, two = edges[panel].T
+        s = np.sqrt(np.maximum(energy - start, 0.0))
+        z = np.clip((s - (one + two) / 2.0) / ((two - one) / 2.0), -1.0, 1.0)
+        part = _legendre_integrals(z) @ _TO_COEFFICIENTS
+        places = panel[:, None] * size + np.arange(size)
+        np.put_along_axis(
+            rows, places, part * ((two - one) / 2.0)[:, None] * self.nodes[1][places], axis=1
+        )
+        return rows
+
+    @cached_property
+    def orbits(self) -> Orbits:
+        """At the nodes."""
+        return self.well.orbits(self.nodes[0])
+
+    @cached_property
+    def flux(self) -> Vector:
+        """G at the nodes: cycles per second and unit of energy."""
+        shape = self._with_jumps() if self.variant == FINITE_JUMPS else self._continuous()
+        return shape / float(self.weights @ (shape * self.orbits.period))
+
+    def _continuous(self) -> Vector:
+        energy = self.nodes[0]
+        loss = np.zeros_like(energy)
+        for stop in self.stops.values():
+            above = np.maximum(energy - stop.energy, 0.0)
+            kept = 2.0 * stop.restitution - 1.0 if self.variant == UNFOLDED else stop.restitution**2
+            loss += (1.0 - kept) * above
+        rate = (self.damping + loss / self.orbits.action) / self.diffusion
+        below = self.integrals_above(energy) @ rate
+        return np.asarray(np.exp(below - below.max()))
+
+    def _with_jumps(self) -> Vector:
+        """Integral form of the balance, from the largest energy down: every term is positive."""
+        energy = self.nodes[0]
+        above = self.integrals_above(energy)
+        jumps = np.zeros_like(above)
+        for stop in self.stops.values():
+            if stop.restitution == 1.0:
+                continue
+            over = energy > stop.energy
+            jumps[over] += above[over]
+            if stop.restitution > 0.0:
+                start = stop.energy + (energy[over] - stop.energy) / stop.restitution**2
+                jumps[over] -= self.integrals_above(start)
+        falls = self.damping * np.eye(len(energy)) + jumps / self.orbits.action[:, None]
+        kernel = above @ falls / self.diffusion
+        return np.asarray(np.linalg.solve(np.eye(len(energy)) - kernel, np.ones(len(energy))))
+
+    # What is asked of it ------------------------------------------------------------------
+
+    def moment(self, of: Callable[[Orbits], Vector]) -> float:
+        """Mean of what `of` integrates over a cycle."""
+        return float(self.weights @ (self.flux * of(self.orbits)))
+
+    @property
+    def centre(self) -> float:
+        """E x of a box without a spring and a load."""
+        return (self.well.lower + self.well.upper) / 2.0
+
+    @property
+    def velocity_mean_square(self) -> float:
+        """E v^2: the action is the integral of v^2 dt over a cycle."""
+        return self.moment(lambda orbits: orbits.action)
+
+    def rate_of_cycles_above(self, energy: float) -> float:
+        """Cycles per second of orbits above an energy."""
+        return float((self.integrals_above(np.array([energy])) @ self.flux)[0])
+
+    def stop(self, side: str) -> StopStatistics:
+        """Rate, F1 and F2: each cycle that reaches a stop hits it once, at sqrt(2 (E - E_i))."""
+        if side not in self.stops:
+            return NO_STOP
+        over = np.maximum(self.nodes[0] - self.stops[side].energy, 0.0)
+        hits = self.weights * self.flux * (over > 0.0)
+        speed = np.sqrt(2.0 * over)
+        return StopStatistics(float(hits.sum()), float(hits @ speed), float(hits @ speed**2))
+
+
+def _legendre_integrals(z: Vector) -> Matrix:
+    """Integrals of the Legendre polynomials from each z to 1."""
+    columns = []
+    for degree in range(len(NODES)):
+        whole = INTEGRATED(degree).integ()
+        columns.append(whole(1.0) - whole(z))
+    return np.stack(columns, axis=1)
+
+
+_TO_COEFFICIENTS = np.linalg.inv(np.polynomial.legendre.legvander(NODES, len(NODES) - 1))
+"""From values at the nodes to coefficients of Legendre polynomials."""
+
+
+def energy_law(system: System, variant: str = FINITE_JUMPS) -> EnergyLaw:
+    """The law, up to an energy beyond which nothing is left."""
+    well = Well(
+        omega=system.omega,
+        load=system.load,
+        lower=-math.inf if system.lower is None else system.lower,
+        upper=math.inf if system.upper is None else system.upper,
+    )
+    sides = (
+        ("lower", system.lower, system.restitution_lower),
+        ("upper", system.upper, system.restitution_upper),
+    )
+    diffusion, damping = system.intensity / 2.0, system.damping_rate
+    stops = {
+        side: Stop(well.energy(place), restitution)
+        for side, place, restitution in sides
+        if place is not None
+        and restitution is not None
+        and damping * well.energy(place) <= UNREACHED * diffusion
+    }
+    span = _span(diffusion, damping, well, stops)
+    halvings = (0,) * len(_starts(stops))
+    for _ in range(MOST_DOUBLINGS):
+        law = EnergyLaw(
+            well=well, diffusion=diffusion, damping=damping, stops=stops, span=span,
+            variant=variant, halvings=halvings,
+        )  # fmt: skip
+        if law.halved != halvings:
+            halvings = law.halved
+        elif law.ends:
+            return law
+        else:
+            span *= 2.0
+    raise NotApplicable("average", ["no energy was found that the mass does not exceed"])
+
+
+def _starts(stops: dict[str, Stop]) -> list[float]:
+    """Energies from which on an orbit is another: the bottom, and those of the stops."""
+    return sorted({0.0, *(stop.energy for stop in stops.values())})
+
+
+def _span(diffusion: float, damping: float, well: Well, stops: dict[str, Stop]) -> float:
+    """A first guess of the energy above the last stop: where the losses of a cycle exceed CUT
+    times the gain, or a hundredth of where damping alone would end it."""
+    top = max([0.0, *(stop.energy for stop in stops.values())])
+    span = CUT * diffusion / damping / 100.0 if damping else math.inf
+    for stop in stops.values():
+        lost = 1.0 - stop.restitution**2
+        if lost > 0.0:
+            width = well.upper - well.lower
+            if not math.isfinite(width):
+                width = math.sqrt(2.0 * max(top, diffusion / (well.omega or 1.0))) / (
+                    well.omega or 1.0
+                )
+            # lost E = D T, T ~ 2 width / sqrt(2 E)
+            span = min(span, 4.0 * (diffusion * width / lost) ** (2.0 / 3.0))
+    return span

@@ -1,0 +1,521 @@
+"""The density C exp(-U(x) / theta) of a mass on a spring between stops that give way.
+
+U(x) = omega^2 x^2 / 2 - load x + V_u(x - upper) + V_l(lower - x), all per unit mass; a rigid stop
+cuts the density instead. U is convex, so the density has one peak, and everything is computed
+relative to it. A spring that is a function takes the place of omega^2 x^2 / 2: its U may have
+several wells, which are searched for, and its integrals are refined until they stand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq, minimize_scalar
+
+from stochvi.mathematics.cut_normal import CUT, NODES, WEIGHTS
+from stochvi.mathematics.impact_rates import ContactStatistics
+from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Law
+
+Vector = NDArray[np.float64]
+
+MOST_DOUBLINGS = 2000
+"""Of a bracket: from any length that a floating-point number holds to any other."""
+
+
+MOST_HALVINGS = 30
+"""Of a panel about a kink of a function, until it holds nothing."""
+
+SETTLED = 1e-13
+"""Share of an integral by which halving a panel may change it."""
+
+SHORTEST = 1e-40
+"""A length, in metres, on which no energy changes; made longer until one does."""
+
+LONGEST = 1e40
+"""A length, in metres, at which an energy that has not changed never does."""
+
+STRIDE = 16.0
+"""From one such length to the next."""
+
+SMALL_SHARE, SMALL_RISE = 1e-6, 0.01
+"""Of the distance to a rigid stop, and of theta: where a look at a function begins."""
+
+LOOKED_AT = 512
+"""Places between a distance and its double at which a spring that is a function is looked at."""
+
+BEYOND = 3
+"""Doublings of a distance over which the energy must stay high for nothing more to be expected."""
+
+
+class Spring(NamedTuple):
+    """Force (m/s^2) and energy (m^2/s^2) per unit mass of a spring that is a function of x (m)."""
+
+    force: Callable[[ArrayLike], Vector]
+    energy: Callable[[ArrayLike], Vector]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GibbsLaw:
+    """Density of x where v is N(0, theta) and independent of it (B 13.38).
+
+    Parameters
+    ----------
+    theta
+        E v^2, m^2/s^2.
+    omega, load
+        Natural frequency, rad/s, and constant load per unit mass, m/s^2.
+    stop_lower, stop_upper
+        Positions of the stops, m; None for none.
+    law_lower, law_upper
+        Their laws for forces per unit mass; of a viscoelastic stop the spring alone counts.
+    spring
+        A function in the place of omega^2 x; omega is then 0. Its wells are looked for outwards
+        from 0 until the energy has stayed 50 theta above the deepest one over an eightfold
+        distance.
+
+    Raises
+    ------
+    ValueError
+        Where nothing holds the mass on one side.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Elastic
+    >>> law = GibbsLaw(theta=1.0, omega=1.0, stop_upper=1.0, law_upper=Elastic(stiffness=100.0))
+    >>> round(law.mean, 12), round(law.contact("upper").probability, 12)
+    (-0.243802368138, 0.032121450803)
+    """
+
+    theta: float
+    omega: float
+    load: float = 0.0
+    stop_lower: float | None = None
+    stop_upper: float | None = None
+    law_lower: Law | None = None
+    law_upper: Law | None = None
+    spring: Spring | None = None
+
+    def __post_init__(self) -> None:
+        if not self.holds("lower") or not self.holds("upper"):
+            raise ValueError("neither spring nor stops hold the mass")
+
+    @property
+    def lower(self) -> float | None:
+        """Where a rigid lower stop cuts the density."""
+        return None if self._compliant("lower") else self.stop_lower
+
+    @property
+    def upper(self) -> float | None:
+        """Where a rigid upper stop cuts the density."""
+        return None if self._compliant("upper") else self.stop_upper
+
+    def _compliant(self, side: str) -> CompliantLaw | None:
+        law = getattr(self, f"law_{side}")
+        return law if isinstance(law, CompliantLaw) else None
+
+    def holds(self, side: str) -> bool:
+        """Whether the mass cannot be lost on this side."""
+        if self.spring is not None:
+            return math.isfinite(self._ends[0 if side == "lower" else 1])
+        if self.omega > 0.0:
+            return True
+        outward = self.load if side == "upper" else -self.load
+        if getattr(self, f"stop_{side}") is None:
+            return outward < 0.0
+        law = self._compliant(side)
+        if isinstance(law, ForceTable) and law.pieces[2, -1] == 0.0:
+            return law.force[-1] > outward
+        return True
+
+    # The potential ------------------------------------------------------------------------
+
+    def _deflections(self, x: ArrayLike) -> list[tuple[CompliantLaw, float, Vector]]:
+        """(law, side, deflection) of each stop that gives way; side is +1 for the upper."""
+        x = np.asarray(x, dtype=float)
+        found = []
+        for side, sign in (("lower", -1.0), ("upper", 1.0)):
+            law, stop = self._compliant(side), getattr(self, f"stop_{side}")
+            if law is not None:
+                found.append((law, sign, sign * (x - stop)))
+        return found
+
+    def _pull(self, x: ArrayLike) -> Vector:
+        """U'(x)."""
+        x = np.asarray(x, dtype=float)
+        spring = (self.spring.force(x) if self.spring else self.omega**2 * x) - self.load
+        stops = [sign * law.force_at(y) for law, sign, y in self._deflections(x)]
+        return np.asarray(sum(stops, spring))
+
+    def _rise(self, offset: ArrayLike, origin: float) -> Vector:
+        """U(origin + offset) - U(origin)."""
+        offset = np.asarray(offset, dtype=float)
+        spring = offset * (self.omega**2 * (origin + offset / 2.0) - self.load)
+        if self.spring is not None:
+            spring = spring + self.spring.energy(origin + offset) - self.spring.energy(origin)
+        there, here = self._deflections(origin + offset), self._deflections(origin)
+        stops = [
+            law.potential_at(y) - law.potential_at(before)
+            for (law, _, y), (_, _, before) in zip(there, here, strict=True)
+        ]
+        return np.asarray(sum(stops, spring))
+
+    @cached_property
+    def _scale(self) -> float:
+        """A length to start a search from: no larger than any on which the density changes."""
+        speed = math.sqrt(self.theta)
+        lengths = [law.impact(speed, 1.0).peak_deflection for law, _, _ in self._deflections(0.0)]
+        if self.omega > 0.0:
+            lengths.append(speed / self.omega)
+        if self.load:
+            lengths.append(self.theta / abs(self.load))
+        if self.stop_lower is not None and self.stop_upper is not None:
+            lengths.append(self.stop_upper - self.stop_lower)
+        return min(length for length in lengths if length > 0.0)
+
+    @cached_property
+    def peak(self) -> float:
+        """Where the density is largest: U' = 0, or a rigid stop."""
+        if self.spring is not None:
+            return self._deepest_well()
+        start = self.load / self.omega**2 if self.omega else 0.0
+        stops = [stop for stop in (self.stop_lower, self.stop_upper) if stop is not None]
+        if self.omega == 0.0 or any(float(self._pull(stop)) == 0.0 for stop in stops):
+            start = stops[0]
+        low = -math.inf if self.lower is None else self.lower
+        high = math.inf if self.upper is None else self.upper
+        start = min(max(start, low), high)
+        slope = float(self._pull(start))
+        if slope == 0.0:
+            return start
+        away = -math.copysign(1.0, slope)
+        end = high if away > 0.0 else low
+        distance = self._first(lambda d: away * float(self._pull(start + away * d)), start, away)
+        if distance >= abs(end - start):
+            return end
+        return start + away * distance
+
+    def _within(self, x: ArrayLike) -> Vector:
+        """x, on the near side of rigid stops."""
+        low = -math.inf if self.lower is None else self.lower
+        high = math.inf if self.upper is None else self.upper
+        return np.asarray(np.clip(np.asarray(x, dtype=float), low, high))
+
+    def _outer(self, origin: float, away: float) -> float:
+        """Where, away from `origin`, a spring that is a function leaves no more of the density; a
+        rigid stop, or infinity where nothing holds the mass."""
+        end = self.upper if away > 0.0 else self.lower
+        most = math.inf if end is None else (end - origin) * away
+        distance, lowest, high = self._near(origin, away, most), 0.0, 0
+        for _ in range(MOST_DOUBLINGS):
+            if distance >= most:
+                assert end is not None
+                return end
+            ring = origin + away * distance * np.linspace(1.0, 2.0, LOOKED_AT)
+            with np.errstate(over="ignore", invalid="ignore"):
+                rise = self._rise(ring - origin, origin) / self.theta
+            if not np.any(rise < math.inf):
+                return float(ring[0])
+            lowest = min(lowest, float(np.nanmin(rise)))
+            high = high + 1 if np.all(rise > lowest + CUT) else 0
+            if high == BEYOND:
+                return float(origin + away * distance)
+            distance *= 2.0
+            if distance > LONGEST:
+                break
+        return math.inf
+
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        """Between which a spring that is a function keeps all of the density."""
+        start = float(self._within(0.0))
+        return self._outer(start, -1.0), self._outer(start, 1.0)
+
+    def _near(self, origin: float, away: float, most: float) -> float:
+        """A distance over which the energy hardly changes."""
+        distance = SHORTEST
+        while distance < min(most * SMALL_SHARE, LONGEST):
+            if abs(float(self._rise(STRIDE * away * distance, origin))) > SMALL_RISE * self.theta:
+                break
+            distance *= STRIDE
+        return distance
+
+    def _deepest_well(self) -> float:
+        """The lowest energy of a spring that is a function, between its outer ends."""
+        start, ends = float(self._within(0.0)), self._ends
+        # as many places about each end of the scale as far out: a well may be narrow
+        steps = [np.geomspace(SHORTEST, 1.0, 8 * LOOKED_AT) * (end - start) for end in ends]
+        places = np.sort(np.concatenate([[start], start + steps[0], start + steps[1]]))
+        near = np.linspace(ends[0], ends[1], 8 * LOOKED_AT)
+        places = np.unique(np.concatenate([places, near]))
+        rise = self._rise(places - start, start)
+        best = int(np.argmin(rise))
+        around = float(places[max(best - 1, 0)]), float(places[min(best + 1, len(places) - 1)])
+        found = minimize_scalar(
+            lambda x: float(self._rise(x - start, start)), bounds=around, method="bounded",
+            options={"xatol": 1e-10 * (around[1] - around[0])},
+        )  # fmt: skip
+        return float(found.x if found.fun < rise[best] else places[best])
+
+    def _first(self, function: Callable[[float], float], origin: float, away: float) -> float:
+        """Distance at which a function that starts below 0 comes to 0; up to a rigid stop."""
+        end = self.upper if away > 0.0 else self.lower
+        most = math.inf if end is None else abs(end - origin)
+        near, far = 0.0, self._scale
+        for _ in range(MOST_DOUBLINGS):
+            if far >= most:
+                far = most
+                if most == 0.0 or function(far) < 0.0:
+                    return most
+                break
+            if function(far) >= 0.0:
+                break
+            near, far = far, 2.0 * far
+        return float(brentq(function, near, far, xtol=1e-14 * far, rtol=1e-14))
+
+    # Quadrature ---------------------------------------------------------------------------
+
+    def _edges(self, start: float, end: float) -> list[float]:
+        """Places from `start` to `end` between which the potential is smooth."""
+        places = {start, end}
+        for law, sign, _ in self._deflections(0.0):
+            stop = self.stop_upper if sign > 0.0 else self.stop_lower
+            assert stop is not None
+            knots = law.pieces[0] if isinstance(law, ForceTable) else np.zeros(1)
+            places |= {float(stop + sign * knot) for knot in knots}
+        return sorted(place for place in places if start <= place <= end)
+
+    def _nodes(self, edges: list[float]) -> tuple[Vector, Vector]:
+        """Places and weights of quadrature panel by panel.
+
+        Within a stop the deflection is the square of the variable, in which a Hertz force is a
+        polynomial.
+        """
+        places, weights = [np.zeros(0)], [np.zeros(0)]
+        for start, end in pairwise(edges):
+            origin, sign = self._origin(start, end)
+            if origin is None:
+                half = (end - start) / 2.0
+                places.append((start + end) / 2.0 + half * NODES)
+                weights.append(half * WEIGHTS)
+                continue
+            a, b = (math.sqrt(abs(edge - origin)) for edge in (start, end))
+            s, half = (a + b) / 2.0 + (b - a) / 2.0 * NODES, abs(b - a) / 2.0
+            places.append(origin + sign * s**2)
+            weights.append(2.0 * s * half * WEIGHTS)
+        return np.concatenate(places), np.concatenate(weights)
+
+    def _origin(self, start: float, end: float) -> tuple[float | None, float]:
+        """The stop within which a panel lies, and on which side that stop is."""
+        if self._compliant("upper") and self.stop_upper is not None and start >= self.stop_upper:
+            return self.stop_upper, 1.0
+        if self._compliant("lower") and self.stop_lower is not None and end <= self.stop_lower:
+            return self.stop_lower, -1.0
+        return None, 1.0
+
+    def _reach(self, origin: float, away: float) -> float:
+        """How far from `origin`, where the potential rises, the density has fallen by e^-CUT."""
+        if self.spring is not None:
+            return abs(self._outer(origin, away) - origin)
+        return self._first(
+            lambda d: float(self._rise(away * d, origin)) - CUT * self.theta, origin, away
+        )
+
+    def _weighed(self, start: float, end: float, origin: float) -> tuple[Vector, Vector]:
+        """Offsets from `origin` of nodes from `start` to `end`, and weights that hold the density
+        in units of that at `origin`."""
+        edges = sorted({*self._edges(start, end), min(max(origin, start), end)})
+        if self.spring is None:
+            return self._weights(edges, origin)
+        for _ in range(MOST_HALVINGS):
+            halved = sorted({*edges, *((one + two) / 2.0 for one, two in pairwise(edges))})
+            whole = self._panels(edges, origin)
+            parts = self._panels(halved, origin)
+            moved = np.abs(parts[0::2] + parts[1::2] - whole) > SETTLED * float(parts.sum())
+            if not np.any(moved):
+                break
+            middles = [(one + two) / 2.0 for one, two in pairwise(edges)]
+            edges = sorted({*edges, *np.array(middles)[moved].tolist()})
+        return self._weights(halved, origin)
+
+    def _panels(self, edges: list[float], origin: float) -> Vector:
+        """Integral over each panel."""
+        return np.asarray(self._weights(edges, origin)[1].reshape(-1, len(NODES)).sum(axis=1))
+
+    def _weights(self, edges: list[float], origin: float) -> tuple[Vector, Vector]:
+        places, weights = self._nodes(edges)
+        offset = places - origin
+        with np.errstate(under="ignore", over="ignore"):
+            return offset, weights * np.exp(-self._rise(offset, origin) / self.theta)
+
+    @cached_property
+    def _quadrature(self) -> tuple[Vector, Vector]:
+        """Offsets from the peak, and weights that hold the density there."""
+        left = self.peak - self._reach(self.peak, -1.0)
+        right = self.peak + self._reach(self.peak, 1.0)
+        return self._weighed(left, right, self.peak)
+
+    @cached_property
+    def _mass(self) -> float:
+        return float(self._quadrature[1].sum())
+
+    def expect(self, values: Vector) -> float:
+        """Mean of `values`, given at the nodes."""
+        return float(values @ self._quadrature[1]) / self._mass
+
+    # What is asked of it ------------------------------------------------------------------
+
+    @cached_property
+    def mean(self) -> float:
+        """E x, m."""
+        return self.peak + self.expect(self._quadrature[0]) + self._beyond(1)
+
+    @cached_property
+    def variance(self) -> float:
+        """Variance of x, m^2."""
+        offset = self._quadrature[0]
+        return self.expect((offset - self.expect(offset)) ** 2) + self._beyond(2)
+
+    def _beyond(self, power: int) -> float:
+        """What lies beyond the ends of the quadrature of E (x - peak)^power, of a density that
+        falls as |x - peak|^-n there: |x - peak|^(power + 1) p / (n - power - 1)."""
+        found = 0.0
+        for away, end, falls in self._open_ends() if self.spring else []:
+            x = abs(end - self.peak)
+            found += away**power * x ** (power + 1) * self.density_at(end) / (falls - power - 1.0)
+        return found
+
+    def _open_ends(self) -> list[tuple[float, float, float]]:
+        """Side of each end that is no rigid stop, its place, and n of p ~ |x - peak|^-n there."""
+        return [
+            (away, end, (end - self.peak) * float(self._pull(end)) / self.theta)
+            for away, stop in ((-1.0, self.lower), (1.0, self.upper))
+            if (end := self._outer(self.peak, away)) != stop
+        ]
+
+    @property
+    def heaviest(self) -> float:
+        """Least n of the powers |x|^-n with which the density of a spring that is a function falls
+        far out; its variance is finite above 3."""
+        return min((n for _, _, n in self._open_ends()), default=math.inf)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of x, m."""
+        return math.sqrt(self.variance)
+
+    def log_density(self, x: ArrayLike) -> Vector:
+        """Logarithm of the density at x (1/m); minus infinity beyond rigid stops."""
+        x = np.asarray(x, dtype=float)
+        inside = self._within(x)
+        relative = -self._rise(inside - self.peak, self.peak) / self.theta
+        return np.where(inside == x, relative - math.log(self._mass), -math.inf)
+
+    def density(self, x: ArrayLike) -> Vector:
+        """Probability density at x, 1/m; zero beyond rigid stops."""
+        with np.errstate(under="ignore"):
+            return np.asarray(np.exp(self.log_density(x)))
+
+    def log_tail(self, x: ArrayLike) -> Vector:
+        """log P(X > x), from the side of x where there is less."""
+        return np.asarray(np.vectorize(self._log_tail, otypes=[float])(x))
+
+    def _log_tail(self, x: float) -> float:
+        if x >= self.peak:
+            return self._log_beyond(x, 1.0)
+        below = self._log_beyond(x, -1.0)
+        return math.log(-math.expm1(below)) if below < 0.0 else -math.inf
+
+    def _log_beyond(self, x: float, away: float) -> float:
+        """log of the probability on the far side of x as seen from the peak."""
+        if float(self._within(x)) != x:
+            return -math.inf
+        end = x + away * self._reach(x, away)
+        share = float(self._weighed(min(x, end), max(x, end), x)[1].sum()) / self._mass
+        if share == 0.0:
+            return -math.inf
+        # rounding must not make the whole more than 1
+        return min(math.log(share) - float(self._rise(x - self.peak, self.peak)) / self.theta, 0.0)
+
+    def density_at(self, x: float | None) -> float:
+        """Density at one place; 0 for the place of a stop that does not exist."""
+        return 0.0 if x is None else float(self.density(x))
+
+    def contact(self, side: str) -> ContactStatistics | None:
+        """Contact with one stop that gives way; None for one that does not, or is not there."""
+        law = self._compliant(side)
+        if law is None:
+            return None
+        sign = 1.0 if side == "upper" else -1.0
+        y = sign * (self.peak + self._quadrature[0] - getattr(self, f"stop_{side}"))
+        return ContactStatistics(
+            probability=self.expect(np.where(y > 0.0, 1.0, 0.0)),
+            force=self.expect(law.force_at(y)),
+            peak_force=self._peak_force(side, law, sign),
+        )
+
+    def peak_force_exceedance(self, side: str, force: ArrayLike) -> Vector:
+        """P(largest force of a contact > force), force per unit mass, noise and damping neglected.
+
+        The mass turns where U = U(stop) + w^2 / 2, w the Rayleigh speed that it comes with:
+        P = exp(-(U(y_f) - U(stop)) / theta), y_f the deflection of that force; 1 as long as it is
+        reached without speed.
+        """
+        law = self._compliant(side)
+        if law is None:
+            raise ValueError(f"the {side} stop does not give way: its force has no law")
+        sign, stop = (1.0 if side == "upper" else -1.0), getattr(self, f"stop_{side}")
+        y = law.deflection_at(force)
+        reached = np.isfinite(y)
+        rise = self._rise(sign * np.where(reached, y, 0.0), stop) / self.theta
+        with np.errstate(under="ignore"):
+            return np.where(reached, np.exp(-np.maximum(rise, 0.0)), 0.0)
+
+    def peak_force_density(self, side: str, force: ArrayLike) -> Vector:
+        """Minus the derivative of `peak_force_exceedance`, U'(y) P / (theta dF/dy)."""
+        law = self._compliant(side)
+        exceedance = self.peak_force_exceedance(side, force)
+        assert law is not None
+        sign, stop = (1.0 if side == "upper" else -1.0), getattr(self, f"stop_{side}")
+        y = law.deflection_at(force)
+        y = np.where(exceedance > 0.0, y, 0.0)
+        slope = np.where(y > 0.0, law.slope_at(y), math.inf)
+        density = sign * self._pull(stop + sign * y) * exceedance / slope / self.theta
+        return np.where(exceedance < 1.0, density, 0.0)
+
+    def _peak_force(self, side: str, law: CompliantLaw, sign: float) -> float | None:
+        """Mean of the largest force of a contact without noise and damping while it lasts.
+
+        The force F turns a mass that came with the speed w where U = U(stop) + w^2 / 2. Over the
+        Rayleigh law of w that is F(y_0) + int F'(y) exp(-(U - U(stop)) / theta) dy, from y_0 on,
+        where w = 0: the stop itself, unless the mass is pressed into it. None where a spring that
+        is a function makes U fall again further in, so that a faster mass may turn elsewhere.
+        """
+        stop = getattr(self, f"stop_{side}")
+        start = stop
+        if sign * float(self._pull(stop)) < 0.0:
+            if sign * (self.peak - stop) < 0.0:
+                return None
+            bottom = sign * (self.peak - stop)
+            start = stop + sign * (bottom + self._first(
+                lambda d: float(self._rise(sign * (bottom + d), stop)), self.peak, sign
+            ))  # fmt: skip
+        end = start + sign * self._first(
+            lambda d: float(self._rise(start + sign * d - stop, stop)) - CUT * self.theta,
+            start,
+            sign,
+        )
+        edges = self._edges(min(start, end), max(start, end))
+        places, weights = self._nodes(edges)
+        if np.any(sign * self._pull(places) < 0.0):
+            return None
+        shape = np.exp(-self._rise(places - stop, stop) / self.theta)
+        y = sign * (places - stop)
+        first = float(law.force_at(sign * (start - stop)))
+        return first + float((law.slope_at(y) * shape) @ weights)

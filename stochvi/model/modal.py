@@ -1,0 +1,238 @@
+"""A structure in modal coordinates, and the stationary law of it with springs for its stops."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from stochvi.mathematics.frequency_response import Tables
+from stochvi.mathematics.frequency_response import covariance as tabulated_covariance
+from stochvi.mathematics.state_space import stationary_covariance
+from stochvi.model.model import Assembly
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+RIGID_BODY = 1e-13
+"""Eigenvalue, relative to the largest, that is taken for 0."""
+
+UNSTABLE = 1e-8
+"""Decay rate, relative to the fastest frequency, below which there is no stationary law."""
+
+
+class Modes(NamedTuple):
+    """M q'' + C q' + K q = forces in modal coordinates, displacements = Phi q with Phi' M Phi = 1.
+
+    The state of a path is s = (q - rest, q', signals); each signal has the states f and f'/omega.
+
+    Parameters
+    ----------
+    shapes, squares
+        Phi (n, n) and omega^2 (n,).
+    damping, white
+        Phi' C Phi and Phi' S Phi (n, n).
+    gaps
+        Rows phi (pairs, n): the gap of a pair is y = phi . q.
+    rest
+        Modal displacements (n,) under the loads where nothing hits. A load on a mode without
+        stiffness has none: it is a last signal, of one state that stays 1.
+    signals, coupling, signal_noise
+        Generator (m, m) of the signals, modal forces per unit of them (n, m), and the intensity
+        matrix (m, m) of the white noise that drives them.
+    sines
+        (first state, omega, amplitude) of the signals that are sines.
+    tables
+        Densities of what else shakes, and the modal forces (n,) per unit of it.
+    """
+
+    shapes: Matrix
+    squares: Vector
+    damping: Matrix
+    white: Matrix
+    gaps: Matrix
+    rest: Vector
+    signals: Matrix
+    coupling: Matrix
+    signal_noise: Matrix
+    sines: tuple[tuple[int, float, float], ...]
+    tables: Tables = ()
+
+    @property
+    def size(self) -> int:
+        """Number of modes, n."""
+        return len(self.squares)
+
+    @property
+    def kicked(self) -> bool:
+        """Whether there is white noise, together with which the damping is kicked."""
+        return bool(np.any(self.white))
+
+    @property
+    def falling(self) -> Vector:
+        """Constant modal forces on modes without stiffness (n,)."""
+        return self.coupling[:, -1] if len(self.signals) % 2 else np.zeros(self.size)
+
+    @property
+    def fastest(self) -> float:
+        """Largest frequency of a mode or a signal, rad/s."""
+        rates = [math.sqrt(float(np.max(self.squares))), *np.abs(np.linalg.eigvals(self.signals))]
+        return float(max(rates))
+
+    @property
+    def fading(self) -> NDArray[np.int64]:
+        """States that forget their start: all but those of sines and of what is constant."""
+        kept = np.ones(len(self.signals), bool)
+        for first, _, _ in self.sines:
+            kept[first : first + 2] = False
+        if len(self.signals) % 2:
+            kept[-1] = False
+        return np.concatenate([np.arange(2 * self.size), 2 * self.size + np.flatnonzero(kept)])
+
+    def generator(self, damping: Matrix, stiffness: Matrix) -> Matrix:
+        """A of s' = A s + noise with these modal matrices."""
+        n, m = self.size, len(self.signals)
+        a = np.zeros((2 * n + m, 2 * n + m))
+        a[:n, n : 2 * n] = np.eye(n)
+        a[n : 2 * n] = np.hstack([-stiffness, -damping, self.coupling])
+        a[2 * n :, 2 * n :] = self.signals
+        return a
+
+    @property
+    def flow(self) -> Matrix:
+        """A between impacts, without what is kicked."""
+        damping = np.zeros_like(self.damping) if self.kicked else self.damping
+        return self.generator(damping, np.diag(self.squares))
+
+    def noise(self, white: Matrix) -> Matrix:
+        """Intensity matrix of all white noise on the states, with `white` on the modes."""
+        n, m = self.size, len(self.signals)
+        intensity = np.zeros((2 * n + m, 2 * n + m))
+        intensity[n : 2 * n, n : 2 * n] = white
+        intensity[2 * n :, 2 * n :] = self.signal_noise
+        return intensity
+
+
+def modes_of(assembly: Assembly) -> Modes:
+    """Modal coordinates of an assembly, and its signals as states."""
+    squares, shapes = eigh(assembly.stiffness, assembly.mass)
+    squares = np.where(squares > RIGID_BODY * max(float(squares[-1]), 0.0), squares, 0.0)
+    load = shapes.T @ assembly.load
+    free = squares == 0.0
+    falling = np.where(free, load, 0.0)
+    states = 2 * len(assembly.signals) + int(np.any(falling))
+    generator, noise = np.zeros((states, states)), np.zeros((states, states))
+    coupling = np.zeros((len(squares), states))
+    sines = []
+    for number, signal in enumerate(assembly.signals):
+        k = 2 * number
+        generator[k, k + 1], generator[k + 1, k] = signal.omega, -signal.omega
+        generator[k + 1, k + 1] = -signal.damping_rate
+        noise[k + 1, k + 1] = signal.omega**2 * signal.intensity
+        coupling[:, k] = shapes.T @ signal.direction
+        if signal.amplitude:
+            sines.append((k, signal.omega, signal.amplitude))
+    if np.any(falling):
+        coupling[:, -1] = falling
+    directions = [contact.direction for contact in assembly.contacts]
+    return Modes(
+        shapes=shapes,
+        squares=squares,
+        damping=shapes.T @ assembly.damping @ shapes,
+        white=shapes.T @ assembly.white @ shapes,
+        gaps=np.array(directions).reshape(-1, len(squares)) @ shapes,
+        rest=np.divide(load, squares, out=np.zeros_like(load), where=~free),
+        signals=generator,
+        coupling=coupling,
+        signal_noise=noise,
+        sines=tuple(sines),
+        tables=tuple((table, shapes.T @ direction) for table, direction in assembly.tables),
+    )
+
+
+class LinearLaw(NamedTuple):
+    """Stationary law of a linear structure: `covariance` of the states from noise; `waves`, the
+    complex amplitudes of the states under each sine; `mean` of the modal displacements; `decay`,
+    rates of the damping by mode; `slowest` relaxation of a variance, s."""
+
+    covariance: Matrix
+    waves: tuple[NDArray[np.complex128], ...]
+    mean: Vector
+    decay: Vector
+    slowest: float
+
+    def variances(self, row: Vector, first: int) -> float:
+        """Variance of the sum row . s over the states from `first`, sines included."""
+        part = slice(first, first + len(row))
+        waves = sum(abs(row @ wave[part]) ** 2 / 2.0 for wave in self.waves)
+        return float(row @ self.covariance[part, part] @ row + waves)
+
+    def largest_variance(self, modes: int) -> float:
+        """Of the modal velocities."""
+        return max(self.variances(row, modes) for row in np.eye(modes))
+
+
+class Substitute(NamedTuple):
+    """What stands for the impacts of a pair: spring N/m, its centre m, damper N s/m."""
+
+    spring: float
+    centre: float
+    damper: float
+
+
+def linear_law(modes: Modes, substitutes: Sequence[Substitute] = ()) -> LinearLaw | None:
+    """The stationary law of a structure whose pairs are springs and dampers, exactly; None where
+    it has none. Without substitutes, one without stops.
+    """
+    gaps = modes.gaps[: len(substitutes)]
+    n = modes.size
+    springs = np.array([s.spring for s in substitutes])
+    dampers = np.array([s.damper for s in substitutes])
+    centres = np.array([s.centre for s in substitutes])
+    stiffness = np.diag(modes.squares) + (gaps.T * springs) @ gaps
+    damping = modes.damping + (gaps.T * dampers) @ gaps
+    generator = modes.generator(damping, stiffness)
+    fading = modes.fading
+    inner = generator[np.ix_(fading, fading)]
+    slowest = float(np.min(-np.linalg.eigvals(inner).real))
+    fastest = math.sqrt(float(np.linalg.eigvalsh(stiffness)[-1]))
+    if slowest <= UNSTABLE * max(fastest, modes.fastest):
+        return None
+    covariance = np.zeros_like(generator)
+    noise = modes.noise(modes.white)[np.ix_(fading, fading)]
+    # in units in which every entry is a rate: displacements and signals may be of any size
+    size = np.ones(len(generator))
+    reference = max(fastest, modes.fastest)
+    size[:n] = 1.0 / reference
+    pull = np.max(np.abs(modes.coupling), axis=0)
+    pairs = len(modes.signals) // 2
+    pull[1 : 2 * pairs : 2] = pull[0 : 2 * pairs : 2]  # f' / omega is of the size of f
+    size[2 * n :] = np.divide(reference, pull, out=np.ones_like(pull), where=pull > 0.0)
+    size = size[fading]
+    with warnings.catch_warnings():
+        # decays far apart cost digits, of which a rough law needs few
+        warnings.simplefilter("ignore", RuntimeWarning)
+        scaled = stationary_covariance(inner * size / size[:, None], noise / np.outer(size, size))
+    covariance[np.ix_(fading, fading)] = scaled * np.outer(size, size)
+    if modes.tables:
+        covariance[: 2 * n, : 2 * n] += tabulated_covariance(modes.tables, stiffness, damping)
+    waves = []
+    for first, omega, amplitude in modes.sines:
+        wave = np.zeros(len(generator), complex)
+        wave[2 * n + first], wave[2 * n + first + 1] = amplitude, 1j * amplitude
+        forced = generator[np.ix_(fading, np.arange(len(generator)))] @ wave
+        wave[fading] = np.linalg.solve(1j * omega * np.eye(len(fading)) - inner, forced)
+        waves.append(wave)
+    held = gaps.T @ (springs * (centres - gaps @ modes.rest))
+    return LinearLaw(
+        covariance=covariance,
+        waves=tuple(waves),
+        mean=np.linalg.solve(stiffness, held + modes.falling),
+        decay=np.linalg.eigvalsh(damping),
+        slowest=1.0 / (2.0 * slowest),
+    )

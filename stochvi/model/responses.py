@@ -1,0 +1,249 @@
+"""From the few numbers that a deterministic method computes to the `Response` it returns."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics
+from stochvi.mathematics.spectra import response_moments
+from stochvi.model.balances import residuals
+from stochvi.model.cautions import scene_notes
+from stochvi.model.model import assemble
+from stochvi.results.estimates import Cost, Estimate, Response, provenance
+from stochvi.scenes.scene import Scene, System
+
+MOST_ENERGY_CHANGE = 0.1
+"""Of a contact by noise and damping, relative, for a peak force from energy alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """Stationary moments, in SI units per unit mass, as a deterministic method finds them.
+
+    The three rates that a method has no law for are None in the `StopStatistics`; the contact
+    statistics of a rigid stop are None. `errors`, where a method can tell them, holds a bound on
+    the error of each number in the place of the number.
+    """
+
+    mean: float
+    variance: float
+    velocity_mean_square: float
+    upcrossing_rate: float
+    lower: StopStatistics
+    upper: StopStatistics
+    acceleration_mean_square: float | None = None
+    contact_lower: ContactStatistics | None = None
+    contact_upper: ContactStatistics | None = None
+    errors: Answer | None = None
+
+    def response(
+        self,
+        method: str,
+        scene: Scene,
+        *,
+        how: str,
+        started: float,
+        bias: float | None = 0.0,
+        assumptions: Sequence[str] = (),
+        speed_threshold: float = 0.0,
+    ) -> Response:
+        """The answer in the form that every method returns; `bias` holds where `errors` do not."""
+
+        system = scene.system()
+        biases = self._biases(system)
+
+        def estimate(name: str, value: float | None) -> Estimate | None:
+            if value is None:
+                return None
+            return Estimate(value=value, bias=biases.get(name, bias), how=how)
+
+        acceleration = self.acceleration_mean_square
+        values = {
+            "displacement_mean": self.mean,
+            "displacement_std": math.sqrt(self.variance),
+            "displacement_mean_square": self.mean**2 + self.variance,
+            "velocity_std": math.sqrt(self.velocity_mean_square),
+            "velocity_mean_square": self.velocity_mean_square,
+            "acceleration_std": None if acceleration is None else math.sqrt(acceleration),
+            "upcrossing_rate": self.upcrossing_rate,
+        }
+        coordinate = {name: estimate(name, value) for name, value in values.items()}
+        return Response(
+            method=method,
+            coordinates={"x": coordinate},
+            impact_pairs={
+                entry.name: self.pair(system, how, bias, speed_threshold)
+                for entry in scene.impact_pairs
+            },
+            effects=scene.effects(),
+            assumptions=[*scene.assumptions(), *assumptions],
+            cost=Cost(wall_time=time.perf_counter() - started),
+            warnings=scene_notes(system),
+            provenance=provenance(scene.document()),
+            identities=self._identities(scene, how),
+        )
+
+    def pair(
+        self, system: System, how: str, bias: float | None = 0.0, speed_threshold: float = 0.0
+    ) -> dict[str, Estimate | float | None]:
+        """The entries of the impact pair, by name."""
+        biases = self._biases(system)
+        values = {
+            "collision_rate": _total(self.lower.rate, self.upper.rate),
+            "collision_rate_lower": None if system.lower is None else self.lower.rate,
+            "collision_rate_upper": None if system.upper is None else self.upper.rate,
+            "impact_speed_mean": self._speed_mean(),
+            "impact_speed_rate": _total(self.lower.speed_rate, self.upper.speed_rate),
+            "impact_speed_square_rate": _total(
+                self.lower.speed_square_rate, self.upper.speed_square_rate
+            ),
+            **self._contacts(system),
+        }
+        found: dict[str, Estimate | float | None] = {
+            name: None
+            if value is None
+            else Estimate(value=value, bias=biases.get(name, bias), how=how)
+            for name, value in values.items()
+        }
+        found["peak_force"] = self._peak_force(system, how)
+        return found | {"speed_threshold": speed_threshold}
+
+    def _contacts(self, system: System) -> dict[str, float | None]:
+        """Share of time in contact with either stop, and the mean forces on them, N."""
+        contacts = (self.contact_lower, self.contact_upper)
+        forces = [None if contact is None else system.mass * contact.force for contact in contacts]
+        shares = [contact.probability for contact in contacts if contact is not None]
+        return {
+            "contact_probability": sum(shares) if shares else None,
+            "contact_force_lower": forces[0],
+            "contact_force_upper": forces[1],
+        }
+
+    def _peak_force(self, system: System, how: str) -> Estimate | None:
+        """Mean over all contacts of their largest force, N, noise and damping in them neglected.
+
+        A contact of the duration t gains and loses the part b t of its energy; where that is not
+        small no number is given.
+        """
+        ends = (
+            (system.lower, self.lower.rate, self.contact_lower),
+            (system.upper, self.upper.rate, self.contact_upper),
+        )
+        found = []
+        for stop, stop_rate, contact in ends:
+            if stop is not None:
+                if stop_rate is None or contact is None or contact.peak_force is None:
+                    return None
+                found.append((stop_rate, contact.peak_force, contact.probability))
+        rate = sum(each for each, _, _ in found)
+        if not rate:
+            return None
+        peak = sum(each * force for each, force, _ in found) / rate
+        duration = sum(share for _, _, share in found) / rate
+        change = system.damping_rate * duration
+        if change > MOST_ENERGY_CHANGE:
+            return None
+        return Estimate(
+            value=system.mass * peak, bias=system.mass * peak * change, how=f"{how}, brief contacts"
+        )
+
+    def _speed_mean(self) -> float | None:
+        speed_rate = _total(self.lower.speed_rate, self.upper.speed_rate)
+        rate = _total(self.lower.rate, self.upper.rate)
+        return speed_rate / rate if speed_rate is not None and rate else None
+
+    def _biases(self, system: System) -> dict[str, float]:
+        """Bounds on the errors of the quantities of a response, from those of this answer."""
+        errors = self.errors
+        if errors is None:
+            return {}
+        found = {
+            "displacement_mean": errors.mean,
+            "displacement_std": errors.variance / (2.0 * math.sqrt(self.variance)),
+            "displacement_mean_square": 2.0 * abs(self.mean) * errors.mean + errors.variance,
+            "velocity_std": errors.velocity_mean_square
+            / (2.0 * math.sqrt(self.velocity_mean_square)),
+            "velocity_mean_square": errors.velocity_mean_square,
+            "upcrossing_rate": errors.upcrossing_rate,
+            "collision_rate": _total(errors.lower.rate, errors.upper.rate),
+            "collision_rate_lower": errors.lower.rate,
+            "collision_rate_upper": errors.upper.rate,
+            "impact_speed_rate": _total(errors.lower.speed_rate, errors.upper.speed_rate),
+            "impact_speed_square_rate": _total(
+                errors.lower.speed_square_rate, errors.upper.speed_square_rate
+            ),
+        }
+        found |= errors._contacts(system)
+        speed = self._speed_mean()
+        rate, speed_rate = found["collision_rate"], found["impact_speed_rate"]
+        hits = _total(self.lower.rate, self.upper.rate)
+        if speed is not None and hits and rate is not None and speed_rate is not None:
+            found["impact_speed_mean"] = (speed_rate + speed * rate) / hits
+        return {name: error for name, error in found.items() if error is not None}
+
+    def _identities(self, scene: Scene, how: str) -> dict[str, Estimate]:
+        moments = self._moments(scene)
+        if moments is None or scene.beyond_numbers():
+            return {}
+        assembly = assemble(scene)
+        found = residuals(assembly, moments, (self.mean,))
+        bounds = dict.fromkeys(found, 0.0)
+        errors = self.errors._moments(scene) if self.errors is not None else None
+        for name, error in (errors or {}).items():
+            moved = residuals(assembly, {**moments, name: moments[name] + error}, (self.mean,))
+            for balance, value in moved.items():
+                bounds[balance] += abs(value - found[balance])
+        return {
+            name: Estimate(value=value, bias=bounds[name], how=how) for name, value in found.items()
+        }
+
+    def _moments(self, scene: Scene) -> dict[tuple[str, str], float] | None:
+        """What the balances are about; None if a rate is missing."""
+        sums = (self.lower.speed_rate, self.upper.speed_rate)
+        squares = (self.lower.speed_square_rate, self.upper.speed_square_rate)
+        if None in sums or None in squares:
+            return None
+        moments: dict[tuple[str, str], float] = {
+            ("x", "x"): self.mean,
+            ("x", "variance"): self.variance,
+            ("x", "vv"): self.velocity_mean_square,
+        }
+        for pair in scene.impact_pairs:
+            moments |= {
+                (pair.name, "f1_lower"): sums[0],
+                (pair.name, "f1_upper"): sums[1],
+                (pair.name, "f2_lower"): squares[0],
+                (pair.name, "f2_upper"): squares[1],
+            }
+            for side, contact in (("lower", self.contact_lower), ("upper", self.contact_upper)):
+                if contact is not None:
+                    moments[pair.name, f"force_{side}"] = contact.force
+                    moments[pair.name, f"loss_{side}"] = contact.power
+        return moments
+
+
+def _total(lower: float | None, upper: float | None) -> float | None:
+    return None if lower is None or upper is None else lower + upper
+
+
+def linear_acceleration(system: System) -> float | None:
+    """Mean square absolute acceleration of the mass where it is finite: no rigid stops, no
+    white noise on the mass itself (m^2/s^4)."""
+    if system.lower is not None or system.upper is not None:
+        return None
+    if system.moving_base and not system.noise_on_mass:
+        theta = system.intensity / (2.0 * system.damping_rate)
+        white = theta * (system.damping_rate**2 + system.omega**2)
+        for filtered in system.filters:
+            moments = filtered.response_moments(system.omega, system.damping_rate)
+            white += system.omega**4 * moments[0] + system.damping_rate**2 * moments[1]
+        return (
+            white
+            + response_moments(
+                system.tables, system.omega, system.damping_rate
+            ).absolute_acceleration
+        )
+    return None

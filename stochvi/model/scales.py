@@ -1,0 +1,197 @@
+"""A rough stationary law of a structure with stops, for steps and starts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from stochvi.mathematics.cut_normal import CutNormal
+from stochvi.mathematics.impact_rates import gaussian_stop
+from stochvi.model.gibbs_law import GibbsLaw
+from stochvi.model.modal import LinearLaw, Modes, Substitute, Vector, linear_law
+from stochvi.model.model import Assembly, Contact
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
+
+UNSHAKEN = 1e-24
+"""Share of the largest modal velocity variance below which that of a gap is rounding."""
+
+ITERATIONS = 40
+"""Of the search for springs and dampers in the place of impacts: a few digits are enough."""
+
+
+class PairScale(NamedTuple):
+    """Of an impact pair: rms speed, and the acceleration that presses it onto a stop or 0; `slope`
+    and `curvature` of the law exp(slope y - curvature y^2 / 2) of its gap, and its `deviation`."""
+
+    speed: float
+    pressing: float
+    slope: float
+    curvature: float
+    deviation: float
+
+
+def scales_of(
+    assembly: Assembly, modes: Modes, method: str = "simulate", *, giving_way: bool = False
+) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
+    """A linear law close to the stationary one, for a method; None where it finds none.
+
+    Every pair is replaced by a spring, which brings mean and variance of the gap to those of a
+    normal law cut at the stops, and a damper, which takes the power that restitution takes at
+    Rayleigh impact speeds; found by repetition. Stops that give way count as rigid ones of their
+    restitution, or, `giving_way`, by the energy that they store.
+    """
+    substitutes = [_first_guess(modes, contact) for contact in assembly.contacts]
+    scales: tuple[PairScale, ...] = ()
+    law = following = linear_law(modes, substitutes)
+    for _ in range(ITERATIONS if assembly.contacts else 0):
+        if following is None:  # a gap too wide for a spring to stand for: the last one will do
+            break
+        law = following
+        found = [
+            _substitute(
+                modes,
+                law,
+                contact,
+                modes.gaps[j],
+                old,
+                _without_own_spring(modes, substitutes, j),
+                method,
+                giving_way,
+            )
+            for j, (contact, old) in enumerate(zip(assembly.contacts, substitutes, strict=True))
+        ]
+        if None in found:
+            return None
+        substitutes = [each[0] for each in found if each]
+        scales = tuple(each[1] for each in found if each)
+        following = linear_law(modes, substitutes)
+    return None if law is None else (law, scales)
+
+
+def _first_guess(modes: Modes, contact: Contact) -> Substitute:
+    frequency = modes.fastest
+    if frequency == 0.0:
+        # no time but that in which noise brings the mass across the gap
+        noise = float(np.trace(modes.white)) / contact.mass
+        stops = [stop for _, stop, _ in contact.stops]
+        width = max(stops) - min(stops) or abs(stops[0]) or 1.0
+        frequency = (noise / width**2) ** (1.0 / 3.0)
+    loss = max((1.0 - law.restitution**2 for _, _, law in contact.stops), default=0.0)
+    stops = [stop for _, stop, _ in contact.stops]
+    return Substitute(
+        spring=contact.mass * frequency**2,
+        centre=sum(stops) / len(stops),
+        damper=loss * contact.mass * frequency,
+    )
+
+
+def _without_own_spring(
+    modes: Modes, substitutes: Sequence[Substitute], j: int
+) -> tuple[float, float]:
+    """Stiffness k and force f of a gap without the spring of its own stops: k y - f pulls it back.
+
+    The static ones: with noise that matches the damping, the law of y is the Gibbs law of them.
+    """
+    gap, soft = modes.gaps[j], SOFTEST * substitutes[j].spring  # where nothing else holds the gap
+    stiffness = np.diag(modes.squares) + soft * np.outer(gap, gap)
+    forces = modes.falling.copy()
+    for other, substitute in enumerate(substitutes):
+        if other != j:
+            row = modes.gaps[other]
+            stiffness += substitute.spring * np.outer(row, row)
+            forces += substitute.spring * (substitute.centre - row @ modes.rest) * row
+    compliance = float(gap @ np.linalg.solve(stiffness, gap))
+    mean = float(gap @ (modes.rest + np.linalg.solve(stiffness, forces)))
+    return max(1.0 / compliance - soft, 0.0), mean / compliance
+
+
+def _substitute(
+    modes: Modes,
+    law: LinearLaw,
+    contact: Contact,
+    gap: Vector,
+    old: Substitute,
+    held: tuple[float, float],
+    method: str,
+    giving_way: bool,
+) -> tuple[Substitute, PairScale] | None:
+    """The next spring and damper: what the gap's law would be without the old spring, cut; None
+    where nothing holds the gap on a side without a stop."""
+    square = law.variances(gap, modes.size)
+    if not square > UNSHAKEN * law.largest_variance(modes.size):
+        raise NotApplicable(
+            method, [f"no excitation reaches the impact pair {contact.name!r}: it is at rest"]
+        )
+    energy = contact.mass * square
+    own, slope = held[0], held[1] / energy
+    try:
+        cut = _law_of_gap(contact, square, slope, own / energy, giving_way)
+    except ValueError:
+        return None
+    needed = energy / cut.variance
+    spring = max(needed - own, SOFTEST * needed)
+    power = _power_of_stops(contact, cut, square)
+    pressing = max(
+        (1.0 if side == "upper" else -1.0) * square * (slope - own / energy * stop)
+        for side, stop, _ in contact.stops
+    )
+    mixed = Substitute(
+        spring=math.sqrt(old.spring * spring),
+        centre=(needed * cut.mean - slope * energy) / spring,
+        damper=0.5 * (old.damper + power / square),
+    )
+    leans = pressing * math.sqrt(cut.variance) > LEANING * square
+    return mixed, PairScale(
+        speed=math.sqrt(square),
+        pressing=pressing if leans else 0.0,
+        slope=slope,
+        curvature=own / energy,
+        deviation=math.sqrt(cut.variance),
+    )
+
+
+def _law_of_gap(
+    contact: Contact, square: float, slope: float, curvature: float, giving_way: bool
+) -> CutNormal | GibbsLaw:
+    """The normal law exp(slope y - curvature y^2 / 2) between the stops, and within those that
+    give way times exp(-V / (mass square)), V the energy stored there."""
+    if not giving_way or not any(isinstance(law, CompliantLaw) for _, _, law in contact.stops):
+        return CutNormal(slope=slope, curvature=curvature, lower=contact.lower, upper=contact.upper)
+    laws = {side: law.per_unit_mass(contact.mass) for side, _, law in contact.stops}
+    return GibbsLaw(
+        theta=square,
+        omega=math.sqrt(curvature * square),
+        load=slope * square,
+        stop_lower=contact.lower,
+        stop_upper=contact.upper,
+        law_lower=laws.get("lower"),
+        law_upper=laws.get("upper"),
+    )
+
+
+def _power_of_stops(contact: Contact, law: CutNormal | GibbsLaw, square: float) -> float:
+    """What stops take, W: (1 - R^2) / 2 F2 of Rayleigh speeds; c E y'^2 P(contact) of a damper."""
+    power = 0.0
+    for side, stop, stop_law in contact.stops:
+        if isinstance(law, CutNormal) or stop_law.rigid:
+            hits = gaussian_stop(law.density_at(stop), square)
+            loss = (1.0 - stop_law.restitution**2) / 2.0
+            power += loss * contact.mass * hits.speed_square_rate
+        elif isinstance(stop_law, Viscoelastic):
+            touching = law.contact(side)
+            assert touching is not None
+            power += stop_law.damping(contact.mass) * square * touching.probability
+    return power
+
+
+LEANING = 0.5
+"""Share of the energy of a pair that pressing turns over within the spread of its gap from which
+it is said to lean on a stop; for a mass that lies on it the share is 1."""
+
+
+SOFTEST = 1e-6
+"""Spring for the stops of a gap that hardly feels them, relative to one that does."""

@@ -1,0 +1,1 @@
+"""What every calculation returns: numbers with their errors, responses, messages, files."""

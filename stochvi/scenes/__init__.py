@@ -1,0 +1,1 @@
+"""What a user writes: structures, impact laws, excitations, absorbers, scenes."""

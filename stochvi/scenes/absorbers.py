@@ -1,0 +1,266 @@
+"""Loose masses in boxes: the short form of a structure that carries an impact absorber."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from stochvi.results.errors import SceneError
+from stochvi.scenes.excitations import BASE
+from stochvi.scenes.impact_laws import Law
+from stochvi.scenes.structures import Isolator, Matrices, Oscillator
+from stochvi.scenes.validation import Checked, NonNegative, Number, Positive, given
+
+CARRIER = "structure"
+"""Name of the coordinate that carries the boxes, in the short form."""
+
+MOST_UNITS = 64
+"""Of one absorber; each is a coordinate of its own."""
+
+
+class Absorber(Checked):
+    """Masses that a structure carries in boxes, to take energy from it by their impacts.
+
+    Either the names of their coordinates, beside a structure of kind `matrices` and its impact
+    pairs, or, beside an oscillator or isolator, what is needed to build both. Units that differ
+    are several absorbers: `absorber=[...]` of a scene, `[[absorber]]` in its file.
+
+    Parameters
+    ----------
+    mass_on
+        Names of the coordinates that are absorber masses.
+    mass
+        Of all units together, kg; each has an equal share.
+    play
+        Total travel of a unit in its box, m, the box about its rest position. Instead `lower` and
+        `upper`, the stops of the relative displacement, of which one may be left out.
+    law
+        Impact law of the walls.
+    units
+        Number of equal units, each in a box of its own.
+    stiffness, damping
+        Of the springs and dampers between the units and the structure, all units together, N/m
+        and N s/m; 0 for loose masses.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> loose = Absorber(mass=0.1, play=2.0, law=Restitution(coefficient=0.5), units=2)
+    >>> loose.names
+    ('absorber 1', 'absorber 2')
+    """
+
+    mass_on: tuple[str, ...] = ()
+    mass: Positive | None = None
+    play: Positive | None = None
+    lower: Number | None = None
+    upper: Number | None = None
+    law: Law | None = None
+    units: Annotated[int, Field(strict=True, ge=1, le=MOST_UNITS)] = 1
+    stiffness: NonNegative = 0.0
+    damping: NonNegative = 0.0
+
+    @field_validator("mass_on", mode="before")
+    @classmethod
+    def _names(cls, names: Any) -> Any:
+        if isinstance(names, str):
+            return (names,)
+        return tuple(names) if isinstance(names, list) else names
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        described = given(self, "mass", "play", "lower", "upper", "law")
+        if self.mass_on:
+            if described != "none":
+                raise ValueError(
+                    f"takes mass_on, beside matrices, or mass, play and law, got both ({described})"
+                )
+            if len(set(self.mass_on)) < len(self.mass_on):
+                raise ValueError(
+                    f"needs different coordinates in mass_on, got {list(self.mass_on)}"
+                )
+            return self
+        if self.mass is None or self.law is None:
+            raise ValueError(f"needs mass (kg), play (m) and law, got {described}")
+        if (self.play is None) == (self.lower is None and self.upper is None):
+            raise ValueError(f"needs play, or lower and upper, got {described}")
+        if self.stiffness == 0.0 and self.play is None and None in (self.lower, self.upper):
+            raise ValueError("needs both walls where no spring holds the mass, got one")
+        return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Coordinates of the units."""
+        if self.mass_on:
+            return self.mass_on
+        return unit_names(self.units)
+
+    @property
+    def unit(self) -> Absorber:
+        """One of its equal units."""
+        assert self.mass is not None
+        return self.model_copy(
+            update={
+                "mass": self.mass / self.units,
+                "stiffness": self.stiffness / self.units,
+                "damping": self.damping / self.units,
+                "units": 1,
+            }
+        )
+
+    def impact_pair(self, name: str) -> dict[str, Any]:
+        """Keys of the impact pair of a unit; y is its position in the box."""
+        half = None if self.play is None else self.play / 2.0
+        stops = {
+            "lower": self.lower if half is None else -half,
+            "upper": self.upper if half is None else half,
+        }
+        return {
+            "name": name.replace("absorber", "box"),
+            "between": (name, CARRIER),
+            "law": self.law,
+            **{side: stop for side, stop in stops.items() if stop is not None},
+        }
+
+
+def unit_names(units: int) -> tuple[str, ...]:
+    """Coordinates of the units of a structure.
+
+    >>> unit_names(2)
+    ('absorber 1', 'absorber 2')
+    """
+    if units == 1:
+        return ("absorber",)
+    return tuple(f"absorber {number}" for number in range(1, units + 1))
+
+
+def carrying(carrier: Oscillator, units: Sequence[Absorber]) -> Matrices:
+    """An oscillator with units of absorbers on it: mass, damping and stiffness matrices.
+
+    Raises
+    ------
+    SceneError
+        If the oscillator has no mass to compare with.
+    """
+    if carrier.mass is None:
+        raise SceneError([("structure.mass", "is needed beside an absorber, got none")])
+    mass, damping, stiffness = (float(matrix[0, 0]) for matrix in carrier.matrices)
+    return Matrices(
+        coordinates=(CARRIER, *unit_names(len(units))),
+        mass=np.diag([mass, *(unit.mass for unit in units if unit.mass is not None)]),
+        damping=_linked(damping, [unit.damping for unit in units]),
+        stiffness=_linked(stiffness, [unit.stiffness for unit in units]),
+    )
+
+
+def _linked(own: float, links: Sequence[float]) -> np.ndarray:
+    """The matrix of a first coordinate held by `own`, to which others are linked."""
+    matrix = np.diag([own + sum(links), *links])
+    matrix[0, 1:] = matrix[1:, 0] = np.negative(links)
+    return matrix
+
+
+def built(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Keys of a scene with its absorber's short form written out as matrices and impact pairs.
+
+    What is not a short form, or not valid, is left as it is.
+    """
+    structure = document.get("structure")
+    absorbers = _absorbers(document["absorber"])
+    if isinstance(structure, Mapping) and structure.get("kind") in ("oscillator", "isolator"):
+        kind = Isolator if structure["kind"] == "isolator" else Oscillator
+        structure = _at("structure", kind, structure)
+    if not absorbers or absorbers[0].mass_on:
+        return document
+    if not isinstance(structure, Oscillator):
+        raise SceneError(
+            [("absorber", "of mass, play and law needs structure.kind 'oscillator' or 'isolator'; "
+              "beside matrices, name its coordinates in mass_on")]
+        )  # fmt: skip
+    units = [each.unit for each in absorbers for _ in range(each.units)]
+    if len(units) > MOST_UNITS:
+        raise SceneError([("absorber", f"takes at most {MOST_UNITS} units, got {len(units)}")])
+    names = unit_names(len(units))
+    pairs = document.get("impact_pair", document.get("impact_pairs")) or ()
+    excitations = document.get("excitation", document.get("excitations")) or ()
+    if not isinstance(pairs, list | tuple) or not isinstance(excitations, list | tuple):
+        return document
+    rest = {
+        key: value
+        for key, value in document.items()
+        if key not in ("impact_pair", "impact_pairs", "excitation", "excitations")
+    }
+    moving = isinstance(structure, Isolator)
+    return {
+        **rest,
+        "structure": carrying(structure, units),
+        "impact_pair": [
+            *(_on_carrier(pair) for pair in pairs),
+            *(unit.impact_pair(name) for unit, name in zip(units, names, strict=True)),
+        ],
+        "excitation": [_placed(excitation, moving) for excitation in excitations],
+        "absorber": Absorber(mass_on=names),
+    }
+
+
+def _absorbers(given: Any) -> list[Absorber]:
+    """One absorber or a list of them, from their keys; empty if it is neither.
+
+    Raises
+    ------
+    SceneError
+        If the list is empty, or one of several names coordinates.
+    """
+    if not isinstance(given, list | tuple):
+        found = _at("absorber", Absorber, given) if isinstance(given, Mapping) else given
+        return [found] if isinstance(found, Absorber) else []
+    entries = [
+        _at(f"absorber.{number}", Absorber, each) if isinstance(each, Mapping) else each
+        for number, each in enumerate(given)
+    ]
+    for number, each in enumerate(entries):
+        if not isinstance(each, Absorber):
+            raise SceneError([(f"absorber.{number}", f"must be a table of keys, got {each!r}")])
+        if each.mass_on:
+            raise SceneError(
+                [(f"absorber.{number}", "of a list needs mass, play and law; beside matrices, name "
+                  "all coordinates in the mass_on of one [absorber]")]
+            )  # fmt: skip
+    if not entries:
+        raise SceneError([("absorber", "needs at least one entry, got none")])
+    return [each for each in entries if isinstance(each, Absorber)]
+
+
+def _at(key: str, kind: type[Checked], entries: Mapping[str, Any]) -> Checked:
+    """A part of a scene from its keys; what is wrong with them is said of `key`."""
+    try:
+        return kind(**entries)
+    except SceneError as error:
+        problems = [(f"{key}.{inner}".rstrip("."), text) for inner, text in error.problems]
+        raise SceneError(problems) from None
+
+
+def _entry(part: Any, name: str) -> Any:
+    return part.get(name) if isinstance(part, Mapping) else getattr(part, name, None)
+
+
+def _with(part: Any, **entries: Any) -> Any:
+    return {**part, **entries} if isinstance(part, Mapping) else part.model_copy(update=entries)
+
+
+def _on_carrier(pair: Any) -> Any:
+    """An impact pair of the oscillator itself."""
+    return _with(pair, on=CARRIER) if _entry(pair, "on") in (None, "x") else pair
+
+
+def _placed(excitation: Any, moving_base: bool) -> Any:
+    """An excitation that says where it acts, as it does on the oscillator alone."""
+    place = _entry(excitation, "on")
+    if place is None and _entry(excitation, "kind") == "constant":
+        place = "x" if _entry(excitation, "acceleration") is None else BASE
+    if place is None:
+        place = BASE if moving_base else "x"
+    return _with(excitation, on=CARRIER if place == "x" else place)

@@ -1,0 +1,599 @@
+"""A scene: a structure, where it can hit, and what shakes it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from stochvi.mathematics.spectra import Filter, Table
+from stochvi.results.errors import SceneError, toml_remedy
+from stochvi.scenes.absorbers import Absorber, built
+from stochvi.scenes.datasets import read_text
+from stochvi.scenes.excitations import (
+    BASE,
+    ConstantLoad,
+    DensityNoise,
+    Excitation,
+    FilteredNoise,
+    Sine,
+    WhiteNoise,
+    check_unit,
+    louder,
+)
+from stochvi.scenes.impact_laws import Law, Restitution, SpeedRestitution, not_rigid
+from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
+from stochvi.scenes.validation import Checked, Number
+
+PerUnitMass = Callable[[ArrayLike], NDArray[np.float64]]
+"""A force per unit mass (m/s^2), or an energy (m^2/s^2), as a function of x (m) or v (m/s)."""
+
+
+class ImpactPair(Checked):
+    """Where the mass can hit: a lower stop, an upper stop, or both.
+
+    Parameters
+    ----------
+    lower, upper
+        Position of the stops, m from the position of the unloaded spring; leave out for none.
+        A stop beyond it (an upper stop below 0) is a preload.
+    on, between
+        The coordinate that hits (left out where there is one), or the first and the second of
+        two, whose difference does.
+    law, lower_law, upper_law
+        The impact law of both stops, or of one where they differ.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> pair = ImpactPair(lower=-1.0, upper=2.0, law=Restitution(coefficient=0.8))
+    >>> pair.law_of("upper").coefficient
+    0.8
+    """
+
+    name: str = "stops"
+    on: str | None = None
+    between: tuple[str, str] | None = None
+    lower: Number | None = None
+    upper: Number | None = None
+    law: Law | None = None
+    lower_law: Law | None = None
+    upper_law: Law | None = None
+
+    @field_validator("between", mode="before")
+    @classmethod
+    def _two_names(cls, names: Any) -> Any:
+        return tuple(names) if isinstance(names, list) else names
+
+    @model_validator(mode="after")
+    def _stops(self) -> Self:
+        if self.on is not None and self.between is not None:
+            raise ValueError("takes on or between, got both")
+        if self.lower is None and self.upper is None:
+            raise ValueError("needs at least one of lower and upper (m from rest)")
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
+            raise ValueError(f"needs lower < upper, got {self.lower:g} and {self.upper:g}")
+        for side in ("lower", "upper"):
+            own = getattr(self, f"{side}_law")
+            if getattr(self, side) is None:
+                if own is not None:
+                    raise ValueError(f"has {side}_law but no {side} stop")
+            elif own is None and self.law is None:
+                raise ValueError(
+                    'needs law, for example law = { kind = "restitution", coefficient = 0.8 }'
+                )
+        return self
+
+    def law_of(self, side: str) -> Law:
+        """The law that holds at the "lower" or "upper" stop."""
+        law = getattr(self, f"{side}_law") or self.law
+        assert law is not None
+        return law
+
+    def stops(self) -> list[tuple[str, Law]]:
+        """(side, law) of each stop that there is."""
+        sides = ("lower", "upper")
+        return [(side, self.law_of(side)) for side in sides if getattr(self, side) is not None]
+
+
+class System(NamedTuple):
+    """A scene as numbers, per unit mass: x'' + b x' + omega^2 x = f(t) + load, stops in metres.
+
+    `intensity` is S0 of the white part of f; `tables` are one-sided acceleration densities;
+    `filters` are white noises behind a resonance.
+    What the scene does not have is None or empty; a stop that is not rigid has no restitution, nor
+    has one whose law says R by speed (`law.restitution_at(speed)`). A spring that is a function has
+    omega = 0, and `restoring` and `potential` stand for omega^2 x and its integral; a damper
+    that is one has damping_rate = 0, and `damping_law` stands for b v.
+    """
+
+    mass: float
+    omega: float
+    damping_rate: float
+    moving_base: bool
+    noise_on_mass: bool
+    intensity: float
+    tables: tuple[Table, ...]
+    load: float
+    lower: float | None
+    upper: float | None
+    restitution_lower: float | None
+    restitution_upper: float | None
+    law_lower: Law | None = None
+    law_upper: Law | None = None
+    restoring: PerUnitMass | None = None
+    potential: PerUnitMass | None = None
+    damping_law: PerUnitMass | None = None
+    filters: tuple[Filter, ...] = ()
+
+    @property
+    def laws(self) -> tuple[Law | None, Law | None]:
+        """The law of the lower and of the upper stop, for forces per unit mass (N/kg)."""
+        return self.law_lower, self.law_upper
+
+    @property
+    def elastic(self) -> bool:
+        """Whether no stop loses energy."""
+        return all(law is None or law.conservative for law in self.laws)
+
+    @property
+    def held(self) -> bool:
+        """Whether spring, or stops and load, keep the mass from being lost on either side."""
+        left = self.lower is not None or self.load > 0.0
+        right = self.upper is not None or self.load < 0.0
+        return self.omega > 0.0 or (left and right)
+
+    def not_rigid(self) -> list[str]:
+        """What stands in the way of a method that needs rigid stops."""
+        named = zip(("lower", "upper"), self.laws, strict=True)
+        return not_rigid((side, law) for side, law in named if law is not None)
+
+
+class Scene(Checked):
+    """Everything a method needs to know, checked once.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> scene.effects()
+    ('white noise on x', 'rigid stop lower', 'rigid stop upper')
+    """
+
+    title: str = ""
+    structure: Annotated[Structure, Field(discriminator="kind")]
+    impact_pairs: tuple[ImpactPair, ...] = Field(default=(), alias="impact_pair")
+    excitations: tuple[Annotated[Excitation, Field(discriminator="kind")], ...] = Field(
+        alias="excitation"
+    )
+    absorber: Absorber | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_boxes(cls, document: Any) -> Any:
+        """The short form of an absorber, written out."""
+        short = isinstance(document, dict) and document.get("absorber") is not None
+        return built(document) if short else document
+
+    @field_validator("impact_pairs", "excitations", mode="before")
+    @classmethod
+    def _several(cls, value: Any, info: ValidationInfo) -> Any:
+        key = str(cls.model_fields[str(info.field_name)].alias)
+        if isinstance(value, Checked):
+            raise ValueError(f"must be a list, got one {type(value).__name__}; write [...]")
+        if isinstance(value, dict):
+            keys = ", ".join(f"{name} = {entry!r}" for name, entry in value.items())
+            raise ValueError(f"must be a list, got one table ({keys}); write [[{key}]]")
+        return value
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        problems: list[tuple[str, str]] = []
+        if not self.excitations:
+            problems.append(("excitation", "needs at least one entry, got none"))
+        names = [pair.name for pair in self.impact_pairs]
+        for index, pair in enumerate(self.impact_pairs):
+            sentence = self._misplaced(pair)
+            if names.index(pair.name) < index:
+                sentence = f"needs a name of its own (name = ...), got {pair.name!r} again"
+            sentence = sentence or self._unheld(pair)
+            if sentence:
+                problems.append((f"impact_pair.{index}", sentence))
+        for index, excitation in enumerate(self.excitations):
+            sentence = self._misfit(excitation)
+            if sentence:
+                problems.append((f"excitation.{index}", sentence))
+        problems += self._unknown_absorbers()
+        if problems := problems or self._out_of_range():
+            raise SceneError(problems)
+        return self
+
+    def _misplaced(self, pair: ImpactPair) -> str:
+        """What is wrong with the coordinates of an impact pair; empty if nothing is."""
+        known = self.structure.coordinates
+        names = pair.between or (() if pair.on is None else (pair.on,))
+        for name in names:
+            if name not in known:
+                only = ", the only coordinate of this scene" if len(known) == 1 else ""
+                return f"must be on {_one_of(known)}{only}, got {name!r}"
+        if not names and len(known) > 1:
+            return f"needs on or between, with names of {_one_of(known)}, got none"
+        if self.structure.mass is None and not all(law.rigid for _, law in pair.stops()):
+            return "has a stop with a force, which needs structure.mass, got none"
+        if pair.between is not None and pair.between[0] == pair.between[1]:
+            return f"needs two different coordinates in between, got {pair.between[0]!r} twice"
+        return ""
+
+    def _unknown_absorbers(self) -> list[tuple[str, str]]:
+        known = self.structure.coordinates
+        names = self.absorber.mass_on if self.absorber else ()
+        unknown = [
+            ("absorber.mass_on", f"must name {_one_of(known)}, got {name!r}")
+            for name in names
+            if name not in known
+        ]
+        if not unknown and names and len(set(names)) >= len(known):
+            return [("absorber.mass_on", "leaves no coordinate for the structure that carries it")]
+        return unknown
+
+    def _unheld(self, pair: ImpactPair) -> str:
+        """Whether a stop stands where a spring that is a function has no force; empty if not."""
+        if not isinstance(self.structure, NonlinearOscillator):
+            return ""
+        for stop in (pair.lower, pair.upper):
+            force = 0.0 if stop is None else float(self.structure.force_at(stop))
+            if not np.isfinite(force):
+                return f"has a stop at {stop:g}, where structure.restoring_force is {force:g}"
+        return ""
+
+    def _out_of_range(self) -> list[tuple[str, str]]:
+        """Numbers whose products and squares would not fit a floating-point number."""
+        numbers: list[tuple[str, str, float | None]] = []
+        mass = 1.0
+        if isinstance(self.structure, Matrices):
+            names = ("the mass (kg)", "the damping (N s/m)", "the stiffness (N/m)")
+            for name, matrix in zip(names, self.structure.matrices, strict=True):
+                numbers += [("structure", name, float(entry)) for entry in matrix.ravel()]
+            for excitation in self.excitations:
+                for word in ("si_intensity", "amplitude", "magnitude"):
+                    strength = getattr(excitation, word, None)
+                    numbers.append(("excitation", "its strength", strength))
+        elif self.structure.mass is not None and not _fits(self.structure.mass):
+            return [("structure", _range_sentence("the mass (kg)", self.structure.mass))]
+        else:
+            numbers += self._numbers_per_unit_mass()
+            mass = self.structure.mass or 1.0
+        for pair in self.impact_pairs:
+            numbers += [
+                ("impact_pair", "the lower stop (m)", pair.lower),
+                ("impact_pair", "the upper stop (m)", pair.upper),
+            ]
+            for side, law in pair.stops():
+                per_unit_mass = law.per_unit_mass(mass)
+                numbers += [
+                    ("impact_pair", f"the law of the {side} stop, per unit mass,", strength)
+                    for strength in (*law.strengths(), *per_unit_mass.strengths())
+                ]
+        return [
+            (key, _range_sentence(name, value))
+            for key, name, value in numbers
+            if value is not None and not _fits(value)
+        ]
+
+    def _numbers_per_unit_mass(self) -> list[tuple[str, str, float | None]]:
+        """What the methods for a single oscillator compute with, and its names."""
+        system = self.system()
+        numbers: list[tuple[str, str, float | None]] = [
+            ("structure", "the natural frequency (rad/s)", system.omega),
+            ("structure", "the damping per unit mass (1/s)", system.damping_rate),
+            ("excitation", "the intensity per unit mass squared", system.intensity),
+            ("excitation", "the load per unit mass (m/s^2)", system.load),
+        ]
+        for table in system.tables:
+            for column in (table.frequency_hz, table.density):
+                extremes = float(column.min()), float(column.max())
+                numbers += [("excitation", "the table per unit mass", size) for size in extremes]
+        return numbers
+
+    def _misfit(self, excitation: Excitation) -> str:
+        """What is wrong with the place of an excitation; empty if nothing is."""
+        known = self.structure.coordinates
+        where = self.place(excitation)
+        if where == BASE and not isinstance(self.structure, Isolator | Matrices):
+            return (
+                "acts on the base, which needs structure.kind = 'isolator' or 'matrices', "
+                f"got {self.structure.kind!r}"
+            )
+        if not where:
+            return f"needs on = {_one_of((*known, BASE))} to say where it acts, got none"
+        if where != BASE and where not in known:
+            return f"must act on {_one_of((*known, BASE))}, got on = {where!r}"
+        if where != BASE and self.structure.mass is None:
+            return "is a force, which needs structure.mass, got none"
+        if isinstance(excitation, ConstantLoad) and (where == BASE) != (excitation.force is None):
+            return "takes force on a coordinate and acceleration on the base"
+        if not isinstance(excitation, ConstantLoad | Sine):
+            try:
+                if excitation.density_unit is not None:
+                    check_unit(excitation.density_unit, where)
+            except ValueError as error:
+                return str(error)
+        return ""
+
+    def place(self, excitation: Excitation) -> str:
+        """Where an excitation acts: a coordinate or "base", by its own word, else by its kind and
+        the structure's; empty where that does not say."""
+        if excitation.on is not None:
+            return excitation.on
+        if isinstance(excitation, ConstantLoad) and not isinstance(self.structure, Matrices):
+            return BASE if excitation.acceleration is not None else "x"
+        if isinstance(self.structure, Isolator):
+            return BASE
+        coordinates = self.structure.coordinates
+        return coordinates[0] if len(coordinates) == 1 else ""
+
+    def beyond_numbers(self) -> list[str]:
+        """What is given as a function, for the methods that take numbers only."""
+        found = []
+        if isinstance(self.structure, NonlinearOscillator):
+            found.append(
+                "structure.kind must not be 'nonlinear' (a restoring force that is a function)"
+            )
+        found += [
+            "law.coefficient must be a number, got a function of speed "
+            f"at the {side} stop of {pair.name}"
+            for pair in self.impact_pairs
+            for side, law in pair.stops()
+            if isinstance(law, SpeedRestitution)
+        ]
+        return found
+
+    def beyond_one_oscillator(
+        self, *, functions: bool = False, filtered: bool = False
+    ) -> list[str]:
+        """What the methods for a single oscillator do not cover here; `system()` needs none.
+
+        With `functions` for a method that takes forces and restitution as functions too, with
+        `filtered` for one that takes filtered noise.
+        """
+        found = [] if functions else self.beyond_numbers()
+        if isinstance(self.structure, Matrices):
+            found.append("structure.kind must be 'oscillator' or 'isolator', got 'matrices'")
+        if len(self.impact_pairs) > 1:
+            found.append(f"the scene must have one impact pair, got {len(self.impact_pairs)}")
+        covered = ["white", *["filtered"] * filtered, "psd", "road", "record"]
+        kinds = {excitation.kind for excitation in self.excitations} - {*covered, "constant"}
+        found += [
+            f"excitation must be {', '.join(covered)} or constant, got {kind}"
+            for kind in sorted(kinds)
+        ]
+        return found
+
+    def effects(self) -> tuple[str, ...]:
+        """The effects this scene calls for; nothing else is simulated."""
+        found = [
+            {
+                "white": "white noise on {}",
+                "filtered": "filtered noise on {}",
+                "sine": "sine on {}",
+                "psd": "tabulated noise on {}",
+                "road": "tabulated noise of a road on {}",
+                "record": "tabulated noise of a record on {}",
+                "constant": "constant load on {}",
+            }[excitation.kind].format(self.place(excitation))
+            for excitation in self.excitations
+        ]
+        if getattr(self.structure, "gravity", False):
+            found.append("constant load of gravity")
+        for pair in self.impact_pairs:
+            of = f" of {pair.name}" if len(self.impact_pairs) > 1 else ""
+            found += [f"{law.word} stop {side}{of}" for side, law in pair.stops()]
+        return tuple(found)
+
+    def assumptions(self) -> tuple[str, ...]:
+        """What the scene takes for granted, in words."""
+        found = ["displacements are measured from the position of the unloaded spring"]
+        if self.structure.mass is None:
+            found.append("mass is not given: 1 kg, which only forces and energies depend on")
+        words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}
+        if "rigid" in words:
+            which = "stops are rigid" if words == {"rigid"} else "the rigid stop does not give way"
+            found.append(f"{which}; an impact is instantaneous (Newton's restitution)")
+        if "viscoelastic" in words:
+            found.append(
+                "contact with a viscoelastic stop ends at zero force; the limiter has no mass and "
+                "recovers at once"
+            )
+        if any("of speed" in sentence for sentence in self.beyond_numbers()):
+            found.append("restitution depends on the speed of the impact alone")
+        if any(isinstance(excitation, Sine) for excitation in self.excitations):
+            found.append("the phase of a sine is random, uniform, in each path")
+        for excitation in self.excitations:
+            if isinstance(excitation, DensityNoise):
+                found += excitation.said(*self._resonance())
+        return tuple(found)
+
+    def table_of(self, excitation: DensityNoise) -> Table:
+        """The density of an excitation as this structure needs it, one-sided, SI units."""
+        omega, damping_rate = self._resonance()
+        return excitation.table_for(omega, damping_rate)
+
+    def _resonance(self) -> tuple[float, float]:
+        """omega (rad/s) and b (1/s) of a single linear oscillator, zeros of anything else."""
+        if not isinstance(self.structure, Oscillator):
+            return 0.0, 0.0
+        return self.structure.omega, self.structure.damping_rate
+
+    def system(self) -> System:
+        """A scene of a single oscillator per unit mass, as numbers that a method computes with."""
+        assert not isinstance(self.structure, Matrices)
+        mass = self.structure.mass or 1.0
+        load = 0.0
+        if isinstance(self.structure, Oscillator):
+            load = self.structure.gravity_load
+        intensity, tables, noise_on_mass = 0.0, [], False
+        filters: list[Filter] = []
+        for excitation in self.excitations:
+            on_mass = self.place(excitation) != BASE
+            noise_on_mass |= on_mass and not isinstance(excitation, ConstantLoad)
+            match excitation:
+                case WhiteNoise():
+                    intensity += excitation.si_intensity / (mass**2 if on_mass else 1.0)
+                case DensityNoise():
+                    table = self.table_of(excitation)
+                    tables.append(table.scaled(mass**-2 if on_mass else 1.0))
+                case FilteredNoise():
+                    strength = excitation.si_intensity / (mass**2 if on_mass else 1.0)
+                    rate = 2.0 * excitation.zeta * excitation.omega
+                    filters.append(Filter(excitation.omega, rate, strength))
+                case ConstantLoad():
+                    load += excitation.magnitude / mass if on_mass else -excitation.magnitude
+        pair = self.impact_pairs[0] if self.impact_pairs else None
+        lower, upper = (pair.lower, pair.upper) if pair else (None, None)
+        laws = dict(pair.stops()) if pair else {}
+        law_lower, law_upper = (
+            laws[side].per_unit_mass(mass) if side in laws else None for side in ("lower", "upper")
+        )
+        return System(
+            mass=mass,
+            **self._spring_and_damper(mass),
+            moving_base=isinstance(self.structure, Isolator),
+            noise_on_mass=noise_on_mass,
+            intensity=intensity,
+            tables=tuple(tables),
+            load=load,
+            lower=lower,
+            upper=upper,
+            restitution_lower=_restitution(law_lower),
+            restitution_upper=_restitution(law_upper),
+            law_lower=law_lower,
+            law_upper=law_upper,
+            filters=tuple(filters),
+        )
+
+    def _spring_and_damper(self, mass: float) -> dict[str, Any]:
+        """Natural frequency and damping per unit mass, or the functions in their places."""
+        assert not isinstance(self.structure, Matrices)
+        structure = self.structure
+        if not isinstance(structure, NonlinearOscillator):
+            return {"omega": structure.omega, "damping_rate": structure.damping_rate}
+        return {
+            "omega": 0.0,
+            "damping_rate": structure.damping_rate or 0.0,
+            "restoring": lambda x: structure.force_at(x) / mass,
+            "potential": lambda x: structure.potential_at(x) / mass,
+            "damping_law": None
+            if structure.damping_force is None
+            else lambda v: structure.damping_at(v) / mass,
+        }
+
+    def at_level(self, level_db: float) -> Scene:
+        """The scene with everything that shakes raised by a level in dB; constant loads stay."""
+        raised = tuple(louder(excitation, level_db) for excitation in self.excitations)
+        return self.model_copy(update={"excitations": raised}) if level_db else self
+
+    def document(self) -> dict[str, Any]:
+        """The scene as plain types, in the keys of a scene file; functions by their names."""
+        return self.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
+LARGEST_NUMBER = 1e50
+"""Of anything in a scene, per unit mass, and the inverse of the smallest: squares stay finite."""
+
+
+def _restitution(law: Law | None) -> float | None:
+    return law.coefficient if isinstance(law, Restitution) else None
+
+
+def _one_of(names: Sequence[str]) -> str:
+    return " or ".join(repr(name) for name in names)
+
+
+def _fits(value: float) -> bool:
+    return value == 0.0 or 1.0 / LARGEST_NUMBER <= abs(value) <= LARGEST_NUMBER
+
+
+def _range_sentence(name: str, value: float) -> str:
+    return (
+        f"gives {name} the value {value:g}, expected 0 or a size from "
+        f"{1.0 / LARGEST_NUMBER:g} to {LARGEST_NUMBER:g}"
+    )
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene file (TOML); tables that it names are looked for beside it.
+
+    Raises
+    ------
+    SceneError
+        In one sentence per problem: the key, what was got, what was expected.
+    """
+    path = Path(path)
+    text = read_text(path)
+    try:
+        document = tomllib.loads(text)
+    except ValueError as error:  # also an integer of thousands of digits
+        raise SceneError(f"{path} is not valid TOML: {error}{toml_remedy(error)}") from None
+    except RecursionError:
+        raise SceneError(f"{path} is not a scene: its brackets are nested too deeply") from None
+    return scene_from(document, folder=path.parent)
+
+
+def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
+    """A scene from the keys of a scene file; relative file names start at `folder`."""
+    for name, field in Scene.model_fields.items():
+        if field.alias is not None and name in document:
+            raise SceneError([(name, f"is not a known key; did you mean {field.alias!r}?")])
+    _refuse_functions(document)
+    document = dict(document)
+    for key in ("excitation", "impact_pair"):
+        if isinstance(entries := document.get(key), list):
+            document[key] = [_files_from(folder, entry) for entry in entries]
+    return Scene(**document)
+
+
+def _files_from(folder: Path, entry: Any) -> Any:
+    """The same entry, its file names and those of its laws starting at `folder`."""
+    if not isinstance(entry, dict):
+        return entry
+    found = {
+        key: _files_from(folder, value) if key.endswith("law") else value
+        for key, value in entry.items()
+    }
+    if isinstance(entry.get("file"), str):
+        found["file"] = str(folder / entry["file"])
+    return found
+
+
+PYTHON_ONLY = ("nonlinear", "speed-restitution")
+"""Kinds that hold functions, which a scene file cannot say."""
+
+
+def _refuse_functions(document: Mapping[str, Any]) -> None:
+    """SceneError for every part of a scene file that would need a function."""
+    parts = {"structure": document.get("structure")}
+    pairs = document.get("impact_pair")
+    for index, pair in enumerate(pairs if isinstance(pairs, list) else []):
+        if isinstance(pair, dict):
+            laws = ("law", "lower_law", "upper_law")
+            parts |= {f"impact_pair.{index}.{law}": pair.get(law) for law in laws}
+    kinds = {key: part.get("kind") for key, part in parts.items() if isinstance(part, dict)}
+    if problems := [
+        (
+            f"{key}.kind",
+            f"{kind!r} takes a function, which only Python can give: build the Scene there",
+        )
+        for key, kind in kinds.items()
+        if kind in PYTHON_ONLY
+    ]:
+        raise SceneError(problems)

@@ -1,0 +1,400 @@
+"""The structure that moves between the stops: M x'' + C x' + K x = force, or m x'' + c + g = force
+with a damping force c(x') and a restoring force g(x)."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, field_validator, model_validator
+
+from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.scenes.validation import (
+    Checked,
+    Count,
+    Function,
+    Matrix,
+    NonNegative,
+    Positive,
+    check_values,
+    evaluated,
+    given,
+)
+
+Vector = NDArray[np.float64]
+
+Tolerance = Annotated[NonNegative, Field(lt=1)]
+"""A relative tolerance; at 1 the quantity could vanish."""
+
+
+class Oscillator(Checked):
+    """A mass on a spring and a damper, x'' + b x' + omega^2 x = f(t).
+
+    Give `mass`, `damping` and `stiffness` (kg, N s/m, N/m), or `frequency_hz` with exactly
+    one of `zeta` and `Q` (b = 2 zeta omega, Q = 1 / (2 zeta)). `mass` may be left out in the
+    second form as long as no force acts on it; it is then 1 kg.
+
+    Examples
+    --------
+    >>> mount = Oscillator(frequency_hz=12.0, Q=5.0)
+    >>> round(mount.omega, 4), round(mount.damping_rate / (2 * mount.omega), 4)
+    (75.3982, 0.1)
+    """
+
+    kind: Literal["oscillator"] = "oscillator"
+    mass: Positive | None = None
+    damping: NonNegative | None = None
+    stiffness: NonNegative | None = None
+    frequency_hz: Positive | None = None
+    zeta: NonNegative | None = None
+    Q: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_description(self) -> Self:
+        physical = [name for name in ("damping", "stiffness") if getattr(self, name) is not None]
+        modal = [name for name in ("frequency_hz", "zeta", "Q") if getattr(self, name) is not None]
+        if physical and modal:
+            raise ValueError(
+                "must be given by mass, damping and stiffness or by frequency_hz with zeta or Q, "
+                f"got a mixture: {', '.join(physical + modal)}"
+            )
+        if not modal and (len(physical) < 2 or self.mass is None):
+            raise ValueError(
+                "needs mass, damping and stiffness, or frequency_hz with exactly one of zeta and "
+                f"Q, got {given(self, 'mass', 'damping', 'stiffness')}"
+            )
+        if modal and (self.frequency_hz is None or (self.zeta is None) == (self.Q is None)):
+            raise ValueError(
+                f"needs frequency_hz with exactly one of zeta and Q, got {', '.join(modal)}"
+            )
+        return self
+
+    @property
+    def in_parallel(self) -> int:
+        """How many springs and dampers of the stated size carry the mass."""
+        return 1
+
+    @property
+    def gravity_load(self) -> float:
+        """Constant acceleration of gravity, m/s^2, where the scene counts it."""
+        return 0.0
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The displacements that move: of an oscillator, x."""
+        return ("x",)
+
+    @property
+    def matrices(self) -> tuple[NDArray[np.float64], ...]:
+        """Mass, damping and stiffness as matrices of one row (1 kg where no mass is given)."""
+        mass = self.mass or 1.0
+        entries = (mass, mass * self.damping_rate, mass * self.omega**2)
+        return tuple(np.array([[entry]]) for entry in entries)
+
+    @property
+    def omega(self) -> float:
+        """Undamped natural frequency, rad/s; 0 without a spring."""
+        if self.frequency_hz is not None:
+            return 2.0 * math.pi * self.frequency_hz
+        assert self.stiffness is not None and self.mass is not None
+        return math.sqrt(self.in_parallel * self.stiffness / self.mass)
+
+    @property
+    def damping_rate(self) -> float:
+        """b = c / m = 2 zeta omega, 1/s."""
+        if self.damping is not None:
+            assert self.mass is not None
+            return self.in_parallel * self.damping / self.mass
+        zeta = self.zeta if self.Q is None else 0.5 / self.Q
+        assert zeta is not None
+        return 2.0 * zeta * self.omega
+
+
+class Isolator(Oscillator):
+    """An oscillator on a moving base; x is the displacement relative to the base.
+
+    x'' + b x' + omega^2 x = -a_base(t); the absolute acceleration of the mass between
+    impacts is -(b x' + omega^2 x).
+
+    Parameters
+    ----------
+    mounts
+        How many equal mounts carry the mass side by side; `stiffness` and `damping` are then those
+        of one of them.
+    gravity
+        Whether gravity pulls the mass towards negative x: it then hangs at -g / omega^2, and
+        stops, which are measured from the unloaded spring, lie closer below than above. Leave it
+        out where clearances are measured from where the mass hangs.
+    frequency_tolerance, damping_tolerance
+        Relative tolerances of the natural frequency and of the damping ratio, as 0.1 for 10 %.
+        Nothing simulated depends on them: they say how far a sensitivity reaches.
+
+    Examples
+    --------
+    >>> four = Isolator(mass=10.0, mounts=4, stiffness=14212.0, damping=37.7, gravity=True)
+    >>> round(four.omega / (2 * math.pi), 3), round(1e3 * four.sag, 3), round(four.gravity_load, 3)
+    (12.0, 1.725, -9.807)
+    """
+
+    kind: Literal["isolator"] = "isolator"  # type: ignore[assignment]
+    mounts: Count | None = None
+    gravity: Annotated[bool, Field(strict=True)] = False
+    frequency_tolerance: Tolerance | None = None
+    damping_tolerance: Tolerance | None = None
+
+    @model_validator(mode="after")
+    def _mounts_have_a_stiffness(self) -> Self:
+        if self.mounts is not None and self.frequency_hz is not None:
+            raise ValueError(
+                "takes mounts with the mass, and the stiffness and damping of one mount, got "
+                "mounts with frequency_hz, which is that of all"
+            )
+        if self.gravity and self.omega == 0.0:
+            raise ValueError("needs a stiffness that carries the mass under gravity, got 0")
+        return self
+
+    @property
+    def in_parallel(self) -> int:
+        return self.mounts or 1
+
+    @property
+    def gravity_load(self) -> float:
+        return -STANDARD_GRAVITY if self.gravity else 0.0
+
+    @property
+    def sag(self) -> float:
+        """How far a spring gives way under the weight it carries, g / omega^2, m.
+
+        That of the dynamic stiffness; an elastomer is softer at rest, and creeps.
+        """
+        return STANDARD_GRAVITY / self.omega**2
+
+
+class Matrices(Checked):
+    """A linear structure of several coordinates, M x'' + C x' + K x = force.
+
+    Parameters
+    ----------
+    coordinates
+        A name for each displacement, in the order of rows and columns.
+    mass, damping, stiffness
+        Symmetric matrices, kg, N s/m and N/m; the mass positive definite, the others without
+        negative eigenvalues. On a moving base, displacements are relative to it.
+
+    Examples
+    --------
+    >>> loose = Matrices(
+    ...     coordinates=["structure", "absorber"],
+    ...     mass=[[1.0, 0.0], [0.0, 0.1]],
+    ...     damping=[[0.1, 0.0], [0.0, 0.0]],
+    ...     stiffness=[[1.0, 0.0], [0.0, 0.0]],
+    ... )
+    >>> loose.coordinates
+    ('structure', 'absorber')
+    """
+
+    kind: Literal["matrices"] = "matrices"
+    coordinates: tuple[str, ...]
+    mass: Matrix
+    damping: Matrix
+    stiffness: Matrix
+
+    @field_validator("coordinates", mode="before")
+    @classmethod
+    def _names(cls, names: object) -> object:
+        return tuple(names) if isinstance(names, list) else names
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> Self:
+        count = len(self.coordinates)
+        taken = {"base", ""} & set(self.coordinates)
+        if count == 0 or len(set(self.coordinates)) < count or taken:
+            raise ValueError(
+                "needs coordinates with different names, none of them empty or 'base', "
+                f"got {list(self.coordinates)}"
+            )
+        for name in ("mass", "damping", "stiffness"):
+            rows = getattr(self, name)
+            if len(rows) != count or any(len(row) != count for row in rows):
+                shape = " and ".join(str(len(row)) for row in rows)
+                raise ValueError(
+                    f"needs {name} with {count} rows and columns, one for each coordinate, got "
+                    f"{len(rows)} rows of {shape}"
+                )
+            matrix = np.array(rows)
+            if not np.allclose(matrix, matrix.T, rtol=SYMMETRY, atol=0.0):
+                i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), matrix.shape)
+                raise ValueError(
+                    f"needs a symmetric matrix {name}, got {matrix[i, j]:g} in row {i + 1}, column "
+                    f"{j + 1} and {matrix[j, i]:g} in row {j + 1}, column {i + 1}"
+                )
+            smallest = _smallest_eigenvalue(matrix)
+            if smallest < -SYMMETRY:
+                raise ValueError(
+                    f"needs a matrix {name} without negative eigenvalues (a spring or damper that "
+                    "pushes); a zero on its diagonal needs zeros in its row"
+                )
+            if name == "mass" and smallest <= SYMMETRY:
+                raise ValueError(
+                    "needs a positive definite matrix mass: every coordinate needs a mass above 0"
+                )
+        return self
+
+    @property
+    def matrices(self) -> tuple[NDArray[np.float64], ...]:
+        """Mass, damping and stiffness."""
+        return tuple(np.array(rows) for rows in (self.mass, self.damping, self.stiffness))
+
+
+SYMMETRY = 1e-9
+"""Relative rounding error that matrices are granted."""
+
+
+def _smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
+    """Of D^-1/2 A D^-1/2 with D the diagonal of A: coordinates of any size count alike."""
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    if np.any(matrix[size == 0.0]):
+        return -1.0  # a zero on the diagonal of a matrix without negative eigenvalues is alone
+    inverse = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    return float(np.linalg.eigvalsh(inverse[:, None] * matrix * inverse)[0])
+
+
+class NonlinearOscillator(Checked):
+    """A mass on a spring and a damper of any characteristic, m x'' + c(x') + g(x) = f(t).
+
+    Functions cannot be written in a scene file: this structure is for Python only, and for
+    methods that take functions. Each takes an array and returns one of the same shape.
+
+    Parameters
+    ----------
+    mass
+        kg.
+    restoring_force
+        g, N, as a function of displacement, m.
+    damping, damping_force
+        Exactly one: c of a linear damper, N s/m, or its force as a function of velocity, N.
+    potential
+        Energy of the spring as a function of displacement, J, up to a constant. By quadrature of
+        `restoring_force` where it is not given.
+
+    Raises
+    ------
+    SceneError
+        If a function is not finite about 0, or cannot take an array.
+
+    Examples
+    --------
+    >>> duffing = NonlinearOscillator(mass=2.0, damping=0.2, restoring_force=lambda x: x + x**3)
+    >>> duffing.potential_at([0.0, 1.0]).round(12).tolist(), duffing.damping_rate
+    ([0.0, 0.75], 0.1)
+    """
+
+    kind: Literal["nonlinear"] = "nonlinear"
+    mass: Positive
+    restoring_force: Function
+    damping: NonNegative | None = None
+    damping_force: Function | None = None
+    potential: Function | None = None
+
+    @model_validator(mode="after")
+    def _functions(self) -> Self:
+        if (self.damping is None) == (self.damping_force is None):
+            raise ValueError(
+                "needs exactly one of damping and damping_force, "
+                f"got {given(self, 'damping', 'damping_force')}"
+            )
+        for name in ("restoring_force", "damping_force", "potential"):
+            function = getattr(self, name)
+            if function is not None:
+                check_values(name, function, ABOUT_ZERO)
+        return self
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The displacement that moves, x."""
+        return ("x",)
+
+    @property
+    def matrices(self) -> tuple[NDArray[np.float64], ...]:
+        """The mass as a matrix of one row: there is no other."""
+        return (np.array([[self.mass]]),)
+
+    @property
+    def damping_rate(self) -> float | None:
+        """b = c / m, 1/s; None where damping is a function."""
+        return None if self.damping is None else self.damping / self.mass
+
+    def force_at(self, x: ArrayLike) -> Vector:
+        """Restoring force at displacements x (m), N."""
+        return evaluated(self.restoring_force, np.asarray(x, dtype=float))
+
+    def damping_at(self, v: ArrayLike) -> Vector:
+        """Damping force at velocities v (m/s), N."""
+        velocity = np.asarray(v, dtype=float)
+        if self.damping_force is not None:
+            return evaluated(self.damping_force, velocity)
+        assert self.damping is not None
+        return np.asarray(self.damping * velocity, dtype=float)
+
+    def potential_at(self, x: ArrayLike) -> Vector:
+        """Energy of the spring at displacements x (m), less that at 0, J."""
+        place = np.asarray(x, dtype=float)
+        if self.potential is None:
+            return _integral(self.restoring_force, place)
+        energy: Vector = evaluated(self.potential, np.append(place.ravel(), 0.0))
+        return np.asarray(energy[:-1] - energy[-1]).reshape(place.shape)
+
+
+ABOUT_ZERO = np.array([-1e-9, 0.0, 1e-9])
+"""Where functions are looked at once: no length is known that others could be measured by."""
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+MOST_HALVINGS = 60
+"""Of an interval about a kink or a jump, until it holds nothing."""
+
+ROUNDING = 1e-14
+"""Relative size below which what halving an interval changes of an integral is rounding."""
+
+
+def _integral(function: Function, ends: Vector) -> Vector:
+    """Integral from 0 to each end: from one end to the next, halved where that changes anything."""
+    places = np.unique(np.append(ends.ravel(), 0.0))
+    starts, stops = places[:-1], places[1:]
+    owner = np.arange(len(starts))
+    parts = np.zeros(len(starts))
+    for _ in range(MOST_HALVINGS):
+        middle = (starts + stops) / 2.0
+        whole, size = _panel(function, starts, stops)
+        halves = _panel(function, starts, middle)[0] + _panel(function, middle, stops)[0]
+        scale = np.maximum(np.abs(starts), np.abs(stops)) * size
+        with np.errstate(invalid="ignore"):  # forces that are infinite are integrated as such
+            open_ = np.abs(halves - whole) > ROUNDING * scale
+        np.add.at(parts, owner[~open_], halves[~open_])
+        if not np.any(open_):
+            break
+        starts, middle, stops, owner = starts[open_], middle[open_], stops[open_], owner[open_]
+        last = halves[open_]
+        starts, stops = np.concatenate([starts, middle]), np.concatenate([middle, stops])
+        owner = np.concatenate([owner, owner])
+    else:
+        np.add.at(parts, owner[: len(last)], last)
+    # added up outwards from 0: large energies far out take no digits from small ones
+    zero = int(np.searchsorted(places, 0.0))
+    left, right = -np.cumsum(parts[:zero][::-1])[::-1], np.cumsum(parts[zero:])
+    energy = np.concatenate([left, [0.0], right])
+    return np.asarray(energy[np.searchsorted(places, ends)])
+
+
+def _panel(function: Function, starts: Vector, stops: Vector) -> tuple[Vector, Vector]:
+    """Integral over each interval, and the largest value in it."""
+    half = (stops - starts) / 2.0
+    nodes = ((starts + stops) / 2.0)[:, None] + half[:, None] * NODES
+    values = evaluated(function, nodes)
+    return np.asarray(half * (values @ WEIGHTS)), np.abs(values).max(axis=1)
+
+
+Structure = Oscillator | Isolator | Matrices | NonlinearOscillator
+"""Every structure that a scene may hold."""

@@ -1,0 +1,218 @@
+"""Frozen, keyword-only values that check themselves once, and say in a sentence what is wrong."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+)
+
+from stochvi.results.errors import SceneError
+
+
+def _plain_number(value: Any) -> Any:
+    """A number of numpy's as Python's, so that its booleans and complex numbers are refused."""
+    return value.item() if getattr(value, "shape", None) == () else value
+
+
+Number = Annotated[float, BeforeValidator(_plain_number), Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+NonNegative = Annotated[Number, Field(ge=0)]
+
+
+def _plain_numbers(values: Any) -> Any:
+    return values.tolist() if hasattr(values, "tolist") else values
+
+
+Column = Annotated[tuple[Positive, ...], BeforeValidator(_plain_numbers)]
+"""A column of a table: positive numbers, from a sequence or an array."""
+
+NonNegatives = Annotated[tuple[NonNegative, ...], BeforeValidator(_plain_numbers)]
+"""A column of a table that may hold zeros."""
+
+
+Count = Annotated[int, Field(strict=True, ge=1)]
+"""A whole number from 1 on."""
+
+Names = Annotated[tuple[str, ...], BeforeValidator(_plain_numbers), Field(min_length=1)]
+"""Names of variables in a file."""
+
+
+def _rising(band: tuple[float, float]) -> tuple[float, float]:
+    if band[0] >= band[1]:
+        raise ValueError(f"must rise, got [{band[0]:g}, {band[1]:g}]")
+    return band
+
+
+Band = Annotated[
+    tuple[Positive, Positive], BeforeValidator(_plain_numbers), AfterValidator(_rising)
+]
+"""A lowest and a highest frequency."""
+
+Matrix = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(_plain_numbers)]
+"""A matrix, row by row."""
+
+
+def _name_of(function: Any) -> str:
+    """Module and name of a function; of an object that can be called, those of its class."""
+    named = function if hasattr(function, "__qualname__") else type(function)
+    return f"{named.__module__}.{named.__qualname__}"
+
+
+Function = Annotated[Callable[..., Any], PlainSerializer(_name_of, return_type=str)]
+"""A function from an array to an array of the same shape, which only Python can give; in the
+document of a scene it is its name."""
+
+
+def evaluated(function: Callable[..., Any], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values at `places`; of a function that returns one number for all, that number at each."""
+    values = np.asarray(function(places), dtype=float)
+    return np.array(np.broadcast_to(values, places.shape))
+
+
+def check_values(
+    name: str, function: Callable[..., Any], places: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The values of a function that is given as `name`; ValueError unless they are finite numbers,
+    one for each place."""
+    try:
+        values = evaluated(function, places)
+    except Exception as error:
+        raise ValueError(
+            f"needs {name} that takes an array and returns one of the same shape, got "
+            f"{type(error).__name__}: {error}"
+        ) from None
+    wrong = ~np.isfinite(values)
+    if wrong.any():
+        raise ValueError(
+            f"needs {name} with finite values, got {values[wrong][0]:g} at {places[wrong][0]:g}"
+        )
+    return values
+
+
+class Checked(BaseModel):
+    """Base of every part of a scene: immutable, unknown keys refused, no silent conversion."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", populate_by_name=True, hide_input_in_errors=True
+    )
+
+    def __init__(self, *args: Any, **data: Any) -> None:
+        if args:
+            known = ", ".join(f"{name}=..." for name in type(self).model_fields if name != "kind")
+            raise TypeError(f"{type(self).__name__} takes keywords only: {known}")
+        try:
+            super().__init__(**data)
+        except ValidationError as error:
+            raise SceneError(_problems(error, type(self))) from None
+
+
+def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str, str]]:
+    """Turn a validation error into (key, sentence) pairs, inner errors unfolded."""
+    problems: list[tuple[str, str]] = []
+    for detail in error.errors(include_url=False):
+        path = _without_kind(detail["loc"])
+        cause = detail.get("ctx", {}).get("error")
+        if isinstance(cause, SceneError):
+            problems += [(_key([*path, key]), text) for key, text in cause.problems]
+        elif detail["type"] == "extra_forbidden":
+            problems.append((_key(path), _unknown_key(str(path[-1]), model)))
+        else:
+            problems.append((_key(path), _sentence(detail)))
+    return problems
+
+
+KINDS_AFTER = {"structure": 1, "excitation": 2, "law": 1, "lower_law": 1, "upper_law": 1}
+"""Keys that hold parts of several kinds, and where in a path the kind then stands."""
+
+
+def _without_kind(path: Sequence[Any]) -> list[Any]:
+    """Pydantic puts the kind of a part into its path: ("structure", "oscillator", "mass")."""
+    place = KINDS_AFTER.get(path[0] if path else "", len(path))
+    return [*path[:place], *path[place + 1 :]]
+
+
+def _key(path: Sequence[Any]) -> str:
+    return ".".join(str(part) for part in path if part != "")
+
+
+def _unknown_key(key: str, model: type[BaseModel]) -> str:
+    known = [field.alias or name for name, field in model.model_fields.items()]
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+    return f"is not a known key; did you mean {near[0]!r}? (known here: {', '.join(known)})"
+
+
+def _sentence(detail: Any) -> str:
+    """One sentence for one pydantic error: what was expected, and what was got."""
+    got = _short(detail.get("input"))
+    limits = detail.get("ctx", {})
+    match detail["type"]:
+        case "missing":
+            return "is missing"
+        case "greater_than":
+            return f"must be greater than {limits['gt']:g}, got {got}"
+        case "greater_than_equal":
+            return f"must be at least {limits['ge']:g}, got {got}"
+        case "less_than":
+            return f"must be less than {limits['lt']:g}, got {got}"
+        case "less_than_equal":
+            return f"must be at most {limits['le']:g}, got {got}"
+        case "float_type" | "finite_number":
+            return f"must be a finite number, got {got}"
+        case "int_type":
+            return f"must be a whole number, got {got}"
+        case "bool_type":
+            return f"must be true or false, got {got}"
+        case "literal_error":
+            return f"must be {limits['expected']}, got {got}"
+        case "union_tag_invalid":
+            return f"has kind {limits['tag']!r}, expected {limits['expected_tags']}"
+        case "union_tag_not_found":
+            return f"needs the key {limits['discriminator']}, got {got}"
+        case "tuple_type" | "list_type":
+            return f"must be a list, got {got}"
+        case "model_type" | "dict_type" | "model_attributes_type":
+            return f"must be a table of keys, got {got}"
+        case "string_type":
+            return f"must be a text, got {got}"
+        case "callable_type":
+            return f"must be a function, got {got}"
+        case "value_error":
+            return str(limits["error"])
+        case _:
+            return f"is not valid ({detail['msg']}), got {got}"
+
+
+def given(part: BaseModel, *names: str) -> str:
+    """Which of the keys `names` have a value, in words."""
+    return ", ".join(name for name in names if getattr(part, name) is not None) or "none"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def check_oscillators(columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """Arrays of oscillators between stops: ValueError that names the first column that is wrong."""
+    for name, column in columns.items():
+        if np.isnan(column).any():
+            raise ValueError(f"{name} must be numbers, got nan")
+        if name in ("omega", "damping_rate", "intensity") and (column < 0.0).any():
+            raise ValueError(f"{name} must be at least 0, got {column.min():g}")
+        outside = (column < 0.0) | (column > 1.0)
+        if name.startswith("restitution") and outside.any():
+            raise ValueError(f"{name} must be in [0, 1], got {column[outside][0]:g}")
+    if not (columns["lower"] < columns["upper"]).all():
+        raise ValueError("needs lower < upper in every scene")

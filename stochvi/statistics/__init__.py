@@ -1,0 +1,1 @@
+"""What Monte Carlo samples, looked at: impacts, spectra, first crossings, bursts, reliability."""

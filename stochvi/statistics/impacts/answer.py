@@ -1,0 +1,218 @@
+"""What the statistics of impacts answer with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stochvi.results.estimates import Cost, Estimate, format_with_error
+from stochvi.statistics.impacts.tallies import Histogram, Rate
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exponent:
+    """Of the density of impact speeds near 0, w^(1 - beta): fitted, and 1 - beta by theory (None
+    where there is none: stops that give way, noise that is not white, several coordinates)."""
+
+    fitted: Estimate
+    theory: float | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PairStatistics:
+    """Impacts of one pair faster than `speed_threshold` (m/s); None for what was never hit.
+
+    Parameters
+    ----------
+    rates
+        "lower", "upper" (of the stops there are) and "both".
+    dispersion
+        Variance over mean of counts in windows: 1 for Poisson's process, more for clusters.
+    speeds, intervals
+        Densities of impact speeds (s/m) and of times between impacts on either stop (1/s).
+    speed_rms
+        Root mean square impact speed, m/s.
+    exponents
+        By side, or "both" where both stops have one restitution.
+    energy
+        Mean loss per impact, in `energy_unit`: J, or J/kg where the scene gives no mass.
+    rice_rates, clump_rate, first_hit_rate
+        1/s, without stops: Rice's crossings of each stop and of both; of their clumps
+        (Vanmarcke); of first hits, from simulated first crossings, if they were asked for.
+    """
+
+    speed_threshold: float
+    rates: Mapping[str, Rate]
+    dispersion: Estimate | None
+    speeds: Histogram | None
+    intervals: Histogram | None
+    speed_rms: Estimate | None
+    exponents: Mapping[str, Exponent]
+    energy: Estimate | None
+    rice_rates: Mapping[str, float] | None
+    clump_rate: float | None
+    first_hit_rate: Estimate | None
+    energy_unit: str = "J"
+
+    def rayleigh(self, speed: ArrayLike) -> Vector:
+        """Rayleigh's density with the mean square seen, s/m: that of stops that lose nothing."""
+        if self.speed_rms is None:
+            raise ValueError("no impact was seen, so that no law of speeds can be fitted")
+        square = self.speed_rms.value**2 / 2.0
+        w = np.asarray(speed, dtype=float)
+        return np.asarray(w / square * np.exp(-(w**2) / (2.0 * square)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImpactStatistics:
+    """Of every impact pair of a scene.
+
+    `each` tells whether impacts were seen one by one however close, or those of one step of
+    `step` seconds together; `duration` is that of a path, `window` that of the dispersion, s.
+    """
+
+    pairs: Mapping[str, PairStatistics]
+    duration: float
+    window: float
+    step: float
+    each: bool
+    assumptions: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+    cost: Cost = field(default_factory=Cost)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A tidy table of all numbers: one row per pair and quantity."""
+        import pandas as pd
+
+        columns = ["of", "quantity", "value", "standard_error", "lower", "upper", "by", "unit"]
+        rows = [row for name, pair in self.pairs.items() for row in _rows(name, pair)]
+        return pd.DataFrame(rows).reindex(columns=columns)
+
+    def to_table(self) -> pd.DataFrame:
+        """The same for people: numbers with their errors in words."""
+        import pandas as pd
+
+        def spoken(row: Any) -> dict[str, str]:
+            given = not math.isnan(row["lower"])
+            return {
+                "of": row["of"],
+                "quantity": row["quantity"],
+                "value": format_with_error(row["value"], row["standard_error"])
+                if row["standard_error"]
+                else f"{row['value']:.4g}",
+                "95 % interval": f"{row['lower']:.4g} to {row['upper']:.4g}" if given else "",
+                "by": row["by"] if given else "",
+                "unit": row["unit"],
+            }
+
+        return pd.DataFrame([spoken(row) for _, row in self.to_frame().iterrows()])
+
+    def histograms(self) -> pd.DataFrame:
+        """One row per pair, histogram ("speed" in m/s, "interval" in s) and bin."""
+        import pandas as pd
+
+        parts = [
+            pd.DataFrame(
+                {
+                    "of": name,
+                    "histogram": kind,
+                    "low": found.edges[:-1],
+                    "high": found.edges[1:],
+                    "density": found.density,
+                    "standard_error": found.standard_error,
+                }
+            )
+            for name, pair in self.pairs.items()
+            for kind, found in (("speed", pair.speeds), ("interval", pair.intervals))
+            if found is not None
+        ]
+        return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {
+            "method": "impacts",
+            "impact_pairs": {name: _plain(pair) for name, pair in self.pairs.items()},
+            "duration": self.duration,
+            "window": self.window,
+            "step": self.step,
+            "each": self.each,
+            "assumptions": list(self.assumptions),
+            "warnings": list(self.warnings),
+            "cost": asdict(self.cost),
+            "provenance": dict(self.provenance),
+        }
+
+    def summary(self) -> str:
+        """How clustered the impacts are, in a sentence for each pair."""
+        found = []
+        for name, pair in self.pairs.items():
+            spread = pair.dispersion
+            if spread is None:
+                seen = pair.rates["both"].estimate.value > 0.0
+                few = "too few impacts were seen to say how they come"
+                found.append(f"{name}: {few if seen else 'no impact was seen'}")
+                continue
+            low, high = (spread.value + side * 2.0 * spread.standard_error for side in (-1, 1))
+            kind = "as scattered as Poisson's process"
+            if low > 1.0:
+                kind = "in clusters: Poisson intervals would be too narrow by a factor of "
+                kind += f"{math.sqrt(spread.value):.2g}"
+            elif high < 1.0:
+                kind = "more regular than Poisson's process"
+            found.append(
+                f"{name}: impacts come {kind} (variance / mean of counts {spread.value:.3g} in "
+                f"windows of {self.window:.3g} s)"
+            )
+        return "; ".join(found)
+
+
+def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
+    """Of `to_frame`, for one pair."""
+    rows: list[dict[str, Any]] = []
+
+    def add(quantity: str, unit: str, estimate: Estimate | None, **more: Any) -> None:
+        if estimate is not None:
+            found = {"value": estimate.value, "standard_error": estimate.standard_error}
+            rows.append({"of": name, "quantity": quantity, "unit": unit, **found, **more})
+
+    for side, each in pair.rates.items():
+        bounds = {"lower": each.lower, "upper": each.upper}
+        add(f"rate, {side}", "1/s", each.estimate, by=each.interval, **bounds)
+        if pair.rice_rates is not None:
+            add(f"Rice without stops, {side}", "1/s", Estimate(value=pair.rice_rates[side]))
+    if pair.clump_rate is not None:
+        add("clumps without stops (Vanmarcke)", "1/s", Estimate(value=pair.clump_rate))
+    add("first hits without stops", "1/s", pair.first_hit_rate)
+    add("variance / mean of counts", "1", pair.dispersion)
+    add("rms impact speed", "m/s", pair.speed_rms)
+    add("energy lost per impact", pair.energy_unit, pair.energy)
+    for side, exponent in pair.exponents.items():
+        add(f"exponent of slow impacts, {side}", "1", exponent.fitted)
+        if exponent.theory is not None:
+            add(f"1 - beta by theory, {side}", "1", Estimate(value=exponent.theory))
+    return rows
+
+
+def _plain(item: Any) -> Any:
+    """Dataclasses, mappings and arrays as what JSON knows."""
+    if isinstance(item, Estimate):
+        return item.to_dict()
+    if isinstance(item, np.ndarray):
+        return item.tolist()
+    if isinstance(item, Mapping):
+        return {key: _plain(value) for key, value in item.items()}
+    if hasattr(item, "__dataclass_fields__"):
+        return {key: _plain(getattr(item, key)) for key in item.__dataclass_fields__}
+    return item

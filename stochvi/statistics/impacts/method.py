@@ -1,0 +1,417 @@
+"""Statistics of impacts by Monte Carlo, from every impact of independent paths.
+
+Slow impacts on a stop of restitution R under white noise have speeds of density w^(1 - beta), beta
+from R (`collisions.corner_exponent`), Rayleigh's law at R = 1 being the case beta = 0. They come in
+bursts, and so do impacts of a light resonance: counts scatter more than Poisson's, and an interval
+from their number alone is too narrow. Intervals come from independent paths, therefore, unless the
+dispersion of the counts allows Poisson's exact ones.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
+from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
+from stochvi.methods.monte_carlo.runs import compiling
+from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.model import Assembly, Contact, assemble
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.first_crossings import first_crossings
+from stochvi.statistics.impacts.answer import Exponent, ImpactStatistics, PairStatistics
+from stochvi.statistics.impacts.predictions import linear_gap, rice_rates, vanmarcke_rate
+from stochvi.statistics.impacts.tallies import (
+    BINS,
+    WINDOWS,
+    Grid,
+    Rate,
+    Tally,
+    dispersion,
+    fitted_exponent,
+    histogram,
+    merged,
+    passes_for_poisson,
+    rate,
+    ratio,
+)
+
+Vector = NDArray[np.float64]
+Progress = Callable[[float, str], None]
+
+SLOWEST_SHARE, FASTEST_SHARE = 0.01, 10.0
+"""Speeds that a histogram holds, in rms speeds; from the threshold if that is more."""
+
+FIT_FROM, FIT_RANGE = 0.02, 6.0
+"""Exponents are fitted from the threshold, at least this share of the rms speed, to speeds so many
+times as large, and to half of that."""
+
+CORNER_SHARE = 0.06
+"""Steps near a stop, where slow impacts are resolved, in the time in which noise changes a slow
+mass. They are that share of it at any speed, so that they shift the power itself of the law of slow
+speeds: at a share of 0.25 and a stop in the rest position by +0.09 at R = 0.5 and +0.13 at 0.3;
+at this one by +0.001(7) and +0.024(10)."""
+
+SHIFT_PER_SHARE = 0.57
+"""Of an exponent, from what is seen at R = 0.3 and a share of 0.25; at smaller shares and larger R
+it is less, so that this times the share bounds what is left."""
+
+SHIFT_KNOWN_FROM = 0.3
+"""Least restitution at which that was seen."""
+
+RESOLVED_EXPONENT = 0.8
+"""Restitution from which on an exponent is free of the steps near a stop even at a share of 0.25:
+it is shifted by less than 0.01."""
+
+FEWEST_FITTED = 100
+"""Impacts in the shorter range for an exponent to be fitted."""
+
+FEWEST_PATHS = 64
+"""For an honest standard error."""
+
+FEWEST_HITS = 30
+"""For a dispersion; with fewer the counts tell nothing against Poisson."""
+
+REL_ERROR = 0.02
+"""Of the rates, where neither an error nor a number of paths is asked for."""
+
+MOST_UNSEEN = 2**17
+"""Paths without any impact after which none is looked for, also where there is time left."""
+
+
+def impacts(
+    scene: Scene,
+    *,
+    rel_error: float | None = None,
+    paths: int | None = None,
+    duration: float | None = None,
+    speed_threshold: float | None = None,
+    slow_impacts: bool = False,
+    first_hits: bool = False,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> ImpactStatistics:
+    """Rates, intervals, speeds, energy and clusters of the impacts of every pair.
+
+    Parameters
+    ----------
+    scene
+        Any scene with an impact pair that `simulate` covers.
+    rel_error, paths
+        Relative standard error of every pair's rate to reach, 0.02 if nothing is said, or instead
+        the number of paths. A pair that is never hit beside others does not govern.
+    duration
+        Seconds counted of a path, in eight windows for the dispersion.
+    speed_threshold
+        Slowest impacts that count, m/s; by default 0, or 5 % of the rms speed where stops lose
+        energy.
+    slow_impacts
+        Resolve impacts down to the threshold at lossy stops, as in `simulate`.
+    first_hits
+        Simulate first crossings, too, for the rate of first hits without stops (one oscillator
+        under Gaussian noise, a pair about its mean).
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene has no impact pair, or is none that `simulate` covers.
+    NotConverged
+        If time ends first, or nothing is hit in `MOST_UNSEEN` paths; it carries the answer so far.
+    ValueError
+        If an argument is out of range.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> found = impacts(scene).pairs["stops"].rates["both"].estimate
+    >>> abs(found.value - 0.2828) < 4.5 * found.standard_error + 1e-4
+    True
+    """
+    check_arguments(rel_error, paths, duration, seed, speed_threshold, budget, threads)
+    asked = REL_ERROR if rel_error is None else rel_error
+    started = time.perf_counter()
+    assembly = assemble(scene)
+    lossiest = min(
+        (law.restitution for contact in assembly.contacts for _, _, law in contact.stops),
+        default=1.0,
+    )
+    share = CORNER_SHARE if slow_impacts and lossiest < RESOLVED_EXPONENT else None
+    plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, share)
+    grids = {
+        contact.name: _grid(plan, contact, contact.name) for contact in assembly.contacts
+    }  # fmt: skip
+    with compiling(progress):
+        plan.impacts(seed, 0, 1)
+    workers = threads or len(os.sched_getaffinity(0))
+    found: dict[str, list[Tally]] = {name: [] for name in grids}
+    short = ""
+    done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths
+    with ThreadPoolExecutor(workers) as pool:
+        while True:
+            blocks = [
+                (first, min(plan.block, target - first))
+                for first in range(done, target, plan.block)
+            ]
+            # a round is cut where the clock is looked at: after each thread has done one block
+            for k in range(0, len(blocks), workers):
+                if done >= FEWEST_PATHS and _late(started, budget):
+                    break
+                for tallies in pool.map(
+                    lambda block: _block(plan, grids, seed, *block), blocks[k : k + workers]
+                ):
+                    for name, tally in tallies.items():
+                        found[name].append(tally)
+                        # all pairs have the same paths
+                done = sum(len(tally.numbers) for tally in next(iter(found.values())))
+            error = _largest_error([merged(tallies) for tallies in found.values()], plan)
+            if progress:
+                share = done / target if paths else (asked / max(error, asked)) ** 2
+                progress(share, f"{done} paths")
+            short = _fell_short(done, paths, error, asked, budget, started)
+            if short or done == paths or (paths is None and error <= asked):
+                break
+            target = done + math.ceil(done * min(1.1 * (error / asked) ** 2 - 1.0, 3.0))
+            target = math.ceil(target / plan.block) * plan.block
+    pairs = {
+        contact.name: _pair(
+            scene, assembly, contact, plan, grids[contact.name], merged(found[contact.name]),
+            first_hits, seed, threads,
+        )
+        for contact in assembly.contacts
+    }  # fmt: skip
+    answer = ImpactStatistics(
+        pairs=pairs,
+        duration=plan.duration,
+        window=plan.duration / WINDOWS,
+        step=plan.step,
+        each=plan.each,
+        assumptions=scene.assumptions(),
+        warnings=(
+            *(["the accuracy asked for was not reached"] if short else []),
+            *_unseen(pairs, done * plan.duration),
+            *_warnings(plan, assembly),
+        ),
+        cost=Cost(
+            wall_time=time.perf_counter() - started,
+            impacts=round(sum(t.numbers.sum() for tallies in found.values() for t in tallies)),
+            steps=round(done * plan.duration / plan.step),
+            paths=done,
+            threads=workers,
+        ),
+        provenance=provenance(scene.document(), seed),
+    )
+    if short:
+        raise NotConverged(short, answer)
+    return answer
+
+
+def _fell_short(
+    done: int, paths: int | None, error: float, asked: float, budget: float | None, started: float
+) -> str:
+    """Why no more paths are simulated though what was asked for is not there; empty if they are."""
+    if paths is not None:
+        if done == paths:
+            return ""
+        return f"{done} of {paths} paths were done in {budget:g} s; raise budget"
+    if error <= asked:
+        return ""
+    late = _late(started, budget)
+    if math.isinf(error) and (late or done >= MOST_UNSEEN):
+        return (
+            f"no impact was seen in {done} paths, so that no rate is known to {asked:g}; give "
+            "paths and duration to look further, or ask reliability for the chance of a hit"
+        )
+    if late:
+        return (
+            f"relative standard error {error:.2g} after {budget:g} s, asked for {asked:g}; raise "
+            "budget or rel_error"
+        )
+    return ""
+
+
+def _late(started: float, budget: float | None) -> bool:
+    return budget is not None and time.perf_counter() - started > budget
+
+
+def _block(
+    plan: ImpactPlan, grids: dict[str, Grid], seed: int, first: int, paths: int
+) -> dict[str, Tally]:
+    """One task: the impacts of some paths, counted and let go."""
+    logs = plan.impacts(seed, first, paths)
+    return {name: Tally.of(log, paths, grids[name]) for name, log in logs.items()}
+
+
+def _grid(plan: ImpactPlan, contact: Contact, name: str) -> Grid:
+    rms, threshold = plan.speeds[name], plan.thresholds[name]
+    slowest = max(threshold, SLOWEST_SHARE * rms)
+    start = max(threshold, FIT_FROM * rms)
+    shortest = max(2.0 * plan.step, 1e-3 * plan.relaxation)
+    losses = dict.fromkeys(("lower", "upper"), 0.0) | {
+        side: 0.5 * contact.mass * (1.0 - law.restitution**2) for side, _, law in contact.stops
+    }
+    return Grid(
+        speeds=np.geomspace(slowest, FASTEST_SHARE * rms, BINS + 1),
+        intervals=np.geomspace(shortest, max(plan.duration, 10.0 * shortest), BINS + 1),
+        fits=((start, start * FIT_RANGE), (start, start * FIT_RANGE / 2.0)),
+        window=plan.duration / WINDOWS,
+        losses=(losses["lower"], losses["upper"]),
+    )
+
+
+def _largest_error(tallies: list[Tally], plan: ImpactPlan) -> float:
+    """Relative standard error of the rates of the pairs that are hit; infinite if none is."""
+    errors = []
+    for tally in tallies:
+        numbers = tally.numbers.sum(axis=1)
+        if numbers.any():
+            value, error = ratio(numbers, np.full(len(numbers), plan.duration))
+            errors.append(error / value)
+    return max(errors, default=math.inf)
+
+
+def _pair(
+    scene: Scene, assembly: Assembly, contact: Contact, plan: ImpactPlan, grid: Grid,
+    tally: Tally, first_hits: bool, seed: int, threads: int | None,
+) -> PairStatistics:  # fmt: skip
+    numbers = tally.numbers.sum(axis=1)
+    hits = float(numbers.sum())
+    how = f"{len(numbers)} paths of {plan.duration:.4g} s"
+    spread = dispersion(tally.windows, grid.window) if hits >= FEWEST_HITS else None
+    poisson = passes_for_poisson(spread)
+    rates: dict[str, Rate] = {
+        side: rate(tally.numbers[:, 0 if side == "lower" else 1], plan.duration, poisson, how)
+        for side, _, _ in contact.stops
+    }
+    rates["both"] = rate(numbers, plan.duration, poisson, how)
+    gap = linear_gap(scene, assembly, contact)
+    square = ratio(tally.squares.sum(axis=1), numbers) if hits else None
+    loss = ratio(tally.energies.sum(axis=1), numbers) if hits else None
+    return PairStatistics(
+        speed_threshold=plan.thresholds[contact.name],
+        rates=rates,
+        dispersion=spread,
+        speeds=histogram(tally.speeds, grid.speeds) if hits else None,
+        intervals=histogram(tally.intervals, grid.intervals) if tally.intervals.any() else None,
+        speed_rms=None if square is None else _root(square, how),
+        exponents=_exponents(assembly, contact, tally, grid, plan),
+        energy=None
+        if loss is None
+        else Estimate(value=loss[0], standard_error=loss[1], bias=None, how=how),
+        rice_rates=None if gap is None else rice_rates(gap, contact),
+        clump_rate=None if gap is None else vanmarcke_rate(gap, contact),
+        first_hit_rate=_first_hits(scene, contact, gap.mean, seed, threads)
+        if first_hits and gap is not None
+        else None,
+        energy_unit="J/kg" if scene.structure.mass is None else "J",
+    )
+
+
+def _root(square: tuple[float, float], how: str) -> Estimate:
+    value = math.sqrt(square[0])
+    return Estimate(value=value, standard_error=square[1] / (2.0 * value), bias=None, how=how)
+
+
+def _exponents(
+    assembly: Assembly, contact: Contact, tally: Tally, grid: Grid, plan: ImpactPlan
+) -> dict[str, Exponent]:
+    """Of both stops together where they have one restitution, else of each."""
+    restitutions = {side: law.restitution for side, _, law in contact.stops}
+    if len(set(restitutions.values())) == 1:
+        groups = {"both": (tally.fits.sum(axis=1), next(iter(restitutions.values())))}
+    else:
+        groups = {
+            side: (tally.fits[:, 0 if side == "lower" else 1], r)
+            for side, r in restitutions.items()
+        }
+    white = len(assembly.coordinates) == 1 and np.any(assembly.white) and not assembly.not_rigid()
+    return {
+        side: Exponent(
+            fitted=_fitted(fits, grid, _shift(plan, r) if white else 0.0),
+            theory=1.0 - corner_exponent(r) if white else None,
+        )
+        for side, (fits, r) in groups.items()
+        if fits[:, 1, 0].sum() >= FEWEST_FITTED
+    }
+
+
+def _shift(plan: ImpactPlan, restitution: float) -> float | None:
+    """Most that the steps near a stop shift an exponent; None where that is not known."""
+    if restitution >= RESOLVED_EXPONENT:
+        return 0.0
+    share = plan.corner_share
+    return None if share is None or restitution < SHIFT_KNOWN_FROM else SHIFT_PER_SHARE * share
+
+
+def _fitted(fits: NDArray[np.float64], grid: Grid, shift: float | None) -> Estimate:
+    found = fitted_exponent(fits, grid.fits)
+    if found.bias is None or shift is None:
+        return replace(found, bias=None)
+    return replace(found, bias=found.bias + shift)
+
+
+def _first_hits(
+    scene: Scene, contact: Contact, mean: float, seed: int, threads: int | None
+) -> Estimate | None:
+    """Limiting rate of first crossings of the stops without them; None where it does not apply."""
+    lower = None if contact.lower is None else mean - contact.lower
+    upper = None if contact.upper is None else contact.upper - mean
+    try:
+        found = first_crossings(scene, lower=lower, upper=upper, seed=seed, threads=threads)
+    except (NotApplicable, ValueError):  # a scene, or stops, that it does not cover
+        return None
+    chance = found.probability(found.horizon)[0]
+    # where hardly any motion outlasts the memory there is no limiting rate to be seen
+    hardly = (chance.bias or 0.0) >= 1.0 - chance.value
+    return None if hardly else found.first_rate()[0]
+
+
+def _unseen(pairs: dict[str, PairStatistics], exposure: float) -> list[str]:
+    """Of stops that were never hit; as `simulate` says it."""
+    return [
+        f"no impact on the {side} stop of {name} in {exposure:.3g} s of motion: its rate has an "
+        "upper limit only, rel_error does not govern it; more paths or a longer duration look "
+        "further"
+        for name, pair in pairs.items()
+        for side, found in pair.rates.items()
+        if side != "both" and found.estimate.value == 0.0
+    ]
+
+
+def _warnings(plan: ImpactPlan, assembly: Assembly) -> list[str]:
+    found = []
+    if not plan.each:
+        found.append(
+            f"impacts within one step of {plan.step:.3g} s count as one, at their summed speed"
+        )
+    for contact in assembly.contacts:
+        threshold = plan.thresholds[contact.name]
+        if threshold > 0.0:
+            found.append(f"{contact.name}: only impacts faster than {threshold:.3g} m/s count")
+        if any(law.rigid and law.restitution <= COLLAPSE_RESTITUTION
+               for _, _, law in contact.stops):  # fmt: skip
+            found.append(
+                f"{contact.name}: at a restitution up to {COLLAPSE_RESTITUTION:.4f} the rate of "
+                "all impacts is infinite: everything here hangs on the threshold"
+            )
+    return found

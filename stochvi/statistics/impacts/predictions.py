@@ -1,0 +1,119 @@
+"""Rates of impacts that linear theory predicts: Rice's, and with clumps (Vanmarcke)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.mathematics.spectra import Table, response_moments, squared_gain
+from stochvi.model.modal import linear_law, modes_of
+from stochvi.model.model import Assembly, Contact
+from stochvi.scenes.scene import Scene
+
+CLUMPING = 1.2
+"""Power of the bandwidth in E. H. Vanmarcke's rate (J. Appl. Mech. 42 (1975) 215)."""
+
+NODES = 20_001
+"""Of the first moment of a spectrum."""
+
+
+class LinearGap(NamedTuple):
+    """Stationary gap of a pair without stops: mean, deviations of it and of its rate; `bandwidth`
+    q = (1 - l1^2 / (l0 l2))^(1/2) of its spectrum, None where it is not computed."""
+
+    mean: float
+    displacement_std: float
+    velocity_std: float
+    bandwidth: float | None
+
+
+def linear_gap(scene: Scene, assembly: Assembly, contact: Contact) -> LinearGap | None:
+    """None where noise and structure have no Gaussian stationary law, or a sine is in it."""
+    if any(signal.amplitude for signal in assembly.signals):
+        return None
+    if not assembly.tables:
+        modes = modes_of(assembly._replace(contacts=(contact,)))
+        law = linear_law(modes)
+        if law is None:
+            return None
+        gap, n = modes.gaps[0], modes.size
+        x, v = (math.sqrt(law.variances(gap, first)) for first in (0, n))
+        mean = float(gap @ (modes.rest + law.mean))
+        single = len(assembly.coordinates) == 1 and not assembly.signals
+        return LinearGap(mean, x, v, _white_bandwidth(scene) if single else None)
+    if assembly.signals or scene.beyond_one_oscillator():
+        return None
+    system = scene.system()
+    omega, b = system.omega, system.damping_rate
+    if omega == 0.0 or b == 0.0:
+        return None
+    moments, theta = response_moments(system.tables, omega, b), system.intensity / (2.0 * b)
+    x2, v2 = moments.displacement + theta / omega**2, moments.velocity + theta
+    bandwidth = None
+    if theta == 0.0:
+        first = sum(_first_moment(table, omega, b) for table in system.tables)
+        bandwidth = math.sqrt(max(1.0 - first**2 / (x2 * v2), 0.0))
+    return LinearGap(system.load / omega**2, math.sqrt(x2), math.sqrt(v2), bandwidth)
+
+
+def _white_bandwidth(scene: Scene) -> float | None:
+    """q of an oscillator under white noise, in closed form below critical damping."""
+    system = scene.system()
+    zeta = system.damping_rate / (2.0 * system.omega) if system.omega else math.inf
+    if not 0.0 < zeta < 1.0:
+        return None
+    root = math.sqrt(1.0 - zeta**2)
+    shape = (1.0 - 2.0 / math.pi * math.atan(zeta / root)) / root
+    return math.sqrt(1.0 - shape**2)
+
+
+def _first_moment(table: Table, omega: float, damping_rate: float) -> float:
+    """Integral of w |H|^2 G df over a table."""
+    low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
+    f = np.geomspace(low, high, NODES)
+    density = 2.0 * np.pi * f * squared_gain(f, omega, damping_rate) * table(f)
+    return float(np.trapezoid(density, f))
+
+
+def rice_rates(gap: LinearGap, contact: Contact) -> dict[str, float]:
+    """Of each stop, as if nothing hit them; "both" for their sum."""
+    found = {
+        side: rice_rate(position - gap.mean, gap.displacement_std, gap.velocity_std)
+        for side, position, _ in contact.stops
+    }
+    return found | {"both": sum(found.values())}
+
+
+def vanmarcke_rate(gap: LinearGap, contact: Contact) -> float | None:
+    """Rate of clumps of crossings, 1/s, of one stop or of two evenly about the mean.
+
+    nu [1 - exp(-(pi / 2)^(1/2) q^1.2 r)] / [1 - exp(-r^2 / 2)] at r deviations for |x|, nu Rice's
+    rate of both; for one stop (2 pi)^(1/2) stands for (pi / 2)^(1/2) and the share of time within
+    it for the denominator (Vanmarcke 1975).
+
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> gap = LinearGap(0.0, 1.0, 1.0, 0.2456120698613)
+    >>> law = Restitution(coefficient=1.0)
+    >>> two = Contact("", np.ones(1), 1.0, -2.0, 2.0, law, law)
+    >>> round(vanmarcke_rate(gap, two) / rice_rates(gap, two)["both"], 4)
+    0.43
+    """
+    if gap.bandwidth is None:
+        return None
+    positions = [position - gap.mean for _, position, _ in contact.stops]
+    levels = [abs(position) / gap.displacement_std for position in positions]
+    width, nu = gap.bandwidth**CLUMPING, rice_rates(gap, contact)["both"]
+    if len(levels) == 1:
+        beyond = positions[0] * (1.0 if contact.lower is None else -1.0) <= 0.0
+        if beyond:
+            return None
+        share = -math.expm1(-math.sqrt(2.0 * math.pi) * width * levels[0])
+        return nu * share / float(ndtr(levels[0]))
+    if abs(levels[0] - levels[1]) > 1e-9 * max(levels) or positions[0] * positions[1] >= 0.0:
+        return None
+    share = -math.expm1(-math.sqrt(math.pi / 2.0) * width * levels[0])
+    return nu * share / -math.expm1(-0.5 * levels[0] ** 2)

@@ -1,0 +1,245 @@
+"""What is kept of the impacts of each path, and estimates from independent paths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from statsmodels.stats.rates import confint_poisson
+from statsmodels.stats.weightstats import DescrStatsW
+
+from stochvi.methods.monte_carlo.impact_logs import ImpactLog
+from stochvi.results.estimates import Estimate
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+WINDOWS = 8
+"""Windows of a path in which impacts are counted for the dispersion."""
+
+BINS = 40
+"""Of a histogram, evenly in the logarithm."""
+
+LEVEL = 0.95
+"""Of intervals."""
+
+LARGEST_DISPERSION = 1.25
+"""Upper limit of the dispersion up to which counts pass for Poisson's, and its inverse from which
+on: an interval is then at most 12 % too narrow or too wide."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Grid:
+    """What impacts of a pair are counted by: edges of speeds (m/s) and intervals (s), the two
+    ranges of speeds from one start that exponents are fitted to, length of a window (s), and loss
+    of energy over w^2 at the lower and the upper stop."""
+
+    speeds: Vector
+    intervals: Vector
+    fits: tuple[tuple[float, float], tuple[float, float]]
+    window: float
+    losses: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tally:
+    """Sums over the impacts of each path, the first axis; the second is lower and upper stop.
+
+    `fits` are numbers, sums of ln(w / start) and of w in both ranges, (paths, 2, 2 ranges, 3).
+    """
+
+    numbers: Matrix
+    squares: Matrix
+    energies: Matrix
+    fits: NDArray[np.float64]
+    speeds: Matrix
+    intervals: Matrix
+    windows: Matrix
+
+    @classmethod
+    def of(cls, log: ImpactLog, paths: int, grid: Grid) -> Tally:
+        """Of the impacts of a block of paths."""
+        side = (log.speed > 0.0).astype(np.int64)
+        speed = np.abs(log.speed)
+
+        def total(weight: Vector, place: NDArray[np.int64], size: int) -> Matrix:
+            flat = np.bincount(log.path * size + place, weights=weight, minlength=paths * size)
+            return np.asarray(flat.reshape(paths, size), dtype=float)
+
+        one = np.ones_like(speed)
+        fits = np.empty((paths, 2, 2, 3))
+        for number, (low, high) in enumerate(grid.fits):
+            inside = ((speed >= low) & (speed < high)).astype(float)
+            fits[:, :, number, 0] = total(inside, side, 2)
+            logs = inside * np.log(np.maximum(speed, low) / low)
+            fits[:, :, number, 1] = total(logs, side, 2)
+            fits[:, :, number, 2] = total(inside * speed, side, 2)
+        window = np.minimum((log.time / grid.window).astype(np.int64), WINDOWS - 1)
+        # between impacts of one path that follow each other
+        waited, same = np.diff(log.time), np.diff(log.path) == 0
+        places = log.path[1:][same] * (BINS + 2) + np.searchsorted(grid.intervals, waited[same])
+        intervals = np.bincount(places, minlength=paths * (BINS + 2)).reshape(paths, -1)
+        return cls(
+            numbers=total(one, side, 2),
+            squares=total(speed**2, side, 2),
+            energies=total(np.array(grid.losses)[side] * speed**2, side, 2),
+            fits=fits,
+            speeds=total(one, np.searchsorted(grid.speeds, speed), BINS + 2),
+            intervals=intervals.astype(float),
+            windows=total(one, window, WINDOWS),
+        )
+
+    def merge(self, other: Tally) -> Tally:
+        """Of the paths of both."""
+        return Tally(
+            **{
+                each.name: np.concatenate([getattr(self, each.name), getattr(other, each.name)])
+                for each in fields(self)
+            }
+        )
+
+
+def merged(tallies: list[Tally]) -> Tally:
+    """Of all paths, in order."""
+    return reduce(Tally.merge, tallies)
+
+
+def ratio(above: Vector, below: Vector) -> tuple[float, float]:
+    """Sum of `above` over the sum of `below` with its standard error, from independent paths."""
+    paths, total = len(above), float(below.sum())
+    value = float(above.sum()) / total
+    spread = float(np.sum((above - value * below) ** 2)) * paths / (paths - 1)
+    return value, math.sqrt(spread) / total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rate:
+    """Impacts per second with a 95 % interval, and what that rests on: "Poisson" or "paths"."""
+
+    estimate: Estimate
+    lower: float
+    upper: float
+    interval: str
+
+
+def rate(counts: Vector, duration: float, poisson: bool, how: str) -> Rate:
+    """Of counts of impacts in independent paths of `duration` seconds."""
+    value, error = ratio(counts, np.full(len(counts), duration))
+    if poisson:
+        exposure = duration * len(counts)
+        low, high = confint_poisson(float(counts.sum()), exposure, "exact-c", 1.0 - LEVEL)
+    else:
+        low, high = DescrStatsW(counts / duration).tconfint_mean(1.0 - LEVEL)
+    limit = float(high) if value == 0.0 else None
+    return Rate(
+        estimate=Estimate(
+            value=value, standard_error=error, bias=None, how=how, upper_95=limit
+        ),
+        lower=max(float(low), 0.0),
+        upper=float(high),
+        interval="Poisson" if poisson else "paths",
+    )  # fmt: skip
+
+
+def dispersion(windows: Matrix, window: float) -> Estimate:
+    """Variance over mean of the counts (paths, windows); jackknife over paths.
+
+    1 for Poisson's process, more for impacts that come in clusters, less for regular ones.
+    """
+    paths, count = windows.shape
+
+    def index(sums: Vector, squares: Vector, size: int) -> Vector:
+        mean = sums / size
+        return np.asarray((squares - size * mean**2) / (size - 1) / mean)
+
+    sums, squares = windows.sum(axis=1), (windows**2).sum(axis=1)
+    value = float(index(sums.sum(), squares.sum(), paths * count))
+    others = index(sums.sum() - sums, squares.sum() - squares, (paths - 1) * count)
+    error = math.sqrt((paths - 1) / paths * float(np.sum((others - others.mean()) ** 2)))
+    return Estimate(
+        value=value, standard_error=error, how=f"{paths * count} windows of {window:.4g} s"
+    )
+
+
+def passes_for_poisson(found: Estimate | None) -> bool:
+    """Whether counts of this dispersion are those of Poisson's process, as far as can be told."""
+    if found is None:
+        return True
+    low, high = (found.value + side * 2.0 * found.standard_error for side in (-1.0, 1.0))
+    return low <= 1.0 and 1.0 / LARGEST_DISPERSION <= high <= LARGEST_DISPERSION
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Histogram:
+    """A density on bins with its standard error; `outside` is the share beyond the bins."""
+
+    edges: Vector
+    density: Vector
+    standard_error: Vector
+    outside: float
+
+    @property
+    def middles(self) -> Vector:
+        """Geometric means of the edges."""
+        return np.asarray(np.sqrt(self.edges[1:] * self.edges[:-1]))
+
+
+def histogram(counts: Matrix, edges: Vector) -> Histogram:
+    """From counts (paths, BINS + 2) whose first and last bins lie outside."""
+    all_of = counts.sum(axis=1)
+    shares = [ratio(counts[:, k], all_of) for k in range(1, BINS + 1)]
+    width = np.diff(edges)
+    return Histogram(
+        edges=edges,
+        density=np.array([value for value, _ in shares]) / width,
+        standard_error=np.array([error for _, error in shares]) / width,
+        outside=ratio(counts[:, 0] + counts[:, -1], all_of)[0],
+    )
+
+
+def fitted_exponent(fits: NDArray[np.float64], ranges: tuple[tuple[float, float], ...]) -> Estimate:
+    """Exponent a of a density w^a by maximum likelihood, from impacts within a range of speeds.
+
+    In u = ln(w / start), 0 <= u < L, the density is proportional to e^((a + 1) u), whose mean
+    m(a) = L / (1 - e^(-(a + 1) L)) - 1 / (a + 1) is put equal to that seen; the error is that of
+    the mean over independent paths. The law is no pure power but in the limit of slow impacts: the
+    bias is the distance to that limit if what is fitted goes with the mean speed of what it is
+    fitted to, as the second, shorter range tells.
+    """
+    (value, error), (other, _) = (
+        _exponent(fits[:, number, 0], fits[:, number, 1], math.log(high / low))
+        for number, (low, high) in enumerate(ranges)
+    )
+    low, high = ranges[0]
+    long, short = (ratio(fits[:, k, 2], fits[:, k, 0])[0] for k in range(2))
+    return Estimate(
+        value=value, standard_error=error, bias=abs(value - other) * long / (long - short),
+        how=f"{fits[:, 0, 0].sum():.0f} impacts of {low:.3g} to {high:.3g} m/s; bias from "
+        "the slower half of that",
+    )  # fmt: skip
+
+
+STEEPEST = 50.0
+"""Largest exponent that is looked for, either way."""
+
+SMALL = 1e-6
+"""Slope times range below which a mean is that of an even density, to first order."""
+
+
+def _exponent(numbers: Vector, sums: Vector, length: float) -> tuple[float, float]:
+    mean, error = ratio(sums, numbers)
+
+    def centre(slope: float) -> float:
+        t = slope * length
+        if abs(t) < SMALL:
+            return length * (0.5 + t / 12.0)
+        return length * (1.0 / -math.expm1(-t) - 1.0 / t)
+
+    slope = float(brentq(lambda s: centre(s) - mean, -STEEPEST, STEEPEST))
+    step = 1e-4
+    derivative = (centre(slope + step) - centre(slope - step)) / (2.0 * step)
+    return slope - 1.0, error / derivative

@@ -1,0 +1,163 @@
+"""What is said of a mission: chances with their intervals, the way they were found, the price."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from stochvi.results.estimates import Cost, Estimate
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chance:
+    """The chance of one event in a mission.
+
+    Parameters
+    ----------
+    event
+        "hit", "passage", "impact_speed" or "peak_acceleration".
+    limit
+        Above which it is one, m/s or m/s^2; None where there is none.
+    estimate
+        P of the event in one mission.
+    lower, upper, rule
+        Confidence interval at `confidence`, statistical errors alone, and how it was made.
+    wilson
+        Wilson's interval, of a count.
+    way, why
+        How it was found, and why so.
+    trials
+        Missions, or repetitions of a splitting in `levels` levels.
+    seconds
+        CPU seconds of the answer, its pilot and its coarser steps included.
+    seconds_per_mission
+        CPU seconds of one crude mission, measured; None where none was flown.
+    crude_seconds
+        What crude simulation would take for the same standard error, from it.
+    """
+
+    event: str
+    limit: float | None
+    estimate: Estimate
+    lower: float
+    upper: float
+    confidence: float
+    rule: str
+    way: str
+    why: str
+    wilson: tuple[float, float] | None = None
+    trials: int = 0
+    levels: int = 0
+    steps: int = 0
+    seconds: float = 0.0
+    seconds_per_mission: float | None = None
+
+    @property
+    def crude_seconds(self) -> float | None:
+        """CPU seconds per mission times (1 - P) / (P e^2), e the relative standard error."""
+        p, error = self.estimate.value, self.estimate.standard_error
+        if self.seconds_per_mission is None or not (p > 0.0 and error > 0.0):
+            return None
+        return self.seconds_per_mission * p * (1.0 - p) / error**2
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document: only plain types."""
+        return asdict(self) | {
+            "estimate": self.estimate.to_dict(),
+            "wilson": None if self.wilson is None else list(self.wilson),
+            "crude_seconds": self.crude_seconds,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Reliability:
+    """What a mission risks: `chances` by event, and `hits`, the expected number of impacts.
+
+    `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says of
+    what was asked for and not found why: then the answer comes with a `NotConverged`.
+    """
+
+    mission: float
+    start: str
+    chances: Mapping[str, Chance]
+    hits: Estimate | None
+    hits_interval: tuple[float, float] | None
+    confidence: float
+    assumptions: Sequence[str]
+    warnings: Sequence[str]
+    cost: Cost
+    provenance: Mapping[str, Any]
+    missing: Mapping[str, str] = field(default_factory=dict)
+    method: str = "reliability"
+
+    @property
+    def no_hit(self) -> Estimate | None:
+        """P(no hit in a mission); None where no hit was asked after."""
+        chance = self.chances.get("hit") or self.chances.get("passage")
+        if chance is None:
+            return None
+        found = chance.estimate
+        return Estimate(
+            value=1.0 - found.value,
+            standard_error=found.standard_error,
+            bias=found.bias,
+            how=found.how,
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row per chance."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {
+                    "event": chance.event,
+                    "limit": chance.limit,
+                    "probability": chance.estimate.value,
+                    "standard_error": chance.estimate.standard_error,
+                    "bias": chance.estimate.bias,
+                    "lower": chance.lower,
+                    "upper": chance.upper,
+                    "way": chance.way,
+                    "trials": chance.trials,
+                    "seconds": chance.seconds,
+                    "crude_seconds": chance.crude_seconds,
+                }
+                for chance in self.chances.values()
+            ]
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document: only plain types, never NaN or infinity."""
+        no_hit, interval = self.no_hit, self.hits_interval
+        return {
+            "method": self.method,
+            "mission": self.mission,
+            "start": self.start,
+            "confidence": self.confidence,
+            "no_hit": None if no_hit is None else no_hit.to_dict(),
+            "chances": {name: chance.to_dict() for name, chance in self.chances.items()},
+            "expected_hits": None if self.hits is None else self.hits.to_dict(),
+            "expected_hits_interval": None if interval is None else list(interval),
+            "missing": dict(self.missing),
+            "assumptions": list(self.assumptions),
+            "warnings": list(self.warnings),
+            "cost": asdict(self.cost),
+            "provenance": dict(self.provenance),
+        }
+
+    def __repr__(self) -> str:
+        lines = [
+            f"  P({name}) = {chance.estimate.value:.4g} in {self.mission:g} s, "
+            f"{100.0 * self.confidence:g} %: {chance.lower:.4g} to {chance.upper:.4g} "
+            f"[{chance.way}]"
+            for name, chance in self.chances.items()
+        ]
+        if self.hits is not None:
+            lines.append(f"  expected hits = {self.hits!r}")
+        lines += [f"  {name}: not found: {why}" for name, why in self.missing.items()]
+        return "\n".join([f"<{self.method}", *lines]) + ">"

@@ -1,0 +1,304 @@
+"""Crude simulation or splitting: a pilot chooses, a second stage answers."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, TypeVar
+
+import numpy as np
+
+from stochvi.methods.monte_carlo.missions import MissionPlan
+from stochvi.methods.monte_carlo.runs import Progress, compiling
+from stochvi.methods.monte_carlo.splitting import (
+    PARTICLES,
+    SHARE,
+    Counted,
+    Levels,
+    Sample,
+    Trial,
+    crude,
+    crude_block,
+    logarithmic_interval,
+    of_missions,
+    of_repetitions,
+    pilot_levels,
+    repetition,
+)
+from stochvi.results.errors import NotConverged
+from stochvi.results.estimates import Estimate
+from stochvi.statistics.reliability.answer import Chance
+
+Way = Literal["crude", "splitting", "first crossings"]
+Task = TypeVar("Task")
+
+
+class Hits(NamedTuple):
+    """Expected impacts in a mission, their interval, and the steps they took (0 if not counted)."""
+
+    estimate: Estimate
+    interval: tuple[float, float]
+    steps: int = 0
+
+
+PILOT_MISSIONS = 4096
+"""Of crude simulation."""
+
+PILOT_FEWEST = 256
+"""Of them, where missions are long."""
+
+PILOT_STEPS = 2.0**27
+"""Of all pilot missions together: a second or two."""
+
+ENOUGH_FAILURES = 20
+"""In the pilot, for a guess of a chance within some 20 %."""
+
+PILOT_REPETITIONS = 8
+"""Of splitting: they guess the spread within some 25 %."""
+
+FEWEST_REPETITIONS = 20
+"""Of splitting in an answer: Student's quantile is then 2.09."""
+
+LARGEST_SPREAD = 0.5
+"""Relative standard deviation of a repetition; where it is larger there are more paths in each, so
+that no single repetition decides, and the mean of 20 is close to normal."""
+
+MOST_PARTICLES = 2**16
+"""Paths of a stage."""
+
+MARGIN = 1.3
+"""More than the pilot asks for, as its guess of the spread may be low."""
+
+COARSE_SHARE = 0.25
+"""Of the trials, made again at twice the step."""
+
+WINDOW = 4
+"""Tasks per thread that may wait: bounds memory."""
+
+
+PURPOSES = ("pilot missions", "levels", "pilot repetitions", "answer", "twice the step")
+"""Uses of a seed that share no random number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What a second stage says, at the step and at twice the step, and the way to it.
+
+    `price` are CPU seconds of one crude mission, `steps` and `seconds` those of everything.
+    """
+
+    fine: Sample
+    coarse: Sample
+    way: str
+    why: str
+    levels: int
+    price: float
+    steps: int
+    seconds: float
+
+
+@dataclass(kw_only=True)
+class Jobs:
+    """How chances are found: the threads, the seed, the accuracy and what it may cost."""
+
+    pool: Executor
+    threads: int
+    seed: int
+    rel_error: float
+    confidence: float
+    budget: float | None
+    progress: Progress | None
+
+    def chance(self, plan: MissionPlan, event: str, limit: float | None, way: Way | None) -> Chance:
+        """The chance of the event of a plan."""
+        found = self._found(plan, way, hits=False)
+        fine, coarse = found.fine, found.coarse
+        interval = fine.interval(self.confidence)
+        wilson = None
+        if isinstance(fine, Counted):
+            ends = fine.wilson(self.confidence)
+            wilson = ends.lower, ends.upper
+        estimate = Estimate(
+            value=fine.chance,
+            standard_error=fine.error,
+            bias=_bias(plan, fine.chance, coarse.chance),
+            how=f"{interval.rule}; bias from twice the step",
+            upper_95=interval.upper if fine.chance == 0.0 else None,
+        )
+        return Chance(
+            event=event,
+            limit=limit,
+            estimate=estimate,
+            lower=interval.lower,
+            upper=interval.upper,
+            confidence=self.confidence,
+            rule=interval.rule,
+            wilson=wilson,
+            way=found.way,
+            why=found.why,
+            trials=fine.trials,
+            levels=found.levels,
+            steps=found.steps,
+            seconds=found.seconds,
+            seconds_per_mission=found.price,
+        )
+
+    def hits(self, plan: MissionPlan, way: Way | None, missions: float = 1.0) -> Hits:
+        """Expected impacts in so many missions of the plan, and their interval."""
+        found = self._found(plan, way, hits=True)
+        fine = found.fine
+        lower, upper = logarithmic_interval(
+            fine.hits, fine.hits_error, fine.trials - 1, self.confidence
+        )
+        bias = _bias(plan, fine.hits, found.coarse.hits)
+        estimate = Estimate(
+            value=missions * fine.hits,
+            standard_error=missions * fine.hits_error,
+            bias=None if bias is None else missions * bias,
+            how=f"{found.way}, {fine.trials} {_trials(found.way)}; bias from twice the step",
+        )
+        return Hits(estimate, (missions * lower, missions * upper), found.steps)
+
+    def _found(self, plan: MissionPlan, way: Way | None, hits: bool) -> Found:
+        """Pilot, choice, second stage."""
+        with compiling(self.progress):
+            plan.fly(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
+        self._deadline = math.inf if self.budget is None else time.perf_counter() + self.budget
+        tried = int(min(max(PILOT_STEPS // plan.steps_per_path, PILOT_FEWEST), PILOT_MISSIONS))
+        pilot = of_missions(self._missions(plan, self._seed("pilot missions"), tried, hits))
+        price, steps = pilot.seconds / pilot.missions, pilot.steps
+        spent = pilot.seconds
+        levels: Levels | None = None
+        repeated: Sample | None = None
+        particles = PARTICLES
+        if way != "crude" and (way == "splitting" or pilot.chance < SHARE):
+            started = time.thread_time()
+            levels = pilot_levels(plan, self._seed("levels"), particles, self._deadline)
+            steps, spent = steps + levels.steps, spent + time.thread_time() - started
+            while True:
+                repeated = self._repeated(
+                    plan, levels, "pilot repetitions", PILOT_REPETITIONS, particles, hits
+                )
+                steps, spent = steps + repeated.steps, spent + repeated.seconds
+                spread = math.sqrt(_variance(repeated, hits))
+                if spread <= LARGEST_SPREAD or particles >= MOST_PARTICLES:
+                    break
+                particles = min(4 * particles, MOST_PARTICLES)
+        missions = self._missions_needed(pilot, repeated, hits)
+        repetitions = 0
+        if repeated is not None:
+            wanted = MARGIN * _variance(repeated, hits) / self.rel_error**2
+            repetitions = max(FEWEST_REPETITIONS, math.ceil(wanted))
+        chosen, why = self._choice(pilot, repeated, missions, repetitions, way)
+        if chosen == "splitting":
+            assert levels is not None
+            fine = self._repeated(plan, levels, "answer", repetitions, particles, hits)
+            less = max(PILOT_REPETITIONS, math.ceil(COARSE_SHARE * repetitions))
+            coarse = self._repeated(plan.coarser(), levels, "twice the step", less, particles, hits)
+        else:
+            levels = None
+            fine = of_missions(self._missions(plan, self._seed("answer"), missions, hits))
+            less = max(pilot.missions, math.ceil(COARSE_SHARE * missions))
+            coarse = of_missions(
+                self._missions(plan.coarser(), self._seed("twice the step"), less, hits)
+            )
+        return Found(
+            fine=fine,
+            coarse=coarse,
+            way=chosen,
+            why=why,
+            levels=0 if levels is None else len(levels.levels),
+            price=price,
+            steps=steps + fine.steps + coarse.steps,
+            seconds=spent + fine.seconds + coarse.seconds,
+        )
+
+    def _missions_needed(self, pilot: Counted, repeated: Sample | None, hits: bool) -> int:
+        """Crude missions for the accuracy asked for, from the better guess of the chance."""
+        if pilot.failed >= ENOUGH_FAILURES or repeated is None:
+            # of what was not seen nothing is known: as if one had been
+            variance = _variance(pilot, hits) if pilot.failed else float(pilot.missions)
+        else:
+            variance = (1.0 - repeated.chance) / max(repeated.chance, 1e-300)
+        return max(pilot.missions, math.ceil(MARGIN * variance / self.rel_error**2))
+
+    def _choice(
+        self,
+        pilot: Counted,
+        repeated: Sample | None,
+        missions: int,
+        repetitions: int,
+        way: Way | None,
+    ) -> tuple[str, str]:
+        """The way, and a sentence that says why."""
+        seen = f"{pilot.failed} of {pilot.missions} pilot missions failed"
+        if way is not None:
+            return way, f"{way}, as asked for; {seen}"
+        if repeated is None:
+            return "crude", f"crude: {seen}, so that {missions:.2g} missions suffice"
+        crude_steps = missions * pilot.steps / pilot.missions
+        splitting_steps = repetitions * repeated.steps / repeated.trials
+        compared = (
+            f"{seen}; for a relative error of {self.rel_error:g} crude simulation takes "
+            f"{missions:.2g} missions, {crude_steps:.2g} steps, splitting "
+            f"{splitting_steps:.2g} steps"
+        )
+        chosen = "crude" if crude_steps <= splitting_steps else "splitting"
+        return chosen, f"{chosen}: {compared}"
+
+    def _missions(self, plan: MissionPlan, seed: int, missions: int, hits: bool) -> list[Trial]:
+        block = crude_block(plan)
+        tasks = [(first, min(block, missions - first)) for first in range(0, missions, block)]
+        return self._all(lambda task: crude(plan, seed, *task, hits), tasks)
+
+    def _repeated(
+        self, plan: MissionPlan, levels: Levels, purpose: str, count: int, particles: int,
+        hits: bool,
+    ) -> Sample:  # fmt: skip
+        seed = self._seed(purpose)
+        return of_repetitions(
+            self._all(
+                lambda index: repetition(
+                    plan, levels.levels, seed, index, particles, hits, self._deadline
+                ),
+                range(count),
+            )
+        )
+
+    def _all(self, work: Callable[[Task], Trial], tasks: Iterable[Task]) -> list[Trial]:
+        """The trials of all tasks, in their order, some at a time so that the clock is seen."""
+        waiting = list(tasks)
+        together = WINDOW * self.threads
+        done: list[Trial] = []
+        for first in range(0, len(waiting), together):
+            if time.perf_counter() > self._deadline:
+                raise NotConverged(
+                    f"the budget of {self.budget:g} s ended after {len(done)} of {len(waiting)} "
+                    "parts of a stage; raise budget or rel_error"
+                )
+            done += self.pool.map(work, waiting[first : first + together])
+            if self.progress:
+                self.progress(len(done) / len(waiting), f"{len(done)} of {len(waiting)} parts")
+        return done
+
+    def _seed(self, purpose: str) -> int:
+        sequence = np.random.SeedSequence([self.seed, PURPOSES.index(purpose)])
+        return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def _variance(sample: Sample, hits: bool) -> float:
+    """Relative variance of one trial; infinite where nothing was seen."""
+    value, error = (sample.hits, sample.hits_error) if hits else (sample.chance, sample.error)
+    return sample.trials * (error / value) ** 2 if value > 0.0 else math.inf
+
+
+def _bias(plan: MissionPlan, fine: float, coarse: float) -> float | None:
+    """What the step leaves, as that of a sum of impact speeds (`white.extrapolated`)."""
+    return plan.base.step_bias("impact_speed_rate", abs(coarse - fine))
+
+
+def _trials(way: str) -> str:
+    return "repetitions" if way == "splitting" else "missions"

@@ -1,0 +1,372 @@
+"""Chances that a mission goes wrong: any hit, too fast a hit, too high an acceleration, a passage.
+
+Three ways lead to a chance, and a pilot chooses between them. Crude simulation counts failed
+missions. Splitting (`monte_carlo.splitting`) copies the paths that come close, for chances too
+small to count. First crossings (`first_crossings`) need no mission at all where the motion before
+the first hit is stationary and Gaussian; `bursts` does the same for what follows a first hit. What
+is chosen depends on the counts of the pilot alone, never on the clock, so that a seed gives the
+same digits anywhere. The answer is a second stage whose size the pilot fixes, and which shares no
+random number with it: nothing is stopped when it looks good, so that no stopping biases it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+from scipy.special import ndtr
+
+from stochvi.methods.monte_carlo.missions import (
+    Start,
+    acceleration_plan,
+    impact_plan,
+    passage_plan,
+    settling_time,
+)
+from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.estimates import Cost, provenance
+from stochvi.scenes.scene import Scene, System
+from stochvi.statistics.first_crossings import deviations
+from stochvi.statistics.reliability.answer import Chance, Reliability
+from stochvi.statistics.reliability.choice import Hits, Jobs, Way
+from stochvi.statistics.reliability.conditioning import Ends, by_conditioning, first_hit
+
+AT_ONCE = 0.05
+"""Share of P(hit) that is there at the start, from which a warning tells its size."""
+
+MISSED = 1.3
+"""Times the error asked for, from which a warning says that it was missed."""
+
+
+def reliability(
+    scene: Scene,
+    *,
+    mission: float,
+    barrier: float | Ends | None = None,
+    impact_speed: float | None = None,
+    peak_acceleration: float | None = None,
+    start: Start = "stationary",
+    way: Way | None = None,
+    rel_error: float = 0.05,
+    confidence: float = 0.95,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> Reliability:
+    """P(any hit), P(too fast a hit), P(too high an acceleration) and expected hits in a mission.
+
+    Parameters
+    ----------
+    scene
+        One oscillator. Under white noise with any rigid stops, or stops that give way. Under any
+        Gaussian noise with stops, from a stationary start, where hits are rare.
+    mission
+        Duration, s.
+    barrier
+        For scenes without stops: B of abs(x) < B, or (lower, upper), one of which may be None, m
+        from the position of the unloaded spring.
+    impact_speed, peak_acceleration
+        Limits for the incident speed of any impact (m/s) and for the absolute acceleration in any
+        contact (m/s^2), of stops that give way.
+    start
+        "rest", where spring and load balance; or "stationary". For a hit or a passage that is the
+        law without stops and barriers, beyond which it has happened at once; for all else the law
+        with the stops.
+    way
+        "crude", "splitting" or "first crossings" instead of what the pilot would choose.
+    rel_error
+        Relative standard error of each chance, and of the expected hits.
+    budget
+        Seconds for each of them, compilation apart, after which `NotConverged` is raised; its
+        `response` holds what was found, and names what is missing.
+
+    Returns
+    -------
+    Reliability
+        Intervals cover statistical errors; the bias of the step, |difference to twice the step| /
+        (2^order - 1), is stated apart and holds that difference's own noise.
+
+    Raises
+    ------
+    NotApplicable, NotConverged, ValueError
+        With every condition that is not met; if the accuracy is not reached, or an event out of
+        reach; if an argument is out of range.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> found = reliability(scene, mission=62.831853, barrier=5.7, start="rest", seed=1)
+    >>> chance = found.chances["passage"]
+    >>> chance.way, abs(chance.estimate.value - 7.29e-7) < 4.5 * chance.estimate.standard_error
+    ('splitting', True)
+    """
+    _check(mission, impact_speed, peak_acceleration, start, way, rel_error, confidence)
+    check_arguments(None, None, None, seed, None, budget, threads)
+    started = time.perf_counter()
+    ends = _barriers(scene, barrier)
+    coloured = _is_coloured(scene, start, way)
+    outside = _outside(scene, ends)
+    if outside and start == "rest":
+        raise ValueError(
+            f"start = 'rest' is out of reach: {outside}; move them, or take start = 'stationary'"
+        )
+    workers = threads or len(os.sched_getaffinity(0))
+    limits = {
+        name: limit
+        for name, limit in (
+            ("impact_speed", impact_speed), ("peak_acceleration", peak_acceleration),
+        )
+        if limit is not None
+    }  # fmt: skip
+    with ThreadPoolExecutor(workers) as pool:
+        jobs = Jobs(
+            pool=pool, threads=workers, seed=seed, rel_error=rel_error, confidence=confidence,
+            budget=budget, progress=progress,
+        )  # fmt: skip
+        if coloured:
+            chances, hits = by_conditioning(scene, ends, limits, mission, jobs)
+            missing: dict[str, str] = {}
+        else:
+            chances, hits, missing = _sampled(
+                scene.system(), scene, ends, limits, mission, start, way, jobs
+            )
+    found = Reliability(
+        mission=mission,
+        start=start,
+        chances=chances,
+        hits=None if hits is None else hits.estimate,
+        hits_interval=None if hits is None else hits.interval,
+        confidence=confidence,
+        assumptions=_assumptions(scene, start),
+        warnings=[
+            *([f"{outside}: nearly every mission ends as it starts"] if outside else []),
+            *_warnings(chances, rel_error),
+            *_beyond_at_the_start(scene, ends, start, coloured, chances),
+            *_by_the_spring(scene, ends, peak_acceleration),
+        ],
+        missing=missing,
+        cost=Cost(
+            wall_time=time.perf_counter() - started,
+            steps=sum(chance.steps for chance in chances.values())
+            + (0 if hits is None else hits.steps),
+            paths=sum(chance.trials for chance in chances.values()),
+            threads=workers,
+        ),
+        provenance=provenance(scene.document(), seed),
+    )
+    if missing:
+        told = "; ".join(f"{name.replace('_', ' ')}: {why}" for name, why in missing.items())
+        raise NotConverged(told, found)
+    return found
+
+
+def _sampled(
+    system: System, scene: Scene, ends: Ends, limits: dict[str, float], mission: float,
+    start: Start, way: Way | None, jobs: Jobs,
+) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:  # fmt: skip
+    """Of white noise: missions, and first crossings where the start allows it; and why what is
+    missing was not found."""
+    name = "hit" if scene.impact_pairs else "passage"
+    chances: dict[str, Chance] = {}
+    missing: dict[str, str] = {}
+    found = None
+    if way == "first crossings" or (way is None and start == "stationary"):
+        found = first_hit(scene, ends, mission, jobs, surely=way is not None)
+    missions = None if way == "first crossings" else way
+    plans = {} if found else {name: passage_plan(system, *ends, mission, start)}
+    if found is not None:
+        chances[name] = found
+    if "impact_speed" in limits:
+        plans["impact_speed"] = impact_plan(system, mission, start, limits["impact_speed"])
+    if "peak_acceleration" in limits:
+        sharpest = limits["peak_acceleration"]
+        plans["peak_acceleration"] = acceleration_plan(system, mission, start, sharpest)
+    for event, plan in plans.items():
+        try:
+            chances[event] = jobs.chance(plan, event, limits.get(event), missions)
+        except NotConverged as error:
+            missing[event] = str(error)
+    if not scene.impact_pairs:
+        return chances, None, missing
+    # hits of a stationary motion are proportional to its duration: one in which it forgets its
+    # start tells all, and is shorter than long missions and sees more than short ones
+    part = settling_time(system) if start == "stationary" else mission
+    hits = None
+    try:
+        hits = jobs.hits(impact_plan(system, part, start), missions, mission / part)
+    except NotConverged as error:
+        missing["expected_hits"] = str(error)
+    return chances, hits, missing
+
+
+def _check(
+    mission: float, impact_speed: float | None, peak_acceleration: float | None, start: str,
+    way: str | None, rel_error: float, confidence: float,
+) -> None:  # fmt: skip
+    """ValueError for what makes no sense of what was asked for."""
+    for name, value, unit in (
+        ("mission", mission, "seconds"),
+        ("impact_speed", impact_speed, "m/s"),
+        ("peak_acceleration", peak_acceleration, "m/s^2"),
+    ):
+        if value is not None and not 0.0 < value < math.inf:
+            raise ValueError(f"{name} must be a positive number of {unit}, got {value}")
+    if start not in ("rest", "stationary"):
+        raise ValueError(f"start must be 'rest' or 'stationary', got {start!r}")
+    if way not in (None, "crude", "splitting", "first crossings"):
+        raise ValueError(
+            f"way must be 'crude', 'splitting', 'first crossings' or None, got {way!r}"
+        )
+    if way == "first crossings" and start == "rest":
+        raise ValueError("way = 'first crossings' needs start = 'stationary', got 'rest'")
+    if not 1e-3 <= rel_error < 1.0:
+        raise ValueError(f"rel_error must be in [1e-3, 1), got {rel_error}")
+    if not 0.0 < confidence < 1.0:
+        raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
+
+
+def _barriers(scene: Scene, barrier: float | Ends | None) -> Ends:
+    """Lower and upper stop, or barrier, m; checked."""
+    if scene.impact_pairs:
+        if barrier is not None:
+            raise ValueError(
+                "barrier is for scenes without stops: a hit of the stops is what is asked after "
+                "here; leave barrier out, or take impact_pair out of the scene"
+            )
+        pair = scene.impact_pairs[0]
+        return pair.lower, pair.upper
+    if barrier is None:
+        raise ValueError("barrier must be given where the scene has no impact_pair, got none")
+    if isinstance(barrier, tuple):
+        lower, upper = barrier
+    else:
+        lower, upper = -barrier, barrier
+    known = [end for end in (lower, upper) if end is not None]
+    crossed = lower is not None and upper is not None and lower >= upper
+    if not known or not all(math.isfinite(end) for end in known) or crossed:
+        raise ValueError(
+            "barrier must be a positive number, or (lower, upper) with lower < upper, got "
+            f"{barrier}"
+        )
+    return lower, upper
+
+
+def _outside(scene: Scene, ends: Ends) -> str:
+    """That stops or barriers leave out the position where spring and load balance; empty if they
+    do not. A mass may rest on a stop, but a barrier there is passed before the start."""
+    system = scene.system()
+    if system.omega == 0.0:  # nothing holds the mass anywhere
+        return ""
+    rest = system.load / system.omega**2
+    lower, upper = ends
+    below = -math.inf if lower is None else lower
+    above = math.inf if upper is None else upper
+    if below < rest < above or (scene.impact_pairs and rest in (below, above)):
+        return ""
+    what = "stops" if scene.impact_pairs else "barriers"
+    words = ("none" if end is None else f"{end:g} m" for end in ends)
+    return f"spring and load balance at {rest:g} m, not between the {what} ({', '.join(words)})"
+
+
+def _is_coloured(scene: Scene, start: str, way: str | None) -> bool:
+    """Whether the noise has a memory of its own; raises for what no way covers."""
+    unmet = scene.beyond_one_oscillator(filtered=True)
+    if unmet:
+        raise NotApplicable("reliability", unmet)
+    kinds = {excitation.kind for excitation in scene.excitations}
+    if kinds == {"constant"}:
+        raise NotApplicable("reliability", ["excitation must contain noise, got constant alone"])
+    coloured = not kinds <= {"white", "constant"}
+    if coloured and start == "rest":
+        raise NotApplicable(
+            "reliability",
+            ["start = 'rest' needs white noise, got " + ", ".join(sorted(kinds - {"constant"}))],
+        )
+    if coloured and way in ("crude", "splitting"):
+        raise NotApplicable(
+            "reliability", [f"way = {way!r} needs white noise; leave way out under other noise"]
+        )
+    return coloured
+
+
+def _assumptions(scene: Scene, start: str) -> list[str]:
+    found = list(scene.assumptions())
+    if start == "rest":
+        found.append("missions start at rest, where spring and load balance")
+    else:
+        found.append(
+            "missions start in the stationary motion: for a hit or a passage in that without stops "
+            "and barriers, beyond which it has happened at once; for all else in that with stops"
+        )
+    found.append("intervals cover statistical errors; the bias of the step is stated apart")
+    return found
+
+
+def _beyond_at_the_start(
+    scene: Scene, ends: Ends, start: str, coloured: bool, chances: dict[str, Chance]
+) -> list[str]:
+    """Where much of P(hit) is that of a start beyond the stops, which impacts do not share."""
+    chance = chances.get("hit") or chances.get("passage")
+    if start == "rest" or chance is None:
+        return []
+    system = scene.system()
+    if coloured:
+        std = deviations(scene)[0]
+    else:
+        std = math.sqrt(system.intensity / (2.0 * system.damping_rate)) / system.omega
+    outside = sum(
+        float(ndtr(-side * (end - system.load / system.omega**2) / std))
+        for side, end in zip((-1.0, 1.0), ends, strict=True)
+        if end is not None
+    )
+    if outside <= AT_ONCE * chance.estimate.value:
+        return []
+    beyond = "the stops" if chance.event == "hit" else "the barriers"
+    apart = (
+        "; expected hits, and all else, belong to the motion with the stops, and may be fewer"
+        if chance.event == "hit"
+        else ""
+    )
+    return [
+        f"{chance.event}: {outside:.3g} of it is the chance that the motion without {beyond} is "
+        f"beyond them at the start already{apart}; start at rest to leave that out"
+    ]
+
+
+def _by_the_spring(scene: Scene, ends: Ends, limit: float | None) -> list[str]:
+    """Where the spring alone brings an acceleration, which is not counted: contacts are."""
+    if limit is None:
+        return []
+    system = scene.system()
+    rest = system.load / system.omega**2 if system.load else 0.0
+    most = max(system.omega**2 * abs(end - rest) for end in ends if end is not None)
+    if most < limit:
+        return []
+    return [
+        f"peak_acceleration of {limit:.4g} m/s^2 is exceeded without any stop: the spring alone "
+        f"brings {most:.4g} m/s^2 at a stop; only contacts are counted here"
+    ]
+
+
+def _warnings(chances: dict[str, Chance], rel_error: float) -> list[str]:
+    found = []
+    for name, chance in chances.items():
+        estimate = chance.estimate
+        if estimate.value == 0.0:
+            found.append(f"{name}: it was not seen; the interval holds an upper limit")
+        elif estimate.standard_error > MISSED * rel_error * estimate.value:
+            found.append(
+                f"{name}: the relative error is {estimate.standard_error / estimate.value:.2g}, "
+                f"asked for {rel_error:g}: the pilot guessed too low; another rel_error mends it"
+            )
+    return found

@@ -1,0 +1,172 @@
+"""What a spectrum answers with: curves that carry their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.results.estimates import Cost
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+
+UNITS = {
+    "displacement": "m^2/Hz",
+    "velocity": "(m/s)^2/Hz",
+    "acceleration": "(m/s^2)^2/Hz",
+    "excitation": "(m/s^2)^2/Hz",
+    "transmissibility_h1": "1",
+    "transmissibility_ratio": "1",
+    "coherence": "1",
+}
+"""Units of what a spectrum has."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """A quantity at every frequency: value, standard error, bias, and its 95 % band.
+
+    The band is that of Student's t for the logarithm, widened by the bias. What refers to the
+    excitation is told at the frequencies where there is one.
+    """
+
+    frequency_hz: Vector
+    value: Vector
+    standard_error: Vector
+    bias: Vector
+    lower: Vector
+    upper: Vector
+
+    def holds(self, truth: Vector) -> NDArray[np.bool_]:
+        """Whether each value of `truth` lies within the band."""
+        return np.asarray((self.lower <= truth) & (truth <= self.upper))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResponseSpectrum:
+    """Spectra of a scene with their errors.
+
+    Parameters
+    ----------
+    frequency_hz
+        (F,) bins, from the lowest that is resolved; a curve may have fewer.
+    curves
+        By owner (a coordinate, the gap of a pair of two coordinates) and quantity (`UNITS`).
+    method, segment, step
+        "welch" or "multitaper"; seconds of a segment and of a sampling interval.
+    bandwidth
+        Narrowest half-power bandwidth expected, Hz, by which the segment was chosen.
+    degrees_of_freedom
+        Of a chi-square law with the scatter seen, median over the bins of the first displacement.
+    meanings
+        What a quantity is here, in words, or why it is left out.
+    """
+
+    frequency_hz: Vector
+    curves: Mapping[str, Mapping[str, Curve]]
+    method: str
+    segment: float
+    step: float
+    bandwidth: float
+    degrees_of_freedom: float
+    meanings: Mapping[str, str]
+    assumptions: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+    cost: Cost = field(default_factory=Cost)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def relative_error(self) -> float:
+        """Median relative standard error of the displacement spectra."""
+        return max(
+            float(np.median(curves["displacement"].standard_error / curves["displacement"].value))
+            for curves in self.curves.values()
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """A tidy table: one row per owner, quantity and frequency."""
+        import pandas as pd
+
+        return pd.concat(
+            [
+                pd.DataFrame(
+                    {
+                        "of": owner,
+                        "quantity": name,
+                        "frequency_hz": curve.frequency_hz,
+                        "value": curve.value,
+                        "standard_error": curve.standard_error,
+                        "bias": curve.bias,
+                        "lower": curve.lower,
+                        "upper": curve.upper,
+                        "unit": UNITS[name],
+                    }
+                )
+                for owner, curves in self.curves.items()
+                for name, curve in curves.items()
+            ],
+            ignore_index=True,
+        )
+
+    def peaks(self) -> pd.DataFrame:
+        """For people: each density where it is largest, with its band."""
+        import pandas as pd
+
+        rows = []
+        for owner, curves in self.curves.items():
+            for name, curve in curves.items():
+                k = int(np.argmax(curve.value))
+                rows.append(
+                    {
+                        "of": owner,
+                        "quantity": name.replace("_", " "),
+                        "frequency (Hz)": curve.frequency_hz[k],
+                        "value": curve.value[k],
+                        "95 % from": curve.lower[k],
+                        "to": curve.upper[k],
+                        "unit": UNITS[name],
+                    }
+                )
+        return pd.DataFrame(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {
+            "method": f"spectrum:{self.method}",
+            "spectra": {
+                owner: {
+                    name: {
+                        "unit": UNITS[name],
+                        **{part: values.tolist() for part, values in vars(curve).items()},
+                    }
+                    for name, curve in curves.items()
+                }
+                for owner, curves in self.curves.items()
+            },
+            "segment": self.segment,
+            "step": self.step,
+            "bandwidth": self.bandwidth,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "meanings": dict(self.meanings),
+            "assumptions": list(self.assumptions),
+            "warnings": list(self.warnings),
+            "cost": vars(self.cost),
+            "provenance": dict(self.provenance),
+        }
+
+    def summary(self) -> str:
+        """How it was estimated, in a sentence."""
+        shown = next(iter(self.curves.values()))["displacement"]
+        peak, last = (float((shown.bias / shown.value)[k]) for k in (np.argmax(shown.value), -1))
+        return (
+            f"{self.method}, segments of {self.segment:.4g} s ({self.segment * self.bandwidth:.3g} "
+            f"half-power bandwidths of {self.bandwidth:.3g} Hz), {self.cost.paths} paths: standard "
+            f"error {100.0 * self.relative_error:.2g} %, bias {100.0 * peak:.2g} % at the "
+            f"peak, {100.0 * last:.2g} % at the highest frequency"
+        )

@@ -1,0 +1,345 @@
+"""Spectra of the stationary response by Monte Carlo, each with its band, bias and resolution.
+
+Densities are one-sided per hertz. Records are made a block of paths at a time, cut into segments,
+tapered, transformed, averaged and let go; what is kept are the means over paths of all products
+X_i* X_j and their scatter, from which everything else follows at each frequency:
+
+    velocity       G_v = w^2 G_x                       acceleration  A = -M^-1 (K + i w C) X - F / M
+    transmissibility |G_fa| / G_ff (H1), (G_aa / G_ff)^(1/2)     coherence  |G_fa|^2 / (G_ff G_aa)
+
+Standard errors come from independent paths. Two biases are stated beside them. The taper W smears
+a spectrum, G * |W|^2: smearing the estimate once and once more, which takes out most of its noise,
+tells how much. And white noise acts in kicks
+a step h apart, sampled with the response: an impulse's tail 1/w^2 becomes h^2 / (4 sin^2 (w h / 2))
+with all its aliases, relative to which the density is off by (w h)^2 / 6 to leading order.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Literal
+
+import numpy as np
+from scipy.stats import t as student
+
+from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
+from stochvi.methods.monte_carlo.runs import compiling
+from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.estimates import Cost, provenance
+from stochvi.scenes.excitations import Sine
+from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.spectra.answer import UNITS, Curve, ResponseSpectrum
+from stochvi.statistics.spectra.quantities import channels_of, quantities_of
+from stochvi.statistics.spectra.segments import (
+    KERNEL_BINS,
+    TIME_HALF_BANDWIDTH,
+    Layout,
+    Moments,
+    layout_of,
+    products,
+)
+
+Progress = Callable[[float, str], None]
+
+SEGMENT_BANDWIDTHS = 21.0
+"""Segment times half-power bandwidth. Hann's kernel has the variance 1 / (3 T^2), a resonance the
+curvature -8 / B^2 at its peak, which is thus lowered by 4 / (3 (B T)^2): 0.3 %."""
+
+MOST_LENGTHS, FEWEST_LENGTHS, LONG_PATH = 4.0, 2.0, 2.0**17
+"""Length of a path in segments, by Welch's method: four, but down to two beyond so many samples."""
+
+STEP_BIAS = 0.01
+"""Largest relative bias by the step, (w h)^2 / 6, at the highest frequency."""
+
+HIGHEST = 4.0
+"""Highest frequency, in those of the fastest mode or flight between two stops."""
+
+MOST_SAMPLES = 2**22
+"""Of a path."""
+
+CONTACT_SAMPLES = 8.0
+"""Samples in the contact of a mass with a stop that gives way."""
+
+FEWEST_PATHS = 64
+"""For an honest standard error."""
+
+REL_ERROR = 0.05
+"""At a frequency, where neither an error nor a number of paths is asked for."""
+
+WINDOW = 2
+"""Blocks per thread that wait to be merged in order."""
+
+EXCITED = 1e-3
+"""Density of an excitation, of its largest, below which there may be nothing but what tapers leak:
+transmissibility and coherence are told above."""
+
+LEVEL = 0.95
+"""Of bands."""
+
+
+def spectrum(
+    scene: Scene,
+    *,
+    rel_error: float | None = None,
+    paths: int | None = None,
+    method: Literal["welch", "multitaper"] = "welch",
+    highest: float | None = None,
+    segment: float | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> ResponseSpectrum:
+    """Power spectral densities of the stationary response, one-sided per hertz, with 95 % bands.
+
+    Of every coordinate: relative displacement, velocity, and, on a moving base, absolute
+    acceleration: with rigid stops that between impacts (by springs and dampers, without the
+    impulses), with stops that give way the whole. Of one oscillator also its apparent
+    transmissibility and the coherence with what shakes it, a base acceleration or a force: of
+    their transmitted parts, by spring and damper (and the stop that gives way). The H1 form is
+    what is linear in the input, the square root of the ratio all there is; stops part the two.
+
+    Parameters
+    ----------
+    scene
+        Any scene that `simulate` covers.
+    rel_error, paths
+        Median relative standard error to reach, 0.05 if nothing is said, or instead the number of
+        paths.
+    method
+        Welch's: Hann segments that overlap by half. Or Thomson's multitapers over whole paths.
+    highest
+        Frequency up to which to estimate, Hz; by default four times that of the fastest mode.
+    segment
+        Length of a segment, s; by default 21 over the narrowest half-power bandwidth.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene is none that `simulate` covers, or its times lie too far apart.
+    NotConverged
+        If time ends first; it carries the answer so far.
+    ValueError
+        If an argument is out of range.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.2, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> found = spectrum(scene, paths=64)
+    >>> below = found.curves["x"]["displacement"].value[0]  # 2 S0 / omega^4 = 0.4
+    >>> bool(0.3 < below < 0.5)
+    True
+    """
+    check_arguments(rel_error, paths, None, seed, None, budget, threads)
+    _check_options(method, highest, segment)
+    asked = REL_ERROR if rel_error is None else rel_error
+    started = time.perf_counter()
+    plan, layout, bandwidth = _planned(scene, method, highest, segment)
+    with compiling(progress):
+        plan.histories(seed, 0, 1)
+    workers = threads or len(os.sched_getaffinity(0))
+    target = FEWEST_PATHS if paths is None else paths
+    moments, late = None, False
+    with ThreadPoolExecutor(workers) as pool:
+        while True:
+            first = 0 if moments is None else moments.count
+            done, late = _run(pool, workers, plan, layout, seed, first, target, started, budget)
+            if done is not None:  # time may run out before a block of a later round
+                moments = done if moments is None else moments.merge(done)
+            assert moments is not None
+            error = _median_error(moments)
+            if progress:
+                share = moments.count / target if paths else (asked / max(error, asked)) ** 2
+                progress(share, f"{moments.count} paths")
+            if late or paths is not None or error <= asked:
+                break
+            target = math.ceil(moments.count * min(1.1 * (error / asked) ** 2, 4.0)) + 1
+    short = ""
+    if late and paths is not None:
+        short = f"{moments.count} of {paths} paths were done in {budget:g} s; raise budget"
+    elif error > asked and paths is None:
+        short = (
+            f"median relative standard error {error:.2g} after {budget:g} s, asked for {asked:g}; "
+            "raise budget or rel_error"
+        )
+    answer = _answer(
+        scene, plan, layout, moments, method, bandwidth,
+        ["the accuracy asked for was not reached"] if short else [],
+        Cost(
+            wall_time=time.perf_counter() - started,
+            steps=moments.count * (plan.samples + plan.settling),
+            paths=moments.count,
+            threads=workers,
+        ),
+        seed,
+    )  # fmt: skip
+    if short:
+        raise NotConverged(short, answer)
+    return answer
+
+
+def _check_options(method: str, highest: float | None, segment: float | None) -> None:
+    if method not in KERNEL_BINS:
+        raise ValueError(f"method must be 'welch' or 'multitaper', got {method!r}")
+    for name, number in (("highest", highest), ("segment", segment)):
+        if number is not None and not 0.0 < number < math.inf:
+            raise ValueError(f"{name} must be a positive number, got {number}")
+
+
+def _planned(
+    scene: Scene, method: str, highest: float | None, segment: float | None
+) -> tuple[HistoryPlan, Layout, float]:
+    """Records, how they are cut, and the bandwidth that they resolve."""
+    plan = plan_histories(scene)
+    bandwidth = 1.0 / (2.0 * math.pi * plan.slowest)
+    length = SEGMENT_BANDWIDTHS / bandwidth if segment is None else segment
+    top = HIGHEST * plan.fastest / (2.0 * math.pi) if highest is None else highest
+    step = math.sqrt(6.0 * STEP_BIAS) / (2.0 * math.pi * max(top, plan.fastest / (2.0 * math.pi)))
+    step = min(step, plan.step, _contact_time(scene, plan) / CONTACT_SAMPLES)
+    duration = length * TIME_HALF_BANDWIDTH
+    if method == "welch":
+        duration = length * min(max(LONG_PATH * step / length, FEWEST_LENGTHS), MOST_LENGTHS)
+    if duration / step > MOST_SAMPLES:
+        raise NotApplicable(
+            "spectrum",
+            [
+                f"a path needs {duration / step:.2g} samples, at most {MOST_SAMPLES} are made; "
+                "give a lower highest frequency (highest) or a shorter segment"
+            ],
+        )
+    if length * top < 4.0 * KERNEL_BINS[method]:
+        raise ValueError(
+            f"segment must be at least {4.0 * KERNEL_BINS[method] / top:.3g} s to resolve the band "
+            f"up to {top:.3g} Hz, got {length:.3g} s"
+        )
+    plan = plan.sampled(step, duration)
+    return plan, layout_of(plan, method, length, top), bandwidth
+
+
+def _contact_time(scene: Scene, plan: HistoryPlan) -> float:
+    """Shortest contact of a stop that gives way, s; infinite without one."""
+    times = [
+        law.impact(plan.speed, contact.mass).contact_time
+        for contact in plan.assembly.contacts
+        for _, _, law in contact.stops
+        if isinstance(law, CompliantLaw)
+    ]
+    return min(times, default=math.inf)
+
+
+def _run(
+    pool: ThreadPoolExecutor, workers: int, plan: HistoryPlan, layout: Layout, seed: int,
+    first: int, target: int, started: float, budget: float | None,
+) -> tuple[Moments | None, bool]:  # fmt: skip
+    """Paths `first` to `target`, merged in their order; whether time ran out before."""
+    found: Moments | None = None
+    waiting: deque[Future[Moments]] = deque()
+    late = False
+    for start in range(first, target, plan.block):
+        # two paths at least are needed for any error
+        enough = found is not None or first > 0
+        late = enough and budget is not None and time.perf_counter() - started > budget
+        if late:
+            break
+        count = min(plan.block, target - start)
+        waiting.append(pool.submit(_block, plan, layout, seed, start, count))
+        if len(waiting) >= WINDOW * workers:
+            done = waiting.popleft().result()
+            found = done if found is None else found.merge(done)
+    for future in waiting:
+        done = future.result()
+        found = done if found is None else found.merge(done)
+    return found, late
+
+
+def _jumps(scene: Scene) -> list[float]:
+    """Where the density of the excitation jumps, Hz: within a main lobe of it both sides leak into
+    one bin, with gains and phases of both, which no smearing of densities tells."""
+    ends = (table.frequency_hz[[0, -1]] for table in scene.system().tables)
+    return [float(end) for pair in ends for end in pair]
+
+
+def _block(plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int) -> Moments:
+    """One task: records of some paths, reduced."""
+    return Moments.of(products(channels_of(plan, plan.histories(seed, first, paths)), layout))
+
+
+def _median_error(moments: Moments) -> float:
+    """Of the displacement of the first coordinate, relative."""
+    error = np.sqrt(moments.scatter[0, 0] / (moments.count * (moments.count - 1)))
+    return float(np.median(error / moments.mean[0]))
+
+
+def _answer(
+    scene: Scene, plan: HistoryPlan, layout: Layout, moments: Moments, method: str,
+    bandwidth: float, warnings: list[str], cost: Cost, seed: int,
+) -> ResponseSpectrum:  # fmt: skip
+    beside = 2 * KERNEL_BINS[method]
+    f = layout.frequency_hz
+    inside = np.zeros(len(f), bool)
+    inside[beside:-beside] = True
+    once = np.apply_along_axis(np.convolve, 1, moments.mean, layout.kernel, "same")
+    twice = np.apply_along_axis(np.convolve, 1, once, layout.kernel, "same")
+    omega = 2.0 * math.pi * f
+    kicked = np.maximum(omega, plan.fastest) * layout.step
+    by_step = kicked**2 / 6.0 if plan.kicked else np.zeros_like(f)
+    quantile = float(student.ppf(0.5 + LEVEL / 2.0, moments.count - 1))
+    curves: dict[str, dict[str, Curve]] = {}
+    quantities, meanings = quantities_of(scene, plan, omega)
+    for (owner, name), quantity in quantities.items():
+        value, error = moments.evaluate(quantity)
+        bias = np.abs(quantity(twice) - quantity(once))
+        if name.startswith("transmissibility"):
+            bias += by_step * value / 2.0
+        elif UNITS[name] != "1":
+            bias += by_step * value
+        if name == "coherence":
+            segments = moments.count * len(layout.starts) * len(layout.tapers)
+            bias += (1.0 - value) ** 2 / segments
+        spread = np.exp(quantile * error / value)
+        told = inside
+        if UNITS[name] == "1":
+            into = quantities[owner, "excitation"](moments.mean)
+            told = inside & (into > EXCITED * np.max(into[inside]))
+            for jump in _jumps(scene):
+                told &= np.abs(f - jump) > KERNEL_BINS[method] * (f[1] - f[0])
+        curves.setdefault(owner, {})[name] = Curve(
+            frequency_hz=f[told],
+            value=value[told],
+            standard_error=error[told],
+            bias=bias[told],
+            lower=np.maximum(value / spread - bias, 0.0)[told],
+            upper=(value * spread + bias)[told],
+        )
+    if any(isinstance(excitation, Sine) for excitation in scene.excitations):
+        warnings.append("a sine is a line: its height here is that of its power over a bin")
+    first = next(iter(curves.values()))["displacement"]
+    freedom = 2.0 * np.median((first.value / first.standard_error) ** 2)
+    return ResponseSpectrum(
+        frequency_hz=f[inside],
+        curves=curves,
+        method=method,
+        segment=layout.tapers.shape[1] * layout.step,
+        step=layout.step,
+        bandwidth=bandwidth,
+        degrees_of_freedom=float(freedom),
+        meanings=meanings,
+        assumptions=scene.assumptions(),
+        warnings=tuple(warnings),
+        cost=cost,
+        provenance=provenance(scene.document(), seed),
+    )

@@ -1,0 +1,149 @@
+"""What is asked of the products of channels: densities, transmissibilities, coherence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.methods.monte_carlo.histories import Histories, HistoryPlan
+from stochvi.model.model import Assembly
+from stochvi.scenes.excitations import BASE, ConstantLoad
+from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.spectra.segments import Matrix, Quantity, Vector
+
+Weights = NDArray[np.complex128]
+"""Of channels at each frequency (channels, bins)."""
+
+
+def channels_of(plan: HistoryPlan, histories: Histories) -> NDArray[np.float64]:
+    """(channels, paths, samples): displacements, forces of stops that give way per unit mass (of
+    one oscillator), and the excitation if it is known."""
+    found = [*histories.displacement]
+    if _gives_way(plan.assembly):
+        found.append(_stop_force(plan.assembly, histories))
+    if histories.excitation is not None:
+        found.append(histories.excitation)
+    return np.stack(found)
+
+
+def _gives_way(assembly: Assembly) -> bool:
+    return bool(assembly.not_rigid())
+
+
+def _stop_force(assembly: Assembly, histories: Histories) -> Matrix:
+    """Force of the stops on one oscillator per unit mass, positive at the upper stop, (paths,
+    samples); rigid ones, beside another that gives way, are left out."""
+    (contact,) = assembly.contacts
+    x, v = histories.displacement[0], histories.velocity[0]
+    force: Matrix = np.zeros_like(x)
+    for side, position, law in contact.stops:
+        sign = 1.0 if side == "upper" else -1.0
+        beyond, rate = sign * (x - position), sign * v
+        if isinstance(law, Viscoelastic):
+            force += sign * law.force_at(beyond, rate, contact.mass)
+        elif isinstance(law, CompliantLaw):
+            force += sign * law.force_at(beyond)
+    return np.asarray(force / contact.mass)
+
+
+def quantities_of(
+    scene: Scene, plan: HistoryPlan, omega: Vector
+) -> tuple[dict[tuple[str, str], Quantity], dict[str, str]]:
+    """What is asked of the rows of `products`, by owner and name; and what it means here."""
+    assembly = plan.assembly
+    n, gives_way = len(assembly.coordinates), _gives_way(assembly)
+    known = plan.excitation_known
+    channels = n + gives_way + known
+    found: dict[tuple[str, str], Quantity] = {}
+    owners = dict(zip(assembly.coordinates, np.eye(n), strict=True))
+    for contact in assembly.contacts:
+        if np.count_nonzero(contact.direction) > 1:
+            owners[f"gap of {contact.name}"] = contact.direction
+    for owner, direction in owners.items():
+        weights: Weights = np.zeros((channels, len(omega)), complex)
+        weights[:n] = direction[:, None]
+        found[owner, "displacement"] = _density(weights)
+        found[owner, "velocity"] = _density(weights * (1j * omega))
+    # forces of springs, dampers and stops, per unit mass of each coordinate
+    pulled = np.linalg.solve(
+        assembly.mass[None], assembly.stiffness + 1j * omega[:, None, None] * assembly.damping
+    )
+    carried = np.zeros((n, channels, len(omega)), complex)
+    carried[:, :n] = -np.moveaxis(pulled, 0, -1)
+    if gives_way:
+        carried[:, n] = -1.0
+    meanings = _meanings(scene, plan)
+    if "acceleration" in _present(scene):
+        for row, owner in enumerate(assembly.coordinates):
+            found[owner, "acceleration"] = _density(carried[row])
+    if known:
+        (owner,) = assembly.coordinates
+        shaken = np.zeros((channels, len(omega)), complex)
+        shaken[-1] = 1.0
+        out, cross, into = _density(carried[0]), _cross(shaken, carried[0]), _density(shaken)
+        found[owner, "excitation"] = into
+        found[owner, "transmissibility_h1"] = lambda m: np.abs(cross(m)) / into(m)
+        found[owner, "transmissibility_ratio"] = lambda m: np.sqrt(out(m) / into(m))
+        found[owner, "coherence"] = lambda m: np.abs(cross(m)) ** 2 / (into(m) * out(m))
+    return found, meanings
+
+
+def _present(scene: Scene) -> list[str]:
+    """Whether all that shakes acts on a base, so that what springs carry is all of M x''."""
+    shaking = [each for each in scene.excitations if not isinstance(each, ConstantLoad)]
+    return ["acceleration"] if all(scene.place(each) == BASE for each in shaking) else []
+
+
+def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
+    rigid = scene.impact_pairs and not _gives_way(plan.assembly)
+    if not _present(scene):
+        acceleration = "left out: a force acts on a mass, whose acceleration has it in it"
+    elif rigid:
+        acceleration = "absolute, between impacts: by springs and dampers, without the impulses"
+    else:
+        acceleration = "absolute"
+    meanings = {
+        "displacement": "relative to the base, less its mean",
+        "velocity": "(2 pi f)^2 times that of the displacement",
+        "acceleration": acceleration,
+    }
+    if plan.excitation_known:
+        of = "base acceleration to absolute acceleration" if _present(scene) else "force to support"
+        meanings["transmissibility_h1"] = f"{of}, the part that is linear in the excitation"
+        meanings["transmissibility_ratio"] = f"{of}, root of the ratio of densities"
+        meanings["coherence"] = "of what is transmitted with the excitation"
+        if scene.system().tables:
+            meanings["coherence"] += "; like transmissibilities, not told at the ends of a table"
+    else:
+        meanings["coherence"] = (
+            "left out, as are transmissibilities: the excitation is known of one oscillator under "
+            "white or tabulated noise without sines"
+        )
+    return meanings
+
+
+def _density(weights: Weights) -> Quantity:
+    """Density of sum_i weights_i X_i from the rows of `products`."""
+    cross = _cross(weights, weights)
+    return lambda rows: np.asarray(cross(rows).real)
+
+
+def _cross(first: Weights, second: Weights) -> Callable[[Matrix], Weights]:
+    """Cross density of two weighted sums of channels, conj(first X) (second X)."""
+    channels = len(first)
+    pairs = [(i, j) for i in range(channels) for j in range(i + 1, channels)]
+
+    def of(rows: Matrix) -> Weights:
+        total = np.zeros(rows.shape[1], complex)
+        for i in range(channels):
+            total += np.conj(first[i]) * second[i] * rows[i]
+        for k, (i, j) in enumerate(pairs):
+            product = rows[channels + 2 * k] + 1j * rows[channels + 2 * k + 1]
+            total += np.conj(first[i]) * second[j] * product
+            total += np.conj(first[j]) * second[i] * np.conj(product)
+        return total
+
+    return of

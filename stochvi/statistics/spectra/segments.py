@@ -1,0 +1,144 @@
+"""Records cut into tapered segments and transformed; their products, averaged over paths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import prev_fast_len, rfft
+from scipy.signal.windows import dpss, hann
+
+from stochvi.methods.monte_carlo.histories import HistoryPlan
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+Quantity = Callable[[Matrix], Vector]
+
+OVERLAP = 0.5
+"""Of Hann segments: more of it adds hardly anything."""
+
+TIME_HALF_BANDWIDTH = 4.0
+"""NW of the multitapers (D. J. Thomson 1982). Their kernel is as wide as that of a Hann segment
+NW times shorter, which is the whole path here."""
+
+TAPERS = 7
+"""2 NW - 1: those that leak little."""
+
+KERNEL_BINS = {"welch": 2, "multitaper": 8}
+"""Half width of what is kept of a kernel |W|^2, in bins, two of which lie beside the bins told."""
+
+GRADIENT_STEP = 1e-3
+"""Of a standard error, for derivatives."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layout:
+    """How records are cut: tapers (tapers, samples of a segment), starts of segments, kept bins."""
+
+    tapers: Matrix
+    starts: tuple[int, ...]
+    step: float
+    bins: slice
+    kernel: Vector
+
+    @property
+    def frequency_hz(self) -> Vector:
+        """Of the kept bins."""
+        df = 1.0 / (self.tapers.shape[1] * self.step)
+        return np.asarray(df * np.arange(self.bins.start, self.bins.stop))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moments:
+    """Count, mean (rows, bins) and scatter (rows, rows, bins) of the products of each path."""
+
+    count: int
+    mean: Matrix
+    scatter: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, products: NDArray[np.float64]) -> Moments:
+        """Of (paths, rows, bins)."""
+        mean = products.mean(axis=0)
+        away = products - mean
+        return cls(count=len(products), mean=mean, scatter=np.einsum("prf,psf->rsf", away, away))
+
+    def merge(self, other: Moments) -> Moments:
+        """Of both groups of paths (Chan, Golub and LeVeque 1983)."""
+        count = self.count + other.count
+        shift = other.mean - self.mean
+        between = np.einsum("rf,sf->rsf", shift, shift) * (self.count * other.count / count)
+        return Moments(
+            count=count,
+            mean=self.mean + shift * (other.count / count),
+            scatter=self.scatter + other.scatter + between,
+        )
+
+    def evaluate(self, quantity: Quantity) -> tuple[Vector, Vector]:
+        """Value and standard error of a function of the means at each bin (delta method)."""
+        covariance = self.scatter / (self.count * (self.count - 1))
+        gradient = np.zeros_like(self.mean)
+        for row in range(len(self.mean)):
+            size = GRADIENT_STEP * np.sqrt(covariance[row, row])
+            offset = np.zeros_like(self.mean)
+            offset[row] = size
+            change = quantity(self.mean + offset) - quantity(self.mean - offset)
+            gradient[row] = np.divide(change, 2.0 * size, out=np.zeros_like(size), where=size > 0.0)
+        variance = np.einsum("rf,rsf,sf->f", gradient, covariance, gradient)
+        return quantity(self.mean), np.sqrt(np.maximum(variance, 0.0))
+
+
+def layout_of(plan: HistoryPlan, method: str, length: float, top: float) -> Layout:
+    samples, half = plan.samples, KERNEL_BINS[method]
+    if method == "welch":
+        size = min(samples, prev_fast_len(round(length / plan.step)))
+        tapers = hann(size, sym=False)[None]
+        hop = max(1, round(size * (1.0 - OVERLAP)))
+        starts = tuple(range(0, samples - size + 1, hop))
+    else:
+        size, starts = samples, (0,)
+        tapers = dpss(size, TIME_HALF_BANDWIDTH, TAPERS, sym=False)
+    tapers = tapers / np.sqrt(np.sum(tapers**2, axis=1, keepdims=True))
+    beside = 2 * half
+    last = min(math.ceil(top * size * plan.step), size // 2 - beside)
+    # |W|^2 at whole bins, which add up to one
+    near = np.arange(-half, half + 1)
+    turns = np.exp(-2j * np.pi / size * np.outer(near, np.arange(size)))
+    kernel = np.mean(np.abs(tapers @ turns.T) ** 2, axis=0)
+    return Layout(
+        tapers=tapers,
+        starts=starts,
+        step=plan.step,
+        bins=slice(1, last + beside + 1),
+        kernel=kernel / kernel.sum(),
+    )
+
+
+def products(records: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
+    """Densities of records (channels, paths, samples): (paths, rows, bins), one-sided per hertz.
+
+    Rows are the densities of the channels, then real and imaginary part of each pair i < j of
+    conj(X_i) X_j, in turn; means over segments and tapers, each segment less its mean.
+    """
+    size = layout.tapers.shape[1]
+    channels, paths, _ = records.shape
+    pairs = [(i, j) for i in range(channels) for j in range(i + 1, channels)]
+    bins = layout.bins.stop - layout.bins.start
+    found = np.zeros((paths, channels + 2 * len(pairs), bins))
+    for start in layout.starts:
+        piece = records[:, :, start : start + size]
+        piece = piece - piece.mean(axis=-1, keepdims=True)
+        for taper in layout.tapers:
+            z = rfft(piece * taper, axis=-1)[:, :, layout.bins]
+            for i in range(channels):
+                found[:, i] += np.abs(z[i]) ** 2
+            for k, (i, j) in enumerate(pairs):
+                product = np.conj(z[i]) * z[j]
+                found[:, channels + 2 * k] += product.real
+                found[:, channels + 2 * k + 1] += product.imag
+    found *= 2.0 * layout.step / (len(layout.starts) * len(layout.tapers))
+    return found

@@ -1,0 +1,601 @@
+"""What accuracy costs: statistical error per CPU second, bias of the step, error of a model."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stochvi.methods.closed_form import exact
+from stochvi.methods.fokker_planck import fokker_planck
+from stochvi.methods.monte_carlo.modal import ModalPlan
+from stochvi.methods.monte_carlo.plans import Plan, layout_of, make_plan
+from stochvi.methods.monte_carlo.quantities import (
+    RATES,
+    Key,
+    Means,
+    Quantity,
+    governed,
+    of_coordinate,
+)
+from stochvi.methods.monte_carlo.runs import FEWEST_PATHS, Progress
+from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
+from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
+from stochvi.model.model import assemble
+from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
+from stochvi.results.estimates import Estimate, Response, provenance
+from stochvi.scenes.scene import Scene
+from stochvi.verification.crosscheck import ROUNDING, approximations
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FACTORS = (2.0, 1.0, 0.5)
+"""Steps of the ladder, in units of the one that `simulate` takes."""
+
+TARGETS = (1e-2, 1e-3, 1e-4)
+"""Relative errors whose price is predicted."""
+
+NOISE = 3.0
+"""Standard errors within which a measured bias may be nothing but noise."""
+
+MOST_HALVINGS = 10
+"""Of the finest step, in search of one whose bias is small enough."""
+
+LARGEST_BLOCK = 256
+"""Paths at once: enough for the kernels' full speed, few enough to stop in time."""
+
+WINDOW = 2
+"""Blocks per thread that may wait to be merged in order."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepError:
+    """One governed quantity at one step of the Monte Carlo; errors are relative to `size`.
+
+    `size` is the quantity itself, for a mean displacement the standard deviation.
+    `error_of_a_second` is the standard error after one CPU second; it falls with the square root
+    of the time. `step_bias` is measured, with `step_bias_error` its standard error; it is at most
+    `step_bias_limit`, None where nobody can tell. `order` is that of the bias.
+    """
+
+    step: float
+    of: str
+    quantity: str
+    value: float
+    size: float
+    standard_error: float
+    cpu_seconds: float
+    error_of_a_second: float
+    step_bias: float
+    step_bias_error: float
+    step_bias_limit: float | None
+    order: float | None
+
+    @property
+    def bias_is_seen(self) -> bool:
+        """Whether the bias is beyond its own noise."""
+        return abs(self.step_bias) > NOISE * self.step_bias_error + ROUNDING
+
+    @property
+    def largest_bias(self) -> float:
+        """What the bias may be at most, by what was measured at this step alone."""
+        return abs(self.step_bias) + NOISE * self.step_bias_error
+
+    def seconds(self, target: float) -> float | None:
+        """CPU seconds until statistical error and bias are both below a relative error; None
+        where the bias is not known to be."""
+        if self.step_bias_limit is None or self.step_bias_limit > target:
+            return None
+        return float((self.error_of_a_second / target) ** 2)
+
+    def halved(self, times: int) -> StepError:
+        """What it would be at 2^-times of the step: the price doubles, the bias goes with its
+        order."""
+        limit = self.step_bias_limit
+        if limit is not None and self.order is not None:
+            limit *= 2.0 ** (-times * self.order)
+        return replace(
+            self,
+            step=self.step / 2.0**times,
+            error_of_a_second=self.error_of_a_second * 2.0 ** (times / 2.0),
+            step_bias_limit=limit,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelError:
+    """One quantity by a method that costs next to nothing: its difference to the reference,
+    relative, with the standard error of the reference; `stated_bias` is what it says itself."""
+
+    method: str
+    of: str
+    quantity: str
+    value: float
+    cpu_seconds: float
+    model_error: float
+    model_error_error: float
+    stated_bias: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """The cheapest step for a relative error: CPU seconds on one core, and what takes longest.
+
+    `simulated` tells whether that step was, or is reckoned from the finest by the order.
+    """
+
+    target: float
+    step: float
+    seconds: float
+    governed_by: tuple[str, str]
+    simulated: bool
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class WorkPrecision:
+    """Errors of the Monte Carlo of one scene at several steps, and what they cost.
+
+    `reference` says what biases are measured against. Quantities in `left_out` were not seen in
+    the time given, so that no price of theirs can be told.
+    """
+
+    errors: Sequence[StepError]
+    models: Sequence[ModelError]
+    reference: str
+    elastic: bool
+    method: str
+    steps: Sequence[float]
+    default_step: float
+    left_out: Sequence[str]
+    paths: int
+    threads: int
+    wall_time: float
+    provenance: Mapping[str, Any]
+
+    def of_step(self, step: float, *, rates: bool = False) -> list[StepError]:
+        """The governed quantities at a step: rates, or moments, F1 and F2."""
+        return [row for row in self.errors if row.step == step and (row.quantity in RATES) == rates]
+
+    def cheapest(self, target: float, *, rates: bool = False) -> Prediction | None:
+        """The cheapest step at which statistical errors and biases are below `target`.
+
+        Where the bias is too large at the finest step that was simulated, that step is halved on
+        paper, by the order of the bias. None where that does not help, or is not known to.
+        Rates of hits stand apart from the rest: where stops lose energy their bias falls so
+        slowly with the step that a shorter one hardly helps them.
+        """
+        if self.left_out:
+            return None
+        finest = self.of_step(min(self.steps), rates=rates)
+        found = [self._priced(self.of_step(step, rates=rates), target) for step in self.steps]
+        for times in range(1, MOST_HALVINGS + 1):
+            if any(found):
+                break
+            halved = self._priced([row.halved(times) for row in finest], target)
+            found.append(replace(halved, simulated=False) if halved else None)
+        return min((one for one in found if one), key=lambda one: one.seconds, default=None)
+
+    def _priced(self, rows: Sequence[StepError], target: float) -> Prediction | None:
+        """The price at one step is that of the quantity that takes longest."""
+        prices = [(row.seconds(target), row) for row in rows]
+        known = [(price, row) for price, row in prices if price is not None]
+        if not known or len(known) < len(prices):
+            return None
+        seconds, slowest = max(known, key=lambda pair: pair[0])
+        return Prediction(
+            target=target,
+            step=slowest.step,
+            seconds=seconds,
+            governed_by=(slowest.of, slowest.quantity),
+            simulated=True,
+        )
+
+    def summary(self) -> str:
+        """What each accuracy costs, in a sentence."""
+        if self.left_out:
+            return f"no price can be told: {'; '.join(self.left_out)}"
+        text = f"CPU time of one core: {self._spoken(rates=False)}"
+        if self.of_step(self.steps[0], rates=True):
+            text += f"; hits: {self._spoken(rates=True)}"
+        return text
+
+    def _spoken(self, *, rates: bool) -> str:
+        """The price and the step of each accuracy."""
+        parts = []
+        for target in TARGETS:
+            found = self.cheapest(target, rates=rates)
+            if found is None:
+                parts.append(f"{100.0 * target:g} % out of known reach")
+                continue
+            reckoned = "" if found.simulated else ", by the order"
+            price = f"{spoken_time(found.seconds)} (step {found.step:.3g} s{reckoned})"
+            parts.append(f"{100.0 * target:g} % takes {price}")
+        return ", ".join(parts)
+
+    def __repr__(self) -> str:
+        return f"<cost: {self.summary()}>"
+
+    def _repr_html_(self) -> str:
+        return f"<b>{self.summary()}</b>{self.to_frame().to_html(index=False)}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per step and quantity, then one per model and quantity; errors are relative.
+
+        Statistical error, bias of the step and error of a model are columns of their own.
+        """
+        import pandas as pd
+
+        rows = [
+            {"method": "simulate", **vars(row)}
+            | {f"cpu_seconds_{target:g}": row.seconds(target) for target in TARGETS}
+            for row in self.errors
+        ]
+        return pd.DataFrame([*rows, *(vars(row) for row in self.models)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        predictions = {
+            name: [vars(found) for t in TARGETS if (found := self.cheapest(t, rates=rates))]
+            for name, rates in (("moments_F1_F2", False), ("hits", True))
+        }
+        return {
+            "method": "cost",
+            "summary": self.summary(),
+            "simulated_by": self.method,
+            "steps": list(self.steps),
+            "default_step": self.default_step,
+            "free_of_bias": self.elastic,
+            "reference": self.reference,
+            "targets": list(TARGETS),
+            "errors": [dict(vars(row)) for row in self.errors],
+            "models": [dict(vars(row)) for row in self.models],
+            "predictions": predictions,
+            "left_out": list(self.left_out),
+            "cost": {"wall_time": self.wall_time, "paths": self.paths, "threads": self.threads},
+            "provenance": dict(self.provenance),
+        }
+
+
+def spoken_time(seconds: float) -> str:
+    """A time to two digits, in the unit that reads best.
+
+    >>> spoken_time(0.0213), spoken_time(540.0), spoken_time(9000.0), spoken_time(1e6)
+    ('0.021 s', '9 min', '2.5 h', '12 days')
+    """
+    for unit, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s")):
+        if seconds >= 2.0 * unit or name == "s":
+            break
+    amount = seconds / unit
+    return f"{amount:.2g} {name}" if amount < 100.0 else f"{amount:.0f} {name}"
+
+
+def cost(
+    scene: Scene,
+    *,
+    budget: float = 20.0,
+    paths: int | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> WorkPrecision:
+    """What accuracy costs in time, for this scene on this machine: a work-precision table.
+
+    The same paths are simulated at several steps. Of everything that `simulate(rel_error=)`
+    governs there follow the standard error s of one CPU second, and the bias of each step h,
+    against the closed form where there is one and else against the limit
+
+        f(0) = f(h) + (f(h) - f(r h)) / (r^p - 1)
+
+    of the two finest steps (L. F. Richardson 1911), p the order of the bias. Standard errors of
+    all differences come from the covariance of the paths. A relative error e then takes
+    (s / e)^2 seconds, at a step whose bias is below e as well, with NOISE standard errors to
+    spare: as measured there, or at a longer step and brought down by its order.
+    Deterministic methods cost next to nothing, and time does not better them: they stand apart.
+
+    Parameters
+    ----------
+    budget
+        Seconds of wall time to spend. How many paths that gives depends on the machine.
+    paths
+        Instead: this many paths, for digits that depend on the seed alone (times apart).
+    seed, threads, progress
+        As for `simulate`.
+
+    Raises
+    ------
+    NotApplicable
+        With every condition of `simulate` that the scene does not meet.
+    NotConverged
+        If the budget is over before there are enough paths for a standard error.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> found = cost(scene, paths=256)
+    >>> [round(step, 3) for step in found.steps], found.reference
+    ([0.8, 0.4], 'exact')
+    """
+    check_arguments(None, paths, None, seed, None, budget, threads)
+    if paths is not None and paths < FEWEST_PATHS:
+        raise ValueError(
+            f"paths must be at least {FEWEST_PATHS} for honest standard errors, got {paths}"
+        )
+    plan = make_plan(scene, None, None)
+    plans = ladder(plan)
+    workers = threads or len(os.sched_getaffinity(0))
+    for rung in plans:
+        rung.shortest().averages(0, 0, 2)
+    started = time.perf_counter()
+    layout = _joint_layout(scene, plans)
+    statistics, cpu = _simulate(plans, layout, seed, budget, paths, workers, progress)
+    known, reference = _known(scene, plan)
+    assembly = assemble(scene)
+    rows: list[StepError] = []
+    models: list[ModelError] = []
+    left_out = []
+    free = _deterministic(scene, plan)
+    for key, quantity in governed(assembly).items():
+        size_of = quantity
+        if key[1] == "displacement_mean":
+            size_of = of_coordinate(key[0])["displacement_std"]
+        size = abs(statistics.evaluate(_at_rung(size_of, len(plans) - 1))[0])
+        if size == 0.0:
+            left_out.append(f"no impact was seen: {key[1]} of {key[0]}")
+            continue
+        order = step_order(plan, key)
+        truth = _reference(quantity, plans, order, known.get(key))
+        found = _errors_of(key, quantity, truth, size, order, plans, statistics, cpu)
+        rows += found
+        models += _models_of(key, truth, size, free, statistics)
+    return WorkPrecision(
+        errors=sorted(rows, key=lambda row: -row.step),
+        models=models,
+        reference=reference,
+        elastic=plan.elastic,
+        method=plan.method,
+        steps=tuple(rung.step for rung in plans),
+        default_step=plan.step,
+        left_out=tuple(left_out),
+        paths=statistics.count,
+        threads=workers,
+        wall_time=time.perf_counter() - started,
+        provenance=provenance(scene.document(), seed),
+    )
+
+
+def ladder(plan: Plan) -> list[Plan]:
+    """The plan at `FACTORS` of its step, longest first; none turns the fastest motion by more
+    than `LARGEST_ANGLE` (rad), where kicks and flights become too coarse."""
+    fastest = plan.modes.fastest if isinstance(plan, ModalPlan) else plan.system.omega
+    found: list[Plan] = []
+    for factor in FACTORS:
+        # a default step may be at the limit, up to rounding
+        if factor <= 1.0 or fastest * factor * plan.step <= LARGEST_ANGLE * (1.0 + 1e-9):
+            found.append(plan if factor == 1.0 else plan.with_step(factor * plan.step))
+    return found
+
+
+def step_order(plan: Plan, key: Key) -> float | None:
+    """Order of the step's bias of a quantity, by which the plan tells it from twice the step;
+    None where there is no bias, or where that does not tell."""
+    share = None if plan.elastic else plan.step_bias(key[1], 1.0)
+    if share is None or math.isinf(share):
+        return None
+    # bias = difference / (2^order - 1)
+    return math.log2(1.0 + 1.0 / share)
+
+
+Block = tuple[PathStatistics, list[float]]
+
+
+def _block(plans: Sequence[Plan], layout: Layout, seed: int, first_path: int, paths: int) -> Block:
+    """The same paths at every step: their joint statistics, and the CPU seconds of each step."""
+    averages, seconds = [], []
+    for plan in plans:
+        start = time.thread_time()
+        averages.append(plan.averages(seed, first_path, paths))
+        seconds.append(time.thread_time() - start)
+    return PathStatistics.of(np.concatenate(averages), layout), seconds
+
+
+def _simulate(
+    plans: Sequence[Plan],
+    layout: Layout,
+    seed: int,
+    budget: float,
+    paths: int | None,
+    threads: int,
+    progress: Progress | None,
+) -> tuple[PathStatistics, list[float]]:
+    """Blocks of paths, merged in their order, until there are `paths` or time is up."""
+    started = time.perf_counter()
+    size = min(LARGEST_BLOCK, *(plan.block for plan in plans))
+    statistics, seconds = PathStatistics.none(layout), np.zeros(len(plans))
+    waiting: deque[Future[Block]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        begun = 0
+        while True:
+            elapsed = time.perf_counter() - started
+            wanted = math.inf if paths is None else paths
+            late = paths is None and elapsed > budget
+            if begun < wanted and not late:
+                count = int(min(size, wanted - begun))
+                waiting.append(pool.submit(_block, plans, layout, seed, begun, count))
+                begun += count
+                if len(waiting) < WINDOW * threads:
+                    continue
+            # what has not begun when time is up is not begun
+            if not waiting or (late and waiting[0].cancel()):
+                break
+            block, spent = waiting.popleft().result()
+            statistics = statistics.merge(block)
+            seconds += spent
+            if progress:
+                share = elapsed / budget if paths is None else statistics.count / paths
+                progress(min(1.0, share), f"{statistics.count} paths")
+        for future in waiting:
+            future.cancel()
+    if statistics.count < FEWEST_PATHS:
+        raise NotConverged(
+            f"budget of {budget:g} s was too short: {statistics.count} of at least {FEWEST_PATHS} "
+            "paths were done; raise budget"
+        )
+    return statistics, [float(spent) for spent in seconds]
+
+
+def _joint_layout(scene: Scene, plans: Sequence[Plan]) -> Layout:
+    """Rows of all steps, one under the other: the owner carries the number of the step."""
+    layouts = [layout_of(scene, plan) for plan in plans]
+    return Layout(
+        rows=tuple(
+            (f"{k}/{owner}", what) for k, one in enumerate(layouts) for owner, what in one.rows
+        ),
+        origins={
+            f"{k}/{owner}": origin
+            for k, one in enumerate(layouts)
+            for owner, origin in one.origins.items()
+        },
+        thresholds={},
+    )
+
+
+def _at_rung(quantity: Quantity, rung: int) -> Quantity:
+    """A quantity of one step, from the means of all."""
+    mark = f"{rung}/"
+
+    def of_all(means: Means) -> float:
+        own = {
+            (owner[len(mark) :], what): mean
+            for (owner, what), mean in means.items()
+            if owner.startswith(mark)
+        }
+        return quantity(own)
+
+    return of_all
+
+
+def _known(scene: Scene, plan: Plan) -> tuple[dict[Key, Estimate], str]:
+    """Exact values where there are any, and in words what biases are measured against."""
+    try:
+        return exact(scene).estimates(), "exact"
+    except NoExactSolution:
+        return {}, "finest step" if plan.elastic else "limit of the two finest steps"
+
+
+def _deterministic(scene: Scene, plan: Plan) -> list[Response]:
+    """Every method that draws no random numbers, with rates that count what the simulated do."""
+    found = approximations(scene, [])
+    threshold = next(iter(layout_of(scene, plan).thresholds.values()), None)
+    try:
+        found.append(fokker_planck(scene, speed_threshold=threshold))
+    except NotApplicable:
+        pass
+    except NotConverged as reason:
+        # its bias says what it has reached
+        found += [] if reason.response is None else [reason.response]
+    return found
+
+
+def _reference(
+    quantity: Quantity, plans: Sequence[Plan], order: float | None, known: Estimate | None
+) -> Quantity:
+    """What a quantity would be without bias, as a function of the means of all steps."""
+    if known is not None:
+        value = known.value
+        return lambda means: value
+    last = len(plans) - 1
+    finest = _at_rung(quantity, last)
+    if order is None:
+        return finest
+    coarser = _at_rung(quantity, last - 1)
+    weight = 1.0 / ((plans[last - 1].step / plans[last].step) ** order - 1.0)
+    return lambda means: (1.0 + weight) * finest(means) - weight * coarser(means)
+
+
+def _errors_of(
+    key: Key,
+    quantity: Quantity,
+    truth: Quantity,
+    size: float,
+    order: float | None,
+    plans: Sequence[Plan],
+    statistics: PathStatistics,
+    cpu: Sequence[float],
+) -> list[StepError]:
+    """One quantity at every step, from the longest to the finest."""
+    rows: list[StepError] = []
+    for rung, plan in enumerate(plans):
+        own = _at_rung(quantity, rung)
+        value, error = statistics.evaluate(own)
+        bias, bias_error = statistics.evaluate(lambda m, own=own: own(m) - truth(m))  # type: ignore[misc]
+        row = StepError(
+            step=plan.step,
+            of=key[0],
+            quantity=key[1],
+            value=value,
+            size=size,
+            standard_error=error / size,
+            cpu_seconds=cpu[rung],
+            error_of_a_second=error / size * math.sqrt(cpu[rung]),
+            step_bias=bias / size,
+            step_bias_error=bias_error / size,
+            step_bias_limit=0.0 if plan.elastic else None,
+            order=order,
+        )
+        if not plan.elastic and order is not None:
+            row = replace(row, step_bias_limit=_limit(row, rows[-1] if rows else None, order))
+        rows.append(row)
+    return rows
+
+
+def _limit(row: StepError, longer: StepError | None, order: float) -> float:
+    """What the bias is at most: by what was measured here, or at the next longer step.
+
+    A bias at a longer step, which is larger and so known better, tells that at a shorter one by
+    the order, unless what is seen here beyond noise contradicts it.
+    """
+    if longer is None or longer.step_bias_limit is None:
+        return row.largest_bias
+    told = longer.step_bias_limit * (row.step / longer.step) ** order
+    seen = abs(row.step_bias) - NOISE * row.step_bias_error
+    return row.largest_bias if seen > told else min(row.largest_bias, told)
+
+
+def _models_of(
+    key: Key,
+    truth: Quantity,
+    size: float,
+    responses: Sequence[Response],
+    statistics: PathStatistics,
+) -> list[ModelError]:
+    """One quantity by every method that simulates nothing."""
+    value, error = statistics.evaluate(truth)
+    answers = [(response, response.estimates().get(key)) for response in responses]
+    return [
+        ModelError(
+            method=response.method,
+            of=key[0],
+            quantity=key[1],
+            value=found.value,
+            cpu_seconds=response.cost.wall_time,
+            model_error=(found.value - value) / size,
+            model_error_error=error / size,
+            stated_bias=None if found.bias is None else found.bias / size,
+        )
+        for response, found in answers
+        if found is not None
+    ]

@@ -1,0 +1,435 @@
+"""Every method that covers a scene, side by side: do they agree within their own errors?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from scipy.special import ndtri, stdtr, stdtrit
+
+from stochvi.methods.averaging import average
+from stochvi.methods.closed_form import exact
+from stochvi.methods.fokker_planck import fokker_planck
+from stochvi.methods.linearisation import linearise
+from stochvi.methods.monte_carlo import simulate
+from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
+from stochvi.results.estimates import Estimate, Response
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FAMILY_ALARM_RATE = 0.003
+"""Chance that a check of methods which all agree raises any alarm."""
+
+BALANCE = "balance"
+
+STOPPED_EARLY = "simulate stopped early"
+
+AGREES, DISAGREES, APPROXIMATE, TOO_RARE = "agrees", "DISAGREES", "approximate", "too rare"
+BIAS_UNKNOWN = "bias unknown"
+
+RARE = 0.2
+"""Relative standard error of a quantity of impacts from which they are too few to judge by."""
+
+
+SHARPER = 0.1
+"""Error asked of the Fokker-Planck equation, in units of that asked of Monte Carlo: on fine meshes
+it costs less, and its bounds on the error are safer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """One quantity by two methods; `relative` is the difference in units of the reference.
+
+    `score` is what of the difference the stated biases do not cover, in standard errors, on the
+    scale of a normal variable (Student's law where paths are few); None where nothing was sampled.
+    """
+
+    of: str
+    quantity: str
+    reference: str
+    method: str
+    reference_value: float
+    value: float
+    difference: float
+    relative: float
+    tolerance: float | None
+    verdict: str
+    score: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Check:
+    """The verdict on a scene, with every comparison and every response behind it."""
+
+    comparisons: Sequence[Comparison]
+    responses: Sequence[Response]
+    left_out: Sequence[str]
+    z: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether something was judged as sharply as asked for, and nothing disagrees."""
+        verdicts = {row.verdict for row in self.comparisons}
+        return AGREES in verdicts and DISAGREES not in verdicts and not self.stopped_early
+
+    @property
+    def stopped_early(self) -> bool:
+        """Whether the simulation fell short of the accuracy asked for."""
+        return any(reason.startswith(STOPPED_EARLY) for reason in self.left_out)
+
+    def summary(self) -> str:
+        """The verdict in a sentence."""
+        judged = [row for row in self.comparisons if row.verdict in (AGREES, DISAGREES)]
+        wrong = sum(row.verdict == DISAGREES for row in judged)
+        if wrong:
+            return f"{wrong} of {len(judged)} comparisons DISAGREE"
+        if self.stopped_early:
+            return next(reason for reason in self.left_out if reason.startswith(STOPPED_EARLY))
+        if not judged:
+            return "nothing could be judged: no method that claims to be right covers this scene"
+        balances = sum(row.of == BALANCE for row in judged)
+        within = f"within {self.z:.2f} standard errors and the stated bias"
+        if balances == len(judged):
+            names = ", ".join(row.quantity for row in judged)
+            return (
+                f"only one method that can be judged covers this scene; its balances ({names}) "
+                f"hold {within}, no second method confirms it"
+            )
+        return f"{len(judged)} comparisons ({balances} of them balances) agree {within}"
+
+    def __repr__(self) -> str:
+        return f"<check: {self.summary()}>"
+
+    def _repr_html_(self) -> str:
+        return f"<b>{self.summary()}</b>{self.to_frame().to_html(index=False)}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per comparison."""
+        import pandas as pd
+
+        return pd.DataFrame([vars(row) for row in self.comparisons])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {
+            "method": "check",
+            "passed": self.passed,
+            "family_alarm_rate": FAMILY_ALARM_RATE,
+            "z": self.z,
+            "comparisons": [dict(vars(row)) for row in self.comparisons],
+            "left_out": list(self.left_out),
+            "responses": [response.to_dict() for response in self.responses],
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answers:
+    """What the methods say of one scene: first those that claim to be right, the reference in
+    front, then the approximations; and why the others are left out."""
+
+    responses: Sequence[Response]
+    approximations: Sequence[Response] = ()
+    left_out: Sequence[str] = ()
+
+    @property
+    def judged(self) -> int:
+        """How many comparisons and balances can be judged."""
+        if not self.responses:
+            return 0
+        known = self.responses[0].estimates()
+        rivals = _shared(self.responses[1:], known)
+        telling = sum(not _untold(rival[-1], known[rival[1], rival[2]]) for rival in rivals)
+        return telling + sum(len(response.identities) for response in self.responses)
+
+
+def check(
+    scene: Scene,
+    *,
+    rel_error: float = 0.003,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> Check:
+    """Compare all methods that cover a scene, and the balances that a right answer obeys.
+
+    Closed form, Fokker-Planck equation and Monte Carlo must agree within z standard errors plus
+    the stated bias of mesh and step, and the energy, virial and force residuals must vanish
+    within theirs (the standard error of a bias that was itself sampled counts like that of the
+    value); z is set so that all these comparisons together raise a false alarm with
+    probability `FAMILY_ALARM_RATE` (Sidak), and widened for the paths that a standard error
+    comes from as Student's law says. `check_many` does this for several scenes. A quantity
+    whose bias a method cannot tell is not judged. Averaging and linearisation are approximations:
+    their errors are shown, not judged.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import ImpactPair
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0))],
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> check(scene, rel_error=0.01).passed
+    True
+    """
+    found = answers(
+        scene, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=progress
+    )
+    return compare(found.responses, found.approximations, found.left_out)
+
+
+def answers(
+    scene: Scene,
+    *,
+    rel_error: float,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> Answers:
+    """Every method that covers a scene; arguments as for `check`."""
+    left_out: list[str] = []
+    responses: list[Response] = []
+    simulated: list[Response] = []
+    try:
+        responses.append(exact(scene))
+    except NoExactSolution as reason:
+        left_out.append(str(reason))
+    try:
+        simulated.append(
+            simulate(
+                scene,
+                rel_error=rel_error,
+                seed=seed,
+                threads=threads,
+                budget=budget,
+                progress=progress,
+            )
+        )
+    except NotApplicable as reason:
+        left_out.append(str(reason))
+    except NotConverged as reason:
+        left_out.append(f"{STOPPED_EARLY}, judged by what it reached: {reason}")
+        if reason.response is not None:
+            simulated.append(reason.response)
+    responses += [*_solved(scene, SHARPER * rel_error, simulated, left_out), *simulated]
+    approximate = approximations(scene, left_out)
+    return Answers(responses=responses, approximations=approximate, left_out=left_out)
+
+
+def _solved(
+    scene: Scene, rtol: float, simulated: Sequence[Response], left_out: list[str]
+) -> list[Response]:
+    """The Fokker-Planck equation, its rates counted above the same speed as the simulated ones."""
+    thresholds = [
+        threshold
+        for found in simulated
+        for pair in found.impact_pairs.values()
+        if isinstance(threshold := pair["speed_threshold"], float)
+    ]
+    try:
+        return [fokker_planck(scene, rtol=rtol, speed_threshold=next(iter(thresholds), None))]
+    except NotApplicable as reason:
+        left_out.append(str(reason))
+    except NotConverged as reason:
+        # its bias says what it has reached
+        return [] if reason.response is None else [reason.response]
+    return []
+
+
+def approximations(scene: Scene, left_out: list[str]) -> list[Response]:
+    """Averaging and every form of linearisation that cover a scene; the reasons of others go to
+    `left_out`."""
+    found = []
+    try:
+        found.append(average(scene))
+    except NotApplicable as reason:
+        left_out.append(str(reason))
+    for form in ("closure", "motion", "force") if scene.impact_pairs else ("closure",):
+        try:
+            found.append(linearise(scene, form=form))
+        except (NotApplicable, NotConverged) as reason:
+            left_out.append(f"linearise:{form}: {reason}")
+    return found
+
+
+def compare(
+    responses: Sequence[Response],
+    approximations: Sequence[Response] = (),
+    left_out: Sequence[str] = (),
+    family: int | None = None,
+) -> Check:
+    """Judge `responses` against the first of them, and show the error of `approximations`.
+
+    The first response is the reference. Responses that claim to be right are judged, and so are
+    the residuals of their balances; at least one is needed. `family` is the number of comparisons
+    that share one alarm rate, by default those that are judged here.
+    """
+    if not responses:
+        return Check(comparisons=(), responses=approximations, left_out=left_out, z=0.0)
+    reference = responses[0]
+    known = reference.estimates()
+    judged = Answers(responses=responses).judged
+    alarm_rate = single_alarm_rate(max(judged if family is None else family, 1))
+    rows = [_row(*rival, known, reference, alarm_rate) for rival in _shared(responses[1:], known)]
+    rows += [
+        _row(response, BALANCE, name, residual, {}, None, alarm_rate)
+        for response in responses
+        for name, residual in response.identities.items()
+    ]
+    rows += [_row(*shown, known, reference, None) for shown in _shared(approximations, known)]
+    return Check(
+        comparisons=tuple(rows),
+        responses=(*responses, *approximations),
+        left_out=tuple(left_out),
+        z=normal_quantile(alarm_rate),
+    )
+
+
+def single_alarm_rate(family: int, family_alarm_rate: float = FAMILY_ALARM_RATE) -> float:
+    """Chance of a false alarm that one of `family` comparisons may have, so that all of them
+    together, were they independent, have the rate of the family (Z. Sidak 1967).
+
+    >>> round(single_alarm_rate(20), 8)
+    0.00015021
+    """
+    # log1p and expm1 keep the digits where the family is large
+    return -math.expm1(math.log1p(-family_alarm_rate) / family)
+
+
+def normal_quantile(alarm_rate: float) -> float:
+    """Standard errors that a normal variable exceeds, on either side, with this probability."""
+    return -float(ndtri(alarm_rate / 2.0))
+
+
+def student_quantile(alarm_rate: float, degrees: float) -> float:
+    """The same for a standard error that has itself been estimated, with so many degrees of
+    freedom (infinite: the normal law).
+
+    >>> round(student_quantile(0.0027, 63.0), 3), round(student_quantile(0.0027, math.inf), 3)
+    (3.123, 3.0)
+    """
+    if math.isinf(degrees):
+        return normal_quantile(alarm_rate)
+    return -float(stdtrit(degrees, alarm_rate / 2.0))
+
+
+def normal_score(difference: float, standard_error: float, degrees: float) -> float | None:
+    """A difference in standard errors, on the scale of a normal variable: the score of the same
+    probability. None where nothing was sampled.
+
+    >>> round(normal_score(3.122, 1.0, 63.0), 2)
+    3.0
+    """
+    if standard_error <= 0.0:
+        return None
+    away = abs(difference) / standard_error
+    if not math.isinf(degrees):
+        tail = float(stdtr(degrees, -away))
+        away = -float(ndtri(tail)) if tail > 0.0 else math.inf
+        away = min(away, LARGEST_SCORE)
+    return math.copysign(away, difference)
+
+
+LARGEST_SCORE = 37.0
+"""Standard errors beyond which the probability of a normal variable is 0 in double precision."""
+
+
+def degrees_of_freedom(first: Response, second: Response | None, errors: Sequence[float]) -> float:
+    """Of the standard error of a difference, after F. E. Satterthwaite (1946)
+
+        (s1^2 + s2^2)^2 / (s1^4 / (n1 - 1) + s2^4 / (n2 - 1)),
+
+    n the number of independent paths; infinite where nothing was sampled.
+    """
+    paths = [0 if response is None else response.cost.paths for response in (first, second)]
+    sampled = [(e, n - 1) for e, n in zip(errors, paths, strict=True) if e > 0.0 and n > 1]
+    largest = max((error for error, _ in sampled), default=0.0)
+    shares = [((error / largest) ** 2, degrees) for error, degrees in sampled]
+    if not shares:
+        return math.inf
+    return sum(share for share, _ in shares) ** 2 / sum(
+        share**2 / degrees for share, degrees in shares
+    )
+
+
+def _rare(estimate: Estimate) -> bool:
+    """Whether so few impacts were seen that their standard error cannot be trusted."""
+    simulated = estimate.standard_error > 0.0 or estimate.upper_95 is not None
+    few = estimate.standard_error >= RARE * abs(estimate.value)
+    return few and (simulated or estimate.how.startswith("no impact"))
+
+
+def _untold(estimate: Estimate, known: Estimate) -> bool:
+    """Whether one of two estimates does not say how far off it may be."""
+    return estimate.bias is None or known.bias is None
+
+
+def _shared(
+    responses: Sequence[Response], known: Mapping[tuple[str, str], Estimate]
+) -> Iterator[tuple[Response, str, str, Estimate]]:
+    """The estimates of each response that the reference has too."""
+    for response in responses:
+        for (of, quantity), estimate in response.estimates().items():
+            if (of, quantity) in known:
+                yield response, of, quantity, estimate
+
+
+ROUNDING = 1e-9
+"""Relative error granted to any deterministic number: quadrature and root finding."""
+
+
+def _row(
+    response: Response,
+    of: str,
+    quantity: str,
+    estimate: Estimate,
+    known: Mapping[tuple[str, str], Estimate],
+    reference: Response | None,
+    alarm_rate: float | None,
+) -> Comparison:
+    """Compare with the reference, or a balance with 0; judged at an alarm rate, or only shown.
+
+    Balances are relative already; a mean, which may be zero, is measured by the deviation.
+    """
+    truth = known.get((of, quantity), Estimate(value=0.0))
+    size = 1.0 if of == BALANCE else abs(truth.value)
+    if quantity == "displacement_mean":
+        size = known[of, "displacement_std"].value
+    difference = estimate.value - truth.value
+    tolerance, score, verdict = None, None, APPROXIMATE
+    if alarm_rate is not None:
+        errors = (estimate.standard_error, truth.standard_error)
+        degrees = degrees_of_freedom(response, reference, errors)
+        whole = math.hypot(*errors, estimate.bias_error, truth.bias_error)
+        biases = (estimate.bias or 0.0) + (truth.bias or 0.0) + ROUNDING * size
+        tolerance = student_quantile(alarm_rate, degrees) * whole + biases
+        beyond = math.copysign(max(abs(difference) - biases, 0.0), difference)
+        score = normal_score(beyond, whole, degrees)
+        verdict = AGREES if abs(difference) <= tolerance else DISAGREES
+        if (of, quantity) in known and of in response.impact_pairs and _rare(estimate):
+            verdict = TOO_RARE
+        elif of != BALANCE and _untold(estimate, truth):
+            tolerance, verdict = None, BIAS_UNKNOWN
+    return Comparison(
+        of=of,
+        quantity=quantity,
+        reference="identity" if reference is None else reference.method,
+        method=response.method,
+        reference_value=truth.value,
+        value=estimate.value,
+        difference=difference,
+        relative=difference / size if size else 0.0,
+        tolerance=tolerance,
+        verdict=verdict,
+        score=score,
+    )

@@ -1,0 +1,96 @@
+"""What would be simulated, what would not, which methods apply, and what it would cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from stochvi.methods.averaging import unmet_conditions as unmet_by_averaging
+from stochvi.methods.closed_form import unmet_conditions
+from stochvi.methods.fokker_planck import unmet_conditions as unmet_by_fokker_planck
+from stochvi.methods.linearisation import linearise
+from stochvi.methods.monte_carlo import Prospect, prospect
+from stochvi.model.cautions import scene_notes
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.scenes.scene import Scene
+
+KNOWN_EFFECTS = (
+    "white noise",
+    "filtered noise",
+    "tabulated noise",
+    "sine",
+    "constant load",
+    "stop lower",
+    "stop upper",
+)
+"""Everything that a scene can call for; the rest of the world is not modelled."""
+
+APPLIES = "applies"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """What a scene calls for. `methods` maps each method to "applies" or to what it lacks."""
+
+    effects: Sequence[str]
+    absent: Sequence[str]
+    methods: Mapping[str, str]
+    assumptions: Sequence[str]
+    notes: Sequence[str]
+    simulation: Prospect | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {"method": "explain", **asdict(self)}
+
+
+def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
+    """List the effects, the methods that apply, and the expected price of a simulation.
+
+    An effect that is absent from the scene is absent from the compiled code. The price comes
+    from a short pilot run on this machine.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> free = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> explain(free).absent
+    ('filtered noise', 'tabulated noise', 'sine', 'constant load', 'stop lower', 'stop upper')
+    """
+    effects = scene.effects()
+    methods = {
+        "exact": "; ".join(unmet_conditions(scene)) or APPLIES,
+        "fokker-planck": "; ".join(unmet_by_fokker_planck(scene)) or APPLIES,
+        "average": "; ".join(unmet_by_averaging(scene)) or APPLIES,
+        "linearise": APPLIES,
+    }
+    try:
+        linearise(scene)
+    except (NotApplicable, NotConverged) as reason:
+        methods["linearise"] = _conditions(reason)
+    simulation = None
+    try:
+        simulation = prospect(scene, threads=threads)
+        methods["simulate"] = APPLIES
+    except NotApplicable as reason:
+        methods["simulate"] = _conditions(reason)
+    return Explanation(
+        effects=effects,
+        absent=tuple(
+            known for known in KNOWN_EFFECTS if not any(known in effect for effect in effects)
+        ),
+        methods=methods,
+        assumptions=scene.assumptions(),
+        notes=() if scene.beyond_one_oscillator() else tuple(scene_notes(scene.system())),
+        simulation=simulation,
+    )
+
+
+def _conditions(reason: NotApplicable | NotConverged) -> str:
+    """Why a method does not answer, without its name, which stands before it."""
+    return str(reason).split(" does not apply: ", 1)[-1].rstrip(".")

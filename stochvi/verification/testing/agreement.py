@@ -1,0 +1,40 @@
+"""How a sampled number is compared with the truth: by its own errors, never by a chosen margin."""
+
+from __future__ import annotations
+
+from stochvi.results.estimates import Estimate
+
+Z = 4.5
+"""Standard errors that a right answer exceeds once in 150 000 comparisons."""
+
+
+def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
+    """Fail unless `truth` lies within z standard errors and the stated bias of the estimate.
+
+    Raises
+    ------
+    AssertionError
+        With the value, the truth and the standard errors between them.
+    ValueError
+        If the estimate does not say what its bias may be: then no truth can refute it.
+
+    Examples
+    --------
+    >>> assert_agrees(Estimate(value=1.02, standard_error=0.01), 1.0)
+    >>> assert_agrees(
+    ...     Estimate(value=1.08, standard_error=0.01), 1.0
+    ... )  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    AssertionError: 1.080(10) [] differs from 1 by 0.08: 8.0 standard errors ...
+    """
+    if estimate.bias is None:
+        raise ValueError(f"{estimate} states no bias, so no truth can confirm or refute it")
+    difference = estimate.value - truth
+    tolerance = z * estimate.standard_error + estimate.bias
+    away = f"{abs(difference) / estimate.standard_error:.1f}" if estimate.standard_error else "inf"
+    if not abs(difference) <= tolerance:
+        raise AssertionError(
+            f"{estimate} differs from {truth:.9g} by {difference:.3g}: {away} standard errors of "
+            f"{estimate.standard_error:.3g}, allowed {z:g} and a bias of {estimate.bias:.3g}"
+        )

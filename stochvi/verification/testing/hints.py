@@ -1,0 +1,212 @@
+"""What a pattern of disagreements looks like, by the balances that any right answer obeys.
+
+With intensity S0, b the damping rate and F1, F2 the sums of impact speeds and of their squares per
+second, one oscillator between stops at -D and D of the restitution R obeys
+
+    energy   S0 = 2 b E v^2 + (1 - R^2) F2,
+    virial   E v^2 = omega^2 E x^2 + (1 + R) D F1.
+
+Read backwards they say which restitution, clearance, damping or intensity was in fact simulated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from stochvi.results.estimates import format_with_error
+from stochvi.verification.testing.problems import Problem
+from stochvi.verification.testing.samples import Function, Sample, Values
+
+SURE = 4.0
+"""Standard errors from which a deviation is spoken of."""
+
+NEAR = 0.04
+"""Relative distance from a telling number (a half, 2, R^2) at which it is named."""
+
+STOPS = ("velocity_std", "impact_speed_rate", "impact_speed_square_rate")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What an integrator returned for a problem."""
+
+    problem: Problem
+    sample: Sample
+
+    @property
+    def finite(self) -> bool:
+        """Whether every quantity is a number."""
+        return all(math.isfinite(self._of(name)) for name in self.sample.names())
+
+    def _of(self, name: str) -> float:
+        return self.sample.evaluate(lambda values: values[name])[0]
+
+    def has(self, *names: str) -> bool:
+        """Whether these quantities are there."""
+        return set(names) <= set(self.sample.names())
+
+    @property
+    def hit(self) -> bool:
+        """Whether there are impacts to reckon with."""
+        return self.has(*STOPS) and self._of("impact_speed_square_rate") > 0.0
+
+    @property
+    def free(self) -> bool:
+        """Whether there are no stops."""
+        return math.isinf(self.problem.lower) and math.isinf(self.problem.upper)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether stops at -D and D of one restitution are all there is."""
+        own = self.problem
+        return own.lower == -own.upper and own.load == 0.0 and own.restitution is not None
+
+
+def hints_of(measured: Sequence[Measured]) -> Iterator[str]:
+    """Sentences about what the findings look like; none where no pattern is known."""
+    if wild := [each.problem.name for each in measured if not each.finite]:
+        yield (
+            f"numbers grow beyond all bounds ({', '.join(wild)}): the step is too long for the "
+            "scheme, or a velocity is not reversed at a stop"
+        )
+    sound = [each for each in measured if each.finite]
+    flights = list(_flight(sound))
+    yield from flights
+    if not flights:
+        yield from _elastic_stops(sound)
+        yield from _lossy_stops(sound)
+    yield from _clearance(sound)
+
+
+def _flight(measured: Sequence[Measured]) -> Iterator[str]:
+    """Noise, damping and the scheme between impacts, where there are no stops."""
+    for each in measured:
+        if not each.free or not each.has("velocity_std"):
+            continue
+        own = each.problem
+        ratio, error = each.sample.evaluate(
+            lambda values, own=own: (values["velocity_std"] / own.speed_scale) ** 2  # type: ignore[misc]
+        )
+        if abs(ratio - 1.0) <= SURE * error:
+            continue
+        told = f"without stops E v^2 is {format_with_error(ratio, error)} times the truth"
+        for telling, noise, damping in (
+            (2.0, "noise twice too strong (a one-sided density for S0)", "half the damping"),
+            (0.5, "half the noise (S0 taken for a one-sided density)", "twice the damping"),
+        ):
+            if abs(ratio / telling - 1.0) < NEAR + SURE * error:
+                which = _noise_or_damping(measured, telling)
+                cause = {"noise": noise, "damping": damping}.get(which, f"{noise}, or {damping}")
+                told += f": {cause}"
+        if ratio > 1.0 and own.omega > 0.0:
+            step = own.damping_rate / own.omega**2 * (1.0 - 1.0 / ratio)
+            told += (
+                f"; explicit Euler, which takes omega^2 h from the damping rate, does this at "
+                f"h = {step:.2g} s"
+            )
+        yield told
+        return
+
+
+def _noise_or_damping(measured: Sequence[Measured], ratio: float) -> str:
+    """Which of the two is wrong: impacts that lose energy tell the noise from the damping.
+
+    With the damping d times the true one and noise to match, d (ratio S0 - 2 b E v^2) =
+    (1 - R^2) F2.
+    """
+    for each in measured:
+        restitution = each.problem.restitution
+        if not each.hit or restitution in (None, 1.0):
+            continue
+        assert restitution is not None
+        own, loss = each.problem, 1.0 - restitution**2
+
+        def damping(values: Values, own: Problem = own, loss: float = loss) -> object:
+            left = ratio * own.intensity - 2.0 * own.damping_rate * values["velocity_std"] ** 2
+            return loss * values["impact_speed_square_rate"] / left
+
+        found, error = each.sample.evaluate(damping)
+        if abs(found - 1.0) < SURE * error + NEAR:
+            return "noise"
+        if abs(found * ratio - 1.0) < SURE * error * ratio + NEAR:
+            return "damping"
+    return ""
+
+
+def _lost(own: Problem) -> Function:
+    """Share of the energy that an impact takes, (S0 - 2 b E v^2) / F2."""
+
+    def share(values: Values) -> object:
+        left = own.intensity - 2.0 * own.damping_rate * values["velocity_std"] ** 2
+        return left / values["impact_speed_square_rate"]
+
+    return share
+
+
+def _elastic_stops(measured: Sequence[Measured]) -> Iterator[str]:
+    """Energy that stops take which should take none."""
+    found = [
+        (each.problem.name, *each.sample.evaluate(_lost(each.problem)))
+        for each in measured
+        if each.hit and each.problem.restitution == 1.0
+    ]
+    sure = [(name, share, error) for name, share, error in found if abs(share) > SURE * error]
+    if not sure:
+        return
+    name, share, error = max(sure, key=lambda entry: abs(entry[1]))
+    does, also = "give", ""
+    if share > 0.0:
+        does, also = "take", ", or the noise ends below the frequencies of motion between the stops"
+    yield (
+        f"elastic stops {does} {format_with_error(100.0 * abs(share), 100.0 * error)} % of the "
+        f"energy of an impact ({name}), and without stops the motion is right or was not asked: "
+        "impacts are taken at the end of the step (mirror the overshoot of a semi-implicit step, "
+        f"x = c - R (x - c), or end the step at the stop), or the restitution is not 1{also}"
+    )
+
+
+def _lossy_stops(measured: Sequence[Measured]) -> Iterator[str]:
+    """The restitution that was in fact simulated."""
+    for each in measured:
+        restitution = each.problem.restitution
+        if not each.hit or restitution in (None, 1.0):
+            continue
+        assert restitution is not None
+        share, error = each.sample.evaluate(_lost(each.problem))
+        if share >= 1.0 or abs(share - (1.0 - restitution**2)) <= SURE * error:
+            continue
+        seen = math.sqrt(1.0 - share)
+        told = (
+            f"stops with R = {restitution:g} act as with R = "
+            f"{format_with_error(seen, error / (2.0 * seen))} ({each.problem.name})"
+        )
+        for other, name in ((restitution**2, "R^2"), (math.sqrt(restitution), "the root of R")):
+            if abs(seen / other - 1.0) < NEAR:
+                told += f": {name} stands for R"
+        yield told
+        return
+
+
+def _clearance(measured: Sequence[Measured]) -> Iterator[str]:
+    """The clearance that was in fact simulated, where that is half or twice the true one."""
+    for each in measured:
+        own = each.problem
+        if not (each.hit and each.symmetric and each.has("displacement_std")):
+            continue
+
+        def clearance(values: Values, own: Problem = own) -> object:
+            assert own.restitution is not None
+            square = values["displacement_std"] ** 2 + values.get("displacement_mean", 0.0) ** 2
+            push = values["velocity_std"] ** 2 - own.omega**2 * square
+            return push / ((1.0 + own.restitution) * values["impact_speed_rate"])
+
+        found, _ = each.sample.evaluate(clearance)
+        for factor, name in (
+            (0.5, "half: a clearance is per side, not the total play"),
+            (2.0, "twice: the total play was taken for the clearance per side"),
+        ):
+            if abs(found / own.upper / factor - 1.0) < NEAR:
+                yield f"stops at {own.upper:g} m act as at {found:.3g} m, {name}"
+                return

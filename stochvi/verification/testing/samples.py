@@ -1,0 +1,353 @@
+"""What an integrator returns, as numbers with standard errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.results.estimates import Estimate
+from stochvi.verification.testing.problems import Problem
+
+Vector = NDArray[np.float64]
+Values = Mapping[str, Any]
+Function = Callable[[Values], Any]
+"""A function of the quantities, which may be numbers or arrays."""
+
+QUANTITIES = (
+    "displacement_mean",
+    "displacement_std",
+    "velocity_std",
+    "collision_rate",
+    "impact_speed_rate",
+    "impact_speed_square_rate",
+)
+"""The quantities that are judged: moments, hits per second, F1 and F2 (`QUANTITY_UNITS`).
+The deviation of the velocity and the rate show what that of the displacement hides."""
+
+AVERAGES = (
+    "displacement_mean",
+    "displacement_mean_square",
+    "velocity_mean_square",
+    "collision_rate",
+    "impact_speed_rate",
+    "impact_speed_square_rate",
+)
+"""Time averages of one path, from which they follow."""
+
+RECORDS = ("displacement", "velocity", "impact_speed", "impact_time")
+
+FEWEST_PATHS = 16
+"""Independent paths from which a standard error is taken."""
+
+BATCHES = 32
+"""Parts of a single long record."""
+
+SHORTEST_BATCH = 3.0
+"""Relaxation times in a batch, so that batches hardly know of each other."""
+
+
+class Sample(Protocol):
+    """Quantities of one scene, and functions of them, with standard errors."""
+
+    @property
+    def degrees(self) -> float:
+        """Degrees of freedom of the standard errors; infinite where they are not known."""
+
+    def names(self) -> Sequence[str]:
+        """Which of `QUANTITIES` there are."""
+
+    def evaluate(self, function: Function) -> tuple[float, float]:
+        """A function of the quantities, and its standard error; NaN if not finite."""
+
+
+@dataclass(frozen=True)
+class PathAverages:
+    """Time averages of independent paths, (paths,) each; errors by the jackknife.
+
+    Leaving out one path at a time, s^2 = (n - 1) / n sum (f_i - mean f)^2 (B. Efron and C. Stein,
+    Ann. Statist. 9 (1981) 586), holds for any smooth function of the averages.
+    """
+
+    averages: Mapping[str, Vector]
+
+    @property
+    def degrees(self) -> float:
+        return len(next(iter(self.averages.values()))) - 1.0
+
+    def names(self) -> Sequence[str]:
+        return [name for name in QUANTITIES if set(_needs(name)) <= set(self.averages)]
+
+    def evaluate(self, function: Function) -> tuple[float, float]:
+        columns = self.averages
+        if not all(np.all(np.isfinite(column)) for column in columns.values()):
+            return math.nan, math.nan
+        count = self.degrees + 1.0
+        means = {name: column.mean() for name, column in columns.items()}
+        others = {name: (count * means[name] - columns[name]) / self.degrees for name in columns}
+        without = np.asarray(function(_quantities(others)), dtype=float)
+        variance = self.degrees / count * float(np.sum((without - without.mean()) ** 2))
+        return float(function(_quantities(means))), math.sqrt(variance)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Finished quantities with standard errors, taken for independent of each other."""
+
+    estimates: Mapping[str, Estimate]
+    degrees: float = math.inf
+
+    def names(self) -> Sequence[str]:
+        return [name for name in QUANTITIES if name in self.estimates]
+
+    def evaluate(self, function: Function) -> tuple[float, float]:
+        """Errors by central differences over a standard error each way."""
+        values = {name: each.value for name, each in self.estimates.items()}
+        variance = 0.0
+        for name, each in self.estimates.items():
+            ends = [
+                function({**values, name: each.value + sign * each.standard_error})
+                for sign in (1.0, -1.0)
+            ]
+            variance += (0.5 * float(ends[0] - ends[1])) ** 2
+        return float(function(values)), math.sqrt(variance)
+
+
+def _needs(quantity: str) -> Sequence[str]:
+    if quantity == "displacement_std":
+        return ("displacement_mean", "displacement_mean_square")
+    return ("velocity_mean_square",) if quantity == "velocity_std" else (quantity,)
+
+
+def _quantities(means: Values) -> dict[str, Any]:
+    found = dict(means)
+    if set(_needs("displacement_std")) <= set(means):
+        variance = means["displacement_mean_square"] - means["displacement_mean"] ** 2
+        found["displacement_std"] = np.sqrt(np.maximum(variance, 0.0))
+    if "velocity_mean_square" in means:
+        found["velocity_std"] = np.sqrt(np.maximum(means["velocity_mean_square"], 0.0))
+    return found
+
+
+def sample_of(problem: Problem, returned: Mapping[str, Any]) -> Sample:
+    """What an integrator returned, in one of the three forms that `judge` takes."""
+    if not isinstance(returned, Mapping) or not returned:
+        got = "an empty dict" if returned == {} else type(returned).__name__
+        raise ValueError(
+            "integrator must return a dict of records, of averages of each path or of "
+            f"(value, standard error), got {got}"
+        )
+    known = {*RECORDS, *AVERAGES, *QUANTITIES}
+    for name in returned:
+        if name not in known:
+            raise ValueError(
+                f"integrator returned {name!r}, expected records ({', '.join(RECORDS)}) or "
+                f"quantities ({', '.join(dict.fromkeys((*AVERAGES, *QUANTITIES)))})"
+            )
+    if set(returned) & set(RECORDS):
+        return _from_records(problem, returned)
+    statistics = [_is_statistic(entry) for entry in returned.values()]
+    if all(statistics):
+        return Statistics({name: _estimate(name, entry) for name, entry in returned.items()})
+    if any(statistics):
+        raise ValueError("integrator returned a mixture of averages of paths and of statistics")
+    for name in returned:
+        if name not in AVERAGES:
+            square = name.replace("_std", "_mean_square")
+            raise ValueError(
+                f"integrator returned {name} of type {type(returned[name]).__name__}, expected a "
+                f"tuple (value, standard error); per path give {square}"
+            )
+    return _path_averages({name: _numbers(name, entry) for name, entry in returned.items()})
+
+
+def _numbers(name: str, entry: Any) -> NDArray[np.float64]:
+    """An array of real numbers."""
+    wanted = "an array of real numbers"
+    try:
+        array = np.asarray(entry)
+        if np.iscomplexobj(array):
+            wanted += ", not of complex ones"
+            raise TypeError
+        return np.asarray(array, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"integrator returned {name} of type {type(entry).__name__}, expected {wanted}, each "
+            "row of the same length"
+        ) from None
+
+
+def _is_statistic(entry: Any) -> bool:
+    return isinstance(entry, Estimate) or (isinstance(entry, tuple) and len(entry) == 2)
+
+
+def _estimate(name: str, entry: Any) -> Estimate:
+    try:
+        if isinstance(entry, Estimate):
+            found = entry
+        else:
+            value, error = (float(number) for number in entry)
+            found = Estimate(value=value, standard_error=error)
+    except (TypeError, ValueError) as reason:
+        raise ValueError(
+            f"integrator returned {name} = {entry!r}, expected (value, standard error): {reason}"
+        ) from None
+    # nothing seen is a statement, a number without an error is none
+    if found.standard_error == 0.0 and found.value != 0.0:
+        raise ValueError(
+            f"integrator returned {name} = {found.value:g} without a standard error, by which it "
+            "is judged; give (value, standard error) with an error above 0"
+        )
+    return found
+
+
+def _path_averages(columns: Mapping[str, Vector]) -> PathAverages:
+    shapes = {name: column.shape for name, column in columns.items()}
+    for name, shape in shapes.items():
+        if len(shape) != 1 or shape[0] < FEWEST_PATHS or shape != next(iter(shapes.values())):
+            raise ValueError(
+                f"integrator returned {name} of shape {shape}, expected one average for each of "
+                f"the same {FEWEST_PATHS} or more paths, or (value, standard error)"
+            )
+    return PathAverages(columns)
+
+
+def _from_records(problem: Problem, returned: Mapping[str, Any]) -> PathAverages:
+    """Averages of each path, or of each batch of a single one."""
+    columns: dict[str, Vector] = {}
+    records = {
+        name: _record(problem, name, returned[name])
+        for name in ("displacement", "velocity")
+        if name in returned
+    }
+    single = any(record.ndim == 1 for record in records.values())
+    for name in returned:
+        if name not in RECORDS:
+            raise ValueError(
+                f"integrator returned {name} beside records; give records alone, or averages alone"
+            )
+    if len({record.ndim for record in records.values()}) > 1:
+        raise ValueError(
+            "integrator returned displacement and velocity of a single path and of several; give "
+            "both of the same paths"
+        )
+    if "impact_speed" not in returned and "impact_time" in returned:
+        raise ValueError("integrator returned impact_time without impact_speed; give both")
+    for name, record in records.items():
+        parts = _parts(problem, record) if single else list(record)
+        if name == "displacement":
+            columns["displacement_mean"] = np.array([part.mean() for part in parts])
+        columns[f"{name}_mean_square"] = np.array([(part**2).mean() for part in parts])
+    if "impact_speed" in returned:
+        aligned = _aligned(_speeds(returned["impact_speed"]), records)
+        if aligned is not None:
+            parts = _parts(problem, aligned) if single else list(aligned)
+            seconds = problem.duration / (len(parts) if single else 1)
+        else:
+            parts = _events(problem, returned, records if single else {})
+            seconds = problem.duration / (BATCHES if single else 1)
+        speeds = [np.abs(part[part != 0.0]) for part in parts]
+        columns["collision_rate"] = np.array(
+            [np.sum(w > problem.speed_threshold) / seconds for w in speeds]
+        )
+        columns["impact_speed_rate"] = np.array([w.sum() / seconds for w in speeds])
+        columns["impact_speed_square_rate"] = np.array([(w**2).sum() / seconds for w in speeds])
+    return _path_averages(columns)
+
+
+def _record(problem: Problem, name: str, entry: Any) -> NDArray[np.float64]:
+    """(paths, samples), or (samples,) of a single path."""
+    record = _numbers(name, entry)
+    shape = record.shape
+    if record.ndim == 1 and record.size >= BATCHES:
+        return record
+    if record.ndim == 2 and shape[0] == problem.paths and shape[1] > 0:
+        return record
+    wanted = (
+        f"({problem.paths}, samples) of the paths asked for, or (samples,) of a single path, at "
+        f"least {BATCHES} of them"
+    )
+    hint = ""
+    if record.ndim == 2 and shape[1] == problem.paths:
+        hint = "; it seems to be transposed, paths come first"
+    elif record.ndim == 2 and shape[0] == 1:
+        hint = "; leave out the axis of length 1"
+    raise ValueError(f"integrator returned {name} of shape {shape}, expected {wanted}{hint}")
+
+
+def _speeds(entry: Any) -> Vector | list[Vector]:
+    """Impact speeds as one array, or as one of each path where their numbers differ."""
+    ragged = isinstance(entry, np.ndarray) and entry.dtype == object
+    if (isinstance(entry, Sequence) or ragged) and any(hasattr(each, "__len__") for each in entry):
+        return [_numbers("impact_speed", path) for path in entry]
+    return _numbers("impact_speed", entry)
+
+
+def _aligned(speeds: Vector | list[Vector], records: Mapping[str, Vector]) -> Vector | None:
+    """Impact speeds sample by sample, 0 for none; None if they are a list of events."""
+    shape = np.shape(speeds) if isinstance(speeds, np.ndarray) else _common_shape(speeds)
+    alike = any(shape == record.shape for record in records.values())
+    return np.asarray(speeds) if alike else None
+
+
+def _common_shape(rows: list[Vector]) -> tuple[int, ...]:
+    shapes = {row.shape for row in rows}
+    return (len(rows), *shapes.pop()) if len(shapes) == 1 else ()
+
+
+def _parts(problem: Problem, record: Vector) -> list[Vector]:
+    """A long record in batches."""
+    if problem.duration / BATCHES < SHORTEST_BATCH * problem.relaxation_time:
+        raise ValueError(
+            f"integrator returned a single path of {problem.duration:.3g} s, too short for "
+            f"{BATCHES} batches of {SHORTEST_BATCH:g} relaxation times; raise relaxations to "
+            f"{BATCHES * SHORTEST_BATCH:g} or more"
+        )
+    return list(np.array_split(record, BATCHES))
+
+
+def _events(
+    problem: Problem, returned: Mapping[str, Any], single: Mapping[str, Vector]
+) -> list[Vector]:
+    """Speeds of the impacts of each path, or of each batch of a single one with its records."""
+    speeds = _speeds(returned["impact_speed"])
+    if not single:
+        if len(speeds) != problem.paths or any(np.ndim(path) != 1 for path in speeds):
+            raise ValueError(
+                f"integrator returned impact_speed of shape {_said(speeds)}, expected one list of "
+                f"speeds for each of the {problem.paths} paths asked for, or the shape of the "
+                "records"
+            )
+        return list(speeds)
+    if "impact_time" not in returned:
+        raise ValueError(
+            "integrator returned impact_speed as a list of events of a single path, which needs "
+            "impact_time (s, from the end of the burn-in), got none"
+        )
+    times = _numbers("impact_time", returned["impact_time"])
+    if np.ndim(times) != 1 or np.shape(speeds) != times.shape:
+        raise ValueError(
+            f"integrator returned impact_time of shape {times.shape} for impact_speed of shape "
+            f"{_said(speeds)}, expected one time for each impact of the single path"
+        )
+    # the last sample may lie beyond the duration by less than one step
+    samples = min(len(record) for record in single.values())
+    latest = problem.duration * (1.0 + 1.0 / samples)
+    if not np.all((times >= 0.0) & (times <= latest)):
+        raise ValueError(
+            f"integrator returned impact_time from {times.min():g} to {times.max():g} s, expected "
+            f"0 to {problem.duration:g} s; times count from the end of the burn-in of "
+            f"{problem.burn_in:g} s, earlier impacts are left out"
+        )
+    batch = np.minimum((times / problem.duration * BATCHES).astype(int), BATCHES - 1)
+    return [np.asarray(speeds)[batch == number] for number in range(BATCHES)]
+
+
+def _said(speeds: Vector | list[Vector]) -> str:
+    if isinstance(speeds, np.ndarray):
+        return str(speeds.shape)
+    return str(_common_shape(speeds) or f"({len(speeds)}, different numbers)")

@@ -1,0 +1,253 @@
+"""The zoo: scenes that ship with answers that are known, and one verdict over many scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.scenes.datasets import zoo_files
+from stochvi.scenes.scene import Scene, load_scene
+from stochvi.verification.crosscheck import (
+    AGREES,
+    BALANCE,
+    DISAGREES,
+    FAMILY_ALARM_RATE,
+    Answers,
+    Check,
+    Comparison,
+    answers,
+    compare,
+    normal_quantile,
+    single_alarm_rate,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+WORST_SHOWN = 3
+"""Comparisons that a summary of a failed check names."""
+
+
+def zoo(*names: str) -> dict[str, Scene]:
+    """The scenes of `data/scenes/zoo`, by name: all of them, or those that are named.
+
+    Examples
+    --------
+    >>> scenes = zoo("linear", "lossy-0.5")
+    >>> scenes["lossy-0.5"].effects()
+    ('white noise on x', 'rigid stop lower', 'rigid stop upper')
+    >>> len(zoo()) >= 60
+    True
+    """
+    files = zoo_files()
+    unknown = [name for name in names if name not in files]
+    if unknown:
+        raise ValueError(
+            f"names must be scenes of the zoo, got {unknown[0]!r}; known: {', '.join(files)}"
+        )
+    return {name: load_scene(files[name]) for name in names or files}
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Checks:
+    """The verdict on many scenes, under one alarm rate.
+
+    `z` is the number of standard errors that one of the `judged` comparisons may differ by.
+    """
+
+    checks: Mapping[str, Check]
+    seeds: Mapping[str, int]
+    judged: int
+    z: float
+    rel_error: float | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether every scene was judged as sharply as asked for, and nothing disagrees."""
+        return bool(self.checks) and all(verdict.passed for verdict in self.checks.values())
+
+    @property
+    def alarms(self) -> list[tuple[str, Comparison]]:
+        """(scene, comparison) of everything that disagrees."""
+        return [
+            (name, row)
+            for name, verdict in self.checks.items()
+            for row in verdict.comparisons
+            if row.verdict == DISAGREES
+        ]
+
+    def summary(self) -> str:
+        """The verdict in a sentence."""
+        alarms = self.alarms
+        failed = [name for name, verdict in self.checks.items() if not verdict.passed]
+        if alarms:
+            worst = "; ".join(
+                f"{row.quantity}{' balance' if row.of == BALANCE else ''} of {name}"
+                for name, row in alarms[:WORST_SHOWN]
+            )
+            return f"{len(alarms)} of {self.judged} comparisons DISAGREE: {worst}"
+        if failed:
+            first = failed[0]
+            return f"{len(failed)} scenes were not judged: {first}: {self.checks[first].summary()}"
+        return (
+            f"{len(self.checks)} scenes, {self.judged} comparisons agree within {self.z:.2f} "
+            f"standard errors and the stated bias (alarm rate of all together "
+            f"{100.0 * FAMILY_ALARM_RATE:g} %)"
+        )
+
+    def __repr__(self) -> str:
+        return f"<checks: {self.summary()}>"
+
+    def _repr_html_(self) -> str:
+        return f"<b>{self.summary()}</b>{self.overview().to_html(index=False)}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per comparison of every scene."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {"scene": name, **vars(row)}
+                for name, verdict in self.checks.items()
+                for row in verdict.comparisons
+            ]
+        )
+
+    def overview(self) -> pd.DataFrame:
+        """One row per scene: what was judged, by which methods, and what was largest."""
+        import pandas as pd
+
+        return pd.DataFrame([_line(name, verdict) for name, verdict in self.checks.items()])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document, with every comparison of every scene."""
+        return {
+            "method": "check",
+            "passed": self.passed,
+            "summary": self.summary(),
+            "family_alarm_rate": FAMILY_ALARM_RATE,
+            "z": self.z,
+            "judged": self.judged,
+            "rel_error": self.rel_error,
+            "alarms": [{"scene": name, **vars(row)} for name, row in self.alarms],
+            "scenes": {
+                name: {
+                    "passed": verdict.passed,
+                    "summary": verdict.summary(),
+                    "seed": self.seeds.get(name),
+                    "methods": _methods(verdict),
+                    "comparisons": [dict(vars(row)) for row in verdict.comparisons],
+                    "left_out": list(verdict.left_out),
+                }
+                for name, verdict in self.checks.items()
+            },
+        }
+
+
+def _methods(verdict: Check) -> list[str]:
+    """The methods that were judged, the reference first."""
+    rows = [row for row in verdict.comparisons if row.verdict in (AGREES, DISAGREES)]
+    names = [row.reference for row in rows if row.of != BALANCE] + [row.method for row in rows]
+    return list(dict.fromkeys(names))
+
+
+BALANCES_ONLY = "balances hold"
+"""Verdict where nothing was compared: no second method confirms the one there is."""
+
+
+def _line(name: str, verdict: Check) -> dict[str, Any]:
+    rows = [row for row in verdict.comparisons if row.verdict in (AGREES, DISAGREES)]
+    scores = [abs(row.score) for row in rows if row.score is not None]
+    return {
+        "scene": name,
+        "methods": ", ".join(_methods(verdict)),
+        "comparisons": sum(row.of != BALANCE for row in rows),
+        "balances": sum(row.of == BALANCE for row in rows),
+        "largest score": max(scores, default=None),
+        "verdict": _word(verdict),
+    }
+
+
+def _word(verdict: Check) -> str:
+    judged = [row.of for row in verdict.comparisons if row.verdict in (AGREES, DISAGREES)]
+    if verdict.passed:
+        return "passed" if set(judged) != {BALANCE} else BALANCES_ONLY
+    if any(row.verdict == DISAGREES for row in verdict.comparisons):
+        return DISAGREES
+    return "stopped early" if verdict.stopped_early else "not judged"
+
+
+def check_many(
+    scenes: Mapping[str, Scene],
+    *,
+    rel_error: float = 0.01,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> Checks:
+    """`check` of many scenes, under one alarm rate for all their comparisons together.
+
+    The chance that any of the comparisons of any scene raises an alarm, though all methods are
+    right, is `FAMILY_ALARM_RATE` (Sidak over the total, which is safe where they depend on each
+    other). Each scene gets random numbers of its own, from the seed and its place.
+
+    Parameters
+    ----------
+    scenes
+        By name; `zoo()` are those that ship.
+    rel_error, seed, threads
+        As for `check`.
+    budget
+        Seconds for the simulation of one scene.
+    progress
+        Called with the fraction done and the name of a scene.
+
+    Examples
+    --------
+    >>> found = check_many(zoo("linear", "elastic-half-sigma"), rel_error=0.05)
+    >>> found.passed, len(found.checks)
+    (True, 2)
+    """
+    seeds = dict(zip(scenes, seeds_of(seed, len(scenes)), strict=True))
+    found: dict[str, Answers] = {}
+    for done, (name, scene) in enumerate(scenes.items()):
+        if progress:
+            progress(done / len(scenes), name)
+        found[name] = answers(
+            scene, rel_error=rel_error, seed=seeds[name], threads=threads, budget=budget
+        )
+    return compare_many(found, seeds, rel_error)
+
+
+def compare_many(
+    found: Mapping[str, Answers],
+    seeds: Mapping[str, int] | None = None,
+    rel_error: float | None = None,
+) -> Checks:
+    """Judge the answers to many scenes under one alarm rate; `check_many` finds them first."""
+    judged = sum(each.judged for each in found.values())
+    return Checks(
+        checks={
+            name: compare(each.responses, each.approximations, each.left_out, family=judged)
+            for name, each in found.items()
+        },
+        seeds=seeds or {},
+        judged=judged,
+        z=normal_quantile(single_alarm_rate(max(judged, 1))),
+        rel_error=rel_error,
+    )
+
+
+def seeds_of(seed: int, count: int) -> Sequence[int]:
+    """Seeds for so many independent simulations, from one.
+
+    >>> seeds_of(0, 2) == seeds_of(0, 3)[:2], len(set(seeds_of(0, 100)))
+    (True, 100)
+    """
+    words = np.random.SeedSequence(seed).generate_state(count, np.uint64)
+    return [int(word >> np.uint64(1)) for word in words]

@@ -1,0 +1,190 @@
+"""What an absorber does, for people: tables and pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.views.plots import COLOURS, length_unit
+from stochvi.views.tables import print_frame
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from stochvi.absorbers.design import Design
+    from stochvi.absorbers.performance import AbsorberReport, Performance
+
+SURE = 4.0
+"""Standard errors from which an absorber is said to make things worse."""
+
+RATIO_LABEL = "rms displacement with / without absorber"
+
+
+def print_absorber(console: Console, found: AbsorberReport) -> None:
+    """Verdict first, then one row per level, then what the numbers mean."""
+    console.print(verdict(found), style="bold", highlight=False)
+    rows = [_level_row(each) for each in found.performances]
+    print_frame(console, pd.DataFrame(rows), f"motion of {found.carrier!r}, by level")
+    rows = [_impact_row(each) for each in found.performances]
+    print_frame(console, pd.DataFrame(rows), "what the impacts do")
+    for line in (
+        "ratio: rms displacement with the absorber over that without, which is exact; its 95 % "
+        "interval holds the bias of the step",
+        "peak factor: largest displacement from the mean in 100 periods, over the rms",
+        "0.43774(94) is 0.43774 with a standard error of 0.00094",
+        "hits: of all units together; wall force: mean over time of its magnitude, all walls; "
+        "absorbed: share of the supplied power that impacts take",
+    ):
+        console.print(line, style="dim", highlight=False)
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def verdict(found: AbsorberReport) -> str:
+    """What the absorber does at the level of the scene, in a sentence."""
+    central = found.central
+    low, high = central.interval()
+    surely_worse = central.ratio.value - (central.ratio.bias or 0.0) > (
+        1.0 + SURE * central.ratio.standard_error
+    )
+    units = len(found.masses)
+    masses = "a mass" if units == 1 else f"{units} masses"
+    mass = f"{masses} of {100.0 * found.mass_ratio:.3g} % of the structure"
+    if surely_worse:
+        makes = "makes" if units == 1 else "make"
+        return f"{mass} {makes} it worse: rms displacement {low:.3f} to {high:.3f} of that without"
+    if high >= 1.0:
+        return (
+            f"{mass} cannot be said to help: rms displacement {low:.3f} to {high:.3f} of that "
+            "without"
+        )
+    return (
+        f"{mass}: rms displacement {central.ratio.value:.3f} of that without "
+        f"(95 % interval {low:.3f} to {high:.3f})"
+    )
+
+
+def _level_row(each: Performance) -> dict[str, str]:
+    low, high = each.interval()
+    row = {
+        "level (dB)": f"{each.level_db:+g}",
+        "ratio": f"{each.ratio.value:.3f}",
+        "95 % interval": f"{low:.3f} to {high:.3f}",
+        "rms (m)": in_words(each.displacement_std),
+        "without": f"{each.displacement_std_without:.4g}",
+        "peak factor": in_words(each.peak_factor),
+        "without ": in_words(each.peak_factor_without),
+    }
+    if each.acceleration_std is not None:
+        row["abs. acc. (m/s^2)"] = in_words(each.acceleration_std)
+        row[" without"] = f"{each.acceleration_std_without:.3g}"
+    return row
+
+
+def _impact_row(each: Performance) -> dict[str, str]:
+    return {
+        "level (dB)": f"{each.level_db:+g}",
+        "hits per period": in_words(each.impacts_per_period),
+        "wall force (N)": in_words(each.wall_force),
+        "impulse (N s)": in_words(each.impulse),
+        "absorbed": in_words(each.absorbed_share),
+    }
+
+
+def in_words(estimate: Estimate | None) -> str:
+    """A value with its standard error in brackets."""
+    return "-" if estimate is None else format_with_error(estimate.value, estimate.standard_error)
+
+
+def print_design(console: Console, found: Design) -> None:
+    """The best box in a sentence, the robust one, and the candidates."""
+    best, robust = found.best, found.robust
+    units = "one unit" if found.units == 1 else f"{found.units} units"
+    console.print(
+        f"best: {units}, restitution {found.restitution:g}, play {best.play:.4g} m "
+        f"(95 % interval {best.play_low:.4g} to {best.play_high:.4g}; as good within its error: "
+        f"{best.low:.4g} to {best.high:.4g}), rms ratio {in_words(best.ratio)}",
+        style="bold",
+        highlight=False,
+    )
+    console.print(
+        f"for levels from -{found.level_range_db:g} to +{found.level_range_db:g} dB: play "
+        f"{robust.play:.4g} m, rms ratio at worst {in_words(robust.ratio)}",
+        highlight=False,
+    )
+    columns = {
+        "restitution": "restitution",
+        "units": "units",
+        "play": "play (m)",
+        "play_in_sigma": "play/sigma",
+        "rms_ratio": "rms ratio",
+        "rms_ratio_error": "its error",
+    }
+    print_frame(console, found.candidates.rename(columns=columns), "candidates, best first")
+    console.print(
+        f"sigma = {found.sigma:.4g} m, rms displacement without absorber; total play, wall to wall",
+        style="dim",
+        highlight=False,
+    )
+
+
+def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:
+    """rms ratio against level, with 95 % intervals."""
+    ax = _axes(ax)
+    levels = [each.level_db for each in found.performances]
+    ratios = np.array([each.ratio.value for each in found.performances])
+    low, high = np.array([each.interval() for each in found.performances]).T
+    ax.errorbar(
+        levels, ratios, yerr=[ratios - low, high - ratios], fmt="o-", capsize=3,
+        color=COLOURS["simulate"],
+    )  # fmt: skip
+    ax.axhline(1.0, color=COLOURS["stop"], linestyle="--", linewidth=1.0)
+    ax.text(levels[0], 1.0, "no absorber", va="bottom", color=COLOURS["stop"])
+    ax.set_xlabel("level of the excitation (dB)")
+    ax.set_ylabel(RATIO_LABEL)
+    ax.set_ylim(0.0, max(1.1, 1.05 * float(high.max())))
+    ax.set_title(f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass")
+    return ax
+
+
+def draw_design(found: Design, ax: Axes | None = None) -> Axes:
+    """rms ratio against play for every candidate, and the best box with its interval."""
+    ax = _axes(ax)
+    unit, name = length_unit(found.best.play)
+    shades = plt.get_cmap("viridis")
+    laws, splits = (sorted(found.curve[name].unique()) for name in ("restitution", "units"))
+    for (restitution, units), rows in found.curve.groupby(["restitution", "units"]):
+        points = rows.sort_values("play")
+        shade = 0.85 * laws.index(restitution) / max(len(laws) - 1, 1)
+        ax.errorbar(
+            points["play"] / unit, points["rms_ratio"], yerr=2.0 * points["rms_ratio_error"],
+            marker="o", linestyle=("-", "--", ":", "-.")[splits.index(units) % 4],
+            markersize=3.5, linewidth=1.2, capsize=2, color=shades(shade),
+            label=f"R = {restitution:g}" + ("" if units == 1 else f", {units} units"),
+        )  # fmt: skip
+    best = found.best
+    ax.axvspan(
+        best.low / unit, best.high / unit, color=COLOURS["stop"], alpha=0.25, linewidth=0,
+        label="as good as the best",
+    )  # fmt: skip
+    ax.set_xscale("log")
+    ticks = [t for t in (0.5, 1, 2, 5, 10, 20, 50, 100) if ax.get_xlim()[0] < t < ax.get_xlim()[1]]
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
+    ax.set_xlabel(f"total play of the box ({name})")
+    ax.set_ylabel(RATIO_LABEL)
+    ax.set_ylim(0.0, 1.05)
+    ax.legend(frameon=False)
+    return ax
+
+
+def _axes(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
+    _, made = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
+    return made

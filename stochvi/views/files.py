@@ -1,0 +1,92 @@
+"""Answers on disk: CSV tables, JSON documents, PNG pictures."""
+
+from __future__ import annotations
+
+import errno
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stochvi.results.atomic_files import write_whole
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+    from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.scenes.scene import Scene
+
+
+def to_json(document: Mapping[str, Any]) -> str:
+    """The text of a JSON document; refuses NaN and infinity."""
+    return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def write_json(document: Mapping[str, Any], target: str) -> None:
+    """Write a document to a file, or to standard output where `target` is "-"."""
+    text = to_json(document) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        write_text(text, Path(target))
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write a file whole or not at all; a link is followed, a pipe or device is written to."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        path.write_text(text, encoding="utf-8")
+        return
+    # the folder of what a link names, and otherwise the one that was asked for
+    _make_folder(path.resolve().parent if path.is_symlink() else path.parent)
+    write_whole(text.encode(), path)
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise NotADirectoryError(errno.ENOTDIR, "Is a file, expected a folder", str(path)) from None
+
+
+def write_table(frame: pd.DataFrame, path: Path) -> None:
+    """A CSV table with all the digits of its numbers."""
+    write_text(frame.to_csv(index=False), path)
+
+
+def write_picture(ax: Axes, path: Path) -> None:
+    """A PNG of the figure that holds these Axes; the figure is closed."""
+    import matplotlib.pyplot as plt
+
+    _make_folder(path.parent)
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def write_clearance(scene: Scene, curve: pd.DataFrame, folder: Path) -> None:
+    """Hit rate against clearance as `clearance.csv` and `clearance.png`."""
+    import numpy as np
+
+    from stochvi.isolators.screening import predicted_rates
+    from stochvi.views.plots import draw_clearance
+
+    write_table(curve, folder / "clearance.csv")
+    grid = np.linspace(curve["clearance"].min(), curve["clearance"].max(), 61)
+    ax = draw_clearance(curve, predicted_rates(scene, list(grid)), scene.title)
+    write_picture(ax, folder / "clearance.png")
+
+
+def write_sizing(sizing: Sizing, folder: Path, sensitivity: pd.DataFrame | None = None) -> None:
+    """The answer as `size.json` and `risk.png`, its tables as CSV."""
+    from stochvi.views.sizing import draw_sizing
+
+    write_text(to_json(sizing.to_dict()) + "\n", folder / "size.json")
+    write_table(sizing.curve, folder / "risk.csv")
+    write_table(sizing.required, folder / "required.csv")
+    write_table(sizing.simulated, folder / "hits.csv")
+    write_picture(draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
+    if sensitivity is not None:
+        write_table(sensitivity, folder / "sensitivity.csv")

@@ -1,0 +1,252 @@
+"""The report of an absorber: what it does to its structure, or the best box for its mass."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from stochvi.absorbers.design import BestBox, Design
+from stochvi.absorbers.performance import AbsorberReport, Performance
+from stochvi.results.estimates import Cost, Estimate
+from stochvi.scenes.scene import Scene
+from stochvi.views.absorbers import draw_design, draw_levels, in_words, verdict
+from stochvi.views.files import write_text
+from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
+from stochvi.views.report.words import UNKNOWN, four_digits, with_interval
+
+
+def write_absorber_report(found: AbsorberReport | Design, folder: str | Path) -> Path:
+    """Write `report.html`, one page that needs nothing beside it; returns its path."""
+    page = design_page(found) if isinstance(found, Design) else performance_page(found)
+    path = Path(folder) / "report.html"
+    write_text(page.html(), path)
+    return path
+
+
+def performance_page(found: AbsorberReport) -> Page:
+    """What an absorber does, over levels."""
+    central = found.central
+    low, high = central.interval()
+    return Page(
+        title=found.scene.title or "Impact absorber",
+        subtitle=f"What loose masses in boxes do to {found.carrier!r} under random excitation",
+        verdict=_sentence(verdict(found)),
+        cards=[
+            Fact(
+                "rms displacement",
+                f"{100.0 * central.ratio.value:.1f} %",
+                f"of that without absorber; {100.0 * low:.1f} to {100.0 * high:.1f} % (95 %)",
+            ),
+            Fact("Mass", f"{100.0 * found.mass_ratio:.3g} %", "absorber over structure"),
+            Fact(
+                "Impacts",
+                f"{central.impacts_per_period.value:.2g} per period",
+                "of the structure's motion, all units together",
+            ),
+            Fact(
+                "Absorbed",
+                UNKNOWN
+                if central.absorbed_share is None
+                else f"{100.0 * central.absorbed_share.value:.0f} %",
+                "of the power that the excitation supplies",
+            ),
+        ],
+        warnings=list(found.warnings),
+        sections=[
+            _scene(found.scene),
+            Section(
+                title="Motion of the structure",
+                lead="Displacements are rms about the mean; without the absorber they are exact, "
+                "with it simulated. The 95 % interval of the ratio holds the bias of the step. The "
+                "peak factor is the largest displacement from the mean in 100 periods, over the "
+                "rms.",
+                grids=[_motion(found)],
+                pictures=[
+                    shown(draw_levels(found), "The same over the level of the excitation, 95 %.")
+                ],
+            ),
+            Section(
+                title="Impacts",
+                lead="Rates count impacts faster than the threshold that the warnings name; forces "
+                "and powers count all. The wall force is the mean over time of its magnitude, all "
+                "walls together.",
+                grids=[_impacts(found)],
+            ),
+            _verification(found),
+            _limits(
+                "A rigid wall knows no peak force: that needs its stiffness.",
+                "The absorber is taken to move already: from exact rest in a wide box a mass lies "
+                "idle until the structure first reaches it.",
+            ),
+        ],
+        footer=_footer(found.cost),
+    )
+
+
+def design_page(found: Design) -> Page:
+    """The best box for a mass."""
+    best, robust = found.best, found.robust
+    units = "one unit" if found.units == 1 else f"{found.units} units"
+    return Page(
+        title=found.scene.title or "Design of an impact absorber",
+        subtitle=f"The best box for {found.mass:.4g} kg in all",
+        verdict=f"{units}, restitution {found.restitution:g}, total play {best.play:.4g} m: rms "
+        f"displacement {100.0 * best.ratio.value:.1f} % of that without absorber.",
+        cards=[
+            Fact(
+                "Total play, wall to wall",
+                f"{four_digits(best.play)} m",
+                f"{best.play / found.sigma:.2f} times the rms displacement without absorber",
+            ),
+            Fact(
+                "As good within its error",
+                f"{best.low:.3g} to {best.high:.3g} m",
+                "the optimum is broad: the box need be no more exact",
+            ),
+            Fact("rms displacement", f"{100.0 * best.ratio.value:.1f} %", "of that without"),
+            Fact(
+                f"For levels of ± {found.level_range_db:g} dB",
+                f"{four_digits(robust.play)} m",
+                f"at worst {100.0 * robust.ratio.value:.1f} % of that without",
+            ),
+        ],
+        sections=[
+            _scene(found.scene),
+            Section(
+                title="Choice of the box",
+                lead="Each point is a simulation with the same random numbers; the best play is "
+                "that of the curve through the points, its interval that of curves drawn within "
+                "their errors. One curve holds all levels: a level raised by 20 log r decibels "
+                "acts like a play r times smaller.",
+                grids=[_boxes(best, robust, found.level_range_db), _candidates(found)],
+                pictures=[shown(draw_design(found), "rms ratio over play; bars: two errors.")],
+            ),
+            _limits("Rigid walls, no friction, no gravity."),
+        ],
+        footer=_footer(found.cost),
+    )
+
+
+def _scene(scene: Scene) -> Section:
+    masses = scene.absorber.mass_on if scene.absorber else ()
+    coordinates = scene.structure.coordinates
+    mass = scene.structure.matrices[0]
+    facts = [
+        Fact(name, f"{mass[row, row]:.4g} kg", "absorber" if name in masses else "structure")
+        for row, name in enumerate(coordinates)
+    ]
+    for pair in scene.impact_pairs:
+        stops = ", ".join(
+            f"{side} wall at {getattr(pair, side):+.4g} m, restitution {law.restitution:g}"
+            for side, law in pair.stops()
+        )
+        facts.append(Fact(f"Box {pair.name!r}", stops, "relative displacement in the box"))
+    facts += [Fact("Effect", effect) for effect in scene.effects() if "stop" not in effect]
+    return Section(title="Scene", facts=facts)
+
+
+def _motion(found: AbsorberReport) -> Grid:
+    accelerated = any(each.acceleration_std is not None for each in found.performances)
+    headings = ["level", "ratio", "rms with (m)", "rms without (m)", "peak factor", "without"]
+    rows = []
+    for each in found.performances:
+        low, high = each.interval()
+        row = [
+            f"{each.level_db:+g} dB",
+            f"{each.ratio.value:.3f}\n{low:.3f} to {high:.3f}",
+            with_interval(each.displacement_std, 1.0),
+            f"{each.displacement_std_without:.4g}",
+            with_interval(each.peak_factor, 1.0),
+            with_interval(each.peak_factor_without, 1.0),
+        ]
+        if accelerated:
+            row += [
+                with_interval(each.acceleration_std, 1.0),
+                f"{each.acceleration_std_without:.4g}",
+            ]
+        rows.append(row)
+    if accelerated:
+        headings += ["abs. acceleration rms (m/s²)", "without"]
+    return Grid(caption="by level of the excitation", headings=headings, rows=rows)
+
+
+def _impacts(found: AbsorberReport) -> Grid:
+    def row(each: Performance) -> list[str]:
+        return [
+            f"{each.level_db:+g} dB",
+            with_interval(each.impacts_per_period, 1.0),
+            with_interval(each.wall_force, 1.0),
+            with_interval(each.impulse, 1.0),
+            with_interval(each.absorbed_share, 1.0),
+        ]
+
+    return Grid(
+        caption="by level of the excitation",
+        headings=["level", "impacts per period", "wall force (N)", "impulse (N s)", "absorbed"],
+        rows=[row(each) for each in found.performances],
+    )
+
+
+def _boxes(best: BestBox, robust: BestBox, range_db: float) -> Grid:
+    def row(name: str, box: BestBox) -> list[str]:
+        return [
+            name,
+            f"{box.play:.4g}\n{box.play_low:.4g} to {box.play_high:.4g}",
+            with_interval(box.ratio, 1.0),
+            f"{box.low:.4g} to {box.high:.4g}",
+        ]
+
+    return Grid(
+        caption="Best boxes, with 95 % intervals",
+        headings=["for", "play (m)", "rms ratio", "as good (m)"],
+        rows=[row("this level", best), row(f"the worst of ± {range_db:g} dB", robust)],
+    )
+
+
+def _candidates(found: Design) -> Grid:
+    rows = [
+        [
+            f"{each['restitution']:g}",
+            f"{each['units']:g}",
+            f"{each['play']:.4g}",
+            in_words(Estimate(value=each["rms_ratio"], standard_error=each["rms_ratio_error"])),
+        ]
+        for each in found.candidates.to_dict("records")
+    ]
+    return Grid(
+        caption="Candidates, best first",
+        headings=["restitution", "units", "play (m)", "rms ratio"],
+        rows=rows,
+        words=0,
+    )
+
+
+def _verification(found: AbsorberReport) -> Section:
+    central = found.central.response
+    facts = [
+        Fact(f"Balance of {name}", in_words(residual), "relative to its largest term; 0 is right")
+        for name, residual in central.identities.items()
+    ]
+    return Section(
+        title="Verification",
+        facts=facts,
+        notes=[f"assumed: {text}" for text in central.assumptions],
+    )
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _limits(*own: str) -> Section:
+    return Section(
+        title="Limits", notes=[*own, "Stationary values of a linear structure and rigid walls."]
+    )
+
+
+def _footer(cost: Cost) -> list[str]:
+    import stochvi
+
+    return [
+        f"stochvi {stochvi.__version__}",
+        f"{cost.paths} paths, {cost.steps:.3g} steps, {cost.wall_time:.3g} s of simulation",
+    ]

@@ -1,0 +1,132 @@
+"""A report as one self-contained HTML page, from sections of facts, tables and pictures."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+TEMPLATE = "report.html"
+
+BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|mm|m|m/s|g|Hz|kg|N|h|s|min|dB|sigma|rms)\b|%)|(?<=±) ")
+"""The blank between a number and its unit."""
+
+
+class Fact(NamedTuple):
+    """A quantity in words, its value with its unit, and a remark."""
+
+    name: str
+    value: str
+    remark: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """A table: `headings` over `rows`, all as text; `numeric` columns are set flush right."""
+
+    caption: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: int = 1
+    """How many columns from the left hold words."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A picture as a data URI, and what it shows."""
+
+    uri: str
+    caption: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A part of a report; empty ones are left out of the page."""
+
+    title: str
+    lead: str = ""
+    facts: Sequence[Fact] = ()
+    grids: Sequence[Grid] = ()
+    pictures: Sequence[Picture] = ()
+    notes: Sequence[str] = ()
+
+    @property
+    def anchor(self) -> str:
+        """Name of the section in links."""
+        return "".join(letter if letter.isalnum() else "-" for letter in self.title.lower())
+
+    @property
+    def empty(self) -> bool:
+        """Whether it says nothing."""
+        return not (self.lead or self.facts or self.grids or self.pictures or self.notes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A report: the verdict first, then what it rests on.
+
+    Parameters
+    ----------
+    title, subtitle
+        What was asked of what.
+    verdict
+        One sentence.
+    cards
+        The few numbers that a reader takes away.
+    warnings
+        What must be known before any number is believed.
+    sections
+        The evidence.
+    footer
+        Versions, seed, date: what is needed to make the page again.
+    """
+
+    title: str
+    subtitle: str
+    verdict: str
+    cards: Sequence[Fact]
+    sections: Sequence[Section]
+    warnings: Sequence[str] = ()
+    footer: Sequence[str] = ()
+
+    def html(self) -> str:
+        """The page; it needs no other file, no network and no script."""
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
+        environment = Environment(
+            loader=PackageLoader("stochvi.views.report"),
+            autoescape=True,
+            undefined=StrictUndefined,
+            finalize=_tied,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        kept = [section for section in self.sections if not section.empty]
+        return environment.get_template(TEMPLATE).render(page=self, sections=kept) + "\n"
+
+
+def _tied(value: object) -> object:
+    """A number is never parted from its unit by the end of a line."""
+    plain = isinstance(value, str) and not hasattr(value, "__html__")
+    return BEFORE_UNIT.sub("\u00a0", str(value)) if plain else value
+
+
+def shown(ax: Axes, caption: str) -> Picture:
+    """The figure of these Axes as SVG with letters as outlines, closed; the same bytes for the
+    same figure."""
+    import matplotlib.pyplot as plt
+
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    memory = io.BytesIO()
+    with plt.rc_context({"svg.fonttype": "path", "svg.hashsalt": "stochvi"}):
+        figure.savefig(memory, format="svg", metadata={"Date": None, "Creator": None})
+    plt.close(figure)
+    encoded = base64.b64encode(memory.getvalue()).decode("ascii")
+    return Picture(uri=f"data:image/svg+xml;base64,{encoded}", caption=caption)

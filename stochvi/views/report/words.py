@@ -1,0 +1,77 @@
+"""Numbers in words: units that engineers read, intervals, nothing rounded to nothing."""
+
+from __future__ import annotations
+
+import math
+
+from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import GAUSSIAN_95
+
+MM = 1e3
+"""Millimetres in a metre."""
+
+G = 1.0 / STANDARD_GRAVITY
+"""g in a metre per second squared."""
+
+UNKNOWN = "not known"
+
+MOST_PLACES = 5
+"""After the point; smaller numbers are written with a power of ten."""
+
+
+def millimetres(metres: float) -> str:
+    """Four digits, zeros among them.
+
+    >>> millimetres(0.0059712), millimetres(0.012), millimetres(1.2345)
+    ('5.971 mm', '12.00 mm', '1234 mm')
+    """
+    return f"{four_digits(MM * metres)} mm"
+
+
+def four_digits(number: float) -> str:
+    """Four digits, zeros among them."""
+    return f"{number:#.4g}".rstrip(".")
+
+
+def limits_of(low: float, high: float) -> str:
+    """Two limits, m, in millimetres; where four digits do not tell them apart, half their distance.
+
+    >>> limits_of(0.01097, 0.01108), limits_of(0.0012173527, 0.0012173552)
+    ('10.97 to 11.08 mm', '± 0.0001 %')
+    """
+    texts = [four_digits(MM * value) for value in (low, high)]
+    if texts[0] == texts[1]:
+        return f"± {100.0 * (high - low) / (high + low):.1g} %"
+    return f"{texts[0]} to {texts[1]} mm"
+
+
+def with_interval(estimate: Estimate | None, factor: float) -> str:
+    """A value, on a second line its 95 % interval; an upper limit of what was never seen.
+
+    >>> with_interval(Estimate(value=0.2498, standard_error=0.0096), 1.0)
+    '0.250\\n0.231 to 0.269'
+    """
+    if estimate is None:
+        return UNKNOWN
+    if estimate.upper_95 is not None:
+        return f"0\nbelow {factor * estimate.upper_95:.2g}"
+    half = factor * GAUSSIAN_95 * estimate.standard_error
+    value = factor * estimate.value
+    if half == 0.0:
+        return f"{value:.4g}"
+    places = 1 - math.floor(math.log10(half))
+    if not 0 <= places <= MOST_PLACES:
+        return f"{value:.3g}\n{value - half:.3g} to {value + half:.3g}"
+    return f"{value:.{places}f}\n{value - half:.{places}f} to {value + half:.{places}f}"
+
+
+def count_of(number: float) -> str:
+    """A number of things, three digits of it.
+
+    >>> count_of(0.25), count_of(12.34), count_of(976.4), count_of(88623.0), count_of(2.5e7)
+    ('0.25', '12.3', '976', '88 600', '2.5e+07')
+    """
+    if not 100.0 <= number < 1e6:
+        return f"{number:.3g}"
+    return f"{float(f'{number:.3g}'):,.0f}".replace(",", " ")

@@ -1,0 +1,538 @@
+"""Impact absorbers: the exact law at R = 1, balances, what is known of the best box."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from statistical import Z, assert_agrees
+
+from stochvi import (
+    Absorber,
+    Estimate,
+    Isolator,
+    NotApplicable,
+    Oscillator,
+    Restitution,
+    Scene,
+    SceneError,
+    Sine,
+    TabulatedNoise,
+    Viscoelastic,
+    WhiteNoise,
+    absorber,
+    design_absorber,
+    load_scene,
+    simulate,
+)
+from stochvi.absorbers.design import GRID, _best_box, alone
+from stochvi.absorbers.performance import linear_rms, without_absorber
+from stochvi.cli import main
+from stochvi.scenes.excitations import ConstantLoad, FilteredNoise
+from stochvi.scenes.structures import Matrices
+from stochvi.views.absorbers import verdict
+from stochvi.views.report.absorber import design_page
+
+LIGHTLY_DAMPED = Oscillator(mass=1.0, damping=0.02, stiffness=1.0)
+UNIT_RMS = WhiteNoise(intensity=0.04)
+"""Of which the oscillator above has an rms displacement of 1 m."""
+
+
+def boxed(
+    play: float, restitution: float, mass: float = 0.1, units: int = 1, **attached: float
+) -> Scene:
+    return Scene(
+        structure=LIGHTLY_DAMPED,
+        absorber=Absorber(
+            mass=mass, play=play, units=units, law=Restitution(coefficient=restitution), **attached
+        ),
+        excitations=[UNIT_RMS],
+    )
+
+
+def test_the_short_form_is_the_matrices_written_out() -> None:
+    law = Restitution(coefficient=0.5)
+    scene = boxed(2.0, 0.5, units=2, stiffness=0.4, damping=0.02)
+    assert scene.structure == Matrices(
+        coordinates=("structure", "absorber 1", "absorber 2"),
+        mass=[[1.0, 0, 0], [0, 0.05, 0], [0, 0, 0.05]],
+        damping=[[0.04, -0.01, -0.01], [-0.01, 0.01, 0], [-0.01, 0, 0.01]],
+        stiffness=[[1.4, -0.2, -0.2], [-0.2, 0.2, 0], [-0.2, 0, 0.2]],
+    )
+    assert [pair.name for pair in scene.impact_pairs] == ["box 1", "box 2"]
+    assert scene.impact_pairs[1].between == ("absorber 2", "structure")
+    assert (scene.impact_pairs[0].lower, scene.impact_pairs[0].upper) == (-1.0, 1.0)
+    assert scene.impact_pairs[0].law == law
+    assert scene.excitations[0].on == "structure"
+    assert Scene(**scene.document()) == scene
+
+
+def two_different(restitution: float, units: int) -> Scene:
+    """A free unit and some sprung ones in boxes of another size, on a structure with theta = 1."""
+    law = Restitution(coefficient=restitution)
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        absorber=[
+            Absorber(mass=0.06, play=2.0, law=law),
+            Absorber(mass=0.08, lower=-0.4, upper=0.6, units=units, stiffness=0.2, law=law),
+        ],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+
+def test_units_that_differ_are_a_list_of_absorbers() -> None:
+    scene = two_different(0.5, 2)
+    assert scene.structure == Matrices(
+        coordinates=("structure", "absorber 1", "absorber 2", "absorber 3"),
+        mass=np.diag([1.0, 0.06, 0.04, 0.04]),
+        damping=np.diag([0.1, 0.0, 0.0, 0.0]),
+        stiffness=[[1.2, 0, -0.1, -0.1], [0, 0, 0, 0], [-0.1, 0, 0.1, 0], [-0.1, 0, 0, 0.1]],
+    )
+    assert [(pair.lower, pair.upper) for pair in scene.impact_pairs] == [
+        (-1.0, 1.0), (-0.4, 0.6), (-0.4, 0.6),
+    ]  # fmt: skip
+    assert scene.absorber.mass_on == ("absorber 1", "absorber 2", "absorber 3")
+    assert Scene(**json.loads(json.dumps(scene.document()))) == scene
+
+
+def test_different_units_that_lose_nothing_share_energy() -> None:
+    """Every unit has m E v^2 = theta, and free ones hit at sigma_rel sqrt(2 / pi) / d."""
+    response = simulate(two_different(1.0, 1), rel_error=0.03)
+    assert_agrees(response.coordinates["structure"]["displacement_mean_square"], 1.0)
+    for name, mass in (("absorber 1", 0.06), ("absorber 2", 0.08)):
+        assert_agrees(response.coordinates[name]["velocity_mean_square"], 1.0 / mass)
+    rate = math.sqrt((1.0 + 1.0 / 0.06) * 2.0 / math.pi) / 2.0
+    assert_agrees(response.impact_pairs["box 1"]["collision_rate"], rate)
+    # negative control: the rate of the box of the other unit
+    with pytest.raises(AssertionError):
+        assert_agrees(response.impact_pairs["box 2"]["collision_rate"], rate)
+
+
+def test_different_units_that_lose_energy_keep_their_balances() -> None:
+    response = simulate(two_different(0.5, 1), rel_error=0.03)
+    assert response.identities
+    for residual in response.identities.values():
+        assert abs(residual.value) <= Z * residual.standard_error + (residual.bias or 0.0)
+
+
+def test_a_list_of_absorbers_in_a_file(tmp_path) -> None:
+    file = tmp_path / "tower.toml"
+    unit = 'law = { kind = "restitution", coefficient = 0.5 }\n'
+    file.write_text(
+        '[structure]\nkind = "oscillator"\nmass = 1.0\ndamping = 0.02\nstiffness = 1.0\n'
+        f"[[absorber]]\nmass = 0.05\nplay = 2.0\n{unit}"
+        f"[[absorber]]\nmass = 0.02\nplay = 3.0\n{unit}"
+        '[[excitation]]\nkind = "white"\nintensity = 0.04\n'
+    )
+    assert [pair.upper for pair in load_scene(file).impact_pairs] == [1.0, 1.5]
+    file.write_text(file.read_text().replace("mass = 0.02", "mass = -0.02"))
+    with pytest.raises(SceneError, match=r"absorber\.1\.mass must be greater than 0"):
+        load_scene(file)
+
+
+@pytest.mark.parametrize(
+    ("absorbers", "sentence"),
+    [
+        ([], "absorber needs at least one entry"),
+        ([{"mass_on": "x"}], r"absorber\.0 of a list needs mass, play and law"),
+        ([3.0], r"absorber\.0 must be a table of keys"),
+        (
+            [{"mass": 0.1, "play": 1.0, "units": 40, "law": Restitution(coefficient=0.5)}] * 2,
+            "absorber takes at most 64 units, got 80",
+        ),
+    ],
+)
+def test_bad_lists_of_absorbers_are_refused(absorbers, sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        Scene(structure=LIGHTLY_DAMPED, absorber=absorbers, excitations=[UNIT_RMS])
+
+
+def test_a_scene_file_may_use_either_form(tmp_path) -> None:
+    file = tmp_path / "tower.toml"
+    file.write_text(
+        """
+        [structure]
+        kind = "isolator"
+        mass = 2.0
+        frequency_hz = 10.0
+        zeta = 0.01
+        [absorber]
+        mass = 0.1
+        play = 0.004
+        law = { kind = "restitution", coefficient = 0.5 }
+        [[excitation]]
+        kind = "white"
+        density = 0.001
+        unit = "g2/Hz"
+        [[excitation]]
+        kind = "sine"
+        on = "x"
+        amplitude = 1.0
+        frequency_hz = 5.0
+        """
+    )
+    scene = load_scene(file)
+    assert [each.on for each in scene.excitations] == ["base", "structure"]
+    document = scene.document()
+    assert document["absorber"]["mass_on"] == ["absorber"]
+    assert Scene(**json.loads(json.dumps(document))) == scene
+
+
+@pytest.mark.parametrize(
+    ("attached", "sentence"),
+    [
+        ({"mass": -0.1, "play": 1.0}, "absorber.mass must be greater than 0"),
+        ({"mass": 0.1}, "absorber needs play, or lower and upper"),
+        ({"mass": 0.1, "play": 1.0, "units": 0}, "absorber.units must be at least 1"),
+        ({"mass": 0.1, "upper": 1.0}, "needs both walls where no spring holds the mass"),
+        ({"mass": 0.1, "play": 1.0, "mass_on": "x"}, "takes mass_on, beside matrices, or mass"),
+        ({"mass": 0.1, "plya": 1.0}, "did you mean 'play'"),
+    ],
+)
+def test_bad_absorbers_are_refused_in_a_sentence(attached, sentence: str) -> None:
+    document = {
+        "structure": {"kind": "oscillator", "mass": 1.0, "damping": 0.02, "stiffness": 1.0},
+        "absorber": {"law": {"kind": "restitution", "coefficient": 0.5}, **attached},
+        "excitation": [{"kind": "white", "intensity": 0.04}],
+    }
+    with pytest.raises(SceneError, match=sentence):
+        Scene(**document)
+
+
+def test_a_coordinate_is_named_once_in_mass_on() -> None:
+    assert Absorber(mass_on=["b", "c"]).names == ("b", "c")
+    with pytest.raises(SceneError, match=r"different coordinates in mass_on, got \['b', 'b'\]"):
+        Absorber(mass_on=["b", "b"])
+
+
+def test_an_absorber_needs_the_mass_that_it_is_compared_with() -> None:
+    law = Restitution(coefficient=0.5)
+    with pytest.raises(SceneError, match=r"structure\.mass is needed beside an absorber"):
+        Scene(
+            structure=Isolator(frequency_hz=10.0, zeta=0.01),
+            absorber=Absorber(mass=0.1, play=1.0, law=law),
+            excitations=[WhiteNoise(intensity=1.0)],
+        )
+    with pytest.raises(SceneError, match=r"absorber\.mass_on must name 'x', got 'y'"):
+        Scene(structure=LIGHTLY_DAMPED, absorber=Absorber(mass_on="y"), excitations=[UNIT_RMS])
+
+
+def test_without_its_absorber_the_structure_is_itself() -> None:
+    alone = without_absorber(boxed(2.0, 0.5, units=3, stiffness=0.4, damping=0.02))
+    mass, damping, stiffness = alone.structure.matrices
+    assert (mass, damping, stiffness) == pytest.approx((1.0, 0.02, 1.0))
+    displacement, velocity = linear_rms(alone)
+    assert displacement["structure"] == pytest.approx(1.0, rel=1e-12)
+    assert velocity["structure"] == pytest.approx(1.0, rel=1e-12)
+
+
+def test_linear_rms_of_filtered_noise_and_a_sine_by_quadrature() -> None:
+    noise = FilteredNoise(intensity=0.04, frequency_hz=0.2, zeta=0.1)
+    sine = Sine(amplitude=0.5, frequency_hz=0.1)
+    scene = Scene(structure=LIGHTLY_DAMPED, excitations=[noise, sine])
+    w = np.linspace(-60.0, 60.0, 2_000_001)
+    response = 1.0 / (1.0 - w**2 + 0.02j * w)
+    shape = noise.omega**2 / (noise.omega**2 - w**2 + 2j * noise.zeta * noise.omega * w)
+    density = 0.04 * np.abs(response * shape) ** 2
+    turn = 2.0 * math.pi * 0.1
+    wave = 0.5 / abs(1.0 - turn**2 + 0.02j * turn)
+    expected = np.trapezoid(density, w) / (2.0 * math.pi) + wave**2 / 2.0
+    displacement, velocity = linear_rms(scene)
+    assert displacement["x"] ** 2 == pytest.approx(expected, rel=1e-6)
+    speed = np.trapezoid(w**2 * density, w) / (2.0 * math.pi) + (wave * turn) ** 2 / 2.0
+    assert velocity["x"] ** 2 == pytest.approx(speed, rel=1e-6)
+
+
+def test_levels_raise_what_shakes_and_leave_loads() -> None:
+    scene = Scene(
+        structure=LIGHTLY_DAMPED,
+        excitations=[UNIT_RMS, Sine(amplitude=2.0, frequency_hz=1.0), ConstantLoad(force=1.0)],
+    )
+    noise, sine, load = scene.at_level(20.0).excitations
+    assert noise.intensity == pytest.approx(4.0)
+    assert sine.amplitude == pytest.approx(20.0)
+    assert load.force == 1.0
+
+
+def test_an_absorber_that_loses_nothing_shares_energy_and_does_not_help() -> None:
+    """E v1^2 = theta / m1, m2 E v2^2 = theta; the relative position is uniform in the box."""
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        absorber=Absorber(mass=0.1, play=2.0, law=Restitution(coefficient=1.0)),
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+    (found,) = absorber(scene, levels_db=[0.0], rel_error=0.01).performances
+    assert_agrees(found.ratio, 1.0)
+    box = found.response.impact_pairs["box"]
+    assert_agrees(box["collision_rate"], 1.32314185710031)
+    assert_agrees(box["relative_displacement_std"], 2.0 / math.sqrt(12.0))
+    assert_agrees(box["relative_velocity_std"], math.sqrt(1.0 / 1.0 + 1.0 / 0.1))
+    assert_agrees(found.response.coordinates["absorber"]["velocity_mean_square"], 10.0)
+    assert found.absorbed_share is not None and found.absorbed_share.value == 0.0
+    # negative control: the same claim of a box that loses energy
+    (lossy,) = absorber(boxed(2.0, 0.8), levels_db=[0.0], rel_error=0.01).performances
+    with pytest.raises(AssertionError):
+        assert_agrees(lossy.ratio, 1.0)
+
+
+@pytest.mark.verify
+def test_the_exact_row_to_two_parts_in_a_thousand() -> None:
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        absorber=Absorber(mass=0.1, play=2.0, law=Restitution(coefficient=1.0)),
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+    response = simulate(scene, rel_error=0.002, budget=None)
+    assert_agrees(response.impact_pairs["box"]["collision_rate"], 1.32314185710031)
+    assert_agrees(response.coordinates["structure"]["displacement_mean_square"], 1.0)
+    assert_agrees(response.coordinates["absorber"]["velocity_mean_square"], 10.0)
+
+
+def test_what_impacts_absorb_is_what_dampers_do_not() -> None:
+    """S / (2 m) = c E v^2 + loss, the supply of white noise being known."""
+    scene = boxed(3.0, 0.5, stiffness=0.02, damping=0.004)
+    (found,) = absorber(scene, levels_db=[0.0], rel_error=0.01).performances
+    share = found.absorbed_share
+    assert share is not None
+    loss = found.response.impact_pairs["box"]["impact_speed_square_rate"]
+    reduced = 0.1 / 1.1
+    supplied = 0.04 / 2.0
+    scale = reduced * (1.0 - 0.5**2) / 2.0 / supplied
+    expected = Estimate(
+        value=scale * loss.value,
+        standard_error=math.hypot(scale * loss.standard_error, share.standard_error),
+        bias=scale * loss.bias + share.bias,
+    )
+    assert_agrees(expected, share.value)
+
+
+def test_rubber_walls_take_what_white_noise_supplies() -> None:
+    """S / (2 m) = c E v^2 + loss; a contact that is left free takes 1 - R^2 of its energy."""
+    rubber = Viscoelastic(stiffness=1e2, damping_ratio=0.2)
+    scene = Scene(
+        structure=LIGHTLY_DAMPED,
+        absorber=Absorber(mass=0.1, play=3.0, law=rubber),
+        excitations=[UNIT_RMS],
+    )
+    found = simulate(scene, paths=64, seed=1)
+    speeds = found.coordinates["structure"]["velocity_mean_square"]
+    losses = found.impact_pairs["box"]["impact_speed_square_rate"]
+    taken = (0.1 / 1.1) * (1.0 - rubber.restitution**2) / 2.0
+    power = Estimate(
+        value=0.02 * speeds.value + taken * losses.value,
+        standard_error=math.hypot(0.02 * speeds.standard_error, taken * losses.standard_error),
+        bias=0.02 * speeds.bias + taken * losses.bias,
+    )
+    assert_agrees(power, 0.02)
+    twice = replace(power, value=power.value + 0.02 * speeds.value)
+    with pytest.raises(AssertionError):
+        assert_agrees(twice, 0.02)
+
+
+def random_absorber(number: int) -> Scene:
+    random = np.random.default_rng(number)
+    units = int(random.integers(1, 4))
+    sprung = {"stiffness": 0.1 * random.random(), "damping": 0.02 * random.random()}
+    noise = (
+        UNIT_RMS
+        if number % 2
+        else FilteredNoise(intensity=0.04, frequency_hz=0.16, zeta=float(random.uniform(0.05, 0.5)))
+    )
+    return Scene(
+        structure=LIGHTLY_DAMPED,
+        absorber=Absorber(
+            mass=float(random.uniform(0.01, 0.2)), play=float(random.uniform(0.5, 6.0)),
+            units=units, law=Restitution(coefficient=float(random.uniform(0.2, 1.0))),
+            **(sprung if number % 3 == 0 else {}),
+        ),
+        excitations=[noise],
+    )  # fmt: skip
+
+
+def assert_balanced(number: int) -> None:
+    response = simulate(random_absorber(number), rel_error=0.03, seed=number, budget=None)
+    assert response.identities
+    for name, residual in response.identities.items():
+        tolerance = Z * residual.standard_error + (residual.bias or 0.0)
+        assert abs(residual.value) <= tolerance, (number, name, residual)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_random_absorbers_keep_their_balances(number: int) -> None:
+    assert_balanced(number)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("number", range(4, 50))
+def test_more_random_absorbers_keep_their_balances(number: int) -> None:
+    assert_balanced(number)
+
+
+def test_a_level_acts_like_the_size_of_the_box() -> None:
+    """Without a length of its own the system scales: +6.02 dB is half the play."""
+    twice = 20.0 * math.log10(2.0)
+    (louder,) = absorber(boxed(3.0, 0.5), levels_db=[twice], rel_error=0.02).performances
+    (halved,) = absorber(boxed(1.5, 0.5), levels_db=[0.0], rel_error=0.02, seed=1).performances
+    both = Estimate(
+        value=louder.ratio.value,
+        standard_error=math.hypot(louder.ratio.standard_error, halved.ratio.standard_error),
+        bias=louder.ratio.bias + halved.ratio.bias,
+    )
+    assert_agrees(both, halved.ratio.value)
+
+
+def test_the_best_box_of_a_known_curve_lies_in_its_interval() -> None:
+    """A parabola in log play with noise: 95 % intervals hold the truth in most of 60 cases."""
+    random = np.random.default_rng(1)
+    at = np.log(np.geomspace(0.75, 14.0, 16))
+    inside = 0
+    for seed in range(60):
+        truth = random.uniform(math.log(1.7), math.log(6.0))
+        errors = np.full(16, 0.004)
+        ratios = 0.4 + 0.15 * (at - truth) ** 2 + errors * random.standard_normal(16)
+        box = _best_box(np.array([at, ratios, errors]), 1.0, 0.0, seed)
+        inside += box.play_low <= math.exp(truth) <= box.play_high
+        assert box.low <= box.play <= box.high
+    # of 60 at 95 % fewer than 50 happen once in some 10 000 times
+    assert inside >= 50
+
+
+def test_the_robust_box_is_best_in_the_worst_case_of_a_known_curve() -> None:
+    at = np.log(np.geomspace(0.75, 14.0, 16))
+    ratios = 0.4 + 0.2 * (at - 1.0) ** 2 - 0.05 * (at - 1.0) ** 3
+    points = np.array([at, ratios, np.full(16, 1e-4)])
+    box = _best_box(points, 1.0, 6.0, 0)
+    shift = 6.0 / 20.0 * math.log(10.0)
+    # equal on both sides: f(y + s) = f(y - s) for f = .2 y^2 - .05 y^3
+    away = (0.4 - math.sqrt(0.16 - 0.3 * 0.1 * shift**2)) / 0.3
+    # the optimum lies between two places of the grid
+    spacing = (at[-1] - at[0]) / (GRID - 1)
+    assert abs(math.log(box.play) - (1.0 + away)) < 2.0 * spacing
+    assert box.play > _best_box(points, 1.0, 0.0, 0).play
+
+
+def test_a_design_finds_the_broad_optimum() -> None:
+    structure = Scene(structure=LIGHTLY_DAMPED, excitations=[UNIT_RMS])
+    found = design_absorber(
+        structure, mass_budget=0.1, restitutions=[0.5, 0.9], plays=[1, 1.7, 3, 5, 9],
+        level_range_db=3.0, rel_error=0.04,
+    )  # fmt: skip
+    assert found.restitution == 0.5
+    # the scene that it proposes, simulated with other random numbers
+    (again,) = absorber(found.scene, levels_db=[0.0], rel_error=0.02, seed=7).performances
+    error = math.hypot(found.best.ratio.standard_error, again.ratio.standard_error)
+    both = replace(again.ratio, standard_error=error)
+    assert_agrees(both, found.best.ratio.value)
+    assert found.best.low < 3.3 and found.best.high > 2.5
+    assert found.robust.ratio.value > found.best.ratio.value
+    assert found.scene.absorber is not None
+    assert list(found.to_frame()["restitution"]) == [0.5, 0.9]
+    json.dumps(found.to_dict(), allow_nan=False)
+    page = design_page(found).html()
+    assert "restitution 0.5, total play" in page
+    assert page.count("data:image/svg+xml") == 1
+
+
+def test_a_design_takes_off_the_absorber_that_is_there() -> None:
+    bare = alone(boxed(1.0, 0.5, stiffness=0.1, damping=0.01))
+    assert bare.structure.kind == "oscillator"
+    for found, matrix in zip(bare.structure.matrices, LIGHTLY_DAMPED.matrices, strict=True):
+        assert found == pytest.approx(matrix, rel=1e-14)
+    assert bare.excitations == (UNIT_RMS.model_copy(update={"on": "x"}),)
+    assert not bare.impact_pairs
+
+
+def test_noise_does_not_make_an_absorber_harmful() -> None:
+    """A box that does nothing is said to be worse in one run of some 30 000."""
+    found = absorber(boxed(3.0, 1.0, mass=0.1), levels_db=[0.0], rel_error=0.05)
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        central = found.performances[0]
+        ratio = replace(
+            central.ratio, value=1.0 + central.ratio.standard_error * random.standard_normal()
+        )
+        drawn = replace(found, performances=[replace(central, ratio=ratio)])
+        assert "worse" not in verdict(drawn)
+    ratio = replace(central.ratio, value=1.0 + 10.0 * central.ratio.standard_error)
+    assert "makes it worse" in verdict(replace(found, performances=[replace(central, ratio=ratio)]))
+
+
+def test_soft_walls_on_an_environment_end_within_the_budget() -> None:
+    """Forces on the walls are those of contacts, and the same on either side."""
+    scene = Scene(
+        structure=Oscillator(mass=10.0, frequency_hz=12.0, zeta=0.05),
+        absorber=Absorber(mass=0.5, play=4e-3, law=Viscoelastic(stiffness=2e5, damping_ratio=0.3)),
+        excitations=[TabulatedNoise(on="base", profile="mil-std-810h-truck-vertical-5hz")],
+    )
+    budget = 30.0
+    found = absorber(scene, levels_db=[0.0], rel_error=0.1, threads=1, budget=budget).central
+    assert found.response.cost.wall_time < budget
+    assert found.acceleration_std is not None and found.acceleration_std_without is not None
+    lower, upper = (
+        found.response.impact_pairs["box"][f"contact_force_{side}"] for side in ("lower", "upper")
+    )
+    assert found.wall_force.value == pytest.approx(lower.value + upper.value)
+    error = math.hypot(lower.standard_error, upper.standard_error)
+    bias = lower.bias + upper.bias
+    apart = Estimate(value=lower.value - upper.value, standard_error=error, bias=bias)
+    assert_agrees(apart, 0.0)
+    assert 0.1 * found.wall_force.value > Z * error + bias
+
+
+def test_what_absorbers_cannot_be_asked() -> None:
+    free = Scene(structure=LIGHTLY_DAMPED, excitations=[UNIT_RMS])
+    with pytest.raises(NotApplicable, match=r"the scene must have an \[absorber\]"):
+        absorber(free)
+    chain = Matrices(
+        coordinates=["a", "b"], mass=np.eye(2), damping=0.1 * np.eye(2), stiffness=np.eye(2)
+    )
+    two = Scene(structure=chain, excitations=[WhiteNoise(on="a", intensity=1.0)])
+    with pytest.raises(NotApplicable, match="must be one oscillator or isolator"):
+        design_absorber(two, mass_budget=0.1)
+    with pytest.raises(ValueError, match="level_range_db must be at least 0 and below"):
+        design_absorber(free, mass_budget=0.1, plays=[1, 2, 3, 4], level_range_db=10.0)
+    with pytest.raises(ValueError, match="plays must be at least 4 different"):
+        design_absorber(free, mass_budget=0.1, plays=[2, 2, 2, 2])
+    with pytest.raises(ValueError, match="levels_db must be at least one finite number"):
+        absorber(boxed(1.0, 0.5), levels_db=[math.nan])
+    with pytest.raises(ValueError, match="mass_budget must be a positive mass"):
+        design_absorber(free, mass_budget=-1.0)
+
+
+def test_the_command_tells_the_verdict_first(tmp_path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        """
+        [structure]
+        kind = "oscillator"
+        mass = 1.0
+        damping = 0.02
+        stiffness = 1.0
+        [absorber]
+        mass = 0.1
+        play = 3.0
+        law = { kind = "restitution", coefficient = 0.5 }
+        [[excitation]]
+        kind = "white"
+        intensity = 0.04
+        """
+    )
+    runner = CliRunner()
+    common = ["--rel-error", "0.05", "--levels", "0,3"]
+    result = runner.invoke(main, ["absorber", str(file), *common, "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert "a mass of 10 % of the structure: rms displacement 0.4" in result.output
+    assert (tmp_path / "absorber.png").stat().st_size > 0
+    page = (tmp_path / "report.html").read_text("utf-8")
+    plain = page.replace("\u00a0", " ")
+    assert plain.index("A mass of 10 % of the structure") < plain.index("Motion of the structure")
+    assert "Balance of energy" in page and "http" not in page.replace("http://www.w3.org", "")
+    result = runner.invoke(main, ["absorber", str(file), *common, "--json", "-"])
+    document = json.loads(result.stdout)
+    assert document["method"] == "absorber" and len(document["levels"]) == 2
+    result = runner.invoke(main, ["absorber", str(file), "--levels", "a"])
+    assert result.exit_code == 2 and "--levels must be numbers" in result.output

@@ -1,0 +1,507 @@
+"""The command line: exit codes, what goes to stdout and what to stderr, the JSON contract."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+import pytest
+from known import DOCUMENT, MISTAKES, changed, oscillator, to_toml
+
+from stochvi.cli import main
+from stochvi.methods.closed_form import exact
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.scene import load_scene
+
+ELASTIC = str(shipped_scene("oscillator-elastic"))
+LOSSY = str(shipped_scene("oscillator-lossy"))
+ISOLATOR = str(shipped_scene("isolator-truck"))
+QUICK = ("--rel-error", "0.05", "--threads", "2")
+
+
+class Finished(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Finished]
+
+
+@pytest.fixture
+def stochvi(capsys: pytest.CaptureFixture[str]) -> Run:
+    """The command with these arguments, as it ends."""
+
+    def run(*arguments: str | Path) -> Finished:
+        with pytest.raises(SystemExit) as stop:
+            main([str(argument) for argument in arguments], prog_name="stochvi")
+        assert isinstance(stop.value.code, int)
+        return Finished(stop.value.code, *capsys.readouterr())
+
+    return run
+
+
+def one_document(text: str) -> dict:
+    """The JSON document that the text is, and nothing else; never NaN or infinity."""
+
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} in JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+# Answers ----------------------------------------------------------------------------------
+
+COORDINATE = {
+    "displacement_mean", "displacement_std", "displacement_mean_square", "velocity_std",
+    "velocity_mean_square", "acceleration_std",
+}  # fmt: skip
+PAIR = {
+    "collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_mean",
+    "impact_speed_rate", "impact_speed_square_rate", "peak_force",
+}  # fmt: skip
+COST = {"wall_time", "compile_time", "steps", "impacts", "paths", "threads", "tenfold_wall_time"}
+ANSWERS = [
+    (("exact", ELASTIC), "exact"),
+    (("fokker-planck", LOSSY), "fokker-planck"),
+    (("linearise", LOSSY), "linearise:closure"),
+    (("average", LOSSY), "average:finite jumps"),
+    (("average", LOSSY, "--variant", "continuous"), "average:continuous"),
+    (("linearise", ISOLATOR, "--form", "motion", "--variant", "book"), "linearise:motion:book"),
+    (("linearise", LOSSY, "--form", "force"), "linearise:force"),
+    (("simulate", LOSSY, *QUICK), "simulate"),
+    (("simulate", ISOLATOR, "--paths", "4", "--duration", "2", "--seed", "7"), "simulate"),
+]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "method"), ANSWERS, ids=[f"{method} {words[2:]}" for words, method in ANSWERS]
+)
+def test_the_json_on_stdout_is_one_document_with_the_keys_of_the_contract(
+    stochvi: Run, arguments, method
+):
+    code, out, err = stochvi(*arguments, "--json", "-")
+    assert code == 0
+    assert method.split(":")[0] in err
+    document = one_document(out)
+    assert document["method"] == method
+    assert set(document) >= {"effects", "assumptions", "warnings"}
+    assert set(document["coordinates"]) == {"x"}
+    assert set(document["impact_pairs"]) == {"stops"}
+    pair = dict(document["impact_pairs"]["stops"])
+    assert pair.pop("speed_threshold") >= 0.0
+    for keys, quantities in [(COORDINATE, document["coordinates"]["x"]), (PAIR, pair)]:
+        assert set(quantities) >= keys
+        for estimate in quantities.values():
+            assert estimate is None or {"value", "standard_error", "bias", "how"} <= set(estimate)
+    assert set(document["cost"]) == COST
+    assert {"version", "seed", "scene"} <= set(document["provenance"])
+    assert document["provenance"]["scene"] == load_scene(arguments[1]).document()
+
+
+def test_the_digits_of_the_json_are_those_of_python(stochvi: Run):
+    document = one_document(stochvi("exact", ELASTIC, "--json", "-", "--quiet").out)
+    expected = exact(oscillator(-1.0, 1.0))
+    for (of, name), estimate in expected.estimates().items():
+        group = document["coordinates" if of == "x" else "impact_pairs"]
+        assert group[of][name] == estimate.to_dict()
+
+
+@pytest.mark.parametrize("command", ["exact", "linearise", "simulate", "check"])
+def test_quiet_is_silent(stochvi: Run, command):
+    options = QUICK if command in ("simulate", "check") else ()
+    assert stochvi(command, ELASTIC, "--quiet", *options) == Finished(0, "", "")
+
+
+def test_the_table_goes_to_stdout_without_json(stochvi: Run):
+    code, out, err = stochvi("exact", ELASTIC)
+    assert (code, err) == (0, "")
+    assert "hits, all stops" in out
+    assert "0.2828002" in out
+
+
+def test_tables_of_eighty_columns_cut_nothing_short(stochvi: Run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    cost = ["cost", ISOLATOR, "--budget", "0.5"]
+    for command in (["profiles"], ["check", ELASTIC, "--rel-error", "0.02"], cost):
+        code, out, _ = stochvi(*command)
+        assert code == 0
+        assert "\N{HORIZONTAL ELLIPSIS}" not in out
+        assert max(map(len, out.splitlines())) <= 80
+
+
+def test_the_cost_of_accuracy_is_a_table_a_document_and_a_picture(stochvi: Run, tmp_path: Path):
+    code, out, err = stochvi("cost", LOSSY, "--budget", "0.5", "--json", "-", "--out", tmp_path)
+    assert code == 0
+    document = one_document(out)
+    assert document["method"] == "cost"
+    assert document["summary"] in " ".join(err.split())
+    assert len(document["steps"]) == 3
+    table = pd.read_csv(tmp_path / "cost.csv")
+    assert len(table) == len(document["errors"]) + len(document["models"])
+    assert (tmp_path / "cost.png").stat().st_size > 10_000
+    assert stochvi("cost", LOSSY, "--budget", "0.3", "--quiet") == Finished(0, "", "")
+    code, _, err = stochvi("cost", LOSSY, "--budget", "0")
+    assert (code, "budget must be" in err) == (2, True)
+
+
+def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_path: Path):
+    truck = shipped_scene("isolator-truck")
+    code, out, _ = stochvi("screen", truck, "--json", tmp_path / "screen.json")
+    assert code == 0
+    assert "3 sigma clearance" in out
+    linear = json.loads((tmp_path / "screen.json").read_text("utf-8"))
+    assert linear["displacement_std"] == pytest.approx(1.99e-3, abs=5e-6)
+    run = stochvi(
+        "clearance", truck, "--gaps", "1,2", "--rel-error", "0.05", "--out", tmp_path, "--quiet"
+    )
+    assert run == Finished(0, "", "")
+    curve = pd.read_csv(tmp_path / "clearance.csv")
+    assert list(curve["clearance_in_sigma"]) == pytest.approx([1.0, 2.0])
+    assert (curve["simulated_low"] < curve["simulated"]).all()
+    assert (tmp_path / "clearance.png").stat().st_size > 10_000
+    code, _, err = stochvi("clearance", truck, "--gaps", "1,x")
+    assert (code, "--gaps must be numbers" in err) == (2, True)
+
+
+def test_explain_tells_what_is_simulated_and_what_not(stochvi: Run):
+    code, out, err = stochvi("explain", ELASTIC, "--json", "-")
+    document = one_document(out)
+    assert code == 0
+    assert document["effects"] == ["white noise on x", "rigid stop lower", "rigid stop upper"]
+    assert document["absent"] == ["filtered noise", "tabulated noise", "sine", "constant load"]
+    assert document["simulation"]["steps_per_path"] > 2
+    assert "not simulated: filtered noise; tabulated noise; sine; constant load" in err
+
+
+def test_json_and_tables_go_to_the_files_that_are_named(stochvi: Run, tmp_path: Path):
+    answer, folder = tmp_path / "new" / "answer.json", tmp_path / "out"
+    run = stochvi("exact", ELASTIC, "--quiet", "--json", answer, "--out", folder)
+    assert run == Finished(0, "", "")
+    assert one_document(answer.read_text("utf-8"))["method"] == "exact"
+    assert (folder / "response.json").read_text("utf-8") == answer.read_text("utf-8")
+    table = pd.read_csv(folder / "response.csv").set_index("quantity")
+    assert table.loc["displacement_std", "value"] == pytest.approx(0.539560093754897, rel=1e-14)
+
+
+def test_simulate_draws_a_picture_beside_its_tables(stochvi: Run, tmp_path: Path):
+    assert stochvi("simulate", ELASTIC, *QUICK, "--quiet", "--out", tmp_path).code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "overview.png", "response.csv", "response.json",
+    }  # fmt: skip
+
+
+def test_the_same_seed_gives_the_same_digits_and_another_one_others(stochvi: Run):
+    def numbers(seed: str) -> dict:
+        size = ("--paths", "8", "--duration", "20", "--seed", seed)
+        document = one_document(stochvi("simulate", LOSSY, *size, "--json", "-", "--quiet").out)
+        assert document["provenance"]["seed"] == int(seed)
+        return document["coordinates"]
+
+    assert numbers("3") == numbers("3") != numbers("4")
+
+
+def test_check_compares_the_methods(stochvi: Run, tmp_path: Path):
+    code, out, err = stochvi("check", ELASTIC, *QUICK, "--json", "-", "--out", tmp_path)
+    document = one_document(out)
+    assert (code, document["method"], document["passed"]) == (0, "check", True)
+    assert "agree" in err
+    verdicts = {row["verdict"] for row in document["comparisons"]}
+    assert verdicts == {"agrees", "approximate"}
+    assert len(pd.read_csv(tmp_path / "check.csv")) == len(document["comparisons"])
+
+
+def test_check_exits_with_1_if_a_method_is_wrong(stochvi: Run, monkeypatch):
+    wrong = exact(oscillator(-1.1, 1.1))
+    monkeypatch.setattr("stochvi.verification.crosscheck.exact", lambda scene: wrong)
+    code, out, err = stochvi("check", ELASTIC, *QUICK, "--json", "-")
+    assert (code, one_document(out)["passed"]) == (1, False)
+    assert err.splitlines()[-1].startswith("stochvi: check failed: 15 of 32")
+
+
+def test_simulate_exits_with_1_beyond_its_budget_and_still_writes_what_it_has(
+    stochvi: Run, tmp_path: Path
+):
+    file = tmp_path / "answer.json"
+    options = ("--rel-error", "1e-5", "--budget", "0.05", "--threads", "2", "--quiet")
+    code, out, err = stochvi("simulate", ELASTIC, *options, "--json", file)
+    assert (code, out) == (1, "")
+    assert err.startswith("stochvi: relative standard error ")
+    assert len(err.splitlines()) == 1
+    document = one_document(file.read_text("utf-8"))
+    assert document["coordinates"]["x"]["displacement_mean_square"]["standard_error"] > 0.0
+    assert document["cost"]["paths"] > 0
+
+
+def test_profiles_lists_what_ships(stochvi: Run):
+    code, out, err = stochvi("profiles")
+    assert (code, err) == (0, "")
+    assert "mil-std-810h-truck-vertical-5hz" in out and "1.078" in out
+
+
+# Input that is refused --------------------------------------------------------------------
+
+
+def refused(run: Finished) -> str:
+    """The sentence on stderr: exit code 2, nothing on stdout, no traceback."""
+    assert (run.code, run.out) == (2, "")
+    (line,) = run.err.splitlines()
+    assert line.startswith("stochvi: ")
+    return line.removeprefix("stochvi: ")
+
+
+@pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES.keys())
+def test_a_mistake_in_a_scene_file_is_one_sentence(stochvi: Run, tmp_path, monkeypatch, mistake):
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(to_toml(mistake.document), encoding="utf-8")
+    sentence = refused(stochvi("exact", "scene.toml", "--json", "-"))
+    for words in (mistake.key, mistake.got, mistake.expected):
+        assert words in sentence
+
+
+@pytest.mark.parametrize("command", ["exact", "linearise", "simulate", "check"])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("nowhere.toml", "nowhere.toml cannot be read: no such file or directory"),
+        ("folder", "folder cannot be read: expected a text file, got a folder"),
+        ("binary.toml", "binary.toml is not text: expected UTF-8, got binary data"),
+        ("invalid.toml", "invalid.toml is not valid TOML: "),
+        ("large.toml", "large.toml holds 10000001 bytes, expected a text of at most 10000000"),
+    ],
+)
+def test_a_file_that_is_no_scene_is_one_sentence_in_every_command(
+    stochvi: Run, tmp_path, monkeypatch, command, name, words
+):
+    monkeypatch.chdir(tmp_path)
+    Path("folder").mkdir()
+    Path("binary.toml").write_bytes(b"\xff\xfe\x00")
+    Path("invalid.toml").write_text("[structure", encoding="utf-8")
+    Path("large.toml").write_bytes(b"#" * 10_000_001)
+    assert refused(stochvi(command, name)).startswith(words)
+
+
+def test_two_mistakes_are_two_sentences(stochvi: Run, tmp_path: Path):
+    document = changed(["structure", "mass"], -1.0) | {"colour": "red"}
+    (tmp_path / "scene.toml").write_text(to_toml(document), encoding="utf-8")
+    run = stochvi("exact", tmp_path / "scene.toml")
+    assert (run.code, run.out) == (2, "")
+    first, second = run.err.splitlines()
+    assert first == "stochvi: structure.mass must be greater than 0, got -1.0"
+    assert second.startswith("stochvi: colour is not a known key; did you mean ")
+
+
+def test_exact_names_the_restitution_that_it_does_not_cover(stochvi: Run):
+    sentence = refused(stochvi("exact", LOSSY))
+    assert "restitution must be 1 (an elastic stop), got 0.8 at the lower stop" in sentence
+    assert "restitution must be 1 (an elastic stop), got 0.8 at the upper stop" in sentence
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--rel-error", "nan"), "rel_error must be in [1e-6, 1), got nan"),
+        (("--rel-error", "0"), "rel_error must be in [1e-6, 1), got 0.0"),
+        (("--rel-error", "inf"), "rel_error must be in [1e-6, 1), got inf"),
+        (("--paths", "1"), "paths must be at least 2 for a standard error, got 1"),
+        (("--paths", "8", "--rel-error", "0.1"), "give rel_error or paths, not both"),
+        (("--duration", "0"), "duration must be a positive number of seconds, got 0.0"),
+        (("--duration", "nan"), "duration must be a positive number of seconds, got nan"),
+        (("--seed", "-1"), "seed must be in [0, 2^63), got -1"),
+        (("--seed", str(2**63)), f"seed must be in [0, 2^63), got {2**63}"),
+        (("--threads", "0"), "threads must be at least 1, got 0"),
+        (("--budget", "-5"), "budget must be a positive number of seconds, got -5.0"),
+        (("--speed-threshold", "nan"), "speed_threshold must be at least 0, got nan"),
+    ],
+    ids=" ".join,
+)
+def test_an_option_of_simulate_out_of_range_is_one_sentence(stochvi: Run, arguments, sentence):
+    assert refused(stochvi("simulate", ELASTIC, *arguments)) == sentence
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--rel-error", "nan"), ("--seed", "-1"), ("--threads", "0"), ("--budget", "0")]
+)
+def test_an_option_of_check_out_of_range_is_one_sentence(stochvi: Run, arguments):
+    option, value = arguments
+    sentence = refused(stochvi("check", ELASTIC, *arguments))
+    assert sentence.startswith(f"{option.removeprefix('--').replace('-', '_')} must be ")
+    assert f", got {float(value):g}" in sentence or f", got {float(value)}" in sentence
+
+
+def test_the_closure_has_no_variant_of_the_book(stochvi: Run):
+    sentence = refused(stochvi("linearise", LOSSY, "--form", "closure", "--variant", "book"))
+    assert sentence.startswith("variant must be 'consistent' or 'box' for form 'closure'")
+    assert sentence.endswith("'book' is of the forms 'motion' and 'force'")
+
+
+@pytest.mark.parametrize(
+    ("option", "target", "words"),
+    [
+        ("--json", "folder", "folder is a folder, expected a file name"),
+        ("--json", "file/answer.json", "file is a file, expected a folder"),
+        ("--out", "file", "file is a file, expected a folder"),
+    ],
+)
+def test_a_place_that_cannot_be_written_to_is_one_sentence(
+    stochvi: Run, tmp_path, monkeypatch, option, target, words
+):
+    monkeypatch.chdir(tmp_path)
+    Path("folder").mkdir()
+    Path("file").touch()
+    assert refused(stochvi("exact", ELASTIC, "--quiet", option, target)) == words
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("exact",),
+        ("exakt", ELASTIC),
+        ("exact", ELASTIC, "--jason", "-"),
+        ("simulate", ELASTIC, "--paths", "many"),
+        ("linearise", ELASTIC, "--form", "guess"),
+    ],
+    ids=lambda value: " ".join(value[:1] + value[2:]),
+)
+def test_a_command_line_that_is_not_understood_exits_with_2_and_says_how_to_use_it(
+    stochvi: Run, arguments
+):
+    run = stochvi(*arguments)
+    assert run.code == 2
+    assert "Usage: stochvi" in run.err
+    assert run.out == ""
+
+
+# New scenes -------------------------------------------------------------------------------
+
+
+def test_new_writes_a_scene_that_is_valid(stochvi: Run, tmp_path: Path):
+    file = tmp_path / "deep" / "scene.toml"
+    code, out, err = stochvi("new", file)
+    assert (code, out) == (0, "")
+    assert f"stochvi check {file}" in err
+    assert load_scene(file).effects() == (
+        "tabulated noise on base", "rigid stop lower", "rigid stop upper",
+    )  # fmt: skip
+
+
+def test_new_refuses_to_overwrite(stochvi: Run, tmp_path: Path):
+    file = tmp_path / "scene.toml"
+    file.write_text("mine", encoding="utf-8")
+    assert refused(stochvi("new", file)) == f"{file} exists already; choose another name"
+    assert file.read_text("utf-8") == "mine"
+
+
+@pytest.mark.parametrize(
+    ("kind", "tables"),
+    [("bumper", {"bumper.csv"}), ("road", set()), ("record", {"truck-bed.csv"})],
+)
+def test_new_writes_an_isolator_of_a_kind_with_its_tables(tmp_path, stochvi, kind, tables):
+    file = tmp_path / "desk" / "mine.toml"
+    code, _, err = stochvi("new", file, "--kind", kind)
+    assert code == 0
+    assert {path.name for path in file.parent.iterdir()} == {"mine.toml"} | tables
+    assert all(name in err for name in {"mine.toml"} | tables)
+    assert load_scene(file).system().tables
+    if tables:
+        file.unlink()
+        assert "exists already" in refused(stochvi("new", file, "--kind", kind))
+
+
+def test_size_writes_a_report_of_a_record(tmp_path, stochvi):
+    file = tmp_path / "mine.toml"
+    stochvi("new", file, "--kind", "record")
+    options = ("--probability", "0.1", "--mission", "600", "--rel-error", "0.2", "--quiet")
+    assert stochvi("size", file, *options, "--out", tmp_path / "out").code == 0
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "Kurtosis of the record" in page and "the record tells the rms response" in page
+
+
+# The installed command --------------------------------------------------------------------
+
+
+def python(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+HEAVY = {"numpy", "scipy", "numba", "pandas", "matplotlib", "pydantic", "statsmodels", "rich"}
+
+
+@pytest.mark.parametrize("program", ["stochvi --help", "stochvi simulate --help", "import stochvi"])
+def test_nothing_heavy_is_imported_before_it_is_needed(program: str):
+    start = "import stochvi, sys"
+    if program.startswith("stochvi"):
+        words = program.split()[1:]
+        start = f"import sys; from stochvi.cli import main; main({words}, standalone_mode=False)"
+    done = python("-c", f"{start}; print(sorted({HEAVY} & set(sys.modules)), file=sys.stderr)")
+    assert (done.returncode, done.stderr) == (0, "[]\n")
+
+
+def test_python_m_stochvi_is_the_command():
+    done = python("-m", "stochvi", "exact", ELASTIC, "--json", "-")
+    assert done.returncode == 0
+    assert one_document(done.stdout)["method"] == "exact"
+    assert "exact" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_mistake_in_a_scene_file_ends_the_process_without_a_traceback(tmp_path: Path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(to_toml(DOCUMENT).replace("0.2", "-0.2"), encoding="utf-8")
+    done = python("-m", "stochvi", "check", str(scene))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "stochvi: excitation.0.intensity must be greater than 0, got -0.2\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "scene"),
+    [("exact", "oscillator-elastic"), ("fokker-planck", "oscillator-lossy")],
+)
+def test_solutions_draw_their_density(
+    stochvi: Run, command: str, scene: str, tmp_path: Path
+) -> None:
+    assert stochvi(command, shipped_scene(scene), "--out", tmp_path).code == 0
+    assert (tmp_path / "density.png").stat().st_size > 10_000
+
+
+def test_tables_are_whole_on_a_narrow_page(
+    stochvi: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """No digit and no heading is cut: a cropped number looks like another number."""
+    arguments = ("clearance", ISOLATOR, "--gaps", "2", *QUICK)
+    monkeypatch.setenv("COLUMNS", "300")
+    wide = stochvi(*arguments).out
+    monkeypatch.setenv("COLUMNS", "80")
+    narrow = stochvi(*arguments).out
+    assert narrow.split() == wide.split()
+
+
+def test_an_absorber_scene_to_start_from(stochvi: Run, tmp_path: Path) -> None:
+    file = tmp_path / "tower.toml"
+    assert stochvi("new", file, "--kind", "absorber").code == 0
+    assert load_scene(file).absorber is not None
+
+
+def test_linearise_says_why_it_knows_no_bound(stochvi: Run) -> None:
+    told = stochvi("linearise", ISOLATOR).out
+    assert "no error bound: the atlas knows white noise alone" in told
+    assert "no error bound" not in stochvi("linearise", LOSSY).out
+
+
+@pytest.mark.parametrize("command", ["spectrum", "impacts"])
+def test_what_is_simulated_is_printed_with_its_assumptions(stochvi: Run, command: str) -> None:
+    told = stochvi(command, ISOLATOR, "--paths", "64", "--threads", "1")
+    assert "assumptions: displacements are measured from" in told.out
+    assert "J/kg" in told.out or command == "spectrum"
+
+
+def test_a_part_that_stands_there_twice_is_a_list(stochvi: Run, tmp_path: Path) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text("[absorber]\nmass = 1.0\n[absorber]\nmass = 2.0\n")
+    assert "for several, write each as [[absorber]]" in refused(stochvi("explain", file))

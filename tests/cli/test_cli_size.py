@@ -1,0 +1,149 @@
+"""stochvi size: the verdict, the document, the files, and what it refuses."""
+
+import math
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pandas as pd
+import pytest
+from rich.console import Console
+from sized import scene_between_stops, sizing_of
+from test_cli import ISOLATOR, Run, one_document, stochvi  # noqa: F401
+
+from stochvi.isolators.screening import screen
+from stochvi.isolators.sizing.answer import Sizing, spoken_percent
+from stochvi.isolators.sizing.method import size
+from stochvi.scenes.scene import load_scene
+from stochvi.views.sizing import plot_risk
+from stochvi.views.tables import print_sizing
+
+ROUGH = ("--rel-error", "0.2", "--threads", "1", "--mission", "600")
+
+
+def test_the_clearance_and_what_three_sigma_buys(stochvi: Run, tmp_path: Path) -> None:  # noqa: F811
+    done = stochvi(
+        "size", ISOLATOR, "--probability", "0.05", *ROUGH, "--json", "-", "--out", tmp_path
+    )  # fmt: skip
+    assert done.code == 0
+    document = one_document(done.out)
+    assert document["method"] == "size" and document["mission"] == 600.0
+    clearance = document["clearance"]
+    assert clearance["lower"] < clearance["value"] < clearance["upper"]
+    first = done.err.splitlines()[0]
+    assert first.startswith(f"{1e3 * clearance['value']:.4g} mm per side")
+    assert "hits, simulated" in done.err
+    told = " ".join(done.err.split())
+    assert told.count("the standard error of the last digits, 607(20) is 607 +- 20") == 1
+    assert told.count("impacts above the speed threshold alone") == 1
+    by_python = size(
+        load_scene(ISOLATOR), probability=0.05, mission=600.0, rel_error=0.2, threads=1
+    )
+    assert clearance["value"] == by_python.clearance.value
+    for name in ("risk.csv", "required.csv", "hits.csv", "size.json"):
+        assert (tmp_path / name).stat().st_size > 0
+    assert (tmp_path / "risk.png").read_bytes().startswith(b"\x89PNG")
+    curve = pd.read_csv(tmp_path / "risk.csv")
+    assert (curve["probability"].between(0.0, 1.0)).all()
+
+
+WHITE = """
+[structure]
+kind = "isolator"
+frequency_hz = 10.0
+zeta = 0.2
+[[excitation]]
+kind = "white"
+density = 0.01
+unit = "g2/Hz"
+"""
+
+
+def test_a_changed_scene_stands_beside_it(stochvi: Run, tmp_path: Path) -> None:  # noqa: F811
+    scene = tmp_path / "white.toml"
+    scene.write_text(WHITE, encoding="utf-8")
+    done = stochvi(
+        "size", scene, "--probability", "0.05", *ROUGH, "--json", "-", "--out", tmp_path,
+        "--sensitivity",
+    )  # fmt: skip
+    assert done.code == 0
+    changes = [row["change"] for row in one_document(done.out)["sensitivity"]]
+    assert changes[0] == "none" and "level +3 dB" in changes
+    assert "level +3 dB" in done.err and "no stops" in done.err
+    assert list(pd.read_csv(tmp_path / "sensitivity.csv")["change"]) == changes
+
+
+def test_the_picture_holds_rice_three_sigma_and_the_answer() -> None:
+    sizing = size(load_scene(ISOLATOR), probability=0.05, mission=600.0, rel_error=0.2)
+    ax = plot_risk(sizing)
+    rice, risk, three, answer = ax.get_lines()[:4]
+    assert (risk.get_ydata() <= rice.get_ydata() + 0.02).all()  # type: ignore[operator]
+    assert three.get_xdata()[0] == pytest.approx(3e3 * sizing.sigma)  # type: ignore[index]
+    assert answer.get_xdata()[0] == pytest.approx(1e3 * sizing.clearance.value)  # type: ignore[index]
+    assert math.log(answer.get_ydata()[0]) == pytest.approx(math.log(0.05), abs=0.05)  # type: ignore[index]
+    plt.close("all")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((), "give exactly one of probability, rate, impact_speed, peak_acceleration"),
+        (("--probability", "2"), "probability must be in"),
+        (("--peak-acceleration", "30 apples"), "number of m/s^2 or of g"),
+        (("--peak-acceleration", "30g"), "needs the stiffness of the stops"),
+        (("--rate", "1", "--mission", "-1"), "mission must be a positive"),
+        (("--probability", "0.1", "--rel-error", "2"), "rel_error must be in"),
+    ],
+)
+def test_bad_input_is_a_sentence(stochvi: Run, arguments: tuple[str, ...], sentence: str) -> None:  # noqa: F811
+    done = stochvi("size", ISOLATOR, *arguments)
+    assert done.code == 2
+    assert sentence in done.err and done.out == ""
+
+
+def printed(sizing: Sizing) -> str:
+    """What a terminal shows, without its line ends."""
+    memory = StringIO()
+    print_sizing(Console(file=memory, width=200), sizing)
+    return memory.getvalue()
+
+
+def test_the_stops_of_the_scene_are_judged_where_they_are() -> None:
+    """Of each, half the bursts of two at its distance."""
+    sizing = sizing_of(scene_between_stops(), paths=64)
+    rest = -sizing.scene.structure.sag  # type: ignore[union-attr]
+    bursts = [
+        0.5 * 0.55 * screen(sizing.scene).rice_rate(distance) * sizing.mission
+        for distance in (rest + 9e-3, 5e-3 - rest)
+    ]
+    chance = -math.expm1(-sum(bursts))
+    near, far = 1e3 * (rest + 9e-3), 1e3 * (5e-3 - rest)
+    line = (
+        "clearance: equal distances of both stops from the mean position; stops of the scene, "
+        f"{near:.4g} and {far:.4g} mm from the mean: {spoken_percent(chance)} in 1 h (any hit)"
+    )
+    assert line in printed(sizing)
+
+
+def test_one_stop_and_none_are_told_apart() -> None:
+    sizing = sizing_of(scene_between_stops(), paths=64)
+    alone = sizing.scene.impact_pairs[0].model_copy(update={"lower": None})
+    one = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": (alone,)}))
+    assert "(upper side only); stop of the scene, " in printed(one)
+    none = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": ()}))
+    assert "equal distances of two stops from the mean position\n" in printed(none)
+
+
+def test_what_was_tried_on_the_way_is_no_row_of_the_answer() -> None:
+    sizing = sizing_of(scene_between_stops(), paths=64)
+    between = sizing.simulated.iloc[[0]].assign(clearance=7.7777e-3)
+    tried = replace(sizing, simulated=pd.concat([sizing.simulated, between]))
+    assert len(tried.simulated) == 3 and "7.778" not in printed(tried)
+    assert printed(tried) == printed(sizing)
+
+
+def test_chances_are_never_rounded_to_certainty() -> None:
+    assert [spoken_percent(p) for p in (0.5, 1e-3, 1e-9, 0.9995)] == [
+        "50 %", "0.1 %", "1.0e-07 %", "over 99.9 %",
+    ]  # fmt: skip

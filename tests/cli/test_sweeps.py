@@ -1,0 +1,292 @@
+"""Sweeps: rows that are right, kept, not done twice; keys that are not there."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+import stochvi.methods.monte_carlo
+from stochvi.cli import main
+from stochvi.methods.closed_form import exact
+from stochvi.methods.monte_carlo import simulate
+from stochvi.results.errors import Interrupted, SceneError
+from stochvi.results.estimates import format_with_error
+from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
+from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.sweeps import changed_scene, changes, draw_sweep, quantities, spoken, sweep, values_of
+
+R = "impact_pair.0.law.coefficient"
+GAP = "impact_pair.0.upper"
+
+
+def oscillator(restitution: float = 1.0, upper: float = 1.0) -> Scene:
+    pair = ImpactPair(lower=-1.0, upper=upper, law=Restitution(coefficient=restitution))
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[pair],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+
+def test_a_row_is_what_the_method_says_of_its_scene() -> None:
+    table = sweep(oscillator(), {GAP: [0.5, 2.0], "structure.damping": [0.1, 0.4]}, method="exact")
+    assert table[[GAP, "structure.damping"]].to_numpy().tolist() == [
+        [0.5, 0.1], [0.5, 0.4], [2.0, 0.1], [2.0, 0.4]
+    ]  # fmt: skip
+    scene = oscillator(upper=2.0)
+    scene = scene.model_copy(update={"structure": Oscillator(mass=1.0, damping=0.4, stiffness=1.0)})
+    rate = exact(scene).impact_pairs["stops"]["collision_rate"]
+    assert table["stops.collision_rate"].iloc[3] == rate.value
+    assert set(table["note"]) == {""}
+
+
+def test_methods_agree_within_their_errors() -> None:
+    vary = {R: [0.9, 1.0]}
+    simulated = sweep(oscillator(), vary, rel_error=0.01, seed=2)
+    solved = sweep(oscillator(), vary, method="fokker-planck", rtol=1e-4)
+    for name in ("x.displacement_std", "stops.impact_speed_rate"):
+        error = simulated[f"{name} standard_error"]
+        bias = simulated[f"{name} bias"] + solved[f"{name} bias"]
+        assert (error > 0.0).all()
+        assert ((simulated[name] - solved[name]).abs() <= 4.5 * error + bias).all()
+        # the control: rows in the wrong order do not agree
+        swapped = solved[name].to_numpy()[::-1]
+        assert ((simulated[name] - swapped).abs() > 4.5 * error + bias).all()
+
+
+def test_random_numbers_are_common_or_each_row_has_its_own() -> None:
+    vary, asked = {GAP: [1.0, 1.01]}, {"paths": 200, "duration": 50.0, "seed": 9}
+    common = sweep(oscillator(), vary, **asked)
+    independent = sweep(oscillator(), vary, common=False, **asked)
+    assert set(common["seed"]) == {9}
+    assert independent["seed"].nunique() == 2
+    own = simulate(
+        oscillator(upper=1.01), paths=200, duration=50.0, seed=int(independent["seed"].iloc[1])
+    )
+    assert independent["x.velocity_std"].iloc[1] == own.coordinates["x"]["velocity_std"].value
+    # more values do not change the seeds of those that were there
+    more = sweep(oscillator(), {GAP: [0.9, 1.0, 1.01]}, common=False, **asked)
+    assert more["seed"].tolist()[1:] == independent["seed"].tolist()
+    name = "x.displacement_mean_square"
+    error = np.hypot(*independent[f"{name} standard_error"])
+    assert abs(common[name].diff().iloc[1]) < error  # of two runs of their own
+
+
+def test_rows_are_kept_and_a_stopped_one_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = {"paths": 6000, "duration": 50.0, "seed": 1}
+    vary = {R: [0.5, 0.8]}
+    whole = sweep(oscillator(), vary, **asked)
+    seen = []
+
+    def stop(done: float, text: str) -> None:
+        if done > 0.75:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted):
+        sweep(oscillator(), vary, out=tmp_path, progress=stop, **asked)
+    assert len(list((tmp_path / "rows").glob("*.json"))) == 1
+    assert len(list((tmp_path / "rows").glob("*.checkpoint"))) == 1
+
+    def watched(*arguments, **named):
+        seen.append(named.get("resume"))
+        return simulate(*arguments, **named)
+
+    monkeypatch.setattr(stochvi.methods.monte_carlo, "simulate", watched)
+    table = sweep(oscillator(), vary, out=tmp_path, threads=1, **asked)
+    assert len(seen) == 1 and seen[0] is not None  # the second row, from where it was
+    pd.testing.assert_frame_equal(table.drop(columns="seconds"), whole.drop(columns="seconds"))
+    sweep(oscillator(), {R: [0.8, 0.5, 0.9]}, out=tmp_path, **asked)
+    assert len(seen) == 2  # one value more, one row more
+    sweep(oscillator(), vary, out=tmp_path, **(asked | {"paths": 3000}))
+    assert len(seen) == 4  # another question
+    assert not list((tmp_path / "rows").glob("*.checkpoint"))
+
+
+def test_a_table_that_changed_is_another_row(tmp_path: Path) -> None:
+    def value(density: float) -> float:
+        (tmp_path / "table.csv").write_text(f"5, {density}\n500, 0.01\n")
+        noise = TabulatedNoise(file=str(tmp_path / "table.csv"), unit="g2/Hz")
+        scene = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[noise])
+        vary = {"structure.zeta": [0.1]}
+        table = sweep(scene, vary, paths=8, duration=5.0, out=tmp_path)
+        return float(table["x.displacement_std"].iloc[0])
+
+    first = value(0.01)
+    assert value(0.02) != first
+    assert value(0.01) == first
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("impact_pairs.0.upper", "did you mean 'impact_pair.0.upper'"),
+        ("impact_pair.1.upper", "did you mean 'impact_pair.0.upper'"),
+        ("impact_pair.0.law", "did you mean 'impact_pair.0.law"),
+        ("impact_pair.0.law.restitution", "with .*law.restitution"),
+        ("structure.kind", "is not a number of the scene"),
+        ("structure.dampin", "did you mean 'damping'"),
+    ],
+)
+def test_unknown_keys_name_the_nearest(key: str, said: str) -> None:
+    with pytest.raises(SceneError, match=said):
+        sweep(oscillator(), {key: [0.5]}, method="exact")
+
+
+def test_a_key_that_was_left_out_can_be_varied() -> None:
+    table = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    scene = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[table])
+    louder = changed_scene(scene.document(), (("excitation.0.level_db", 6.0),))
+    assert louder.excitations[0].level_db == 6.0
+
+
+def test_what_a_method_does_not_cover_is_noted() -> None:
+    table = sweep(oscillator(), {R: [0.5, 1.0]}, method="exact")
+    assert "restitution" in table["note"].iloc[0] and table["note"].iloc[1] == ""
+    assert np.isnan(table["x.displacement_std"].iloc[0])
+    mount = Oscillator(mass=1.0, damping=0.1, stiffness=1.0)
+    scene = Scene(structure=mount, excitations=[Sine(amplitude=1, frequency_hz=1)])
+    assert "average" in sweep(scene, {"structure.mass": [1.0]}, method="average")["note"].iloc[0]
+
+
+@pytest.mark.parametrize("text", ["a", "a=", "a=1:2", "a=1:2:x", "a=1:2:0", "a=0:2:3:log", "=1"])
+def test_bad_ranges_are_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="KEY=FIRST:LAST:NUMBER"):
+        values_of(text)
+
+
+def test_a_line_for_each_combination_of_the_other_keys() -> None:
+    vary = {GAP: [0.5, 1.0, 2.0], "structure.damping": [0.1, 0.4]}
+    table = sweep(oscillator(), vary, method="exact")
+    ax = draw_sweep(table, list(vary), "stops.collision_rate")
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["structure.damping 0.1", "structure.damping 0.4"]
+    assert ax.get_ylabel() == "hits, all stops (1/s)"
+    assert ax.get_xlabel() == f"{GAP} (m)" and ax.get_title() == "exact"
+
+
+def test_a_table_and_a_picture_tell_the_errors(tmp_path: Path) -> None:
+    table = sweep(oscillator(), {GAP: [0.5, 1.0]}, paths=64, duration=20.0, threads=1)
+    value, error = (table[f"stops.collision_rate{end}"][0] for end in ("", " standard_error"))
+    assert spoken(table, [GAP])["hits, all stops (1/s)"][0] == format_with_error(value, error)
+    told = draw_sweep(table, [GAP], "stops.collision_rate", "a box").get_title()
+    assert told == "a box\nsimulate; bars: 95 % intervals"
+
+
+def test_a_mean_that_vanishes_is_not_drawn() -> None:
+    table = pd.DataFrame({"x.displacement_std": [1.0, 2.0], "x.displacement_mean": [1e-20, -2e-20]})
+    assert changes(table, "x.displacement_std") and not changes(table, "x.displacement_mean")
+    table["x.displacement_mean"] = [1e-3, 2e-3]
+    assert changes(table, "x.displacement_mean")
+
+
+def test_the_command_writes_a_table_and_pictures(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[structure]\nkind = "oscillator"\nmass = 1.0\ndamping = 0.1\nstiffness = 1.0\n'
+        "[[impact_pair]]\nupper = 1.0\nlaw = { kind = 'restitution', coefficient = 1.0 }\n"
+        '[[excitation]]\nkind = "white"\nintensity = 0.2\n'
+    )
+    ask = ["sweep", str(scene), "--vary", f"{GAP}=0.5:1:2", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(main, [*ask, "--method", "exact"])
+    assert done.exit_code == 0, done.output
+    table = pd.read_csv(tmp_path / "out" / "sweep.csv")
+    assert len(table) == 2 and (tmp_path / "out" / "stops.collision_rate.png").exists()
+    assert {f"{name} bias" for name in quantities(table)} <= set(table)
+    (kept, _) = (tmp_path / "out" / "rows").glob("*.json")
+    assert json.loads(kept.read_text())["method"] == "exact"
+    done = CliRunner().invoke(main, [*ask, "--vary", f"{R}=0.5", "--method", "exact"])
+    assert done.exit_code == 1 and "2 of 2 rows fell short" in done.output
+    done = CliRunner().invoke(main, [*ask, "--method", "exact", "--paths", "10"])
+    assert done.exit_code == 2 and "--paths is for --method simulate" in done.output
+
+
+# ---- what is there and damaged, and what makes no sense ----------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "", "[]", '{"coordinates": {}}', '{"coordinates": {"x": {}}}', "\xff"]
+)
+def test_a_row_that_cannot_be_read_is_done_again(tmp_path: Path, text: str) -> None:
+    whole = sweep(oscillator(), {GAP: [1.0]}, method="exact", out=tmp_path)
+    (kept,) = (tmp_path / "rows").iterdir()
+    sound = kept.read_text()
+    kept.write_bytes(text.encode("latin-1"))
+    with pytest.warns(UserWarning, match=f"{kept.name} holds no answer .* computed again"):
+        again = sweep(oscillator(), {GAP: [1.0]}, method="exact", out=tmp_path)
+    pd.testing.assert_frame_equal(again.drop(columns="seconds"), whole.drop(columns="seconds"))
+    assert json.loads(kept.read_text())["coordinates"] == json.loads(sound)["coordinates"]
+
+
+def test_a_checkpoint_of_a_row_that_is_damaged_is_left(tmp_path: Path) -> None:
+    asked = {"paths": 64, "duration": 5.0}
+    whole = sweep(oscillator(), {GAP: [1.0]}, out=tmp_path, **asked)
+    (kept,) = (tmp_path / "rows").iterdir()
+    for damage in ("garbage", "stochvi checkpoint 1 cut sh"):
+        kept.unlink()
+        kept.with_suffix(".checkpoint").write_text(damage)
+        with pytest.warns(UserWarning, match="checkpoint is .* computed again"):
+            again = sweep(oscillator(), {GAP: [1.0]}, out=tmp_path, **asked)
+        pd.testing.assert_frame_equal(again.drop(columns="seconds"), whole.drop(columns="seconds"))
+        assert list((tmp_path / "rows").iterdir()) == [kept]
+
+
+@pytest.mark.parametrize(
+    ("vary", "said"),
+    [
+        ({GAP: []}, "has no values"),
+        ({GAP: 0.5}, "must have a list of numbers, got 0.5"),
+        ({GAP: "1"}, "must have a list of numbers, got '1'"),
+        ({GAP: ["a"]}, "got 'a' among them"),
+        ({GAP: [[1, 2]]}, r"got \[1, 2\] among them"),
+        ({GAP: [True]}, "got True among them"),
+        ({GAP: [1.0], "impact_pair.00.upper": [2.0]}, f"{GAP} is given twice"),
+        ({"impact_pair.².upper": [1.0]}, "did you mean"),
+        ({}, "at least one key"),
+        ([GAP], "at least one key"),
+    ],
+)
+def test_ranges_that_are_none_are_refused(vary: object, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        sweep(oscillator(), vary, method="exact")
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"seed": -1, "common": False}, "seed must be a whole number"),
+        ({"seed": 1.5}, "seed must be a whole number"),
+        ({"out": ""}, "out must name a folder"),
+        ({"checkpoint": "run"}, "checkpoint is not for a sweep"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(asked: dict, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        sweep(oscillator(), {GAP: [1.0]}, **asked)
+
+
+def test_numbers_of_numpy_are_the_same_rows(tmp_path: Path) -> None:
+    sweep(oscillator(), {GAP: [1, 2]}, out=tmp_path, paths=64, duration=5.0, seed=3)
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "rows").iterdir()}
+    sweep(
+        oscillator(), {"impact_pair.00.upper": np.array([1, 2])}, out=tmp_path,
+        paths=np.int64(64), duration=np.float64(5.0), seed=np.int64(3),
+    )  # fmt: skip
+    assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "rows").iterdir()}
+
+
+def test_the_command_refuses_a_key_twice_and_folders_without_a_name(tmp_path: Path) -> None:
+    scene = str(tmp_path / "scene.toml")
+    for ask, said in (
+        (["--vary", f"{GAP}=1", "--vary", "impact_pair.00.upper=2"], "is given twice"),
+        (["--vary", f"{GAP}=1", "--out", ""], "--out must name a folder, got ''"),
+        (["--vary", f"{GAP}=1:inf:3"], "--vary must be"),
+    ):
+        done = CliRunner().invoke(main, ["sweep", scene, *ask])
+        assert done.exit_code == 2 and done.stderr.count("\n") == 1 and said in done.stderr

@@ -1,0 +1,83 @@
+"""Screening of isolators, and hit rate against clearance."""
+
+import math
+
+import numpy as np
+import pytest
+from known import oscillator
+
+from stochvi import (
+    ConstantLoad,
+    ImpactPair,
+    Isolator,
+    NotApplicable,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    WhiteNoise,
+    clearance_curve,
+    screen,
+)
+from stochvi.isolators.screening import predicted_rates, with_clearance
+from stochvi.mathematics.units import STANDARD_GRAVITY
+
+STOPS = ImpactPair(lower=-1e-3, upper=2e-3, law=Restitution(coefficient=1.0))
+
+
+def white_mount(frequency_hz: float, Q: float, density: float) -> Scene:
+    return Scene(
+        structure=Isolator(frequency_hz=frequency_hz, Q=Q),
+        impact_pairs=[STOPS],
+        excitations=[WhiteNoise(density=density, unit="g2/Hz")],
+    )
+
+
+def test_white_noise_gives_miles_and_the_exact_absolute_acceleration() -> None:
+    linear = screen(white_mount(200.0, 20.0, 0.1))
+    assert linear.miles is not None
+    assert linear.miles / STANDARD_GRAVITY == pytest.approx(25.06628274631, rel=1e-12)
+    factor = math.sqrt(1.0 + 1.0 / 20.0**2)
+    assert linear.acceleration_std == pytest.approx(linear.miles * factor, rel=1e-12)
+    relative = screen(white_mount(100.0, 10.0, 0.04)).displacement_std
+    assert relative == pytest.approx(0.000196902338044968, rel=1e-12)
+
+
+def test_ten_hertz_at_three_sigma_is_hit_eight_hundred_times_an_hour() -> None:
+    linear = screen(white_mount(10.0, 10.0, 0.01))
+    hits = 3600.0 * linear.rice_rate(3.0 * linear.displacement_std)
+    assert hits == pytest.approx(2.0 * 36000.0 * math.exp(-4.5), rel=1e-12)
+
+
+def test_a_curve_between_elastic_stops_in_white_noise_is_the_exact_one() -> None:
+    scene = white_mount(10.0, 10.0, 0.01)
+    sigma = screen(scene).displacement_std
+    curve = clearance_curve(scene, [sigma, 2.0 * sigma], rel_error=0.005, seed=2)
+    # closure is exact here, so its rate must lie within 4.5 / 1.96 half widths of the interval
+    half = (curve["simulated_high"] - curve["simulated_low"]) / 2.0
+    assert (abs(curve["simulated"] - curve["closure"]) < 4.5 / 1.96 * half).all()
+    assert (curve["closure"] > curve["rice"]).all()
+    again = predicted_rates(scene, list(curve["clearance"]))
+    np.testing.assert_allclose(again["closure"], curve["closure"], rtol=1e-12)
+
+
+def test_clearance_is_measured_from_where_the_mass_hangs() -> None:
+    scene = white_mount(10.0, 10.0, 0.01)
+    hanging = scene.model_copy(
+        update={"excitations": (*scene.excitations, ConstantLoad(acceleration=9.80665))}
+    )
+    sag = -9.80665 / hanging.structure.omega**2
+    pair = with_clearance(hanging, 1e-3).impact_pairs[0]
+    assert (pair.lower, pair.upper) == pytest.approx((sag - 1e-3, sag + 1e-3))
+
+
+def test_what_screening_does_not_cover_says_why() -> None:
+    with pytest.raises(NotApplicable, match="must be 'isolator'"):
+        screen(oscillator(-1.0, 1.0, 1.0))
+    bare = Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        excitations=[TabulatedNoise(profile="navmat-p-9492")],
+    )
+    with pytest.raises(NotApplicable, match="needs an impact_pair"):
+        clearance_curve(bare, [1e-3])
+    with pytest.raises(ValueError, match="clearances must be positive"):
+        clearance_curve(white_mount(10.0, 10.0, 0.01), [-1e-3])

@@ -1,0 +1,183 @@
+"""Capture and escape: against the exact energy boundary, brute force, and in its sentences."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from stochvi import (
+    ImpactPair,
+    Isolator,
+    NotApplicable,
+    Oscillator,
+    Restitution,
+    Scene,
+    Sine,
+    WhiteNoise,
+)
+from stochvi.cli import main
+from stochvi.isolators.jolts import WINDOW_PERIODS, jolts
+
+OMEGA, DAMPING, DRIVE, AMPLITUDE = 62.8, 12.5, 628.0, 1e-4 * 628.0**2
+"""The isolator of the book's section 9: 10 Hz, b = 12.5 1/s, a line of 0.1 mm at 100 Hz."""
+
+BOUNDARY = 4.4944e-4
+"""Exact energy boundary at R = 0.5, m."""
+
+
+def mount(clearance: float, restitution: float = 0.5, noise: float = 0.0) -> Scene:
+    shaking = [Sine(amplitude=AMPLITUDE, frequency_hz=DRIVE / (2.0 * math.pi))]
+    hiss = [WhiteNoise(intensity=noise)] if noise else []
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=DAMPING, stiffness=OMEGA**2),
+        impact_pairs=[
+            ImpactPair(
+                lower=-clearance, upper=clearance, law=Restitution(coefficient=restitution)
+            )
+        ],
+        excitations=[*shaking, *hiss],
+    )  # fmt: skip
+
+
+def test_below_the_energy_boundary_jolts_are_caught_and_stay() -> None:
+    found = jolts(mount(0.8 * BOUNDARY), [0.0, 0.3], paths=64)
+    assert found.resonance is not None
+    assert found.resonance.energy_boundary == pytest.approx(BOUNDARY, rel=5e-5)
+    assert not found.captured[0].any()
+    assert found.resonant[1].mean() > 0.3
+    assert not found.left.any()
+    rate, low, high = found.escape_rate()
+    assert rate == 0.0 and low == 0.0
+    # none of an exponential law is seen in 3.7 mean times in 2.5 % of cases
+    assert high * found.watched.sum() == pytest.approx(-math.log(0.025), rel=1e-9)
+    assert "none left it" in found.summary()
+
+
+@pytest.mark.parametrize("part", [1.005, 1.1])
+def test_beyond_the_energy_boundary_clatter_dies(part: float) -> None:
+    """As transient chaos does: what is there at first is left again and again."""
+    found = jolts(mount(part * BOUNDARY), [0.3], paths=64, duration=120.0)
+    early = jolts(mount(0.99 * BOUNDARY), [0.3], paths=64, duration=120.0)
+    assert found.resonant.mean() < early.resonant.mean() / 2.0
+    assert found.left.sum() >= found.captured.sum() - 2
+    assert early.left.sum() <= 2
+    assert "beyond it" in found.summary()
+
+
+def brute_force(clearance: float, speed: float, paths: int, periods: int) -> float:
+    """Share of paths that hit in the last `WINDOW_PERIODS`, by exact flight in small steps and
+    impacts at their ends."""
+    steps = 800
+    h = 2.0 * math.pi / DRIVE / steps
+    decay, turn = math.exp(-DAMPING * h / 2.0), math.sqrt(OMEGA**2 - DAMPING**2 / 4.0) * h
+    root = math.sqrt(OMEGA**2 - DAMPING**2 / 4.0)
+    c, s = decay * math.cos(turn), decay * math.sin(turn)
+    a11, a12 = c + DAMPING / 2.0 / root * s, s / root
+    a21, a22 = -(OMEGA**2) / root * s, c - DAMPING / 2.0 / root * s
+    response = AMPLITUDE / (OMEGA**2 - DRIVE**2 + 1j * DAMPING * DRIVE)
+    phase = 2.0 * math.pi * (np.arange(paths) + 0.5) / paths
+
+    def forced(step: int) -> tuple[np.ndarray, np.ndarray]:
+        wave = response * np.exp(1j * (DRIVE * h * step + phase))
+        return wave.real, (1j * DRIVE * wave).real
+
+    y, w = np.zeros(paths), np.full(paths, speed)
+    hits = np.zeros(paths)
+    for step in range(1, periods * steps + 1):
+        y, w = a11 * y + a12 * w, a21 * y + a22 * w
+        still, moving = forced(step)
+        x, v = y + still, w + moving
+        out = (np.abs(x) > clearance) & (x * v > 0.0)
+        if step > (periods - WINDOW_PERIODS) * steps:
+            hits += out
+        w = np.where(out, w - 1.5 * v, w)
+    return float(np.mean(hits >= 0.5 * WINDOW_PERIODS))
+
+
+def test_the_share_of_captured_jolts_is_that_of_a_brute_force() -> None:
+    """Both are shares of independent phases; 4.5 binomial standard errors."""
+    clearance, speed = 0.9 * BOUNDARY, 0.2
+    found = jolts(mount(clearance), [speed], paths=512)
+    share = float(found.captured.mean())
+    expected = brute_force(clearance, speed, 512, 100)
+    assert 0.1 < share < 0.9
+    error = math.sqrt(share * (1.0 - share) * 2.0 / 512)
+    assert abs(share - expected) < 4.5 * error
+    # negative control: another jolt has another share
+    other = brute_force(clearance, 0.02, 512, 100)
+    assert abs(share - other) > 4.5 * error
+
+
+def test_noise_throws_the_mount_out_again() -> None:
+    quiet = jolts(mount(0.9 * BOUNDARY), [0.3], paths=128, duration=20.0)
+    noisy = jolts(mount(0.9 * BOUNDARY, noise=1e-2), [0.3], paths=128, duration=20.0)
+    # without noise a path may still leave that had not settled into a regime
+    assert noisy.escape_rate()[1] > quiet.escape_rate()[2]
+    assert "it lasts" in noisy.summary()
+
+
+def test_a_base_and_a_force_are_the_same_sine() -> None:
+    stops = ImpactPair(lower=-3e-4, upper=3e-4, law=Restitution(coefficient=0.5))
+    based = Scene(
+        structure=Isolator(frequency_hz=OMEGA / (2.0 * math.pi), zeta=DAMPING / (2.0 * OMEGA)),
+        impact_pairs=[stops],
+        excitations=[Sine(amplitude=AMPLITUDE, frequency_hz=DRIVE / (2.0 * math.pi))],
+    )
+    found = jolts(based, [0.3], paths=32)
+    assert found.resonance is not None
+    assert found.resonance.energy_boundary == pytest.approx(BOUNDARY, rel=5e-5)
+    assert found.captured.any()
+
+
+def test_unequal_stops_have_no_symmetric_regime() -> None:
+    scene = mount(4e-4)
+    pair = ImpactPair(lower=-3e-4, upper=4e-4, law=Restitution(coefficient=0.5))
+    found = jolts(scene.model_copy(update={"impact_pairs": (pair,)}), [0.3], paths=8)
+    assert found.resonance is None
+    assert found.clearance == 3e-4
+
+
+def test_what_cannot_be_jolted_is_said() -> None:
+    noise = Scene(
+        structure=Oscillator(mass=1.0, damping=1.0, stiffness=1.0),
+        impact_pairs=[ImpactPair(upper=1.0, law=Restitution(coefficient=0.5))],
+        excitations=[WhiteNoise(intensity=1.0)],
+    )
+    with pytest.raises(NotApplicable, match="must have one sine, got 0"):
+        jolts(noise, [1.0])
+    with pytest.raises(ValueError, match="speeds must be at least one finite number"):
+        jolts(mount(4e-4), [])
+    with pytest.raises(ValueError, match="duration must be a positive number"):
+        jolts(mount(4e-4), [0.1], duration=-1.0)
+
+
+def test_the_command_tells_boundary_capture_and_escape(tmp_path) -> None:
+    file = tmp_path / "mount.toml"
+    file.write_text(
+        """
+        [structure]
+        kind = "isolator"
+        frequency_hz = 9.99493
+        zeta = 0.0995223
+        [[impact_pair]]
+        lower = -0.0004
+        upper = 0.0004
+        law = { kind = "restitution", coefficient = 0.5 }
+        [[excitation]]
+        kind = "sine"
+        amplitude = 39.4384
+        frequency_hz = 99.9493
+        """
+    )
+    arguments = ["jolt", str(file), "--speeds", "0,0.3", "--paths", "16"]
+    result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert "0.4494 mm" in result.output and "0.4 mm" in result.output
+    assert (tmp_path / "jolts.csv").is_file()
+    document = json.loads(CliRunner().invoke(main, [*arguments, "--json", "-"]).stdout)
+    assert document["energy_boundary"] == pytest.approx(4.4944e-4, rel=1e-4)
+    assert [row["jolt"] for row in document["jolts"]] == [0.0, 0.3]

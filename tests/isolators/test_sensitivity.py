@@ -1,0 +1,107 @@
+"""What a sizing hangs on: scaling laws, and inputs that are not Gaussian."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from statistical import Z
+from test_sizing import HOUR, ten_hertz, truck
+
+from stochvi import Elastic, Isolator, NotApplicable, Restitution, TabulatedNoise
+from stochvi.isolators.sizing.answer import Sizing, Target
+from stochvi.isolators.sizing.method import risk_curve, size
+from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.isolators.sizing.sensitivity import (
+    KURTOSIS,
+    Hermite,
+    fast_peaks,
+    sensitivity,
+    slow_bursts,
+    variations,
+)
+
+ONE_PER_CENT = Target(name="probability", value=0.01, unit="1")
+
+
+@pytest.fixture(scope="module")
+def on_a_truck() -> tuple[Sizing, pd.DataFrame]:
+    sizing = size(truck(Restitution(coefficient=0.5)), probability=0.01, seed=1)
+    return sizing, sensitivity(sizing, seed=1).set_index("change")
+
+
+def test_a_level_scales_the_clearance(on_a_truck: tuple[Sizing, pd.DataFrame]) -> None:
+    sizing, table = on_a_truck
+    assert table.loc["none", "clearance_change"] == pytest.approx(0.0, abs=1e-3)
+    for level in (-3.0, 3.0):
+        # the same random numbers, so that only the grid of levels is scaled with it
+        factor = 10.0 ** (level / 20.0)
+        assert table.loc[f"level {level:+.0f} dB", "clearance"] == pytest.approx(
+            factor * table.loc["none", "clearance"], rel=1e-6
+        )
+    chances = table["probability"]
+    assert chances["level -3 dB"] < 0.01 < chances["level +3 dB"]
+    assert chances["damping ratio +30 %"] < 0.01 < chances["damping ratio -30 %"]
+    assert chances["natural frequency +10 %"] < 0.01 < chances["natural frequency -10 %"]
+    assert chances["none"] == pytest.approx(0.01, rel=0.1)
+    assert sizing.clearance.value == pytest.approx(table.loc["none", "clearance"], rel=1e-3)
+
+
+def test_mounts_and_laws_are_varied_however_they_are_given() -> None:
+    sizing = size(truck(Elastic(stiffness=1e5)), rate=0.3, rel_error=0.2, seed=1)
+    varied = dict(variations(sizing))
+    stiffer = varied["stiffness of the stops x 2"].impact_pairs[0].law
+    assert isinstance(stiffer, Elastic) and stiffer.stiffness == 2e5
+    old = sizing.scene.structure
+    for key, frequency, damping in (
+        ("natural frequency -10 %", 0.9, 1.0),
+        ("damping ratio +30 %", 1.0, 1.3),
+    ):
+        new = varied[key].structure
+        assert new.omega == pytest.approx(frequency * old.omega)
+        assert new.damping_rate == pytest.approx(frequency * damping * old.damping_rate)
+
+
+def test_the_cubic_of_a_gaussian_has_its_kurtosis() -> None:
+    nodes, weights = np.polynomial.hermite_e.hermegauss(40)
+    weights = weights / weights.sum()
+    for kurtosis in (3.0, 3.5, 5.0, 9.0):
+        x = Hermite.of(kurtosis)(nodes)
+        assert weights @ x**2 == pytest.approx(1.0, rel=1e-10)
+        assert weights @ x**4 == pytest.approx(kurtosis, rel=1e-10)
+
+
+def test_a_mount_lets_little_of_fast_peaks_through() -> None:
+    scene = truck(Restitution(coefficient=0.5))
+    gaussian = fast_peaks(scene, 3.0, seed=2, records=8)
+    assert abs(gaussian.response_kurtosis - 3.0) < Z * gaussian.standard_error
+    well_damped = scene.model_copy(update={"structure": Isolator(frequency_hz=12.0, zeta=0.3)})
+    peaked = fast_peaks(well_damped, KURTOSIS, seed=2)
+    assert peaked.input_kurtosis > 4.5
+    assert peaked.response_kurtosis - 3.0 > Z * peaked.standard_error
+    assert peaked.response_kurtosis < 3.3
+    with pytest.raises(NotApplicable, match="must be tabulated"):
+        fast_peaks(ten_hertz(0.05), KURTOSIS)
+
+
+def test_a_wide_mount_lets_them_through() -> None:
+    """Negative control: a stiff mount follows the input, kurtosis and all."""
+    scene = truck(Restitution(coefficient=0.5))
+    slow = TabulatedNoise(frequency_hz=[0.5, 2.0], density=[0.01, 0.01], unit="g2/Hz")
+    peaked = fast_peaks(
+        scene.model_copy(update={"excitations": (slow,)}), KURTOSIS, seed=2, records=4
+    )
+    assert peaked.response_kurtosis == pytest.approx(peaked.input_kurtosis, rel=0.02)
+
+
+@pytest.mark.parametrize("kurtosis", [3.02, 3.5, 5.0])
+def test_slow_bursts_are_a_mean_over_a_gamma_law(kurtosis: float) -> None:
+    curve: RiskCurve = risk_curve(ten_hertz(0.05), ONE_PER_CENT, HOUR, seed=1)
+    clearance = 6.0 * curve.crossings.displacement_std
+    shape = 3.0 / (kurtosis - 3.0)
+    draws = np.random.default_rng(1).gamma(shape, 1.0 / shape, 20_000)
+    rates = np.array([curve.first_rate(clearance / math.sqrt(m)) for m in draws])
+    chance = slow_bursts(curve, clearance, kurtosis, HOUR)
+    rate = -math.log1p(-chance) / HOUR
+    assert abs(rates.mean() - rate) < Z * rates.std() / math.sqrt(len(rates))
+    assert rate > curve.first_rate(clearance)

@@ -1,0 +1,420 @@
+"""The clearance for a stated risk: against textbook numbers, exact laws and simulation."""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from statistical import Z, assert_agrees
+
+from stochvi import (
+    ConstantLoad,
+    Elastic,
+    FilteredNoise,
+    ImpactPair,
+    Isolator,
+    NotApplicable,
+    NotConverged,
+    Oscillator,
+    Restitution,
+    Scene,
+    Sine,
+    TabulatedNoise,
+    WhiteNoise,
+    screen,
+    simulate,
+)
+from stochvi.isolators.sizing.answer import spoken_percent
+from stochvi.isolators.sizing.method import Sizing, at_clearance, size
+from stochvi.methods.monte_carlo.kernels.compliant_response import EXTREMES, FASTEST
+from stochvi.methods.monte_carlo.tabulated import plan_tabulated
+from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.scenes.impact_laws import Law
+from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts
+from stochvi.statistics.first_crossings import crossing_plan, first_crossings
+
+HOUR = 3600.0
+HALF = Restitution(coefficient=0.5)
+
+
+def ten_hertz(zeta: float, law: Law | None = None) -> Scene:
+    pairs = [] if law is None else [ImpactPair(lower=-1e-3, upper=1e-3, law=law)]
+    return Scene(
+        structure=Isolator(frequency_hz=10.0, zeta=zeta),
+        impact_pairs=pairs,
+        excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    )
+
+
+def truck(law: Law) -> Scene:
+    mount = Isolator(mass=1.0, damping=2.4 * math.pi * 2.0, stiffness=(24.0 * math.pi) ** 2)
+    return Scene(
+        structure=mount,
+        impact_pairs=[ImpactPair(lower=-1e-3, upper=1e-3, law=law)],
+        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+    )
+
+
+@pytest.fixture(scope="module")
+def hourly() -> Sizing:
+    return size(ten_hertz(0.05), probability=0.01, seed=1)
+
+
+def test_one_per_cent_an_hour_at_ten_hertz_needs_five_point_six_sigma(hourly: Sizing) -> None:
+    """With independent crossings it is 5.62 sigma; that they come in clumps takes a little off."""
+    sigma = hourly.clearance.value / hourly.sigma
+    independent = math.sqrt(2.0 * math.log(2.0 * 10.0 * HOUR / -math.log1p(-0.01)))
+    assert 5.5 < sigma < independent
+    assert hourly.sigma == pytest.approx(screen(ten_hertz(0.05)).displacement_std, rel=1e-5)
+    # the interval is that of 5 % of the risk or less: d ln P / d sigma is -5.6
+    half = 0.5 * (hourly.clearance.upper - hourly.clearance.lower)
+    assert half < 0.05 * GAUSSIAN_95 * hourly.sigma / 5.0
+
+
+def test_the_chance_at_the_clearance_is_the_one_asked_for(hourly: Sizing) -> None:
+    """Asked the other way round, with other random numbers."""
+    found = first_crossings(
+        ten_hertz(0.05), [hourly.clearance.value], mission=HOUR, rel_error=0.01, seed=77
+    )
+    (chance,) = found.probability(HOUR)
+    slope = 5.6 / hourly.sigma
+    half = 0.5 * (hourly.clearance.upper - hourly.clearance.lower)
+    both = Estimate(
+        value=chance.value,
+        standard_error=math.hypot(chance.standard_error, half / GAUSSIAN_95 * slope * 0.01),
+        bias=chance.bias,
+    )
+    assert_agrees(both, 0.01)
+    with pytest.raises(AssertionError):
+        assert_agrees(both, 0.01 * math.exp(0.05 * 5.6))  # at a clearance 0.05 sigma less
+
+
+@pytest.mark.parametrize("wanted", [0.95, 0.999])
+def test_a_chance_near_certainty_has_a_clearance_too(wanted: float) -> None:
+    """Other random numbers find the same mean number of bursts there, -ln(1 - P)."""
+    sized = size(ten_hertz(0.05), probability=wanted, seed=1)
+    c = sized.clearance
+    (rate,) = first_crossings(
+        ten_hertz(0.05), [c.value], mission=HOUR, rel_error=0.02, seed=78
+    ).first_rate()
+    slope = c.value / sized.sigma**2
+    half = 0.5 * (c.upper - c.lower)
+    both = Estimate(
+        value=rate.value * HOUR,
+        standard_error=HOUR
+        * math.hypot(rate.standard_error, half / GAUSSIAN_95 * slope * rate.value),
+        bias=HOUR * (rate.bias or 0.0),
+    )
+    assert_agrees(both, -math.log1p(-wanted))
+    with pytest.raises(AssertionError):
+        assert_agrees(both, -math.log1p(-wanted) * math.exp(0.2 * sized.sigma * slope))
+    assert half < 0.05 * sized.sigma
+
+
+def test_a_mission_too_short_for_a_chance_says_so() -> None:
+    with pytest.raises(ValueError, match=r"probability of 0.95 in 0.05 s .* clearance below"):
+        size(ten_hertz(0.05), probability=0.95, mission=0.05)
+
+
+def test_three_sigma_is_judged(hourly: Sizing) -> None:
+    three = hourly.three_sigma
+    assert three.rice_hits == pytest.approx(2.0 * 36000.0 * math.exp(-4.5), rel=1e-4)
+    assert three.probability.value > 0.999
+    assert 0.4 < three.first_hits.value / three.rice_hits < 0.6
+    assert three.hits is None
+    required = hourly.required
+    assert list(required["probability"]) == [0.1, 0.01, 0.001]
+    assert (np.diff(required["clearance"]) > 0.0).all()
+    assert required["clearance"][1] == pytest.approx(hourly.clearance.value, rel=1e-9)
+    chances = hourly.curve["probability"]
+    assert (np.diff(chances) <= 0.0).all()
+    assert (hourly.curve["probability_low"] <= chances).all()
+
+
+def test_the_document_holds_plain_numbers(hourly: Sizing) -> None:
+    document = json.loads(json.dumps(hourly.to_dict(), allow_nan=False))
+    assert set(document["clearance"]) == {"value", "lower", "upper"}
+    assert document["target"] == {
+        "name": "probability", "value": 0.01, "unit": "1", "exceedance": None,
+    }  # fmt: skip
+    assert " mm per side (" in repr(hourly) and "1 %" in hourly._repr_html_()
+    assert hourly.to_frame() is hourly.curve
+
+
+def test_hits_are_counted_with_the_stop_law() -> None:
+    scene = truck(HALF)
+    found = size(scene, probability=0.01, seed=2)
+    direct = simulate(at_clearance(scene, 3.0 * found.sigma), rel_error=0.03, seed=9).impact_pairs[
+        "stops"
+    ]["collision_rate"]
+    assert isinstance(direct, Estimate) and found.three_sigma.hits is not None
+    hits = found.three_sigma.hits
+    both = Estimate(
+        value=hits.value / HOUR,
+        standard_error=math.hypot(hits.standard_error / HOUR, direct.standard_error),
+        bias=(hits.bias or 0.0) / HOUR + (direct.bias or 0.0),
+    )
+    assert_agrees(both, direct.value)
+    recommended = found.simulated.iloc[-1]
+    assert recommended["by"] == "bursts"
+    assert recommended["clearance"] == found.clearance.value
+    # 1 % of the hours have hits, and then a little more than one on average
+    expected = recommended["hit_rate"] * HOUR / recommended["hits_per_first_hit"]
+    assert expected == pytest.approx(-math.log1p(-0.01), rel=0.1)
+    assert set(found.evidence) == {"three_sigma"}
+
+
+def test_the_clearance_for_a_rate_of_elastic_stops_is_the_exact_one() -> None:
+    """At R = 1 in white noise hits come at Rice's rate over the share of time between the stops."""
+    wanted = 1e-3
+    found = size(ten_hertz(0.05, Restitution(coefficient=1.0)), rate=wanted, seed=3)
+    level = found.clearance.value / found.sigma
+    for _ in range(4):
+        share = math.erf(level / math.sqrt(2.0))
+        level = math.sqrt(2.0 * math.log(20.0 / (wanted * share)))
+    error = (found.clearance.upper - found.clearance.lower) / 2.0 / GAUSSIAN_95
+    assert_agrees(Estimate(value=found.clearance.value, standard_error=error), level * found.sigma)
+    assert error < 0.05 / level * found.sigma
+
+
+def test_a_frequent_rate_is_simulated_outright() -> None:
+    found = size(truck(HALF), rate=0.3, seed=3)
+    direct = simulate(
+        at_clearance(truck(HALF), found.clearance.value), rel_error=0.02, seed=8
+    ).impact_pairs["stops"]["collision_rate"]
+    assert isinstance(direct, Estimate)
+    half = 0.5 * (found.clearance.upper - found.clearance.lower)
+    slope = found.clearance.value / found.sigma**2
+    error = math.hypot(direct.standard_error, half / GAUSSIAN_95 * slope * 0.3)
+    assert_agrees(Estimate(value=direct.value, standard_error=error, bias=direct.bias), 0.3)
+    assert "recommended" in found.evidence
+
+
+def test_a_largest_impact_speed_against_whole_missions() -> None:
+    scene, mission, limit, exceedance = truck(HALF), 40.0, 0.3, 0.1
+    found = size(scene, impact_speed=limit, mission=mission, exceedance=exceedance, seed=4)
+    plan = plan_tabulated(at_clearance(scene, found.clearance.value), None, mission)
+    paths = 2048
+    extremes = np.zeros((paths, EXTREMES))
+    for first in range(0, paths, plan.block):
+        plan.averages(12, first, plan.block, None, extremes[first : first + plan.block])
+    share = float(np.mean(extremes[:, FASTEST] > limit))
+    half = 0.5 * (found.clearance.upper - found.clearance.lower)
+    # d ln(-ln(1 - p)) / d clearance of Rice's rate
+    slope = found.clearance.value / found.sigma**2 * exceedance
+    counted = math.sqrt(share * (1.0 - share) / paths)
+    assert abs(share - exceedance) < Z * counted + Z / GAUSSIAN_95 * half * slope
+    assert half * slope < 0.5 * exceedance
+
+
+def test_static_sag_and_single_stops_are_kept() -> None:
+    scene = Scene(
+        structure=Isolator(frequency_hz=10.0, zeta=0.05),
+        impact_pairs=[ImpactPair(lower=-9e-3, law=HALF)],
+        excitations=[
+            WhiteNoise(density=0.01, unit="g2/Hz"), ConstantLoad(acceleration=9.80665),
+        ],
+    )  # fmt: skip
+    sag = -9.80665 / scene.structure.omega**2
+    pair = at_clearance(scene, 5e-3).impact_pairs[0]
+    assert pair.lower == pytest.approx(sag - 5e-3) and pair.upper is None
+    one = size(scene, probability=0.01, seed=1)
+    two = size(ten_hertz(0.05), probability=0.01, seed=1)
+    # half as many crossings: a little less
+    assert one.clearance.value < two.clearance.value
+    half_rate = math.log(2.0) / (one.clearance.value / one.sigma**2)
+    assert two.clearance.value - one.clearance.value == pytest.approx(half_rate, rel=0.2)
+
+
+def test_a_mount_below_its_table_is_called_pumped() -> None:
+    scene = Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        impact_pairs=[ImpactPair(lower=-1e-3, upper=1e-3, law=HALF)],
+        excitations=[TabulatedNoise(profile="gevs-qualification")],
+    )
+    found = size(scene, probability=0.01, rel_error=0.1, seed=1)
+    assert any("stops pump this mount" in warning for warning in found.warnings)
+    assert found.three_sigma.hits is not None
+    assert found.three_sigma.hits.value > 10.0 * found.three_sigma.rice_hits
+    assert found.three_sigma.hits.value > 20.0 * found.three_sigma.first_hits.value
+
+
+def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_judged() -> None:
+    found = size(truck(HALF), impact_speed=5.0, rel_error=0.2)
+    assert found.clearance.lower == 0.0
+    assert found.clearance.upper == found.clearance.value < 4.0 * found.sigma
+    assert any("may do as well" in warning for warning in found.warnings)
+    chance = found.kept_with
+    assert chance is not None and chance.value == 0.0 and chance.upper_95 is not None
+    assert any(f"below {100.0 * chance.upper_95:.2g} %" in text for text in found.warnings)
+    verdict = found.verdict()
+    assert verdict.startswith(f"at most {1e3 * found.clearance.value:.4g} mm per side, ")
+    assert "any impact speed of 1 h exceeds 5 m/s is below 1 % (none of " in verdict
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["kept_with"]["value"] == 0.0
+
+
+def test_the_chance_that_is_kept_already_is_told_where_it_was_seen() -> None:
+    found = size(truck(HALF), impact_speed=0.5, exceedance=0.5, mission=60.0, rel_error=0.2)
+    assert found.kept_with is not None and found.kept_with.upper_95 is None
+    assert 0.0 < found.kept_with.value < 0.5
+    assert f"is below 50 % ({spoken_percent(found.kept_with.value)})" in found.verdict()
+
+
+def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {"impact_speed": 0.3, "mission": 40.0, "exceedance": 0.1}
+    found = size(truck(HALF), **asked, rel_error=0.2, seed=4)
+    monkeypatch.setattr(Bursts, "unfinished", 2.0 * UNFINISHED)
+    with pytest.raises(NotConverged, match=r"had not ended after .* s: the chance") as refused:
+        size(truck(HALF), **asked, rel_error=0.2, seed=4)
+    assert refused.value.response.value == pytest.approx(found.clearance.value, rel=0.05)
+
+
+def test_the_bursts_of_a_pumped_mount_do_not_end() -> None:
+    """Where an impact speed of 0.5 m/s would be looked for; without this it seems to be found."""
+    pumped = Scene(
+        structure=Isolator(frequency_hz=8.0, zeta=0.1),
+        impact_pairs=[ImpactPair(lower=-0.92e-3, upper=0.92e-3, law=HALF)],
+        excitations=[TabulatedNoise(profile="navmat-p-9492")],
+    )
+    assert bursts(pumped, rel_error=0.5, budget=0.1).unfinished > UNFINISHED
+
+
+def test_a_chance_that_is_not_known_gives_no_clearance() -> None:
+    """Few bursts reach a limit, and where they are too few, their standard error is no guide."""
+    with pytest.raises(NotConverged, match=r"error of .* beyond the limit at 7.* 0.001 was asked"):
+        size(
+            truck(HALF), impact_speed=0.3, mission=40.0, exceedance=0.1, rel_error=1e-3,
+            budget=0.01, seed=4,
+        )  # fmt: skip
+
+
+def test_warnings_speak_of_the_answer_and_of_three_sigma_alone() -> None:
+    found = size(truck(HALF), rate=0.3, rel_error=1e-3, budget=0.01, seed=4)
+    places = [1e3 * place for place in (found.clearance.value, 3.0 * found.sigma)]
+    unknown = [text for text in found.warnings if "before the hits" in text]
+    assert len(unknown) == 2 < len(found.simulated)
+    for place in places:
+        assert any(f"at {place:.4g} mm" in text for text in unknown)
+    # the interval is that of what was reached
+    half = 0.5 * (found.clearance.upper - found.clearance.lower)
+    assert half > 2.0 * GAUSSIAN_95 * 1e-3 * found.sigma**2 / found.clearance.value
+
+
+def test_filtered_noise_is_sized() -> None:
+    """The list of what is covered names it."""
+    filtered = FilteredNoise(density=0.01, unit="g2/Hz", frequency_hz=30.0, zeta=0.5)
+    scene = Scene(structure=Isolator(frequency_hz=10.0, zeta=0.1), excitations=[filtered])
+    found = size(scene, probability=0.01, rel_error=0.2)
+    assert 5.0 < found.clearance.value / found.sigma < 6.0
+
+
+def test_what_cannot_be_kept_says_why() -> None:
+    with pytest.raises(ValueError, match="exactly one of probability, rate"):
+        size(ten_hertz(0.05))
+    with pytest.raises(ValueError, match="got probability and rate"):
+        size(ten_hertz(0.05), probability=0.1, rate=1.0)
+    with pytest.raises(ValueError, match=r"probability must be in \(0, 0.999\], got 1"):
+        size(ten_hertz(0.05), probability=1.0)
+    with pytest.raises(NotApplicable, match="needs an impact_pair"):
+        size(ten_hertz(0.05), rate=1.0)
+    with pytest.raises(NotApplicable, match="peak_acceleration needs the stiffness"):
+        size(truck(HALF), peak_acceleration=100.0)
+    stiff = Elastic(stiffness=100.0 * (24.0 * math.pi) ** 2)
+    with pytest.raises(NotApplicable, match="exceeded without any stop"):
+        size(truck(stiff), peak_acceleration=20.0)
+    with pytest.raises(NotApplicable, match="the rate stays below 500 1/s at any clearance"):
+        size(truck(HALF), rate=500.0)
+    with pytest.raises(ValueError, match="mission must be"):
+        size(ten_hertz(0.05), probability=0.1, mission=0.0)
+    shaken = ten_hertz(0.05)
+    sine = Sine(amplitude=1.0, frequency_hz=20.0)
+    with pytest.raises(
+        NotApplicable,
+        match=r"^size does not apply: excitation must be white, filtered, psd, road, record or "
+        "constant, got sine",
+    ):
+        size(
+            shaken.model_copy(update={"excitations": (*shaken.excitations, sine)}), probability=0.1
+        )
+    still = Scene(
+        structure=Oscillator(frequency_hz=10.0, zeta=0.05, mass=1.0),
+        excitations=[ConstantLoad(force=1.0)],
+    )
+    with pytest.raises(NotApplicable, match=r"^size does not apply: excitation must contain noise"):
+        size(still, probability=0.1)
+
+
+def test_where_the_stops_of_the_scene_stand_does_not_matter() -> None:
+    """Not even as near as a placeholder."""
+    wide, near = (
+        ten_hertz(0.05, HALF).model_copy(
+            update={"impact_pairs": (ImpactPair(lower=-place, upper=place, law=HALF),)}
+        )
+        for place in (1e-3, 1e-6)
+    )
+    one, two = (size(scene, probability=0.01, rel_error=0.2, seed=1) for scene in (wide, near))
+    assert one.clearance == two.clearance
+    assert one.three_sigma.hits == two.three_sigma.hits
+
+
+def test_a_motion_of_picometres_needs_as_many_sigma() -> None:
+    """At 200 dB less, sigma is below the tolerances by which roots are usually searched for."""
+    loud, faint = (
+        Scene(
+            structure=Isolator(frequency_hz=8.0, zeta=0.1),
+            excitations=[TabulatedNoise(profile="navmat-p-9492", level_db=level)],
+        )
+        for level in (0.0, -200.0)
+    )
+    one, two = (size(scene, probability=0.01, rel_error=0.2, seed=1) for scene in (loud, faint))
+    assert two.sigma < 2e-12 < one.sigma
+    for side in ("value", "lower", "upper"):
+        in_sigma = [getattr(found.clearance, side) / found.sigma for found in (one, two)]
+        assert in_sigma[1] == pytest.approx(in_sigma[0], rel=1e-6)
+
+
+def test_a_chance_is_told_where_hits_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = ten_hertz(0.05, HALF)
+    known = size(scene, probability=0.01, rel_error=0.2, seed=1)
+    bursts_only = {"by": known.simulated["by"].iloc[-1]}
+
+    def refuse(*_: object, **__: object) -> None:
+        raise NotConverged("budget of 0.3 s was too short for a single block of paths")
+
+    def pauseless(*_: object, **__: object) -> None:
+        raise NotApplicable("bursts", ["stops as near as these are hit without a pause"])
+
+    monkeypatch.setattr("stochvi.isolators.sizing.hits.bursts", pauseless)
+    simulated = size(scene, probability=0.01, rel_error=0.2, seed=1, budget=5.0)
+    assert bursts_only == {"by": "bursts"} != {"by": simulated.simulated["by"].iloc[-1]}
+    monkeypatch.setattr("stochvi.isolators.sizing.hits.simulate", refuse)
+    found = size(scene, probability=0.01, rel_error=0.2, seed=1)
+    assert found.clearance == known.clearance
+    assert found.three_sigma.hits is None and found.simulated.empty
+    assert list(found.simulated.columns) == list(known.simulated.columns)
+    assert sum("is not known: budget of 0.3 s" in text for text in found.warnings) == 2
+    json.dumps(found.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("mission", [0.5, 1.0])
+def test_a_chance_near_one_falls_with_the_clearance_and_is_a_limit(mission: float) -> None:
+    """Against records that are looked through from end to end."""
+    scene = Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    )
+    curve = size(scene, probability=0.5, mission=mission, seed=1).curve
+    assert (np.diff(curve["probability"]) <= 0.0).all()
+    plan = crossing_plan(scene)
+    blocks = [plan.free_response(7, first, plan.block, 0) for first in range(0, 2048, plan.block)]
+    x = np.abs(np.concatenate([block[:, 0::2] for block in blocks], axis=1))
+    largest = x[: math.ceil(mission / plan.step) + 1].max(axis=0)
+    for row in curve.iloc[:6].itertuples():
+        share = float(np.mean(largest > row.clearance))
+        error = math.sqrt(max(share * (1.0 - share), 1.0 / len(largest)) / len(largest))
+        assert row.probability_low - Z * error < share < row.probability_high + Z * error
+    # what was clipped does not pass for known
+    assert curve["probability_high"][0] == pytest.approx(1.0, abs=1e-9)
+    assert curve["probability_low"][0] < 0.99

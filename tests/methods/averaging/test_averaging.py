@@ -1,0 +1,207 @@
+"""Averaging of the energy: exact where nothing is lost, and how its error falls elsewhere."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from known import RIGID_STOPS, oscillator, values
+from scipy.integrate import quad
+from statistical import assert_agrees
+
+from stochvi.methods.averaging import CONTINUOUS, FINITE_JUMPS, UNFOLDED, VARIANTS, average
+from stochvi.methods.closed_form import exact
+from stochvi.methods.fokker_planck import fokker_planck
+from stochvi.model.energy_law import Well
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Estimate
+from stochvi.scenes.excitations import WhiteNoise
+from stochvi.scenes.impact_laws import Elastic, SpeedRestitution
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Oscillator
+
+LOSSLESS = {
+    "symmetric": {"lower": -1.0, "upper": 1.0},
+    "unequal, with a load": {"lower": -0.5, "upper": 1.0, "load": 0.3},
+    "one stop": {"upper": 1.0},
+    "preload": {"upper": -1.0},
+    "preload from below, in a box": {"lower": 0.4, "upper": 1.0},
+    "box": {"lower": -1.0, "upper": 2.0, "omega": 0.0},
+    "box on its side": {"lower": -1.0, "upper": 2.0, "omega": 0.0, "load": -0.5},
+    "weight on a floor": {"upper": 1.0, "omega": 0.0, "load": 0.5},
+    "far stops": {"lower": -9.0, "upper": 8.0},
+    "no stops": {},
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", LOSSLESS)
+def test_without_losses_at_the_stops_averaging_is_exact(name, variant):
+    scene = oscillator(**LOSSLESS[name])
+    known, found = exact(scene).estimates(), average(scene, variant=variant).estimates()
+    assert set(known) == set(found)
+    for key, estimate in known.items():
+        size = known["x", "displacement_std"].value if key[1] == "displacement_mean" else 0.0
+        assert found[key].value == pytest.approx(estimate.value, rel=1e-9, abs=1e-9 * size), key
+
+
+@pytest.mark.parametrize(
+    "well",
+    [
+        Well(omega=1.3, load=0.4, lower=-0.7, upper=1.5),
+        Well(omega=1.3, load=0.4, lower=-math.inf, upper=-0.2),
+        Well(omega=0.0, load=0.4, lower=-0.7, upper=1.5),
+        Well(omega=0.0, load=0.0, lower=-0.7, upper=1.5),
+        Well(omega=0.0, load=-0.4, lower=-0.7, upper=math.inf),
+    ],
+)
+def test_the_integrals_over_a_cycle_by_quadrature(well):
+    """T, J and the integrals of y and y^2 over time; x = middle + half sin(angle)."""
+    energies = np.array([0.05, 0.4, 2.5])
+    found = well.orbits(energies)
+
+    def potential(x):
+        return well.energy(x)
+
+    for row, energy in enumerate(energies):
+        if well.omega:
+            rest = well.load / well.omega**2
+            reach = math.sqrt(2.0 * (energy - potential(rest))) / well.omega
+            low, high = rest - reach, rest + reach
+        else:
+            turn = well.place - energy / well.load if well.load else math.inf
+            low, high = (turn, math.inf) if well.load > 0.0 else (-math.inf, turn)
+        low, high = max(low, well.lower), min(high, well.upper)
+        middle, half = (low + high) / 2.0, (high - low) / 2.0
+
+        def cycle(of, middle=middle, half=half, energy=energy):
+            def integrand(angle):
+                x = middle + half * math.sin(angle)
+                v = math.sqrt(max(2.0 * (energy - potential(x)), 1e-300))
+                return of(x, v) * half * math.cos(angle)
+
+            return 2.0 * quad(integrand, -math.pi / 2, math.pi / 2, epsabs=1e-12, limit=400)[0]
+
+        expected = [
+            cycle(of)
+            for of in (
+                lambda x, v: 1.0 / v,
+                lambda x, v: v,
+                lambda x, v: (x - well.place) / v,
+                lambda x, v: (x - well.place) ** 2 / v,
+            )
+        ]
+        assert [column[row] for column in found] == pytest.approx(expected, rel=1e-6, abs=1e-8)
+
+
+@pytest.mark.parametrize("variant", [CONTINUOUS, FINITE_JUMPS])
+@pytest.mark.parametrize("restitution", [0.95, 0.163, 0.0])
+@pytest.mark.parametrize("stops", [(-0.5, 1.2), (None, 1.0)], ids=str)
+def test_the_balance_of_energy_holds_for_every_loss(stops, restitution, variant):
+    """It follows from either equation for G by integration over the energy."""
+    found = average(oscillator(*stops, restitution, load=0.2), variant=variant)
+    # G bends where the first jumps land: the quadrature has eight digits there, else twelve
+    assert abs(found.identities["energy"].value) < 1e-8
+
+
+@pytest.mark.parametrize("variant", [CONTINUOUS, FINITE_JUMPS])
+@pytest.mark.parametrize(
+    ("damping", "restitution", "stop"), [(0.01, 0.5, -1.0), (0.01, 0.5, -2.0), (1e-3, 0.3, -4.0)]
+)
+def test_a_mass_pressed_hard_against_a_lossy_stop(damping, restitution, stop, variant):
+    """It stays so close that a spring presses like a weight, and has little energy but a tail."""
+    intensity = 2.0 * damping
+    pressed = oscillator(upper=stop, restitution=restitution, damping=damping, intensity=intensity)
+    found = average(pressed, variant=variant)
+    assert abs(found.identities["energy"].value) < 1e-8
+    spread = found.coordinates["x"]["displacement_std"].value
+    weight = oscillator(
+        upper=0.0, restitution=restitution, omega=0.0, load=-stop, damping=damping,
+        intensity=intensity,
+    )  # fmt: skip
+    known = average(weight, variant=variant).coordinates["x"]["displacement_std"].value
+    # the spring's force falls by y / stop on a way y, of which the fourth moment has a long tail
+    assert spread == pytest.approx(known, rel=40.0 * spread / -stop)
+
+
+def off(scene: Scene, variant: str, names) -> dict[str, float]:
+    """Relative errors against the Fokker-Planck equation."""
+    known, found = values(fokker_planck(scene, speed_threshold=0.0)), None
+    found = values(average(scene, variant=variant))
+    return {name: abs(found[name] / known[name] - 1.0) for name in names}
+
+
+SUMS = ("velocity_std", "impact_speed_rate", "impact_speed_square_rate")
+
+
+def test_both_variants_approach_the_truth_as_all_losses_vanish():
+    """b = 1 - R = e: both errors are of order e, up to what slow impacts add."""
+    for variant in VARIANTS:
+        errors = [
+            off(oscillator(-1.0, 1.0, 1.0 - e, damping=e, intensity=2.0 * e), variant, SUMS)
+            for e in (0.2, 0.02)
+        ]
+        for name in SUMS:
+            assert errors[1][name] < errors[0][name] / 4.0, (variant, name)
+
+
+def test_with_light_damping_finite_jumps_are_right_where_spread_losses_are_not():
+    """R = 0.5 stays: only the variant with jumps has the truth as its limit."""
+    scenes = [oscillator(-1.0, 1.0, 0.5, damping=b, intensity=2.0 * b) for b in (0.1, 0.001)]
+    jumps = [off(scene, FINITE_JUMPS, SUMS) for scene in scenes]
+    spread = [off(scene, CONTINUOUS, SUMS) for scene in scenes]
+    for name in SUMS:
+        assert jumps[1][name] < jumps[0][name] / 4.0
+    assert jumps[1]["impact_speed_rate"] < 0.03  # 0.011, of which 0.009 the equation's own
+    assert spread[1]["impact_speed_rate"] > 0.07  # 0.083: of the model, not of the damping
+
+
+@pytest.mark.parametrize("row", RIGID_STOPS, ids=lambda row: f"R = {row.restitution}")
+def test_against_the_reference_table_at_one_twentieth_of_critical_damping(row):
+    """b / omega = 0.1 is not small: within b pi of the truth, more at more loss (stated)."""
+    limits = {1.0: 1e-6, 0.95: 0.04, 0.8: 0.075, 0.5: 0.12}
+    known = row.values
+    for variant in (CONTINUOUS, FINITE_JUMPS):
+        found = values(average(oscillator(-1.0, 1.0, row.restitution), variant=variant))
+        for name in ("displacement_std", *SUMS):
+            limit = limits.get(row.restitution)
+            if limit is not None:
+                assert found[name] == pytest.approx(known[name], rel=limit), (variant, name)
+
+
+@pytest.mark.parametrize("restitution", [0.9, 0.5, 0.2])
+def test_the_unfolded_motion_loses_two_over_one_plus_r_times_as_much(restitution):
+    """Its energy balance is S0 / 2 = b E v^2 + (1 - R) F2, with a damper in the place of a stop."""
+    found = values(average(oscillator(-0.5, 1.2, restitution, load=0.2), variant=UNFOLDED))
+    supplied = 0.1 * found["velocity_mean_square"]
+    supplied += (1.0 - restitution) * found["impact_speed_square_rate"]
+    assert supplied == pytest.approx(0.1, rel=1e-10)
+
+
+def test_what_cannot_be_averaged_is_said():
+    free = Oscillator(mass=1.0, damping=0.1, stiffness=1.0)
+    noise = [WhiteNoise(intensity=0.2)]
+    for law, words in [
+        (Elastic(stiffness=9.0), "stops must be rigid"),
+        (SpeedRestitution(coefficient=lambda w: 0.5), "a function of speed"),
+    ]:
+        pairs = [ImpactPair(upper=1.0, law=law)]
+        with pytest.raises(NotApplicable, match=words):
+            average(Scene(structure=free, impact_pairs=pairs, excitations=noise))
+    with pytest.raises(NotApplicable, match="damping must be positive"):
+        average(oscillator(-1.0, 1.0, damping=0.0))
+    with pytest.raises(NotApplicable, match="stiffness must be positive"):
+        average(oscillator(None, 1.0, omega=0.0))
+    with pytest.raises(ValueError, match="variant must be one of"):
+        average(oscillator(-1.0, 1.0), variant="jumps")
+
+
+def test_undamped_flight_between_lossy_stops_has_a_law():
+    found = average(oscillator(-1.0, 1.0, 0.9, damping=0.0))
+    estimate = found.coordinates["x"]["velocity_mean_square"]
+    assert isinstance(estimate, Estimate) and estimate.bias is None
+    assert_agrees(
+        Estimate(value=found.identities["energy"].value, bias=1e-10),
+        0.0,
+    )

@@ -1,0 +1,587 @@
+"""First passage: known numbers, a closed form, bounds that no answer may cross, brute force."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from known import BENCH, oscillator
+from numba import njit
+from scipy.special import gamma, hyp2f1, ndtr
+from statistical import assert_agrees
+
+from stochvi import (
+    ConstantLoad,
+    Elastic,
+    Estimate,
+    FirstPassage,
+    Gaussian,
+    ImpactPair,
+    NotApplicable,
+    NotConverged,
+    Oscillator,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    first_passage,
+)
+from stochvi.cli import main
+from stochvi.mathematics.state_space import step_covariance, transition
+from stochvi.methods.fokker_planck import evolution, layout, passage
+from stochvi.methods.fokker_planck.evolution import time_groups
+from stochvi.methods.fokker_planck.mesh import gauss
+from stochvi.methods.fokker_planck.operators import LinearMotion
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.scene import load_scene
+
+PERIOD = 2.0 * math.pi
+
+
+def lightly_damped(zeta: float = 0.05, load: float = 0.0) -> Scene:
+    """Natural frequency and stationary deviations 1."""
+    return oscillator(damping=2.0 * zeta, intensity=4.0 * zeta, load=load)
+
+
+def free(intensity: float = 2.0) -> Scene:
+    """A mass without spring or damping."""
+    return oscillator(omega=0.0, damping=0.0, intensity=intensity)
+
+
+def numbers(found: FirstPassage) -> list[Estimate]:
+    return [*found.probability, found.mean_time, found.decay_rate]
+
+
+def assert_same(found: FirstPassage, other: FirstPassage) -> None:
+    """Two answers to one question, each within its own bound."""
+    for one, two in zip(numbers(found), numbers(other), strict=True):
+        assert one.bias is not None and two.bias is not None
+        assert_agrees(replace(one, bias=one.bias + two.bias), two.value)
+
+
+# Known answers ------------------------------------------------------------------------------
+
+KNOWN = [
+    # barrier, decay rate, mean time, P(ten periods); half a unit of the last digit of each
+    (2.0, (0.017595300, 5e-10), (65.85570, 5e-6), None),
+    (3.0, (0.0018091405, 5e-11), (570.3591, 5e-5), (0.0784609, 5e-8)),
+    (4.0, None, None, (0.00274504, 5e-9)),
+]
+
+
+@pytest.mark.parametrize("row", KNOWN, ids=lambda row: f"B={row[0]:g}")
+def test_published_rates_times_and_probabilities_are_met(row) -> None:
+    barrier, *expected = row
+    found = first_passage(lightly_damped(), -barrier, barrier, times=[10.0 * PERIOD], rtol=1e-5)
+    for estimate, known in zip(
+        (found.decay_rate, found.mean_time, found.probability[0]), expected, strict=True
+    ):
+        if known is not None:
+            truth, half_unit = known
+            assert estimate.bias is not None
+            assert estimate.bias <= 1e-5 * estimate.value
+            assert_agrees(replace(estimate, bias=estimate.bias + half_unit), truth)
+
+
+def mean_time_in_a_box(place: float, length: float, diffusion: float) -> float:
+    """Mean time that a free mass at rest, pushed by white noise, takes to leave a box.
+
+    J. Masoliver, J. M. Porra, Phys. Rev. Lett. 75 (1995) 189; after J. N. Franklin, E. R. Rodemich,
+    SIAM J. Numer. Anal. 5 (1968) 680. z = place / length, noise of intensity 2 diffusion.
+    """
+    z = place / length
+    series = hyp2f1(1.0, -1.0 / 3.0, 7.0 / 6.0, z) + hyp2f1(1.0, -1.0 / 3.0, 7.0 / 6.0, 1.0 - z)
+    scale = (4.0 / 3.0) ** (1.0 / 6.0) / gamma(7.0 / 3.0) * (length**2 / diffusion) ** (1.0 / 3.0)
+    return float(scale * (z * (1.0 - z)) ** (1.0 / 6.0) * series)
+
+
+@pytest.mark.parametrize(("place", "rtol"), [(1.0, 2e-6), (0.4, 1e-4)])
+def test_a_free_mass_leaves_a_box_after_the_time_of_the_closed_form(place, rtol) -> None:
+    found = first_passage(free(), 0.0, 2.0, start=(place, 0.0), rtol=rtol)
+    assert_agrees(found.mean_time, mean_time_in_a_box(place, 2.0, 1.0))
+
+
+def test_the_wrong_closed_form_is_caught() -> None:
+    found = first_passage(free(1.98), -1.0, 1.0, rtol=1e-4)
+    with pytest.raises(AssertionError, match="differs from"):
+        assert_agrees(found.mean_time, mean_time_in_a_box(1.0, 2.0, 1.0))
+
+
+# Bounds and limits --------------------------------------------------------------------------
+
+
+def test_a_stationary_start_leaves_at_rices_rate_at_first_and_never_faster() -> None:
+    """d/dt P = Rice's rate at t = 0; then it falls: some crossings are not the first."""
+    times = [0.0, 0.01, 0.3, 3.0, 30.0]
+    found = first_passage(lightly_damped(), -2.0, 2.0, times=times, start="stationary", rtol=1e-3)
+    assert found.rice_rate is not None
+    rice = math.exp(-2.0) / math.pi
+    assert found.rice_rate.value == pytest.approx(rice, rel=1e-14)
+    beyond = 2.0 * ndtr(-2.0)
+    chances = [estimate.value for estimate in found.probability]
+    assert chances[0] == pytest.approx(beyond, rel=1e-12)
+    for time, chance in zip(times[1:], chances[1:], strict=True):
+        assert beyond < chance < beyond + rice * time
+    # a passage within h after another: of order sqrt(h), by the noise of the speed
+    assert (chances[1] - beyond) / (0.01 * rice) == pytest.approx(1.0, abs=0.02)
+    rates = np.diff(chances) / np.diff(times)
+    assert (np.diff(rates) < 0.0).all()
+
+
+def test_rates_keep_their_digits_however_rare_and_approach_rices() -> None:
+    """At 5.6 deviations the rate is 3e-8 of the frequency, at 7 it is 1e-12."""
+    ratios = []
+    for barrier, rtol in ((2.0, 1e-4), (3.0, 1e-4), (5.6, 1e-2), (7.0, 1e-2)):
+        found = first_passage(lightly_damped(), -barrier, barrier, times=[100.0], rtol=rtol)
+        rate, rice, chance = found.decay_rate, found.rice_rate, found.probability[0]
+        assert rate.bias is not None and rice is not None
+        assert rate.bias <= rtol * rate.value
+        ratios.append(rate.value / rice.value)
+        # from rest a path first needs some relaxation times, of 2 / b = 20 s
+        soonest, latest = -np.expm1(-rate.value * np.array([100.0, 50.0]))
+        assert latest < chance.value < soonest
+    # the digits that the decay rates at 2 and 3 deviations are known to
+    assert ratios[:2] == pytest.approx([0.408447, 0.511620], abs=1e-6)
+    assert (np.diff(ratios) > 0.0).all()
+    assert ratios[-1] < 1.0
+
+
+def test_the_mean_time_is_the_integral_of_survival() -> None:
+    """By Gauss's rule up to 15 s, and from there at the decay rate."""
+    times, weights = gauss([0.0, 0.1, 1.0, 5.0, 15.0], 6)
+    scene = lightly_damped(0.3)
+    found = first_passage(scene, -1.5, 1.5, times=[*times, 15.0], rtol=3e-4, start="stationary")
+    survival = np.array([1.0 - estimate.value for estimate in found.probability])
+    bounds = np.array([estimate.bias for estimate in found.probability])
+    shares = np.append(weights, 1.0 / found.decay_rate.value)
+    mean = found.mean_time
+    assert mean.bias is not None
+    bound = float(shares @ bounds) + mean.bias
+    assert bound < 1e-3 * mean.value
+    assert_agrees(replace(mean, bias=bound), float(shares @ survival))
+
+
+RARE = lightly_damped(0.0109), 4.913, (-0.87155, 0.21364)
+"""Hardly damped, the barrier five deviations away: early chances are nothing beside later ones."""
+
+
+def test_early_times_take_nothing_from_later_ones(recwarn) -> None:
+    """The projection cannot follow the earliest times here, and need not."""
+    scene, barrier, start = RARE
+    early, late = [1e-3, 0.1, 1.0, 6.28, 20.0], [1e5]
+    alone = first_passage(scene, None, barrier, times=late, start=start, rtol=2e-3)
+    found = first_passage(scene, None, barrier, times=[*early, *late], start=start, rtol=2e-3)
+    assert numbers(found)[len(early) :] == numbers(alone)
+    negligible = -math.expm1(-20.0 * alone.decay_rate.value) * 2e-3
+    for estimate in found.probability[: len(early)]:
+        assert estimate.bias is not None
+        assert estimate.value + estimate.bias < negligible
+    assert not [warning for warning in recwarn if warning.category is RuntimeWarning]
+
+
+def test_a_time_that_the_projection_fails_at_is_alone_in_its_doubt(monkeypatch, recwarn) -> None:
+    """Without the bound and with few sizes of the space, the early times are lost: they alone."""
+    scene, barrier, start = RARE
+    monkeypatch.setattr(passage, "passages_at_most", lambda *problem: np.ones(len(problem[-1])))
+    monkeypatch.setattr(passage, "LEVELS", layout.LEVELS[:2])
+    monkeypatch.setattr(evolution, "SIZES", (16, 24, 34, 46))
+    with pytest.raises(NotConverged, match="relative error") as reason:
+        first_passage(scene, None, barrier, times=[6.28, 20.0, 1e5], start=start, rtol=2e-3)
+    reached = reason.value.response
+    assert isinstance(reached, FirstPassage)
+    *lost, late = reached.probability
+    for kept in (late, reached.decay_rate, reached.mean_time):
+        assert kept.bias is not None
+        assert kept.bias < 2e-3 * kept.value
+    for estimate in lost:
+        assert estimate.bias is not None
+        assert estimate.bias > 2e-3 * -math.expm1(-40.0 * reached.decay_rate.value)
+    assert not [warning for warning in recwarn if warning.category is RuntimeWarning]
+
+
+# Symmetries and starts ----------------------------------------------------------------------
+
+
+def test_a_halved_box_is_the_whole_one() -> None:
+    """A barrier moved by 1e-9 breaks the symmetry, and the box is solved whole."""
+    start = (-0.5, 0.7)
+    half, whole = (
+        first_passage(lightly_damped(), -2.0, upper, times=[9.0], start=start, rtol=3e-3)
+        for upper in (2.0, 2.0 + 1e-9)
+    )
+    assert half.mean_time.value != whole.mean_time.value
+    assert_same(half, whole)
+
+
+def test_a_mirrored_scene_and_a_shifted_one_answer_alike() -> None:
+    one = first_passage(lightly_damped(), -1.0, 2.0, times=[30.0], start=(0.5, -1.0), rtol=3e-3)
+    mirrored = first_passage(
+        lightly_damped(), -2.0, 1.0, times=[30.0], start=(-0.5, 1.0), rtol=3e-3
+    )
+    shifted = first_passage(
+        lightly_damped(load=0.3), -0.7, 2.3, times=[30.0], start=(0.8, -1.0), rtol=3e-3
+    )
+    assert_same(one, mirrored)
+    assert_same(one, shifted)
+
+
+def test_units_are_only_units() -> None:
+    natural = first_passage(lightly_damped(), None, 2.0, times=[30.0], rtol=3e-3)
+    metres, seconds = BENCH.length, 1.0 / BENCH.omega
+    bench = first_passage(
+        oscillator(units=BENCH), None, 2.0 * metres, times=[30.0 * seconds], rtol=3e-3
+    )
+    assert bench.probability[0].value == pytest.approx(natural.probability[0].value, rel=1e-7)
+    assert bench.mean_time.value == pytest.approx(seconds * natural.mean_time.value, rel=1e-7)
+
+
+def test_a_point_that_flies_for_a_while_is_the_gaussian_it_becomes() -> None:
+    """P(t + h) from rest is P(t) from the law after h, as long as no barrier is near."""
+    early = 0.6
+    generator = np.array([[0.0, 1.0], [-1.0, -0.1]])
+    spread = step_covariance(generator, np.diag([0.0, 0.2]), early)
+    mean = transition(generator, early) @ np.array([0.2, -0.4])
+    law = Gaussian(mean=tuple(mean), covariance=tuple(map(tuple, spread)))
+    point = first_passage(lightly_damped(), -1.5, 1.5, times=[9.0], start=(0.2, -0.4), rtol=1e-3)
+    after = first_passage(lightly_damped(), -1.5, 1.5, times=[9.0 - early], start=law, rtol=1e-3)
+    for one, two in zip(point.probability, after.probability, strict=True):
+        assert one.bias is not None and two.bias is not None
+        assert_agrees(replace(one, bias=one.bias + two.bias), two.value)
+    assert after.mean_time.value == pytest.approx(point.mean_time.value - early, rel=2e-3)
+
+
+def test_a_barrier_far_beyond_the_other_is_as_good_as_none() -> None:
+    one, two = (
+        first_passage(lightly_damped(), lower, 2.0, times=[30.0], rtol=3e-3)
+        for lower in (None, -40.0)
+    )
+    assert numbers(one) == numbers(two)
+    assert (one.lower, two.lower) == (None, -40.0)
+
+
+def test_the_stops_are_the_barriers_whatever_their_law() -> None:
+    bare = first_passage(lightly_damped(), -1.5, 2.0, times=[30.0], rtol=3e-3)
+    for law in (Restitution(coefficient=0.3), Elastic(stiffness=50.0)):
+        pair = ImpactPair(lower=-1.5, upper=2.0, law=law)
+        scene = lightly_damped().model_copy(update={"impact_pairs": (pair,)})
+        found = first_passage(scene, times=[30.0], rtol=3e-3)
+        assert numbers(found) == numbers(bare)
+        assert (found.lower, found.upper) == (-1.5, 2.0)
+    nearer = first_passage(scene, -1.0, 1.0, times=[30.0], rtol=3e-3)
+    assert nearer.probability[0].value > bare.probability[0].value
+
+
+LONG = pytest.mark.verify
+HARD = [
+    (lightly_damped(0.01), (-2.0, 2.0), "rest"),
+    (lightly_damped(), (-0.05, 0.05), "rest"),
+    pytest.param(lightly_damped(2.0), (-1.5, 3.0), "stationary", marks=LONG),
+    pytest.param(lightly_damped(load=-2.0), (None, -1.0), "rest", marks=LONG),
+    pytest.param(lightly_damped(), (None, -0.5), (-1.0, 0.5), marks=LONG),
+    pytest.param(oscillator(damping=0.0, intensity=0.02), (None, 1.0), "rest", marks=LONG),
+    pytest.param(lightly_damped(0.003), (-2.5, 2.5), "stationary", marks=LONG),
+]
+
+
+@pytest.mark.parametrize(("scene", "ends", "start"), HARD, ids=range(len(HARD)))
+def test_the_stated_bound_holds_against_a_finer_answer(scene, ends, start) -> None:
+    times = [4.0, 40.0]
+    rough = first_passage(scene, *ends, times=times, start=start, rtol=0.02)
+    fine = first_passage(scene, *ends, times=times, start=start, rtol=5e-4)
+    assert_same(rough, fine)
+
+
+def test_every_time_finds_a_pole() -> None:
+    times = np.array([0.0, 1e-9, 0.1, 1.0, 30.0, 1e9])
+    groups = list(time_groups(times, 1.0))
+    assert sorted(place for places, _ in groups for place in places) == list(range(len(times)))
+    assert {shift for _, shift in groups} >= {1.0}
+
+
+# Brute force --------------------------------------------------------------------------------
+
+
+def passed_before(
+    barrier: float, zeta: float, duration: float, step: float, paths: int, *, between: bool = True
+) -> Estimate:
+    """Share of paths from rest that meet +-barrier: exact steps, and between them the cubic that
+    displacements and velocities at both ends define, unless `between` is switched off."""
+    rng = np.random.default_rng(5)
+    generator = np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
+    move = transition(generator, step)
+    noise = np.linalg.cholesky(step_covariance(generator, np.diag([0.0, 4.0 * zeta]), step))
+    x, v = np.zeros((2, paths))
+    passed = np.zeros(paths, dtype=bool)
+    inside = np.linspace(0.0, 1.0, 7)[1:-1, None]
+    for _ in range(round(duration / step)):
+        draws = noise @ rng.standard_normal((2, paths))
+        x_new, v_new = move @ np.stack([x, v]) + draws
+        passed |= np.abs(x_new) >= barrier
+        if between:
+            a, b = step * v - (x_new - x), step * v_new - (x_new - x)
+            chord = x + inside * (x_new - x)
+            cubic = chord + inside * (1.0 - inside) * (a * (1.0 - inside) - b * inside)
+            passed |= (np.abs(cubic) >= barrier).any(axis=0)
+        x, v = x_new, v_new
+    share = float(passed.mean())
+    return Estimate(value=share, standard_error=math.sqrt(share * (1.0 - share) / paths))
+
+
+def test_brute_force_agrees() -> None:
+    known = first_passage(lightly_damped(0.1), -2.0, 2.0, times=[12.0]).probability[0]
+    sampled = passed_before(2.0, 0.1, 12.0, 0.1, 20_000)
+    assert known.bias is not None
+    assert_agrees(replace(sampled, bias=known.bias), known.value)
+
+
+def test_looking_at_the_ends_of_long_steps_alone_is_caught() -> None:
+    known = first_passage(lightly_damped(0.1), -2.0, 2.0, times=[12.0]).probability[0]
+    sampled = passed_before(2.0, 0.1, 12.0, 1.0, 20_000, between=False)
+    with pytest.raises(AssertionError, match="differs from"):
+        assert_agrees(sampled, known.value)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize(("barrier", "zeta", "duration"), [(2.0, 0.05, 63.0), (3.0, 0.2, 60.0)])
+def test_brute_force_agrees_at_length(barrier, zeta, duration) -> None:
+    known = first_passage(lightly_damped(zeta), -barrier, barrier, times=[duration]).probability[0]
+    sampled = passed_before(barrier, zeta, duration, 0.05, 400_000)
+    assert known.bias is not None
+    assert_agrees(replace(sampled, bias=known.bias), known.value)
+
+
+@njit
+def _fly(x, v, step, noise, floor, goal, barrier, paths):  # type: ignore[no-untyped-def]
+    """From states drawn of (x, v) until the energy has risen to `goal` (the displacement to
+    `barrier`, if that is above 0) or fallen to `floor`: the states of those that got there."""
+    found = np.zeros((2, paths))
+    arrived = 0
+    for _ in range(paths):
+        place = np.random.randint(len(x))  # noqa: NPY002
+        a, b = x[place], v[place]
+        while True:
+            first, second = np.random.standard_normal(2)  # noqa: NPY002
+            a_new = step[0, 0] * a + step[0, 1] * b + noise[0, 0] * first
+            b = step[1, 0] * a + step[1, 1] * b + noise[1, 0] * first + noise[1, 1] * second
+            a = a_new
+            energy = (a * a + b * b) / 2.0
+            if (barrier > 0.0 and abs(a) >= barrier) or (barrier == 0.0 and energy >= goal):
+                found[0, arrived], found[1, arrived] = a, b
+                arrived += 1
+                break
+            if energy < floor:
+                break
+    return found[:, :arrived]
+
+
+def rare_rate(barrier: float, zeta: float, paths: int) -> Estimate:
+    """Forward flux sampling (R. J. Allen et al., Phys. Rev. Lett. 94 (2005) 018104): the rate of
+    rising from the bulk to a first energy, times the chances to rise from each to the next."""
+    h, floor, energies = 0.02, 0.7, np.arange(2.0, barrier**2 / 2.0 - 0.5, 1.4)
+    generator = np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
+    step = transition(generator, h)
+    noise = np.linalg.cholesky(step_covariance(generator, np.diag([0.0, 4.0 * zeta]), h))
+    x, v = _record(step, noise, 30_000_000)
+    energy = (x**2 + v**2) / 2.0
+    risen, inside = [], True
+    for place in np.flatnonzero((energy < floor) | (energy >= energies[0])):
+        if energy[place] < floor:
+            inside = True
+        elif inside:
+            risen.append(place)
+            inside = False
+    rate, variance = len(risen) / (h * len(x)), 1.0 / len(risen)
+    states = np.stack([x[risen], v[risen]])
+    for goal in [*energies[1:], 0.0]:
+        last = barrier if goal == 0.0 else 0.0
+        states = _fly(states[0], states[1], step, noise, floor, goal, last, paths)
+        chance = states.shape[1] / paths
+        rate, variance = rate * chance, variance + (1.0 - chance) / (chance * paths)
+    return Estimate(value=rate, standard_error=rate * math.sqrt(variance))
+
+
+@njit
+def _record(step, noise, length):  # type: ignore[no-untyped-def]
+    np.random.seed(3)  # noqa: NPY002
+    x, v = np.zeros(length), np.zeros(length)
+    for k in range(1, length):
+        first, second = np.random.standard_normal(2)  # noqa: NPY002
+        x[k] = step[0, 0] * x[k - 1] + step[0, 1] * v[k - 1] + noise[0, 0] * first
+        v[k] = step[1, 0] * x[k - 1] + step[1, 1] * v[k - 1]
+        v[k] += noise[1, 0] * first + noise[1, 1] * second
+    return x, v
+
+
+@pytest.mark.verify
+def test_a_rare_rate_agrees_with_splitting() -> None:
+    """3e-8 of the frequency. Looked at after each step alone, excursions shorter than a step are
+    missed: those of speeds below h B / 2, a part (h B / 2)^2 / 2 by Rayleigh's law."""
+    known = first_passage(lightly_damped(0.02), -5.6, 5.6).decay_rate
+    sampled = rare_rate(5.6, 0.02, 60_000)
+    missed = (0.02 * 5.6 / 2.0) ** 2 / 2.0
+    assert sampled.standard_error < 0.05 * known.value
+    assert_agrees(replace(sampled, bias=missed * known.value), known.value)
+
+
+# What is refused, and what is told ----------------------------------------------------------
+
+
+def test_the_document_is_plain_and_complete() -> None:
+    found = first_passage(lightly_damped(), -1.0, None, times=[1.0, 2.0], rtol=0.01)
+    document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert document["method"] == "first-passage"
+    assert document["barriers"] == {"lower": -1.0, "upper": None}
+    assert len(document["probability"]) == len(found.to_frame()) == 2
+    assert document["mean_time"]["value"] == found.mean_time.value
+    assert "P(before 2 s)" in repr(found)
+
+
+NO_STOPS = lightly_damped()
+STOPPED = oscillator(-1.0, 1.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("scene", "ends", "sentence"),
+    [
+        (NO_STOPS, (None, None), "there must be a lower or an upper barrier"),
+        (NO_STOPS, (1.0, -1.0), "barriers must have lower < upper, got 1 and -1"),
+        (STOPPED, (-0.5, 1.5), "got upper at 1.5 m and a stop at 1 m"),
+        (STOPPED, (None, 0.5), "got lower left out and a stop at -1 m"),
+        (free(), (None, 1.0), "stiffness must be positive where only one barrier is"),
+        (NO_STOPS, (-15.0, 15.0), "barriers must be within 10 standard deviations, got 15"),
+    ],
+    ids=range(6),
+)
+def test_what_does_not_apply_is_said_in_a_sentence(scene, ends, sentence) -> None:
+    with pytest.raises(NotApplicable, match=sentence):
+        first_passage(scene, *ends)
+
+
+def test_only_white_noise_is_covered() -> None:
+    table = TabulatedNoise(on="x", frequency_hz=[1.0, 2.0], density=[1.0, 1.0], unit="N2/Hz")
+    for excitation, got in ((table, "tabulated"), (ConstantLoad(force=1.0), "constant load")):
+        scene = Scene(
+            structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0), excitations=[excitation]
+        )
+        with pytest.raises(NotApplicable, match=got):
+            first_passage(scene, -1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"rtol": 0.0}, "rtol must be greater than 0, got 0"),
+        ({"times": [-1.0]}, "times must be finite and at least 0 s"),
+        ({"times": [math.inf]}, "times must be finite"),
+        ({"start": (1.0, 0.0)}, "start must lie between the barriers"),
+        ({"start": (0.0, math.nan)}, "start must be a finite"),
+        ({"start": "asleep"}, "start must be 'rest', 'stationary'"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_an_argument_out_of_range_is_named(options, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        first_passage(NO_STOPS, -1.0, 1.0, **options)
+
+
+def test_a_stationary_start_needs_a_stationary_law() -> None:
+    with pytest.raises(ValueError, match="needs a spring and damping"):
+        first_passage(free(), -1.0, 1.0, start="stationary")
+
+
+@pytest.mark.parametrize(
+    "covariance", [((1.0, 0.0), (0.0, 0.0)), ((1.0, 2.0), (2.0, 1.0)), ((1.0, 0.1), (0.2, 1.0))]
+)
+def test_a_covariance_that_is_none_is_refused(covariance) -> None:
+    with pytest.raises(ValueError, match="symmetric and positive definite"):
+        Gaussian(mean=(0.0, 0.0), covariance=covariance)
+
+
+def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch) -> None:
+    monkeypatch.setattr(passage, "LEVELS", layout.LEVELS[:2])
+    with pytest.raises(NotConverged, match="reached a relative error of") as reason:
+        first_passage(lightly_damped(0.002), -2.0, 2.0, rtol=1e-7)
+    reached = reason.value.response
+    assert isinstance(reached, FirstPassage)
+    assert reached.decay_rate.bias is not None
+    assert reached.decay_rate.bias > 1e-7 * reached.decay_rate.value
+
+
+def test_the_lowest_place_is_that_of_the_potential() -> None:
+    falling = LinearMotion(0.0, 0.0, 1.0, 1.0)
+    assert layout.lowest(falling, -1.0, 2.0) == 2.0
+    assert layout.rise(falling, -1.0, 2.0) == 3.0
+
+
+# The command --------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def stochvi(capsys: pytest.CaptureFixture[str]):
+    """The command first-passage with these options: exit code, stdout, stderr."""
+
+    def run(*options: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as stop:
+            main(["first-passage", LOSSY, *options], prog_name="stochvi")
+        return (int(stop.value.code or 0), *capsys.readouterr())
+
+    return run
+
+
+LOSSY = str(shipped_scene("oscillator-lossy"))
+
+
+def test_the_command_answers_with_a_table_a_document_and_a_picture(stochvi, tmp_path) -> None:
+    options = ("--mission", "50", "--rtol", "0.05", "--json", "-", "--out", str(tmp_path))
+    code, out, err = stochvi(*options)
+    document = json.loads(out)
+    assert code == 0
+    assert document["barriers"] == {"lower": -1.0, "upper": 1.0}
+    assert document["times"][-1] == 50.0
+    assert "P(first passage before t)" in err and "mean time to the first passage" in err
+    assert len(pd.read_csv(tmp_path / "first_passage.csv")) == len(document["times"])
+    assert (tmp_path / "first_passage.png").stat().st_size > 10_000
+
+
+def test_barriers_on_the_command_line_are_those_of_python(stochvi) -> None:
+    options = ("--barrier", "-0.9,0.5", "--times", "20,40", "--start", "stationary")
+    code, out, err = stochvi(*options, "--rtol", "0.05", "--json", "-", "--quiet")
+    found = first_passage(
+        load_scene(LOSSY), -0.9, 0.5, times=[20.0, 40.0], start="stationary", rtol=0.05
+    )
+    assert (code, err) == (0, "")
+    assert json.loads(out)["probability"] == found.to_dict()["probability"]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ((), "give --times or --mission, one of them"),
+        (("--times", "1", "--mission", "1"), "give --times or --mission, one of them"),
+        (("--times", "1,x"), "--times must be numbers with commas, got '1,x'"),
+        (("--mission", "1", "--barrier", "-3"), "--barrier must be positive"),
+        (("--mission", "1", "--barrier", ","), "--barrier must be B, or LO,HI with at least"),
+        (("--mission", "1", "--barrier", "-3,3"), "barriers must not lie beyond a stop"),
+        (("--mission", "1", "--barrier", ",0.5"), "got lower left out and a stop at -1 m"),
+        (("--mission", "nan"), "times must be finite and at least 0 s"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_an_option_out_of_range_is_one_sentence(stochvi, options, sentence) -> None:
+    code, out, err = stochvi(*options)
+    assert (code, out) == (2, "")
+    assert sentence in err
+    assert err.startswith("stochvi: ")
+
+
+def test_an_accuracy_that_was_not_reached_exits_with_1_and_tells_what_was(
+    stochvi, monkeypatch
+) -> None:
+    monkeypatch.setattr(passage, "LEVELS", layout.LEVELS[:2])
+    code, out, err = stochvi("--times", "20", "--rtol", "1e-9", "--json", "-", "--quiet")
+    assert code == 1
+    assert err.startswith("stochvi: first-passage reached a relative error of")
+    assert json.loads(out)["decay_rate"]["value"] > 0.0

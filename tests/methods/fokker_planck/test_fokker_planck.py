@@ -1,0 +1,415 @@
+"""Half-range Galerkin: known answers, bounds on the error that hold, and wrong equations caught."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from known import BENCH, ELASTIC_STOPS, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
+from scipy.integrate import quad
+from statistical import assert_agrees
+
+from stochvi import (
+    ConstantLoad,
+    Estimate,
+    ImpactPair,
+    NotApplicable,
+    NotConverged,
+    Oscillator,
+    Response,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    WhiteNoise,
+    exact,
+    fokker_planck,
+    fokker_planck_many,
+    simulate,
+)
+from stochvi.methods.fokker_planck import half_range
+from stochvi.methods.fokker_planck.boxes import Scenes, boxes, speed_scale
+from stochvi.methods.fokker_planck.levels import (
+    LEVELS,
+    Moments,
+    Solution,
+    errors,
+    make_level,
+    solve,
+    unreached,
+)
+from stochvi.methods.fokker_planck.mesh import Mesh, VelocityBasis
+
+LOSSY_ROWS = [row for row in RIGID_STOPS if row.restitution < 1.0]
+SHARP = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
+
+
+def governed(response: Response) -> Iterator[tuple[str, Estimate]]:
+    for (_, name), estimate in response.estimates().items():
+        if name in SHARP:
+            yield name, estimate
+
+
+# Known answers ------------------------------------------------------------------------------
+
+
+def assert_table_row(row: RigidStops, rtol: float) -> None:
+    response = fokker_planck(oscillator(-1.0, 1.0, row.restitution), rtol=rtol)
+    for name, estimate in governed(response):
+        assert estimate.bias is not None
+        assert estimate.bias <= rtol * estimate.value
+        allowed = replace(estimate, bias=estimate.bias + row.errors[name])
+        assert_agrees(allowed, row.values[name])
+
+
+@pytest.mark.parametrize("rtol", [0.01, 0.0005])
+@pytest.mark.parametrize("row", LOSSY_ROWS, ids=lambda row: f"R={row.restitution}")
+def test_the_near_exact_table_is_met_within_the_stated_bias(row: RigidStops, rtol: float) -> None:
+    assert_table_row(row, rtol)
+
+
+@pytest.mark.parametrize("row", LOSSY_ROWS, ids=lambda row: f"R={row.restitution}")
+def test_a_wrong_restitution_at_the_wall_is_caught(
+    row: RigidStops, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = VelocityBasis.wall
+    monkeypatch.setattr(VelocityBasis, "wall", lambda self, r: right(self, r - 0.01))
+    with pytest.raises(AssertionError, match="differs from"):
+        assert_table_row(row, 0.01)
+
+
+ELASTIC = [oscillator(row.lower, row.upper) for row in ELASTIC_STOPS] + [
+    oscillator(None, None, load=0.3),
+    oscillator(-0.4, 1.3, load=-0.7, damping=0.02, intensity=0.05),
+    oscillator(-1.0, 1.0, load=0.5, omega=0.0),
+    oscillator(-1.0, 1.0, omega=0.0, damping=5.0, intensity=1.0),
+    oscillator(-1.0, None, load=-1.0, omega=0.0),
+    oscillator(-0.02, 0.02),
+    oscillator(-3.0, 4.5, units=BENCH),
+    oscillator(-2.0, None, units=BENCH, load=-2.5),
+]
+
+
+@pytest.mark.parametrize("scene", ELASTIC, ids=range(len(ELASTIC)))
+def test_elastic_stops_agree_with_the_closed_form(scene: Scene) -> None:
+    known = exact(scene).estimates()
+    found = fokker_planck(scene, rtol=0.002).estimates()
+    assert found.keys() >= known.keys() - {("x", "acceleration_std")}
+    for key, estimate in found.items():
+        assert_agrees(estimate, known[key].value)
+
+
+def general(load: float = -0.2) -> Scene:
+    """Different stops, a load, no symmetry."""
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[
+            ImpactPair(
+                lower=-0.6,
+                upper=1.1,
+                lower_law=Restitution(coefficient=0.7),
+                upper_law=Restitution(coefficient=0.4),
+            )
+        ],
+        excitations=[WhiteNoise(intensity=0.2), ConstantLoad(force=load)],
+    )
+
+
+@pytest.mark.parametrize(
+    "scene", [general(), oscillator(None, -0.3, 0.6)], ids=["different stops", "preload"]
+)
+def test_simulation_agrees(scene: Scene) -> None:
+    simulated = simulate(scene, rel_error=0.01, seed=11, threads=1)
+    threshold = simulated.impact_pairs["stops"]["speed_threshold"]
+    assert isinstance(threshold, float)
+    solved = fokker_planck(scene, rtol=0.001, speed_threshold=threshold).estimates()
+    shared = simulated.estimates().keys() & solved.keys()
+    assert {name for _, name in shared} >= {*SHARP, "displacement_mean", "collision_rate"}
+    for key in shared:
+        estimate, truth = simulated.estimates()[key], solved[key]
+        assert truth.bias is not None
+        # the bias of a rate may be unknown to the simulation: then it is not judged
+        if estimate.bias is not None:
+            assert_agrees(replace(estimate, bias=estimate.bias + truth.bias), truth.value)
+
+
+# Symmetries ---------------------------------------------------------------------------------
+
+
+def test_a_halved_scene_is_the_whole_one() -> None:
+    """A stop moved by 1e-9 breaks the symmetry, and the scene is solved whole."""
+    half, whole = (
+        fokker_planck(oscillator(-1.0, upper, 0.7), rtol=0.001) for upper in (1.0, 1.0 + 1e-9)
+    )
+    assert half.coordinates["x"]["displacement_mean"] != whole.coordinates["x"]["displacement_mean"]
+    for key, estimate in half.estimates().items():
+        other = whole.estimates()[key]
+        assert estimate.bias is not None and other.bias is not None
+        assert_agrees(replace(estimate, bias=estimate.bias + other.bias), other.value)
+
+
+@pytest.mark.parametrize("upper", [1.1, None])
+def test_a_mirrored_scene_has_the_mirrored_answer(upper: float | None) -> None:
+    stops = {"lower": -0.6, "upper": upper} if upper else {"lower": -0.6}
+    mirrored = {"upper": 0.6, "lower": -upper} if upper else {"upper": 0.6}
+    columns = {"omega": 1.0, "damping_rate": 0.1, "intensity": 0.2}
+    found = fokker_planck_many(
+        **columns, **stops, load=0.1, restitution_lower=0.7, restitution_upper=0.4
+    ).values
+    other = fokker_planck_many(
+        **columns, **mirrored, load=-0.1, restitution_lower=0.4, restitution_upper=0.7
+    ).values
+    for name, value in found._asdict().items():
+        twin = name
+        if name.endswith("_lower"):
+            twin = name.replace("_lower", "_upper")
+        elif name.endswith("_upper"):
+            twin = name.replace("_upper", "_lower")
+        sign = -1.0 if name == "mean" else 1.0
+        assert value == pytest.approx(sign * getattr(other, twin), rel=1e-9, abs=1e-12), name
+
+
+def test_the_width_of_the_trial_law_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Weight, box and mesh widen with it for a mass that leans on a stop; the answer must not."""
+    scene = oscillator(None, -0.5, 0.5)
+    wide = fokker_planck(scene, rtol=0.003, speed_threshold=0.2).estimates()
+    monkeypatch.setattr("stochvi.methods.fokker_planck.boxes.LEANING", 0.0)
+    narrow = fokker_planck(scene, rtol=0.003, speed_threshold=0.2).estimates()
+    for key, estimate in narrow.items():
+        other = wide[key]
+        assert estimate.bias is not None and other.bias is not None
+        assert_agrees(replace(estimate, bias=estimate.bias + other.bias), other.value)
+
+
+def test_units_change_no_digit() -> None:
+    answers = []
+    for units in (NATURAL, BENCH):
+        response = fokker_planck(oscillator(-0.7, 1.2, 0.6, load=0.2, units=units), rtol=0.01)
+        answers.append({name: x / units.factor(name) for name, x in values(response).items()})
+    assert answers[0] == pytest.approx(answers[1], rel=1e-9)
+
+
+# The equation itself ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.85, 1.0])
+def test_wall_integrals_against_adaptive_quadrature(restitution: float) -> None:
+    basis = VelocityBasis((0.0, 0.7, 2.0, 5.0), 3)
+    taken, given = basis.wall(np.array([restitution]))
+
+    def function(k: int, u: float) -> float:
+        return float(basis.values(np.array([u]))[0][0, k])
+
+    def integral(k: int, trial: int, factor: float) -> float:
+        def integrand(u: float) -> float:
+            weight = u * math.exp(-u * u / 2.0)
+            return weight * function(trial, u) * function(k, factor * u)
+
+        kinks = [0.7, 2.0, *(x / factor for x in (0.7, 2.0) if 0.0 < x < 5.0 * factor)]
+        return quad(integrand, 0.0, 5.0, points=sorted(set(kinks)), epsabs=1e-12)[0]
+
+    for k in (0, 1, 2, 5):
+        for trial in (0, 1, 4, 8):
+            assert taken[k, trial] == pytest.approx(integral(k, trial, 1.0), abs=1e-10)
+            assert given[0, k, trial] == pytest.approx(integral(k, trial, restitution), abs=1e-10)
+
+
+def test_probability_is_conserved_by_the_discrete_equations() -> None:
+    """phi = 1 makes every equation's sum vanish, whatever the density: stops only give back."""
+    mesh = Mesh(x_breaks=(-1.0, 1.0), x_degree=4, u_breaks=(0.0, 1.0, 5.0), u_degree=4)
+    scenes = one_scene(lower=-1.0, upper=0.5, restitution_lower=0.3, restitution_upper=0.8)
+    scaled = boxes(scenes, speed_scale(scenes), mesh.reach)
+    element = mesh.displacement[0]
+    whole = half_range._with_walls(
+        scaled,
+        element,
+        mesh.velocity,
+        half_range._stop(scaled, mesh, -1),
+        half_range._stop(scaled, mesh, 1),
+    )[0]
+    velocity = mesh.velocity
+    one = np.zeros((element.size, velocity.size))
+    corners = range(velocity.elements + 1)
+    one[0, [*velocity.plus[corners], *velocity.minus[corners]]] = 1.0
+    # the functions at U and beside 0 are 1 together at every u
+    assert np.abs(one.ravel() @ whole).max() < 1e-12 * np.abs(whole).max()
+
+
+@pytest.mark.parametrize("scene", [general(), oscillator(-1.0, 1.0, 0.0), oscillator(None, 0.4)])
+def test_balances_hold_within_their_bounds(scene: Scene) -> None:
+    response = fokker_planck(scene)
+    assert set(response.identities) == {"energy", "virial", "force"}
+    for residual in response.identities.values():
+        assert residual.bias is not None and residual.bias < 0.05
+        assert_agrees(residual, 0.0)
+
+
+# Bounds on the error ------------------------------------------------------------------------
+
+
+def one_scene(**changes: float) -> Scenes:
+    plain = {
+        "omega": 1.0, "damping_rate": 0.1, "intensity": 0.2, "load": 0.0, "lower": -math.inf,
+        "upper": math.inf, "restitution_lower": 1.0, "restitution_upper": 1.0,
+    }  # fmt: skip
+    return Scenes(*(np.array([number]) for number in (plain | changes).values()))
+
+
+def random_scenes(count: int, seed: int) -> Scenes:
+    """Damping ratios .002 to .6, gaps .2 to 5 and preloads to 2 standard deviations, R 0 to 1."""
+    rng = np.random.default_rng(seed)
+    damping = 2.0 * np.exp(rng.uniform(math.log(0.002), math.log(0.6), count))
+    gap, other = np.exp(rng.uniform(math.log(0.2), math.log(5.0), (2, count)))
+    kind = np.arange(count) % 5
+    upper = np.where(kind < 3, gap, np.where(kind == 3, 7.0 * rng.random(count) - 2.0, -other / 3))
+    lower = np.where(kind < 2, -gap, np.where(kind == 2, -other, -math.inf))
+    r_lower, r_upper = rng.random((2, count))
+    return Scenes(
+        np.ones(count), damping, 2.0 * damping, np.zeros(count), lower, upper,
+        np.where(kind < 2, r_upper, np.where(kind == 2, r_lower, 1.0)), r_upper,
+    )  # fmt: skip
+
+
+RANDOM = random_scenes(60, seed=4)
+FINE = make_level(
+    (-0.45, 0.0, 0.3, 0.5, 0.7, 0.84, 0.93, 0.975, 0.993, 0.999),
+    (0.3, 0.6, 0.82, 0.93, 0.98, 0.996, 0.9993), 4,
+    (0.0, 0.1, 0.4, 0.9, 1.5, 2.1, 2.8, 3.8, 7.0), 5,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rough_and_fine() -> tuple[Moments, Solution, Solution]:
+    """The two coarsest levels, and one that is some fifty times finer in cost."""
+    speed = speed_scale(RANDOM)
+    levels = (*LEVELS[:2], FINE)
+    first, second, fine = (solve(RANDOM, speed, level, 0.05 * speed) for level in levels)
+    return first.moments, second, fine
+
+
+def broken_bounds(coarse: Moments, fine: Solution, truth: Solution, safety: float = 1.0) -> float:
+    """Part of all bounds that do not hold."""
+    speed = speed_scale(RANDOM)
+    far = unreached(RANDOM, speed, fine.moments.upcrossing_rate)
+    bounds = errors(RANDOM, coarse, fine, far)
+    wrong = []
+    for found, right, bound in zip(fine.moments, truth.moments, bounds, strict=True):
+        wrong.append(np.abs(found - right) > safety * bound + 1e-12)
+    return float(np.mean(wrong))
+
+
+def test_nineteen_of_twenty_bounds_hold(
+    rough_and_fine: tuple[Moments, Solution, Solution],
+) -> None:
+    assert broken_bounds(*rough_and_fine) <= 0.05
+
+
+def test_bounds_a_tenth_as_wide_would_not_hold(
+    rough_and_fine: tuple[Moments, Solution, Solution],
+) -> None:
+    assert broken_bounds(*rough_and_fine, safety=0.1) > 0.05
+
+
+def test_no_scene_fails() -> None:
+    scenes = random_scenes(300, seed=5)
+    found = fokker_planck_many(**scenes._asdict())
+    for name in Moments._fields:
+        assert np.isfinite(getattr(found.values, name)).all(), name
+        assert (getattr(found.errors, name) >= 0.0).all(), name
+    assert (found.values.variance > 0.0).all()
+    assert (found.values.velocity_mean_square > 0.0).all()
+
+
+def test_one_scene_and_many_have_the_same_digits() -> None:
+    batch = fokker_planck_many(
+        omega=1.0, damping_rate=0.1, intensity=0.2, load=[[-0.2], [0.0]], lower=-0.6, upper=1.1,
+        restitution_lower=0.7, restitution_upper=[0.4, 0.4, 0.4],
+    )  # fmt: skip
+    assert batch.values.mean.shape == batch.errors.mean.shape == (2, 3)
+    # counting every impact it gives no rates, for which it would refine its mesh
+    whole = fokker_planck(general(-0.2), rtol=0.1, speed_threshold=0.0)
+    single = whole.coordinates["x"]["displacement_mean"]
+    assert isinstance(single, Estimate)
+    assert batch.values.mean[0] == pytest.approx([single.value] * 3, rel=1e-12)
+    assert batch.errors.mean[0] == pytest.approx([single.bias] * 3, rel=1e-9)
+
+
+# What it says of scenes at its borders --------------------------------------------------------
+
+
+def test_a_stop_out_of_reach_is_not_hit_within_the_bias() -> None:
+    known = exact(oscillator(-8.0, 8.0)).estimates()
+    found = fokker_planck(oscillator(-8.0, 8.0, 0.5)).estimates()
+    for name in ("collision_rate", "impact_speed_rate", "impact_speed_square_rate"):
+        estimate = found["stops", name]
+        assert estimate.value == 0.0
+        assert_agrees(estimate, known["stops", name].value)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.1, 0.5])
+def test_a_rate_without_end_is_not_given(restitution: float) -> None:
+    scene = oscillator(-1.0, 1.0, restitution)
+    every = fokker_planck(scene, speed_threshold=0.0).impact_pairs["stops"]
+    assert every["collision_rate"] is every["impact_speed_mean"] is None
+    fast = fokker_planck(scene, speed_threshold=0.5).impact_pairs["stops"]
+    assert isinstance(fast["collision_rate"], Estimate)
+    assert fast["speed_threshold"] == 0.5
+
+
+def test_stops_alone_take_the_power_without_damping() -> None:
+    undamped, damped = (
+        fokker_planck(oscillator(-1.0, 1.0, 0.8, damping=damping)) for damping in (0.0, 1e-9)
+    )
+    for key, estimate in undamped.estimates().items():
+        assert estimate.value == pytest.approx(damped.estimates()[key].value, rel=1e-6, abs=1e-12)
+
+
+def test_every_unmet_condition_is_listed() -> None:
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.0, stiffness=0.0),
+        excitations=[TabulatedNoise(frequency_hz=[1.0, 2.0], density=[1.0, 1.0], unit="N2/Hz")],
+    )
+    with pytest.raises(NotApplicable) as reason:
+        fokker_planck(scene)
+    assert [sentence.split()[0] for sentence in reason.value.conditions] == [
+        "excitation", "damping", "stiffness",
+    ]  # fmt: skip
+    with pytest.raises(NotApplicable, match="noise"):
+        fokker_planck(scene.model_copy(update={"excitations": (ConstantLoad(force=1.0),)}))
+
+
+def test_what_was_reached_comes_with_the_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stochvi.methods.fokker_planck.accurate.MOST_UNKNOWNS", 20_000)
+    with pytest.raises(NotConverged, match="1e-12") as reason:
+        fokker_planck(oscillator(-1.0, 1.0, 0.95), rtol=1e-12)
+    assert reason.value.response is not None
+    row = next(row for row in LOSSY_ROWS if row.restitution == 0.95)
+    for name, estimate in governed(reason.value.response):
+        assert estimate.bias is not None
+        assert_agrees(replace(estimate, bias=estimate.bias + row.errors[name]), row.values[name])
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"restitution_upper": 1.2}, "in \\[0, 1\\]"),
+        ({"lower": 1.0, "upper": 1.0}, "lower < upper"),
+        ({"damping_rate": -0.1}, "at least 0"),
+        ({"intensity": math.nan}, "nan"),
+        ({"damping_rate": 0.0}, "damping_rate"),
+        ({"omega": 0.0}, "omega"),
+        ({"intensity": 0.0}, "intensity"),
+    ],
+)
+def test_arrays_out_of_range_are_refused(changes: dict[str, float], sentence: str) -> None:
+    plain = {"omega": 1.0, "damping_rate": 0.1, "intensity": [0.2, 0.3], "upper": 1.0}
+    with pytest.raises((ValueError, NotApplicable), match=sentence):
+        fokker_planck_many(**(plain | changes))
+
+
+@pytest.mark.parametrize("argument", [{"rtol": 0.0}, {"speed_threshold": -1.0}])
+def test_arguments_out_of_range_are_refused(argument: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(argument))):
+        fokker_planck(oscillator(-1.0, 1.0), **argument)

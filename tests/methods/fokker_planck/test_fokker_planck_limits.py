@@ -1,0 +1,187 @@
+"""Where the stationary solver ends: stops hardly reached, wells apart, kinks, tails too heavy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from known import oscillator
+from statistical import assert_agrees
+
+from stochvi import (
+    ConstantLoad,
+    ImpactPair,
+    NoExactSolution,
+    NonlinearOscillator,
+    NotApplicable,
+    NotConverged,
+    Restitution,
+    Scene,
+    WhiteNoise,
+    exact,
+    fokker_planck,
+    fokker_planck_many,
+)
+from stochvi.methods.fokker_planck import accurate
+from stochvi.methods.fokker_planck.field import Averages, Field
+from stochvi.methods.fokker_planck.motion import Motion, make_frame
+
+HITS = ("rate_upper", "speed_rate_upper", "speed_square_rate_upper")
+
+
+# A mass that leans on a lossy stop ----------------------------------------------------------
+
+
+def leaning(upper: float, restitution: float = 0.3, zeta: float = 0.1) -> Motion:
+    """A preload of 3 deviations on a lossy stop; an elastic one above."""
+    plain = oscillator(None, None, damping=2.0 * zeta, intensity=4.0 * zeta)
+    pair = ImpactPair(
+        lower=3.0,
+        upper=upper,
+        lower_law=Restitution(coefficient=restitution),
+        upper_law=Restitution(coefficient=1.0),
+    )
+    scene = Scene(structure=plain.structure, impact_pairs=[pair], excitations=plain.excitations)
+    return Motion(system=scene.system())
+
+
+def solved(motion: Motion) -> Averages:
+    return accurate.solve_accurately(motion, 1e-2, 0.0, ()).averages
+
+
+def test_a_far_stop_is_hit_as_it_is_a_little_nearer() -> None:
+    """3.25 is out of reach by the law exp(-energy / s^2), 3.24 is not; nothing jumps there."""
+    places = [3.23, 3.24, 3.25, 3.26]
+    reached = [make_frame(leaning(place)).reached for place in places]
+    assert [len(stops) for stops in reached] == [2, 2, 1, 1]
+    found = [solved(leaning(place)) for place in places]
+    for name in HITS:
+        slopes = np.diff(np.log([getattr(one, name) for one in found]))
+        assert np.ptp(slopes) < 0.1 * abs(slopes[0])
+
+
+def test_a_stop_that_is_left_out_is_bounded_by_what_is_found_beside_it() -> None:
+    motion = leaning(3.25)
+    whole = solved(motion)
+    frame = make_frame(motion)
+    patches = accurate.graded(frame, accurate.first_patches(frame), accurate.SLOWEST[0])
+    strips = accurate.Strips().make(patches, accurate.FIRST_DEGREES)
+    blind = accurate._field(frame, strips, accurate.SLOWEST[0])
+    averages = blind.averages(0.0)
+    assert averages.rate_upper == 0.0
+    bounds = accurate._unreached(blind, averages.upcrossing_rate)
+    square = motion.squares[0]
+    rice = averages.upcrossing_rate * np.exp(-(3.25**2 - 9.0) / 2.0 / square)
+    assert rice < 1e-3 * whole.rate_upper  # the law alone says too little
+    for name in HITS:
+        assert getattr(whole, name) < bounds[name] < 10.0 * getattr(whole, name)
+
+
+def test_so_it_is_in_many_scenes_at_once() -> None:
+    places = [3.4, 4.0]
+    batch = fokker_planck_many(
+        omega=1.0, damping_rate=0.2, intensity=0.4, lower=3.0, upper=places, restitution_lower=0.3
+    )
+    for k, place in enumerate(places):
+        found = solved(leaning(place))
+        for name in HITS:
+            wrong = abs(getattr(batch.values, name)[k] - getattr(found, name))
+            assert wrong < getattr(batch.errors, name)[k]
+
+
+# Wells apart --------------------------------------------------------------------------------
+
+
+def wells(theta: float, load: float = 0.0) -> Scene:
+    """Two wells at -1 and 1, a barrier of 1/4 between them."""
+    return spring(lambda x: x**3 - x, theta, load)
+
+
+def spring(force: Callable[..., Any], theta: float, load: float = 0.0) -> Scene:
+    loads = [ConstantLoad(force=load)] if load else []
+    return Scene(
+        structure=NonlinearOscillator(mass=1.0, damping=0.1, restoring_force=force),
+        excitations=[WhiteNoise(intensity=0.2 * theta), *loads],
+    )
+
+
+def assert_as_exact(scene: Scene, rtol: float) -> None:
+    found, known = fokker_planck(scene, rtol=rtol).estimates(), exact(scene).estimates()
+    for name in ("displacement_mean", "displacement_std", "velocity_std"):
+        assert_agrees(found["x", name], known["x", name].value)
+
+
+@pytest.mark.parametrize(("theta", "load"), [(0.005, 0.0), (0.012, 0.01), (0.02, 0.0012)])
+def test_both_wells_are_found_behind_a_high_barrier(theta: float, load: float) -> None:
+    assert_as_exact(wells(theta, load), 0.01)
+
+
+def test_wells_of_unequal_depth_behind_a_barrier_out_of_numbers_are_refused() -> None:
+    with pytest.raises(NotConverged, match="wells are metastable"):
+        fokker_planck(wells(0.005, 0.001))
+
+
+def test_the_barrier_is_counted_from_the_shallower_well() -> None:
+    frame = make_frame(Motion(system=wells(0.02, 0.05).system()))
+    roots = np.sort(np.roots([1.0, 0.0, -1.0, -0.05]).real)
+    shallow, top, deep = roots**4 / 4.0 - roots**2 / 2.0 - 0.05 * roots
+    assert frame.barrier == pytest.approx((top - shallow) / 0.02, rel=1e-4)
+    assert frame.rare_energy == pytest.approx((top - deep) / 0.02, rel=1e-4)
+
+
+# Densities that fall as powers --------------------------------------------------------------
+
+
+def student(power: float) -> Scene:
+    """(1 + x^2)^(-power / 2), whose variance is 1 / (power - 3)."""
+    return spring(lambda x: power * x / (1.0 + x**2), 1.0)
+
+
+@pytest.mark.parametrize("power", [3.5, 4.5, 8.0])
+def test_the_closed_form_holds_all_of_a_heavy_tail(power: float) -> None:
+    found = exact(student(power)).estimates()["x", "displacement_std"]
+    assert found.value == pytest.approx((power - 3.0) ** -0.5, rel=1e-11)
+
+
+@pytest.mark.parametrize("power", [4.5, 8.0])
+def test_what_a_box_cuts_of_a_heavy_tail_is_in_the_bias(power: float) -> None:
+    found = fokker_planck(student(power), rtol=0.01).estimates()["x", "displacement_std"]
+    assert_agrees(found, (power - 3.0) ** -0.5)
+    assert found.bias is not None
+    assert found.bias < 3.0 * max(abs(found.value - (power - 3.0) ** -0.5), 1e-6)
+
+
+def test_a_tail_that_no_box_holds_is_refused() -> None:
+    with pytest.raises(NotConverged) as refusal:
+        fokker_planck(student(3.5), rtol=0.01)
+    assert_agrees(refusal.value.response.estimates()["x", "displacement_std"], 2.0**0.5)
+    assert fokker_planck(student(3.5), rtol=0.05)
+
+
+@pytest.mark.parametrize("power", [1.5, 2.9])
+def test_an_infinite_variance_is_refused(power: float) -> None:
+    with pytest.raises(NoExactSolution, match="finite variance"):
+        exact(student(power))
+    with pytest.raises(NotApplicable, match="finite variance"):
+        fokker_planck(student(power))
+
+
+def test_a_mesh_without_a_variance_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not taken for an answer, nor for the end."""
+    averages, scene = Field.averages, wells(0.1)
+    known = exact(scene).estimates()["x", "displacement_std"].value
+    calls = []
+
+    def negative(self: Field, slowest: float) -> Averages:
+        calls.append(self)
+        found = averages(self, slowest)
+        return found._replace(variance=-1.0) if len(calls) <= 3 else found
+
+    monkeypatch.setattr(Field, "averages", negative)
+    assert_agrees(fokker_planck(scene).estimates()["x", "displacement_std"], known)
+    monkeypatch.setattr(accurate, "MOST_UNKNOWNS", 1)
+    monkeypatch.setattr(Field, "averages", lambda *all_: averages(*all_)._replace(variance=-1.0))
+    with pytest.raises(NotConverged, match="no density"):
+        fokker_planck(scene)

@@ -1,0 +1,591 @@
+"""Stops that give way, under white noise: exact law, one contact, plain twin, balances, limits."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known import values
+from naive import kick_flow_kick_with_forces, normals, penalty_euler
+from statistical import assert_agrees
+
+import stochvi
+from stochvi.methods.closed_form import displacement_density, exact
+from stochvi.methods.linearisation import linearise
+from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, CompliantPlan, _stop, plan_compliant
+from stochvi.methods.monte_carlo.kernels.contact import (
+    CONTACT_LOWER,
+    CONTACT_SUMS,
+    CONTACT_UPPER,
+    ENDED,
+    HERTZ_ERROR,
+    IMPULSE,
+    LOSS,
+    PEAK,
+    TIME,
+    flow_through,
+    symplectic,
+)
+from stochvi.methods.monte_carlo.kernels.flight import F1_UPPER, N_LOWER, N_UPPER
+from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.methods.monte_carlo.white import WhitePlan, plan_white
+from stochvi.model.balances import residuals
+from stochvi.model.model import assemble
+from stochvi.results.errors import NoExactSolution, NotApplicable, SceneError
+from stochvi.results.estimates import Estimate
+from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
+from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Restitution, Viscoelastic
+from stochvi.scenes.scene import ImpactPair, Scene, System
+from stochvi.scenes.structures import Isolator, Oscillator
+
+STEEL, RUBBER = Elastic(stiffness=100.0), Viscoelastic(stiffness=100.0, damping_ratio=0.2)
+BALL = Hertz(coefficient=100.0)
+BUMPER = ForceTable(deflection=[0.05, 0.2, 0.3], force=[5.0, 5.0, 30.0])
+WALL = Restitution(coefficient=1.0)
+
+
+def scene(
+    lower: float | None,
+    upper: float | None,
+    law: Law | None = None,
+    *,
+    lower_law: Law | None = None,
+    upper_law: Law | None = None,
+    load: float = 0.0,
+    omega: float = 1.0,
+    damping: float = 0.1,
+    mass: float = 1.0,
+) -> Scene:
+    """theta = 1 with b = 0.1; the laws are those of 1 kg."""
+    scaled = {
+        key: None if value is None else value.per_unit_mass(1.0 / mass)
+        for key, value in (("law", law), ("lower_law", lower_law), ("upper_law", upper_law))
+    }
+    noise = WhiteNoise(intensity=0.2 * mass**2)
+    loads = [ConstantLoad(force=load * mass)] if load else []
+    return Scene(
+        structure=Oscillator(mass=mass, damping=damping * mass, stiffness=omega**2 * mass),
+        impact_pairs=[ImpactPair(lower=lower, upper=upper, **scaled)],
+        excitations=[noise, *loads],
+    )
+
+
+# ---- the exact law ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mass", [1.0, 2.5])
+@pytest.mark.parametrize(
+    ("law", "square", "onsets"),
+    [(STEEL, 0.3568968915371, 0.2614162369422), (BALL, 0.39824546295263, 0.25098353817789)],
+    ids=["linear", "Hertz"],
+)
+def test_stops_give_the_printed_moments_and_onset_rates(law, square, onsets, mass):
+    found = values(exact(scene(-1.0, 1.0, law, mass=mass)))
+    # 13 and 14 printed digits
+    assert found["displacement_mean_square"] == pytest.approx(square, rel=3e-13)
+    assert found["collision_rate"] == pytest.approx(onsets, rel=3e-13)
+    if law is STEEL:
+        assert found["contact_probability"] == pytest.approx(0.075614997603931, rel=3e-13)
+
+
+EXACT = {
+    "linear": scene(-1.0, 1.0, STEEL),
+    "Hertz": scene(-1.0, 1.0, BALL),
+    "table": scene(-1.0, 1.0, BUMPER),
+    "soft": scene(-1.0, 1.0, Elastic(stiffness=1e-2)),
+    "stiff": scene(-1.0, 1.0, Elastic(stiffness=1e8)),
+    "stiff Hertz": scene(-1.0, 1.0, Hertz(coefficient=1e8)),
+    "unequal, with a wall": scene(-0.5, 1.0, lower_law=STEEL, upper_law=WALL),
+    "wall below, load": scene(-0.5, 0.3, lower_law=WALL, upper_law=BALL, load=0.4),
+    "preload": scene(None, -1.0, STEEL),
+    "preload, Hertz": scene(None, -1.0, BALL),
+    "preload, table": scene(0.5, None, BUMPER),
+    "preload, stiff": scene(None, -1.0, Elastic(stiffness=1e8)),
+    "load on a stop": scene(-1.0, 1.0, BUMPER, load=3.0),
+    "hardly a gap": scene(-1e-9, 1e-9, lower_law=STEEL, upper_law=Elastic(stiffness=3.0)),
+    "no spring": scene(-1.0, 1.0, STEEL, omega=0.0),
+    "no spring, table": scene(-0.01, 0.01, BUMPER, omega=0.0),
+}
+
+
+def gibbs(case: Scene, spread: float, mean: float, count: int) -> dict[str, float]:
+    """Integrals of exp(-U / theta), theta = 1, by Gauss-Legendre panels between all kinks."""
+    system = case.system()
+    places = [mean + part * spread for part in (-50, -9, -3, 3, 9, 50)]
+    low, high = places[0], places[-1]
+    for side, stop, law in stops_of(system):
+        if law.rigid:
+            low, high = (low, min(high, stop)) if side > 0.0 else (max(low, stop), high)
+            continue
+        deepest = 9.0 * law.impact(1.0, 1.0).peak_deflection
+        places += [stop, *(stop + side * deepest * part for part in (0.01, 0.1, 0.3, 1.0))]
+        places += [stop + side * knot for knot in getattr(law, "deflection", ())]
+    edges = np.array(sorted({low, high, *(place for place in places if low < place < high)}))
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    half = np.diff(edges)[:, None] / 2.0
+    x = ((edges[:-1, None] + edges[1:, None]) / 2.0 + half * nodes).ravel()
+
+    def potential(x: np.ndarray) -> np.ndarray:
+        energy = system.omega**2 * x * x / 2.0 - system.load * x
+        for side, stop, law in stops_of(system):
+            if not law.rigid:
+                energy = energy + law.potential_at(side * (x - stop))
+        return energy
+
+    bottom = potential(x).min()
+    p = (half * weights).ravel() * np.exp(bottom - potential(x))
+    found = {
+        "displacement_mean": float(p @ x / p.sum()),
+        "displacement_mean_square": float(p @ x**2 / p.sum()),
+    }
+    for side, stop, law in stops_of(system):
+        name = "upper" if side > 0.0 else "lower"
+        height = math.exp(bottom - float(potential(np.array(stop)))) / p.sum()
+        found[f"collision_rate_{name}"] = height / math.sqrt(2.0 * math.pi)
+        if not law.rigid:
+            force = law.force_at(side * (x - stop))
+            found[f"contact_force_{name}"] = float(p @ force / p.sum())
+    return found
+
+
+@pytest.mark.parametrize("case", EXACT.values(), ids=EXACT.keys())
+def test_the_exact_law_is_the_integral_of_the_gibbs_density(case: Scene) -> None:
+    response = exact(case)
+    found = values(response)
+    spread, mean = found["displacement_std"], found["displacement_mean"]
+    coarse, fine = (gibbs(case, spread, mean, count) for count in (150, 200))
+    for name, value in fine.items():
+        # rounding of the potential, relative to theta, counts everywhere
+        error = abs(value - coarse[name]) + 1e-11 * abs(value)
+        if name == "displacement_mean":
+            error += 1e-11 * spread
+        assert found[name] == pytest.approx(value, rel=0.0, abs=error), name
+    for name, residual in response.identities.items():
+        assert residual.value == pytest.approx(0.0, abs=1e-10), name
+
+
+def stops_of(system: System) -> list[tuple[float, float, Law]]:
+    """(side, position, law) of each stop."""
+    ends = ((-1.0, system.lower, system.law_lower), (1.0, system.upper, system.law_upper))
+    return [(side, stop, law) for side, stop, law in ends if stop is not None and law is not None]
+
+
+@pytest.mark.parametrize("name", ["linear", "Hertz", "table", "preload", "preload, Hertz"])
+def test_the_mean_peak_force_is_that_of_rayleigh_impacts(name: str) -> None:
+    """The contact without noise, integrated for each impact speed, averaged over their law."""
+    system = EXACT[name].system()
+    side, stop, law = stops_of(system)[-1]
+    kernel_stop = _stop(stop, law)
+    ends = (kernel_stop, None) if side < 0.0 else (None, kernel_stop)
+
+    def peak_force(speed: float) -> float:
+        """Of the contacts within some seconds, which are all alike."""
+        sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
+        flow_through(stop, side * speed, 4.0, system.omega**2, *ends, 0.0, np.zeros(5), peaks, sums)
+        row, count = (CONTACT_UPPER, N_UPPER) if side > 0.0 else (CONTACT_LOWER, N_LOWER)
+        assert sums[row + ENDED] == sums[count] - (peaks.max() > 0.0)
+        return float(sums[row + PEAK] / sums[row + ENDED])
+
+    def mean(count: int) -> float:
+        speeds = 9.0 * (np.arange(count) + 0.5) / count
+        weights = 9.0 / count * speeds * np.exp(-0.5 * speeds**2)
+        return float(weights @ [peak_force(speed) for speed in speeds])
+
+    fine, coarse = mean(1200), mean(600)
+    found = values(exact(EXACT[name]))["peak_force"]
+    # a kink in the force leaves an error of second order; e^(-81/2) is cut off
+    assert found == pytest.approx(fine, rel=0.0, abs=abs(fine - coarse) + 1e-5 * fine)
+
+
+def test_a_stiff_stop_becomes_a_rigid_one() -> None:
+    """The density reaches theta^(1/2) K^(-1/2) further: errors fall with the root of K."""
+    rigid = values(exact(scene(-1.0, 1.0, WALL)))
+    off = []
+    for stiffness in (1e6, 1e8, 1e10):
+        stiff = values(exact(scene(-1.0, 1.0, Elastic(stiffness=stiffness))))
+        rate = stiff["collision_rate_upper"] / rigid["collision_rate_upper"] - 1.0
+        # twice F1 is the mean force between rigid stops
+        force = stiff["contact_force_upper"] / rigid["impact_speed_rate"] - 1.0
+        off.append(np.array([rate, force]))
+    assert off[1] / off[0] == pytest.approx(0.1, rel=0.02)
+    assert off[2] / off[1] == pytest.approx(0.1, rel=0.02)
+
+
+def test_the_density_goes_on_within_the_stop_and_ends_at_a_wall() -> None:
+    density = displacement_density(EXACT["unequal, with a wall"], [-0.6, 0.999, 1.001])
+    assert density[0] > 0.0 and density[1] > 0.0 and density[2] == 0.0
+
+
+def test_rigid_stops_have_no_contact_time_and_no_peak_force() -> None:
+    pair = exact(scene(-1.0, 1.0, WALL)).impact_pairs["stops"]
+    for name in ("peak_force", "contact_probability", "contact_force_upper"):
+        assert pair[name] is None
+
+
+# ---- one contact in the kernel ---------------------------------------------------------------
+
+CONTACTS = {
+    "elastic": STEEL,
+    "stiff": Elastic(stiffness=1e8),
+    "z = 0.2": RUBBER,
+    "z = 0.7": Viscoelastic(stiffness=1e8, damping_ratio=0.7),
+    "z = 1": Viscoelastic(stiffness=100.0, damping_ratio=1.0),
+    "z = 3": Viscoelastic(stiffness=100.0, damping_ratio=3.0),
+    "Hertz": BALL,
+    "table": BUMPER,
+}
+SPEED = 1.3
+
+
+@pytest.mark.parametrize("parts", [1, 37])
+@pytest.mark.parametrize("law", CONTACTS.values(), ids=CONTACTS.keys())
+def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) -> None:
+    """Without a spring, in a single flow or cut into many."""
+    expected = law.impact(SPEED, 1.0)
+    sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
+    x, v = 0.0, SPEED
+    # a damped stop is left only after the way that the limiter withdraws
+    length = 1.5 * expected.contact_time
+    if isinstance(law, Viscoelastic):
+        length += 3.0 * law.damping_ratio / math.sqrt(law.stiffness)
+    for _ in range(parts):
+        x, v = flow_through(
+            x, v, length / parts, 0.0, None, _stop(0.0, law), 0.0, np.zeros(5), peaks, sums
+        )
+    near = HERTZ_ERROR if law is BALL else 1e-9
+    found = sums[CONTACT_UPPER:]
+    assert (sums[N_UPPER], sums[F1_UPPER]) == (1.0, SPEED)
+    assert x < 0.0 and peaks[1] == 0.0
+    assert -v == pytest.approx(expected.restitution * SPEED, rel=near)
+    assert found[TIME] == pytest.approx(expected.contact_time, rel=near)
+    assert found[PEAK] == pytest.approx(expected.peak_force, rel=near)
+    assert found[IMPULSE] == pytest.approx((1.0 + expected.restitution) * SPEED, rel=near)
+    lost = 0.5 * (1.0 - expected.restitution**2) * SPEED**2
+    assert found[LOSS] == pytest.approx(lost, abs=near * SPEED**2)
+
+
+def test_the_sub_stepper_of_hertz_contacts_is_of_fourth_order() -> None:
+    def end(steps: int) -> np.ndarray:
+        y, v = 0.01, 1.0
+        for _ in range(steps):
+            y, v, _ = symplectic(y, v, 0.2 / steps, 100.0, 0.3, 1.0)
+        return np.array([y, v])
+
+    truth = end(1024)
+    errors = [float(np.abs(end(steps) - truth).max()) for steps in (16, 32, 64)]
+    for coarse, fine in pairwise(errors):
+        assert math.log2(coarse / fine) == pytest.approx(4.0, abs=0.3)
+
+
+# ---- the scheme, path by path ----------------------------------------------------------------
+
+TWINS = {
+    "linear": scene(-0.6, 0.5, STEEL),
+    "Hertz": scene(-0.6, 0.5, BALL),
+    "table, load": EXACT["load on a stop"],
+    "preload": EXACT["preload"],
+    "viscoelastic": scene(-0.6, 0.5, RUBBER, load=0.2),
+    "strongly damped": scene(-0.3, 0.5, Viscoelastic(stiffness=30.0, damping_ratio=2.0)),
+    "pressed onto a damper": scene(None, -0.8, Viscoelastic(stiffness=3.0, damping_ratio=1.2)),
+    "stiff": scene(-0.6, 0.5, Viscoelastic(stiffness=1e5, damping_ratio=0.3)),
+}
+
+
+@pytest.mark.parametrize("name", TWINS)
+def test_a_path_equals_its_plain_twin(name: str) -> None:
+    case, step, steps, path = TWINS[name], 0.4, 40, 5
+    system = case.system()
+    plan = plan_compliant(system, None, steps * step).with_step(step)
+    record = np.zeros((plan.steps, 1, 3))
+    averages = plan.averages(9, path, 1, record)[:, 0]
+    streams = np.empty((2, 1), np.uint64)
+    seed_streams(np.uint64(9), path, streams)
+    (start,), (speed,) = plan._start(streams)
+    stops = [(stop - plan.rest, side, law) for side, stop, law in stops_of(system)]
+    noise = normals(9, path, plan.steps + 2)[2:]
+    x, v, sums, touches = kick_flow_kick_with_forces(
+        start, speed, noise, step, system.omega, 0.1, 0.2, stops
+    )
+    # rounding and the error of the twin grow with every contact; sub-steps of Hertz are coarser
+    near = 20.0 * HERTZ_ERROR if name == "Hertz" else 1e-7
+    np.testing.assert_allclose(record[:, 0, 0], x, rtol=0, atol=near)
+    np.testing.assert_allclose(record[:, 0, 1], v, rtol=0, atol=50.0 * near)
+    assert record[:, 0, 2].sum() == pytest.approx(sum(s * w for s, w in touches), abs=50.0 * near)
+    assert len(touches) > 3 or sums[:, 2].min() > 0.5 * steps * step
+    for (_, side, law), row in zip(stops, sums, strict=True):
+        end = "upper" if side > 0.0 else "lower"
+        names = ("force", "loss", "contact")
+        found = np.array([averages[CONTACT_ROWS[f"{name}_{end}"]] for name in names])
+        # what an elastic stop holds at the end is no loss
+        kept = [0, 1, 2] if law.kind == "viscoelastic" else [0, 2]
+        length = plan.steps * step
+        np.testing.assert_allclose(found[kept], row[kept] / length, rtol=0, atol=50.0 * near)
+
+
+PACKAGE = str(Path(stochvi.__file__).parent.parent)
+
+
+def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
+    probe = (
+        "import numpy as np; np.seterr(over='ignore')\n"
+        "from test_compliant import EXACT, TWINS, plan_compliant\n"
+        "for scene in (EXACT['wall below, load'], TWINS['viscoelastic'], TWINS['table, load']):\n"
+        "    plan = plan_compliant(scene.system(), None, 4.0).with_step(0.25)\n"
+        "    plan = type(plan)(**{**vars(plan), 'burn_in': 0.5})\n"
+        "    print(*plan.averages(3, 0, 3).ravel())\n"
+    )
+
+    def run(**extra: str) -> np.ndarray:
+        told = subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", probe], capture_output=True, text=True,
+            check=True, cwd=Path(__file__).parents[2],
+                env=os.environ | {"PYTHONPATH": PACKAGE} | extra,
+        ).stdout  # fmt: skip
+        return np.array([float(word) for word in told.split()])
+
+    np.testing.assert_allclose(run(NUMBA_DISABLE_JIT="1"), run(), rtol=1e-9, atol=1e-12)
+
+
+def test_digits_do_not_depend_on_how_paths_are_gathered() -> None:
+    plan = plan_compliant(TWINS["viscoelastic"].system(), None, 20.0)
+    whole = plan.averages(4, 0, 300)
+    parts = [plan.averages(4, first, count) for first, count in ((0, 1), (1, 258), (259, 41))]
+    assert np.array_equal(whole, np.concatenate(parts, axis=1))
+
+
+# ---- many paths ------------------------------------------------------------------------------
+
+
+def moments(plan: WhitePlan, seed: int, paths: int) -> dict[str, np.ndarray]:
+    """Time averages by name, one value per path; x and its square from the unloaded spring."""
+    averages = plan.averages(seed, 0, paths)
+    names = ["x", "xx", "vv"]
+    names += [f"{name}_{side}" for side in ("lower", "upper") for name in ("n", "f1", "f2")]
+    found = dict(zip(names, averages, strict=False))
+    if isinstance(plan, CompliantPlan):
+        found |= {name: averages[row] for name, row in CONTACT_ROWS.items()}
+    found["xx"] = found["xx"] + plan.origin * (2.0 * found["x"] + plan.origin)
+    found["x"] = found["x"] + plan.origin
+    return found | {"variance": found["xx"] - found["x"].mean() ** 2}
+
+
+def balances_of(case: Scene, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Residuals of the balances, one value per path."""
+    owners = {"x": "x", "xx": "x", "vv": "x", "variance": "x"}
+    keyed = {(owners.get(name, "stops"), name): sample for name, sample in found.items()}
+    return residuals(assemble(case), keyed, (0.0,))
+
+
+def estimate(sample: np.ndarray, bias: float = 0.0) -> Estimate:
+    error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
+    return Estimate(value=float(sample.mean()), standard_error=error, bias=bias)
+
+
+PATHS = 512
+
+
+@pytest.mark.parametrize("case", EXACT.values(), ids=EXACT.keys())
+def test_conservative_stops_agree_with_the_exact_law(case: Scene) -> None:
+    system = case.system()
+    plan = plan_compliant(system, None, None)
+    assert plan.elastic
+    found = moments(plan, 21, PATHS)
+    truth = values(exact(case))
+    pairs = {
+        "displacement_mean": found["x"],
+        "displacement_mean_square": found["xx"],
+        "velocity_mean_square": found["vv"],
+        "collision_rate": found["n_lower"] + found["n_upper"],
+        "impact_speed_rate": found["f1_lower"] + found["f1_upper"],
+        "impact_speed_square_rate": found["f2_lower"] + found["f2_upper"],
+        "contact_probability": found["contact_lower"] + found["contact_upper"],
+    }
+    for name, sample in pairs.items():
+        assert_agrees(estimate(sample), truth[name])
+    for side, _, law in stops_of(system):
+        end = "upper" if side > 0.0 else "lower"
+        if not law.rigid:
+            assert_agrees(estimate(found[f"force_{end}"]), truth[f"contact_force_{end}"])
+    if "peak_force" in truth:
+        onsets = found["ended_lower"] + found["ended_upper"]
+        peaks = found["peak_lower"] + found["peak_upper"]
+        mean = float(peaks.mean() / onsets.mean())
+        error = estimate((peaks - mean * onsets) / onsets.mean()).standard_error
+        stated = exact(case).impact_pairs["stops"]["peak_force"]
+        assert isinstance(stated, Estimate) and stated.bias is not None
+        assert_agrees(Estimate(value=mean, standard_error=error, bias=stated.bias), stated.value)
+
+
+def test_a_force_taken_at_the_ends_of_steps_fails() -> None:
+    """Negative control: the scheme that people write first, at a tenth of the step used above."""
+    onsets = penalty_euler(np.random.default_rng(1), 512, 4000, 0.05, 1000.0)
+    truth = values(exact(scene(-1.0, 1.0, Elastic(stiffness=1000.0))))["collision_rate"]
+    with pytest.raises(AssertionError, match="standard errors"):
+        assert_agrees(estimate(onsets), truth)
+
+
+LOSSY = {
+    "viscoelastic": scene(-1.0, 1.0, RUBBER),
+    "soft": scene(-1.0, 1.0, Viscoelastic(stiffness=1.0, damping_ratio=0.2)),
+    "stiff": scene(-1.0, 1.0, Viscoelastic(stiffness=1e8, damping_ratio=0.2)),
+    "overdamped": scene(-1.0, 1.0, Viscoelastic(stiffness=100.0, damping_ratio=3.0)),
+    "preload": scene(None, -1.0, RUBBER),
+    "with a wall, load": scene(
+        -0.3, 0.5, lower_law=Restitution(coefficient=0.7), upper_law=RUBBER, load=0.3
+    ),
+    "leaning on a lossy wall": scene(
+        -0.3, 0.5, lower_law=Restitution(coefficient=0.5), upper_law=BALL, load=-1.0
+    ),
+    "neither spring nor damper": scene(-0.3, 0.5, RUBBER, damping=0.0, omega=0.0),
+}
+
+
+@pytest.mark.parametrize("case", LOSSY.values(), ids=LOSSY.keys())
+def test_balances_hold_where_stops_lose_energy(case: Scene) -> None:
+    plan = plan_compliant(case.system(), None, None)
+    found = moments(plan, 22, 256)
+    coarse = balances_of(case, moments(plan.coarser(), 22, 256))
+    balances = balances_of(case, found)
+    assert set(balances) == {"energy", "force"}
+    for name, sample in balances.items():
+        # the same noise at twice the step: what differs is four parts of bias
+        bias = abs(float((coarse[name] - sample).mean())) / 3.0
+        assert_agrees(estimate(sample, bias), 0.0)
+
+
+def test_the_energy_balance_notices_a_loss_that_is_left_out() -> None:
+    case = LOSSY["viscoelastic"]
+    found = moments(plan_compliant(case.system(), None, None), 22, 256)
+    found["loss_upper"] = 0.0 * found["loss_upper"]
+    with pytest.raises(AssertionError, match="standard errors"):
+        assert_agrees(estimate(balances_of(case, found)["energy"]), 0.0)
+
+
+def test_stiff_viscoelastic_stops_become_rigid_ones_of_their_restitution() -> None:
+    """On the same noise, path by path: differences shrink as the stiffness grows."""
+    rigid_scene = scene(-1.0, 1.0, Restitution(coefficient=RUBBER.restitution))
+    rigid_plan = plan_white(rigid_scene.system(), None, None)
+    rigid = moments(rigid_plan, 23, PATHS)
+    off = []
+    for stiffness in (1e3, 1e5, 1e8):
+        law = Viscoelastic(stiffness=stiffness, damping_ratio=RUBBER.damping_ratio)
+        plan = plan_compliant(scene(-1.0, 1.0, law).system(), None, rigid_plan.duration)
+        plan = plan.with_step(rigid_plan.step)
+        found = moments(plan, 23, PATHS)
+        off.append(
+            [
+                estimate(found[name] - rigid[name])
+                for name in ("xx", "vv", "f1_upper", "f2_upper", "n_upper", "force_upper")
+                if name in rigid
+            ]
+        )
+    for soft, stiff in zip(off[0], off[2], strict=True):
+        assert_agrees(stiff, 0.0)
+        assert abs(stiff.value) <= abs(soft.value) + stiff.standard_error
+    # negative control: a soft stop lets the mass further
+    with pytest.raises(AssertionError, match="standard errors"):
+        assert_agrees(off[0][0], 0.0)
+
+
+# ---- scenes ----------------------------------------------------------------------------------
+
+
+def test_a_scene_names_its_stops_and_their_law_per_unit_mass() -> None:
+    case = scene(-1.0, 1.0, lower_law=BALL, upper_law=RUBBER, mass=2.5)
+    system = case.system()
+    assert case.effects()[1:] == ("Hertz stop lower", "viscoelastic stop upper")
+    assert system.restitution_lower is None and system.restitution_upper is None
+    assert system.law_lower == BALL and isinstance(system.law_upper, Viscoelastic)
+    assert system.law_upper.stiffness == pytest.approx(100.0)
+    assert any("recovers at once" in sentence for sentence in case.assumptions())
+    assert not any("rigid" in sentence for sentence in case.assumptions())
+    assert not system.elastic and scene(None, 1.0, BUMPER).system().elastic
+
+
+def test_a_stop_with_a_force_needs_a_mass() -> None:
+    with pytest.raises(SceneError, match=r"needs structure\.mass"):
+        Scene(
+            structure=Isolator(frequency_hz=12.0, zeta=0.1),
+            impact_pairs=[ImpactPair(upper=1.0, law=STEEL)],
+            excitations=[WhiteNoise(intensity=1.0)],
+        )
+
+
+def test_methods_for_rigid_stops_refuse_the_others() -> None:
+    case = scene(-1.0, 1.0, lower_law=STEEL, upper_law=RUBBER)
+    for refuse in (
+        lambda case: linearise(case, variant="box"),
+        lambda case: plan_white(case.system(), None, None),
+    ):
+        with pytest.raises(NotApplicable) as failure:
+            refuse(case)
+        found = [c for c in failure.value.conditions if c.startswith("stops must be rigid")]
+        assert ["elastic' at the lower" in found[0], "upper" in found[1]] == [True, True]
+    with pytest.raises(NoExactSolution, match="lose no energy, got 'viscoelastic' at the upper"):
+        exact(case)
+
+
+@pytest.mark.parametrize(
+    ("case", "slow_impacts", "words"),
+    [
+        (scene(None, 1.0, STEEL, omega=0.0), False, "lower and an upper stop"),
+        (scene(-1.0, 1.0, STEEL, damping=0.0), False, "a stop must lose energy"),
+        (scene(-1.0, 1.0, STEEL, omega=0.0, load=1.0), False, "load needs stiffness"),
+        (scene(-1.0, 1.0, STEEL), True, "slow_impacts needs rigid stops"),
+    ],
+)
+def test_what_has_no_stationary_state_here_is_refused(case, slow_impacts, words):
+    with pytest.raises(NotApplicable, match=words):
+        plan_compliant(case.system(), None, None, slow_impacts)
+
+
+def random_stop(rng: np.random.Generator) -> Law:
+    """Stiffnesses over many orders, dampings of all sizes, tables with plateaus."""
+    size = 10.0 ** rng.uniform(-4.0, 9.0)
+    steps = 10.0 ** rng.uniform(-4.0, 3.0, 4) * rng.integers(0, 2, 4) + 1e-6
+    choices: list[Law] = [
+        Elastic(stiffness=size),
+        Viscoelastic(stiffness=size, damping_ratio=10.0 ** rng.uniform(-3.0, 1.5)),
+        Hertz(coefficient=size),
+        ForceTable(deflection=np.cumsum(10.0 ** rng.uniform(-4.0, 0.0, 4)), force=np.cumsum(steps)),
+        Restitution(coefficient=float(rng.choice([1.0, 0.8, 0.3, 0.0]))),
+    ]
+    return choices[rng.integers(0, len(choices))]
+
+
+def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
+    """Gaps from a micrometre on, preloads, no spring: nothing hangs, overflows or gains energy."""
+    rng = np.random.default_rng(5)
+    for _ in range(3000):
+        centre = rng.choice([0.0, 1.0, -1.0, 30.0, -30.0])
+        half = 10.0 ** rng.uniform(-6.0, 1.0)
+        stiff = float(rng.choice([0.0, 1.0, 10.0 ** rng.uniform(-3.0, 3.0)]))
+        stops = [(-1.0, centre - half, random_stop(rng)), (1.0, centre + half, random_stop(rng))]
+        keep = rng.integers(0, 3)
+        ends = [None if keep == k else _stop(stops[k][1], stops[k][2]) for k in (0, 1)]
+        held = [stop for end, stop in zip(ends, stops, strict=True) if end is not None]
+        x, v = centre + rng.uniform(-1.0, 1.0) * half, 10.0 ** rng.uniform(-3.0, 1.0)
+        h = 0.8 / math.sqrt(stiff) if stiff else 10.0 ** rng.uniform(-2.0, 0.0)
+        sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
+
+        def energy(x: float, v: float, held=held, stiff=stiff) -> float:
+            stored = (float(law.potential_at(s * (x - c))) for s, c, law in held if not law.rigid)
+            return v * v / 2.0 + stiff * x * x / 2.0 + sum(stored)
+
+        before = energy(x, v)
+        for _ in range(3):
+            x, v = flow_through(x, v, h, stiff, *ends, 0.0, np.zeros(5), peaks, sums)
+        assert math.isfinite(x) and math.isfinite(v) and np.isfinite(sums).all()
+        error = 1e-9 + 3.0 * HERTZ_ERROR * any(law.kind == "hertz" for _, _, law in held)
+        after = energy(x, v)
+        kinds = {law.kind for _, _, law in held}
+        if "viscoelastic" not in kinds:  # whose spring, once left, takes up its energy again
+            assert after <= before * (1.0 + error)
+        if all(law.conservative for _, _, law in held):
+            assert after >= before * (1.0 - error)

@@ -1,0 +1,337 @@
+"""Stops that give way on several coordinates: exact laws, balances, other engines, brute force."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from statistical import assert_agrees
+
+from stochvi import (
+    Elastic,
+    Estimate,
+    ForceTable,
+    Hertz,
+    ImpactPair,
+    NotApplicable,
+    Oscillator,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    Viscoelastic,
+    WhiteNoise,
+    exact,
+    simulate,
+)
+from stochvi.methods.monte_carlo.kernels.compliant_response import KINK_ERROR
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
+from stochvi.methods.monte_carlo.plans import make_plan
+from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.balances import residuals
+from stochvi.model.model import assemble
+from stochvi.scenes.absorbers import Absorber
+from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
+from stochvi.scenes.impact_laws import Law
+from stochvi.scenes.structures import Matrices
+
+
+def absorber(law: Law, **more: object) -> Scene:
+    """A loose mass in a box on an oscillator with omega = 1, b = 0.1, S0 = 0.2."""
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        absorber=Absorber(mass=0.1, play=2.0, law=law, **more),
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+
+def apart(one: Estimate, two: Estimate) -> Estimate:
+    """The difference of two independent estimates."""
+    return Estimate(
+        value=one.value - two.value,
+        standard_error=math.hypot(one.standard_error or 0.0, two.standard_error or 0.0),
+        bias=(one.bias or 0.0) + (two.bias or 0.0),
+    )
+
+
+ELASTIC = {
+    "elastic": Elastic(stiffness=5.0),
+    "Hertz": Hertz(coefficient=20.0),
+    "tabulated": ForceTable(deflection=[0.1, 0.3], force=[0.2, 3.0]),
+}
+
+
+def matched(law: Law) -> Scene:
+    """Two masses, one between stops and a gap between both; noise that matches the damping."""
+    return Scene(
+        structure=Matrices(
+            coordinates=["a", "b"],
+            mass=np.diag([1.0, 0.4]),
+            damping=np.diag([0.3, 0.5]),
+            stiffness=[[2.0, -1.0], [-1.0, 2.0]],
+        ),
+        impact_pairs=[
+            ImpactPair(name="stops", on="a", lower=-0.7, upper=0.9, law=law),
+            ImpactPair(name="gap", between=["a", "b"], lower=-0.5, upper=1.0, law=law),
+        ],
+        excitations=[WhiteNoise(on="a", intensity=0.6), WhiteNoise(on="b", intensity=1.0)],
+    )
+
+
+@pytest.mark.parametrize("law", ELASTIC.values(), ids=ELASTIC.keys())
+def test_stops_that_lose_nothing_leave_the_gibbs_law(law: Law) -> None:
+    scene = matched(law)
+    truth, found = exact(scene).estimates(), simulate(scene, paths=96, duration=100.0, seed=3)
+    names = {name for _, name in truth}
+    assert {"contact_probability", "contact_force_lower", "collision_rate_upper"} <= names
+    for key, estimate in found.estimates().items():
+        if key in truth:
+            assert_agrees(estimate, truth[key].value)
+            assert estimate.bias == 0.0
+    for residual in found.identities.values():
+        assert_agrees(residual, 0.0)
+
+
+def test_another_law_is_told_from_it() -> None:
+    """The negative control of the comparison above: stops softer by a fifth."""
+    truth = exact(matched(Elastic(stiffness=4.0))).impact_pairs["gap"]["contact_probability"]
+    found = simulate(matched(Elastic(stiffness=5.0)), paths=96, duration=100.0, seed=3)
+    with pytest.raises(AssertionError):
+        assert_agrees(found.impact_pairs["gap"]["contact_probability"], truth.value)
+
+
+def one_mass(law: Law, matrices: bool, upper: float = 0.5, lower: float = -1.0) -> Scene:
+    structure = Oscillator(mass=2.0, damping=0.2, stiffness=2.0)
+    if matrices:
+        structure = Matrices(coordinates=["x"], mass=[[2.0]], damping=[[0.2]], stiffness=[[2.0]])
+    return Scene(
+        structure=structure,
+        impact_pairs=[ImpactPair(name="stops", on="x", lower=lower, upper=upper, law=law)],
+        excitations=[WhiteNoise(on="x", intensity=0.4)],
+    )
+
+
+@pytest.mark.parametrize("upper", [0.5, -0.4], ids=["gap", "pressed"])
+def test_one_coordinate_is_as_by_the_engine_for_one_oscillator(upper: float) -> None:
+    """There the contact with a viscoelastic stop is flown exactly."""
+    law = Viscoelastic(stiffness=100.0, damping_ratio=0.2)
+    ours, other = (
+        simulate(one_mass(law, matrices, upper), paths=128, duration=60.0, seed=5 + matrices)
+        for matrices in (True, False)
+    )
+    twin = other.estimates()
+    for key, estimate in ours.estimates().items():
+        if estimate.bias is not None:
+            assert_agrees(apart(estimate, twin[key]), 0.0)
+    assert ("stops", "peak_force") in twin
+    for residual in ours.identities.values():
+        assert_agrees(residual, 0.0)
+
+
+def test_stiff_walls_throw_back_as_restitution_says() -> None:
+    """R = exp(-2 z arccos z / sqrt(1 - z^2)); the soft ones do not (negative control)."""
+    law = Viscoelastic(stiffness=1e4, damping_ratio=0.2)
+    rigid = simulate(absorber(Restitution(coefficient=law.restitution)), paths=128, duration=60.0)
+    stiff = simulate(absorber(law), paths=128, duration=60.0, seed=7)
+    soft = simulate(
+        absorber(Viscoelastic(stiffness=1.0, damping_ratio=0.2)), paths=128, duration=60.0, seed=8
+    )
+    for name in ("impact_speed_rate", "impact_speed_square_rate", "relative_displacement_std"):
+        ours, truth = stiff.impact_pairs["box"][name], rigid.impact_pairs["box"][name]
+        assert_agrees(apart(ours, truth), 0.0)
+    name = "relative_displacement_std"
+    with pytest.raises(AssertionError):
+        assert_agrees(apart(soft.impact_pairs["box"][name], rigid.impact_pairs["box"][name]), 0.0)
+
+
+def random_scene(seed: int) -> Scene:
+    """Two or three coordinates, two pairs of any laws, white or filtered noise, a load, a sine."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 4))
+    names = [f"m{k}" for k in range(count)]
+    tri = 2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1)
+
+    def law() -> Law:
+        stiffness = float(10.0 ** rng.uniform(0.5, 3.0))
+        return [
+            Viscoelastic(stiffness=stiffness, damping_ratio=float(rng.uniform(0.05, 1.2))),
+            Elastic(stiffness=stiffness),
+            Hertz(coefficient=stiffness),
+            ForceTable(deflection=[0.1, 0.3], force=[0.05 * stiffness, 0.4 * stiffness]),
+            Restitution(coefficient=float(rng.uniform(0.4, 1.0))),
+        ][int(rng.integers(5))]
+
+    shaken = [
+        WhiteNoise(on="m0", intensity=0.2),
+        FilteredNoise(on="m0", intensity=0.2, frequency_hz=0.2, zeta=0.3),
+    ]
+    return Scene(
+        structure=Matrices(
+            coordinates=names,
+            mass=np.diag(rng.uniform(0.3, 2.0, count)),
+            damping=0.1 * tri,
+            stiffness=tri,
+        ),
+        impact_pairs=[
+            ImpactPair(
+                name="stops", on="m0", lower=-0.6, upper=0.8, lower_law=law(),
+                upper_law=Viscoelastic(stiffness=50.0, damping_ratio=0.3),
+            ),
+            ImpactPair(name="gap", between=names[-2:], lower=-0.5, upper=0.4, law=law()),
+        ],
+        excitations=[
+            shaken[seed % 2],
+            ConstantLoad(on="m1", force=0.2),
+            *([Sine(on="m1", amplitude=0.3, frequency_hz=0.17)] if seed % 3 == 0 else []),
+        ],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_balances_hold_for_random_scenes(seed: int) -> None:
+    response = simulate(random_scene(seed), paths=32, duration=60.0, seed=seed)
+    white = seed % 2 == 0 and seed % 3
+    assert ("energy" in response.identities) == bool(white)
+    assert any(name.startswith("force on") for name in response.identities)
+    for residual in response.identities.values():
+        assert_agrees(residual, 0.0)
+
+
+def test_a_wrong_damper_breaks_the_energy_balance() -> None:
+    """What the stops take, judged as 1.2 times as much."""
+    scene = matched(Viscoelastic(stiffness=20.0, damping_ratio=0.3))
+    plan = make_plan(scene, None, 100.0)
+    found = PathStatistics.of(plan.averages(4, 0, 192), plan.layout)
+    assembly = assemble(scene)
+    origin = [plan.layout.origins[name] for name in assembly.coordinates]
+
+    def energy(means: dict) -> float:
+        wrong = {
+            key: 1.2 * value if key[1].startswith("loss") else value for key, value in means.items()
+        }
+        return residuals(assembly, wrong, origin)["energy"]
+
+    value, error = found.evaluate(energy)
+    assert abs(value) > 4.5 * error
+    value, error = found.evaluate(lambda means: residuals(assembly, means, origin)["energy"])
+    assert abs(value) < 4.5 * error
+
+
+# ---- brute force -----------------------------------------------------------------------------
+
+LAWS = {
+    "viscoelastic and Hertz": (
+        Viscoelastic(stiffness=4e5, damping_ratio=0.3), Hertz(coefficient=4e6),
+    ),
+    "tabulated and elastic": (
+        ForceTable(deflection=[1e-3, 2e-3], force=[100.0, 900.0]), Elastic(stiffness=3e5),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("laws", LAWS.values(), ids=LAWS.keys())
+def test_a_path_is_that_of_brute_force(laws: tuple[Law, Law]) -> None:
+    """Two stages on a truck, both gaps narrow: the same smooth input, integrated naively."""
+    first, second = laws
+    scene = two_stages(first, second)
+    plan = make_plan(scene, None, 1.0)
+    assert isinstance(plan, ModalTablesPlan)
+    plan = replace(plan, burn_in=0.05)
+    record = np.zeros((plan.steps, 1, plan.record_width))
+    plan.averages(1, 0, 1, record)
+    free = plan.free_response(1, 0, 1, 0)
+    n, h, count = plan.modes.size, plan.step, 100
+    value, slope = free[:, :, 0], plan._scale * free[:, :, 1]
+
+    def smooth(t: float) -> np.ndarray:
+        """Modal displacements and velocities by the cubic through two samples."""
+        k = min(int(t / h), count - 1)
+        s = t / h - k
+        y0, y1, v0, v1 = value[k], value[k + 1], h * slope[k], h * slope[k + 1]
+        c2, c3 = 3.0 * (y1 - y0) - 2.0 * v0 - v1, v0 + v1 - 2.0 * (y1 - y0)
+        return np.concatenate(
+            [y0 + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2.0 * c2 + 3.0 * s * c3)) / h]
+        )
+
+    contacts = assemble(scene).contacts
+    touched = [0, 0]
+
+    def rate(t: float, e: np.ndarray) -> np.ndarray:
+        total = smooth(t) + e
+        pull = -plan.modes.squares * e[:n] - plan.modes.damping @ e[n:]
+        for j, contact in enumerate(contacts):
+            y, v = plan.modes.gaps[j] @ total[:n], plan.modes.gaps[j] @ total[n:]
+            for side, stop, law in contact.stops:
+                sign = 1.0 if side == "upper" else -1.0
+                more = {"mass": contact.mass} if isinstance(law, Viscoelastic) else {}
+                force = float(law.force_at(sign * (y - stop), sign * v, **more))
+                touched[j] += force > 0.0
+                pull -= sign * force * plan.modes.gaps[j]
+        return np.concatenate([e[n:], pull])
+
+    # from the end of the first counted step, at sample 0
+    start = record[0, 0, : 2 * n] - np.concatenate([value[0], slope[0]])
+    times = h * np.arange(count)
+    solved = solve_ivp(
+        rate, (0.0, times[-1]), start, t_eval=times, rtol=1e-8, atol=1e-12, max_step=h / 8.0
+    )
+    brute = solved.y.T + np.hstack([value[:count], slope[:count]])
+    assert min(touched) > 100
+    size = np.abs(brute).max(axis=0)
+    # what a sub-step leaves of a contact whose force has kinks, over several of them
+    tolerance = 3.0 * KINK_ERROR
+    np.testing.assert_allclose(
+        record[:count, 0, : 2 * n] / size, brute / size, rtol=0, atol=tolerance
+    )
+
+
+def two_stages(first: Law, second: Law) -> Scene:
+    """A box of 20 kg at 12 Hz on a frame of 100 kg at 15 Hz, on a truck."""
+    k1, k2 = 100.0 * (30.0 * math.pi) ** 2, 20.0 * (24.0 * math.pi) ** 2
+    c1, c2 = 2.0 * 0.08 * math.sqrt(k1 * 120.0), 2.0 * 0.1 * math.sqrt(k2 * 20.0)
+    return Scene(
+        structure=Matrices(
+            coordinates=["frame", "box"],
+            mass=np.diag([100.0, 20.0]),
+            stiffness=[[k1 + k2, -k2], [-k2, k2]],
+            damping=[[c1 + c2, -c2], [-c2, c2]],
+        ),
+        impact_pairs=[
+            ImpactPair(name="bumpers", on="frame", lower=-2e-3, upper=1.5e-3, law=first),
+            ImpactPair(
+                name="box stops", between=["box", "frame"], lower=-2e-3, upper=3e-3, law=second
+            ),
+        ],
+        excitations=[TabulatedNoise(on="base", profile="mil-std-810h-truck-vertical-5hz")],
+    )
+
+
+# ---- the contract ----------------------------------------------------------------------------
+
+
+def test_digits_do_not_depend_on_blocks_or_threads() -> None:
+    scene = absorber(Viscoelastic(stiffness=20.0, damping_ratio=0.2))
+    plan = make_plan(scene, None, 30.0)
+    whole = plan.averages(1, 0, 40)
+    np.testing.assert_array_equal(whole[:, 30:], plan.averages(1, 30, 10))
+    one, two = (simulate(scene, paths=70, duration=20.0, threads=n) for n in (1, 2))
+    assert one.to_frame().equals(two.to_frame())
+
+
+def test_rigid_and_soft_pairs_answer_for_themselves() -> None:
+    scene = two_stages(Viscoelastic(stiffness=4e5, damping_ratio=0.3), Restitution(coefficient=0.6))
+    response = simulate(scene, paths=16, duration=10.0)
+    soft, rigid = response.impact_pairs["bumpers"], response.impact_pairs["box stops"]
+    assert soft["peak_force"].value > 0.0 and soft["contact_probability"].value > 0.0
+    assert rigid["peak_force"] is None and rigid["contact_probability"] is None
+    assert {"viscoelastic stop lower of bumpers", "rigid stop upper of box stops"} <= set(
+        response.effects
+    )
+
+
+def test_a_mass_that_lies_on_a_stop_too_stiff_is_refused() -> None:
+    scene = one_mass(Elastic(stiffness=1e12), matrices=True, upper=-3.0, lower=-9.0)
+    with pytest.raises(NotApplicable, match="upper stop of stops"):
+        simulate(scene)

@@ -1,0 +1,537 @@
+"""Monte Carlo against its plain twin, exact laws, near-exact numbers, balances; same digits."""
+
+import math
+import multiprocessing
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known import BENCH, NATURAL, RIGID_STOPS, RigidStops, Units, oscillator, values
+from naive import full_band_isolator, kick_flow_kick, mirrored_euler, normals
+from statistical import assert_agrees
+
+from stochvi import (
+    ConstantLoad,
+    Estimate,
+    ImpactPair,
+    Isolator,
+    NotApplicable,
+    NotConverged,
+    Oscillator,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    exact,
+    record_path,
+    simulate,
+)
+from stochvi.methods.monte_carlo import runs
+from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean
+from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.balances import residuals
+from stochvi.model.model import assemble
+
+QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
+TRUCK = "mil-std-810h-truck-vertical-5hz"
+
+
+def run(scene: Scene, plan, seed: int, paths: int) -> PathStatistics:
+    """Statistics of the first paths of a plan."""
+    return PathStatistics.of(plan.averages(seed, 0, paths), layout_of(scene, plan))
+
+
+def rate(means: dict) -> float:
+    return means["stops", "n_lower"] + means["stops", "n_upper"]
+
+
+def quantities(scene: Scene, **arguments: object) -> dict[str, Estimate]:
+    response = simulate(scene, **arguments)  # type: ignore[arg-type]
+    return {name: estimate for (_, name), estimate in response.estimates().items()}
+
+
+def isolator(gap: float | None, restitution: float = 0.5, **noise: object) -> Scene:
+    law = Restitution(coefficient=restitution)
+    pairs = [] if gap is None else [ImpactPair(lower=-gap, upper=gap, law=law)]
+    excitation = TabulatedNoise(**(noise or {"profile": TRUCK}))
+    return Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        impact_pairs=pairs,
+        excitations=[excitation],
+    )
+
+
+# ---- the scheme, path by path ----------------------------------------------------------------
+
+
+TWINS = {
+    "elastic": {"lower": -1.0, "upper": 1.0, "restitution": 1.0},
+    "lossy": {"lower": -1.0, "upper": 1.0, "restitution": 0.5},
+    "perfectly plastic": {"lower": -1.0, "upper": 1.0, "restitution": 0.0},
+    "unequal gaps": {"lower": -0.3, "upper": 1.2, "restitution": 0.8},
+    "one stop": {"lower": None, "upper": 0.7, "restitution": 0.8},
+    "preload": {"lower": None, "upper": -0.8, "restitution": 0.9},
+    "preload, lossy": {"lower": 0.5, "upper": 1.5, "restitution": 0.5},
+    "several impacts a step": {"lower": -0.04, "upper": 0.05, "restitution": 0.9},
+}
+
+
+@pytest.mark.parametrize("case", TWINS.values(), ids=TWINS.keys())
+@pytest.mark.parametrize("load", [0.0, 0.4])
+def test_a_path_equals_its_plain_twin(case: dict, load: float) -> None:
+    compare_with_twin(case, load, omega=1.0)
+
+
+@pytest.mark.parametrize("restitution", [1.0, 0.5])
+def test_a_path_without_a_spring_equals_its_plain_twin(restitution: float) -> None:
+    compare_with_twin({"lower": -0.3, "upper": 1.2, "restitution": restitution}, 0.0, omega=0.0)
+
+
+def compare_with_twin(case: dict, load: float, omega: float) -> None:
+    scene = oscillator(**case, load=load, omega=omega)
+    step, path = 0.25, 5
+    # not longer: bounces in quick succession double the rounding errors again and again
+    record = record_path(scene, duration=30.0, seed=9, path=path, step=step)
+    plan = make_plan(scene, None, 30.0)
+    streams = np.empty((2, 1), np.uint64)
+    seed_streams(np.uint64(9), path, streams)
+    (start,), (speed,) = plan._start(streams)
+    steps = len(record)
+    stops = [
+        (position - plan.rest, case["restitution"], side)
+        for position, side in ((case["lower"], -1.0), (case["upper"], 1.0))
+        if position is not None
+    ]
+    x, v, hits = kick_flow_kick(
+        start, speed, normals(9, path, steps + 2)[2:], step, omega, 0.1, 0.2, stops
+    )
+    np.testing.assert_allclose(record["displacement"], x + plan.rest, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(record["velocity"], v, rtol=0, atol=1e-8)
+    signed = sum(side * w for side, w in hits)
+    assert record["impact_speed"].sum() == pytest.approx(signed, rel=0, abs=1e-7)
+    assert len(hits) > 3
+
+
+def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
+    probe = (
+        "import numpy as np; np.seterr(over='ignore')\n"
+        "from known import oscillator\n"
+        "from test_monte_carlo import isolator\n"
+        "from stochvi.methods.monte_carlo.plans import make_plan\n"
+        "scenes = oscillator(-1.0, 1.0, 0.5), oscillator(-0.04, 0.05, 0.9), isolator(0.002)\n"
+        "for scene in scenes:\n"
+        "    plan = make_plan(scene, None, 2.0)\n"
+        "    plan = plan if plan.method.startswith('resp') else plan.with_step(0.1)\n"
+        "    plan = plan if plan.method.startswith('resp') else type(plan)(**{**vars(plan),"
+        " 'burn_in': 0.1, 'duration': 4.0})\n"
+        "    print(*plan.averages(3, 0, 3).ravel())\n"
+    )
+    here = Path(__file__).parents[2]
+    checkout = str(here.parent)  # and not an installed package
+
+    def printed(**extra: str) -> np.ndarray:
+        told = subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", probe], capture_output=True, text=True,
+            check=True, cwd=here, env=os.environ | {"PYTHONPATH": checkout} | extra,
+        ).stdout  # fmt: skip
+        return np.array([float(word) for word in told.split()])
+
+    np.testing.assert_allclose(printed(NUMBA_DISABLE_JIT="1"), printed(), rtol=1e-9, atol=1e-12)
+
+
+# ---- exact and near-exact numbers ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("units", [NATURAL, BENCH], ids=["natural", "SI"])
+@pytest.mark.parametrize("row", RIGID_STOPS, ids=lambda row: f"R={row.restitution:g}")
+def test_near_exact_numbers_of_rigid_stops(row: RigidStops, units: Units) -> None:
+    scene = oscillator(-1.0, 1.0, row.restitution, units=units)
+    found = quantities(scene, rel_error=0.003, seed=11)
+    for name in QUANTITIES:
+        assert found[name].standard_error <= 0.003 * found[name].value
+        assert_agrees(found[name], row.values[name] * units.factor(name))
+
+
+def near_exact(restitution: float) -> dict[str, float]:
+    return next(row.values for row in RIGID_STOPS if row.restitution == restitution)
+
+
+ELASTIC = {
+    "unequal gaps": {"lower": -0.5, "upper": 1.0},
+    "one stop": {"lower": None, "upper": 1.0},
+    "preload": {"lower": None, "upper": -1.0},
+    "narrow": {"lower": -0.02, "upper": 0.03},
+    "load on a stop": {"lower": -1.0, "upper": 1.0, "load": 2.0},
+    "light damping": {"lower": -1.0, "upper": 1.0, "damping": 0.01, "intensity": 0.02},
+    "overdamped": {"lower": -1.0, "upper": 1.0, "damping": 10.0, "intensity": 20.0},
+    "no spring": {"lower": -1.0, "upper": 1.0, "omega": 0.0},
+}
+
+
+@pytest.mark.parametrize("case", ELASTIC.values(), ids=ELASTIC.keys())
+def test_elastic_stops_agree_with_the_exact_law(case: dict) -> None:
+    scene = oscillator(**case, restitution=1.0)
+    truth = values(exact(scene))
+    found = quantities(scene, rel_error=0.003, seed=13)
+    sides = [f"collision_rate_{side}" for side in ("lower", "upper") if case[side] is not None]
+    for name in (*QUANTITIES, "displacement_mean", *sides):
+        assert_agrees(found[name], truth[name])
+        assert found[name].bias == 0.0
+
+
+def test_half_the_step_is_free_of_bias_too() -> None:
+    scene = oscillator(-1.0, 1.0, 1.0)
+    truth = values(exact(scene))
+    plan = make_plan(scene, None, None)
+    for factor in (0.5, 2.0):
+        changed = plan.with_step(factor * plan.step)
+        value, error = run(scene, changed, 5, 4096).evaluate(rate)
+        assert abs(value - truth["collision_rate"]) < 4.5 * error
+
+
+LOSSY = {
+    "unequal gaps": {"lower": -0.5, "upper": 1.0, "restitution": 0.8},
+    "one stop": {"lower": None, "upper": 0.5, "restitution": 0.5},
+    "preload": {"lower": None, "upper": -1.0, "restitution": 0.5},
+    "load on a stop": {"lower": -1.0, "upper": 1.0, "restitution": 0.5, "load": 3.0},
+    "undamped": {"lower": -1.0, "upper": 1.0, "restitution": 0.7, "damping": 0.0},
+    "plastic": {"lower": -1.0, "upper": 1.0, "restitution": 0.0},
+    "no spring, no damper": {
+        "lower": -1.0, "upper": 1.0, "restitution": 0.7, "damping": 0.0, "omega": 0.0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", LOSSY.values(), ids=LOSSY.keys())
+def test_balances_hold_where_stops_lose_energy(case: dict) -> None:
+    # at R = 0 steps as they are leave a bias of 0.4 %, which more paths would not mend
+    rel_error = 0.003 if case["restitution"] > 0.0 else 0.006
+    response = simulate(oscillator(**case), rel_error=rel_error, seed=14)
+    assert set(response.identities) == {"energy", "virial", "force"}
+    for residual in response.identities.values():
+        assert_agrees(residual, 0.0)
+        assert residual.standard_error < 0.01
+
+
+def test_stops_of_different_restitution_keep_the_balances() -> None:
+    scene = oscillator(-1.0, 1.0, 0.9)
+    pair = ImpactPair(
+        lower=-1.0,
+        upper=1.0,
+        lower_law=Restitution(coefficient=0.9),
+        upper_law=Restitution(coefficient=0.3),
+    )
+    response = simulate(
+        scene.model_copy(update={"impact_pairs": (pair,)}), rel_error=0.003, seed=14
+    )
+    for residual in response.identities.values():
+        assert_agrees(residual, 0.0)
+    mean = response.coordinates["x"]["displacement_mean"]
+    assert isinstance(mean, Estimate)
+    assert mean.value > 4.5 * mean.standard_error  # the mass lingers where it is caught
+
+
+def test_the_stated_bias_covers_that_of_a_coarse_step() -> None:
+    """At four times the default step F2 is off beyond its noise; the stated bias knows."""
+    truth = near_exact(0.5)["velocity_std"]
+    scene = oscillator(-1.0, 1.0, 0.5)
+    coarse = make_plan(scene, None, None).with_step(0.6)
+    half = run(scene, coarse.with_step(0.3), 6, 32768)
+    full = run(scene, coarse, 6, 32768)
+
+    def velocity(means: dict) -> float:
+        return math.sqrt(means["x", "vv"])
+
+    (fine_value, fine_error), (value, error) = half.evaluate(velocity), full.evaluate(velocity)
+    assert abs(value - truth) > 4.5 * error
+    stated = abs(value - fine_value) / 3.0
+    # the stated bias has a third of the standard error of what it is taken from
+    assert abs(fine_value - truth) < stated + 4.5 * math.hypot(fine_error, error / 3.0)
+
+
+def test_rates_of_slow_impacts_do_not_depend_on_a_refined_step() -> None:
+    """At R = 0.2 the plain step misses slow impacts; refined steps of any length agree."""
+
+    scene = oscillator(-1.0, 1.0, 0.2)
+
+    def rate_at(step: float, slow_impacts: bool, paths: int) -> tuple[float, float]:
+        plan = make_plan(scene, None, 400.0, slow_impacts).with_step(step)
+        return run(scene, plan, 31, paths).evaluate(rate)
+
+    (coarse, coarse_error), (fine, fine_error) = rate_at(0.2, True, 6144), rate_at(0.05, True, 1024)
+    assert abs(coarse - fine) < 4.5 * math.hypot(coarse_error, fine_error)
+    plain, plain_error = rate_at(0.2, False, 6144)
+    assert abs(plain - coarse) > 4.5 * math.hypot(plain_error, coarse_error)
+
+
+def test_refined_steps_keep_the_balances() -> None:
+    response = simulate(oscillator(-1.0, 1.0, 0.3), rel_error=0.005, seed=15, slow_impacts=True)
+    for residual in response.identities.values():
+        assert_agrees(residual, 0.0)
+    rate = response.impact_pairs["stops"]["collision_rate"]
+    assert isinstance(rate, Estimate)
+    assert rate.bias is not None
+    assert (
+        simulate(oscillator(-1.0, 1.0, 0.3), paths=512).estimates()["stops", "collision_rate"].bias
+        is None
+    )
+
+
+# ---- negative controls -----------------------------------------------------------------------
+
+
+def euler_estimates(overshoot: bool, h: float) -> dict[str, Estimate]:
+    xx, vv, rate = mirrored_euler(
+        np.random.default_rng(21), 4000, int(150.0 / h), h, overshoot=overshoot
+    )
+    values = {"displacement_std": xx, "velocity_std": vv, "collision_rate": rate}
+    estimates = {}
+    for name, samples in values.items():
+        mean, error = samples.mean(), samples.std(ddof=1) / math.sqrt(len(samples))
+        if name != "collision_rate":
+            mean, error = math.sqrt(mean), error / (2.0 * math.sqrt(mean))
+        estimates[name] = Estimate(value=mean, standard_error=error)
+    return estimates
+
+
+def test_the_end_of_step_mirror_is_caught() -> None:
+    truth = values(exact(oscillator(-1.0, 1.0, 1.0)))
+    wrong = euler_estimates(overshoot=False, h=2.0 * math.pi / 50.0)
+    for name in ("velocity_std", "collision_rate"):
+        with pytest.raises(AssertionError, match="standard errors"):
+            assert_agrees(wrong[name], truth[name])
+    right = euler_estimates(overshoot=True, h=0.02)
+    for name, estimate in right.items():
+        assert_agrees(estimate, truth[name])
+
+
+def test_a_wrong_restitution_breaks_the_energy_balance() -> None:
+    """Simulated with R = 0.8, judged as R = 0.81."""
+    scene = oscillator(-1.0, 1.0, 0.8)
+    statistics = run(scene, make_plan(scene, None, None), 8, 8192)
+    claimed = assemble(oscillator(-1.0, 1.0, 0.81))
+    value, error = statistics.evaluate(lambda means: residuals(claimed, means, (0.0,))["energy"])
+    assert abs(value) > 4.5 * error
+
+
+# ---- tabulated noise -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("profile", [TRUCK, "navmat-p-9492", "gevs-qualification"])
+def test_tabulated_noise_without_stops_agrees_with_the_frequency_integral(profile: str) -> None:
+    scene = isolator(None, profile=profile)
+    truth = values(exact(scene))
+    found = quantities(scene, rel_error=0.005, seed=15)
+    for name in ("displacement_std", "velocity_std", "acceleration_std"):
+        assert_agrees(found[name], truth[name])
+
+
+def test_a_wide_flat_table_is_white_noise() -> None:
+    """Two engines that share no code but the random numbers, on the same physics."""
+    pair = [ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))]
+    structure = Oscillator(mass=1.0, damping=0.1, stiffness=1.0)
+    flat = TabulatedNoise(frequency_hz=[1e-3, 60.0], density=[0.4, 0.4], unit="N2/Hz")
+    coloured = Scene(structure=structure, impact_pairs=pair, excitations=[flat])
+    found = quantities(coloured, rel_error=0.01, seed=16)
+    for name in QUANTITIES:
+        assert_agrees(found[name], near_exact(0.8)[name])
+
+
+def test_truck_isolator_agrees_with_a_full_band_record() -> None:
+    gap, scene = 0.004, isolator(0.004)
+    xx, vv, rate = full_band_isolator(
+        np.random.default_rng(22), scene.system().tables[0], scene.structure.omega,
+        scene.structure.damping_rate, gap, 0.5, paths=512, rate=2048.0, length=16.0,
+    )  # fmt: skip
+    found = quantities(scene, rel_error=0.01, seed=17, speed_threshold=0.0)
+    for name, samples in (
+        ("displacement_mean_square", xx),
+        ("velocity_mean_square", vv),
+        ("collision_rate", rate),
+    ):
+        error = samples.std(ddof=1) / math.sqrt(len(samples))
+        both = Estimate(
+            value=found[name].value - samples.mean(),
+            standard_error=math.hypot(error, found[name].standard_error),
+            bias=found[name].bias,
+        )
+        assert_agrees(both, 0.0)
+
+
+# ---- digits, arguments, limits ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "scene", [oscillator(-1.0, 1.0, 0.8), isolator(0.004)], ids=["white", "table"]
+)
+def test_digits_do_not_depend_on_threads(scene: Scene) -> None:
+    one, two = (simulate(scene, paths=700, duration=40.0, threads=n, seed=4) for n in (1, 2))
+    assert one.to_frame().equals(two.to_frame())
+    assert not one.to_frame().equals(
+        simulate(scene, paths=700, duration=40.0, threads=2, seed=5).to_frame()
+    )
+
+
+def test_digits_do_not_depend_on_the_executor() -> None:
+    scene = oscillator(-1.0, 1.0, 0.8)
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as processes:
+        elsewhere = simulate(scene, paths=2100, duration=40.0, seed=4, executor=processes)
+    here = simulate(scene, paths=2100, duration=40.0, seed=4)
+    assert here.to_frame().equals(elsewhere.to_frame())
+
+
+def test_digits_of_a_path_do_not_depend_on_its_block() -> None:
+    plan = make_plan(oscillator(-1.0, 1.0, 0.8), None, 50.0)
+    whole = plan.averages(1, 0, 300)
+    np.testing.assert_array_equal(whole[:, 290:300], plan.averages(1, 290, 10))
+    table = make_plan(isolator(0.004), None, 40.0)
+    np.testing.assert_array_equal(table.averages(1, 0, 8)[:, 5:], table.averages(1, 5, 3))
+
+
+def test_a_rate_never_seen_has_an_upper_limit_only() -> None:
+    response = simulate(oscillator(-9.0, 9.0, 1.0), rel_error=0.02, seed=1)
+    rate = response.impact_pairs["stops"]["collision_rate"]
+    assert isinstance(rate, Estimate)
+    assert rate.value == 0.0
+    exposure = response.cost.paths * float(rate.how.split("of ")[1].split()[0])
+    # 3 clusters at most, on either stop, of a hit a period while the energy is remembered
+    clusters = -math.log(0.05) / exposure
+    assert rate.upper_95 == pytest.approx(2.0 * clusters / (2.0 * math.pi * 0.1), rel=1e-3)
+    assert response.impact_pairs["stops"]["impact_speed_mean"] is None
+    assert any("upper limit" in warning for warning in response.warnings)
+
+
+def test_collapse_is_announced() -> None:
+    response = simulate(oscillator(-1.0, 1.0, 0.1), rel_error=0.02)
+    assert any("infinite" in warning for warning in response.warnings)
+    assert not any(
+        "infinite" in w for w in simulate(oscillator(-1.0, 1.0, 0.2), paths=300).warnings
+    )
+
+
+def test_a_budget_too_small_is_refused_with_what_was_reached() -> None:
+    with pytest.raises(NotConverged, match="takes about") as refusal:
+        simulate(oscillator(-1.0, 1.0, 0.8), rel_error=1e-5, budget=0.5)
+    assert refusal.value.response is not None
+    assert refusal.value.response.cost.paths > 2
+
+
+UNCOVERED = {
+    "without stiffness": oscillator(None, 1.0, 1.0, omega=0.0),
+    "restitution below 1": oscillator(-1.0, 1.0, 1.0, damping=0.0),
+    "constant load alone": Scene(
+        structure=Oscillator(mass=1.0, damping=1.0, stiffness=1.0),
+        excitations=[ConstantLoad(force=1.0)],
+    ),
+}
+
+
+@pytest.mark.parametrize("reason", UNCOVERED)
+def test_scenes_that_are_not_covered_say_why(reason: str) -> None:
+    with pytest.raises(NotApplicable, match=reason):
+        simulate(UNCOVERED[reason])
+
+
+BAD_ARGUMENTS = [
+    ({"rel_error": 0.01, "paths": 10}, "not both"),
+    ({"rel_error": 0.0}, "rel_error must be in"),
+    ({"rel_error": float("nan")}, "rel_error must be in"),
+    ({"paths": 1}, "paths must be at least 2"),
+    ({"threads": 0}, "threads must be at least 1"),
+    ({"seed": -1}, "seed must be in"),
+    ({"duration": 0.0}, "duration must be a positive"),
+    ({"budget": float("inf")}, "budget must be a positive"),
+    ({"speed_threshold": -1.0}, "speed_threshold must be at least 0"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), BAD_ARGUMENTS)
+def test_bad_arguments_are_named(arguments: dict, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        simulate(oscillator(-1.0, 1.0, 1.0), **arguments)
+
+
+# ---- corners where earlier versions went wrong -----------------------------------------------
+
+
+def test_a_short_record_of_a_table_is_a_part_of_a_long_block() -> None:
+    """A path of a fifth of a period still has the spectrum of the whole table."""
+    found = quantities(isolator(0.004), paths=4000, duration=0.02, seed=2)
+    long = quantities(isolator(0.004), paths=200, duration=30.0, seed=3)
+    for name in ("velocity_std", "collision_rate"):
+        difference = found[name].value - long[name].value
+        error = math.hypot(found[name].standard_error, long[name].standard_error)
+        assert abs(difference) < 4.5 * error + (found[name].bias or 0.0)
+
+
+@pytest.mark.parametrize(("band", "zeta"), [([1.0, 2.0], 0.5), ([0.1, 0.2], 0.1)])
+def test_a_table_far_below_the_resonance_keeps_its_velocity(band: list, zeta: float) -> None:
+    noise = TabulatedNoise(frequency_hz=band, density=[1.0, 1.0], unit="(m/s2)2/Hz")
+    scene = Scene(structure=Isolator(frequency_hz=100.0, zeta=zeta), excitations=[noise])
+    truth, found = values(exact(scene)), quantities(scene, rel_error=0.02, seed=4)
+    for name in ("displacement_std", "velocity_std"):
+        assert_agrees(found[name], truth[name])
+
+
+def test_a_narrow_gap_under_a_table_is_sampled_finely_enough() -> None:
+    """Elastic stops at 0.05 sigma: halving the samples' distance changes nothing of substance."""
+    scene = isolator(1e-4, 1.0)
+    plan = make_plan(scene, None, 2.0)
+    usual, finer = (run(scene, p, 5, 32) for p in (plan, plan.finer()))
+    for quantity in (lambda m: m["x", "vv"], of_pair("stops")["impact_speed_rate"]):
+        (value, error), (other, other_error) = usual.evaluate(quantity), finer.evaluate(quantity)
+        assert abs(value - other) < 4.5 * math.hypot(error, other_error)
+
+
+@pytest.mark.parametrize("stop", [-100.0, -1000.0])
+def test_a_strong_preload_keeps_its_digits(stop: float) -> None:
+    scene = oscillator(None, stop, 1.0)
+    truth, found = values(exact(scene)), quantities(scene, rel_error=0.01, seed=6)
+    for name in ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate"):
+        assert_agrees(found[name], truth[name])
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.1, 0.5])
+def test_a_mass_at_rest_on_a_stop_still_presses_on_it(restitution: float) -> None:
+    response = simulate(oscillator(None, -4.0, restitution), paths=2048, seed=7)
+    assert_agrees(response.identities["force"], 0.0)
+    assert response.identities["force"].standard_error < 2e-3
+
+
+def test_one_path_with_all_the_hits_is_an_answer_too() -> None:
+    scene = oscillator(-4.0, 4.0, 1.0)
+    plan = make_plan(scene, None, 100.0)
+    averages = plan.averages(1, 0, 64)
+    averages[3:] = 0.0
+    averages[3:6, 17] = 0.01
+    statistics = PathStatistics.of(averages, layout_of(scene, plan))
+    value, error = statistics.evaluate(speed_mean("stops"))
+    assert value == pytest.approx(1.0)
+    assert math.isfinite(error)
+
+
+def test_times_too_far_apart_are_refused_in_a_sentence() -> None:
+    with pytest.raises(NotApplicable, match="too far apart"):
+        simulate(oscillator(-1e-8, 1e-8, 1.0 - 1e-12))
+    with pytest.raises(NotApplicable, match="shorter duration and more paths"):
+        simulate(isolator(0.004), paths=2, duration=1e9)
+    with pytest.raises(NotApplicable, match="at most 4194304 are made"):
+        simulate(isolator(1e-9))
+
+
+def test_compiling_is_said_where_it_takes_time(monkeypatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(runs, "COMPILING_SECONDS", 0.01)
+    with runs.compiling(lambda done, text: said.append(text)):
+        time.sleep(0.2)
+    assert said == ["compiling, once on each machine"]
+    monkeypatch.setattr(runs, "COMPILING_SECONDS", 60.0)
+    with runs.compiling(lambda done, text: said.append(text)):  # kept code is there at once
+        pass
+    assert len(said) == 1

@@ -1,0 +1,123 @@
+"""Numbers with their errors: how they print, and the forms that a response takes."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from known import oscillator
+
+from stochvi.methods.closed_form import exact
+from stochvi.methods.monte_carlo import simulate
+from stochvi.results.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.scene import load_scene
+from stochvi.views.files import to_json
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.28281234, 0.00041, "0.28281(41)"),
+        (0.28281234, 0.00996, "0.2828(100)"),
+        (0.28281234, 0.0996, "0.283(100)"),
+        (-0.5, 0.1, "-0.50(10)"),
+        (12.3456, 1.234, "12.3(1.2)"),
+        (1234.5, 210.0, "1230(210)"),
+        (0.0, 0.02, "0.000(20)"),
+        (3.21e-07, 4.5e-09, "3.210(45)e-07"),
+        (1.5e8, 2.5e6, "1.500(25)e+08"),
+        (1e-9, 1.0, "0.0(1.0)"),
+        (0.5395600937, 0.0, "0.539560094"),
+        (0.5395600937, math.inf, "0.539560094"),
+    ],
+)
+def test_two_digits_of_the_error_stand_in_brackets(value, error, text):
+    assert format_with_error(value, error) == text
+
+
+@given(
+    value=st.floats(-1e12, 1e12).filter(lambda x: x == 0.0 or abs(x) > 1e-12),
+    error=st.floats(1e-12, 1e12),
+)
+def test_the_text_reads_back_as_the_value_and_the_error(value, error):
+    """Both within half a unit of the error's second digit, that is 5 % of the error."""
+    text = format_with_error(value, error)
+    whole, fraction, bracket, power = re.fullmatch(
+        r"(-?\d+)(?:\.(\d+))?\(([\d.]+)\)(e[+-]\d+)?", text
+    ).groups(default="")
+    scale = float(f"1{power}")
+    unit = 1.0 if "." in bracket else 10.0 ** -len(fraction)
+    assert float(bracket) * unit * scale == pytest.approx(error, rel=0.05 + 1e-9)
+    read = float(f"{whole}.{fraction or 0}") * scale
+    assert abs(read - value) <= 0.05 * error * (1.0 + 1e-9) + 1e-15 * abs(value)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("name", ["value", "standard_error", "bias", "upper_95"])
+def test_an_estimate_is_finite(name, bad):
+    with pytest.raises(ValueError, match=f"{name} must be finite, got {bad}"):
+        Estimate(**({"value": 1.0} | {name: bad}))
+
+
+@pytest.mark.parametrize("name", ["standard_error", "bias"])
+def test_an_error_is_not_negative(name):
+    with pytest.raises(ValueError, match=f"{name} must be at least 0, got -0.1"):
+        Estimate(**{"value": 1.0, name: -0.1})
+
+
+def test_the_json_of_an_estimate_has_the_keys_of_the_contract():
+    keys = {"value", "standard_error", "bias", "how"}
+    assert set(Estimate(value=1.0).to_dict()) == keys
+    unseen = Estimate(value=0.0, upper_95=0.3)
+    assert set(unseen.to_dict()) == keys | {"upper_95"}
+    assert Estimate(value=1.0, bias=None).to_dict()["bias"] is None
+
+
+def test_the_json_of_a_response_reads_back_and_holds_null_for_what_is_not_known():
+    response = exact(oscillator(-1.0, 1.0))
+    document = json.loads(to_json(response.to_dict()))
+    assert document == response.to_dict()
+    assert document["coordinates"]["x"]["acceleration_std"] is None
+    assert document["impact_pairs"]["stops"]["peak_force"] is None
+    assert document["impact_pairs"]["stops"]["speed_threshold"] == 0.0
+    assert document["provenance"]["scene"]["structure"]["damping"] == 0.1
+
+
+def test_the_json_refuses_what_is_not_a_number():
+    response = Response(
+        method="exact", coordinates={}, impact_pairs={"stops": {"speed_threshold": math.nan}}
+    )
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        to_json(response.to_dict())
+
+
+def test_the_frame_of_a_response_has_a_row_for_each_estimate_and_a_column_for_each_fact():
+    response = exact(oscillator(-1.0, 1.0))
+    frame = response.to_frame()
+    assert list(frame.columns) == [
+        "method", "of", "quantity", "unit", "value", "standard_error", "bias", "how",
+    ]  # fmt: skip
+    assert len(frame) == len(response.estimates())
+    assert not frame[["of", "quantity"]].duplicated().any()
+    assert set(frame["of"]) == {"x", "stops"}
+    assert (
+        dict(zip(frame["quantity"], frame["unit"], strict=True)).items() <= QUANTITY_UNITS.items()
+    )
+    rate = frame.set_index("quantity").loc["collision_rate", "value"]
+    assert rate == response.impact_pairs["stops"]["collision_rate"].value
+    assert "displacement_std" in response._repr_html_()
+
+
+def test_every_quantity_has_a_unit_and_a_place_in_a_response():
+    response = exact(oscillator(-1.0, 1.0))
+    named = {*response.coordinates["x"], *response.impact_pairs["stops"]} - {"speed_threshold"}
+    relative = {name for name in QUANTITY_UNITS if name.startswith("relative_")}
+    assert named == set(QUANTITY_UNITS) - relative
+    # those are of a pair between two coordinates
+    box = simulate(load_scene(shipped_scene("absorber-in-a-box")), paths=2, duration=20.0)
+    assert relative < set(box.impact_pairs["box"])

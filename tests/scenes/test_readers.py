@@ -1,0 +1,204 @@
+"""Files of instruments: what is read, and the sentence for what leaves a choice or is broken."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from stochvi.results.errors import SceneError
+from stochvi.scenes.excitations import TabulatedNoise
+from stochvi.scenes.readers import TIME_RESPONSE, known_unit, read_columns
+
+FREQUENCY = np.array([5.0, 40.0, 500.0])
+DENSITY = np.array([0.015, 0.015, 0.00015])
+NAMES = ("frequency_hz", "density")
+
+
+def write_uff(path: Path, *functions: tuple[int, str, np.ndarray, np.ndarray, str]) -> Path:
+    """(function type, name, x, y, unit of y) each a dataset 58 of real doubles, uneven abscissa,
+    laid out by the fixed columns of its definition, not by the library that reads it."""
+    lines = []
+    for kind, name, x, y, unit in functions:
+        axis = f"{18 if kind != TIME_RESPONSE else 17:10d}{0:5d}{0:5d}{0:5d}"
+        value = f"{12:10d}{0:5d}{0:5d}{0:5d}"
+        none = f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':20s} {'NONE':20s}"
+        lines += [f"{-1:6d}", f"{58:6d}", f"{name:80s}", *["NONE"] * 4]
+        lines.append(
+            f"{kind:5d}{0:10d}{0:5d}{0:10d} {'NONE':10s}{1:10d}{3:4d} {'NONE':10s}{0:10d}{0:4d}"
+        )
+        lines.append(f"{4:10d}{len(x):10d}{0:10d}{x[0]:13.5e}{0.0:13.5e}{0.0:13.5e}")
+        lines.append(f"{axis} {'x':20s} {'':20s}")
+        lines.append(f"{value} {'acceleration':20s} {unit:20s}")
+        lines += [none, none]
+        cells = [f"{one:13.5e}{two:20.12e}" for one, two in zip(x, y, strict=True)]
+        lines += ["".join(cells[n : n + 2]) for n in range(0, len(cells), 2)]
+        lines.append(f"{-1:6d}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+PSD = (9, "floor, vertical", FREQUENCY, DENSITY, "g^2/Hz")
+OTHER = (9, "roof", FREQUENCY, 2.0 * DENSITY, "")
+SPECTRUM = (2, "auto spectrum", FREQUENCY, DENSITY, "g^2")
+
+
+def test_a_uff_file_with_one_density_needs_nothing_more(tmp_path: Path) -> None:
+    path = write_uff(tmp_path / "run.uff", SPECTRUM, PSD)
+    noise = TabulatedNoise(file=str(path))
+    in_csv = TabulatedNoise(frequency_hz=FREQUENCY, density=DENSITY, unit="g2/Hz")
+    np.testing.assert_allclose(noise.table.density, in_csv.table.density, rtol=1e-6)
+    np.testing.assert_allclose(noise.table.frequency_hz, FREQUENCY, rtol=1e-6)
+    assert noise.density_unit == "g2/Hz"
+
+
+def test_a_uff_file_that_leaves_a_choice_is_answered_with_it(tmp_path: Path) -> None:
+    path = write_uff(tmp_path / "run.uff", PSD, OTHER)
+    with pytest.raises(SceneError) as failure:
+        TabulatedNoise(file=str(path))
+    ((key, sentence),) = failure.value.problems
+    assert key == "dataset"
+    assert "dataset = 1: floor, vertical" in sentence and "dataset = 2: roof" in sentence
+    with pytest.raises(SceneError, match=r"needs unit, one of g2/Hz, .* got none"):
+        TabulatedNoise(file=str(path), dataset=2)
+    roof = TabulatedNoise(file=str(path), dataset=2, unit="(m/s2)2/Hz").table
+    np.testing.assert_allclose(roof.density, 2.0 * DENSITY, rtol=1e-6)
+    with pytest.raises(SceneError, match=r"dataset must be one of .*, got 7"):
+        TabulatedNoise(file=str(path), dataset=7)
+    with pytest.raises(SceneError, match="unit is 'N2/Hz', but the file states 'g2/Hz'"):
+        TabulatedNoise(file=str(path), dataset=1, unit="N2/Hz")
+
+
+def test_an_auto_spectrum_is_no_density_unless_it_is_asked_for(tmp_path: Path) -> None:
+    path = write_uff(tmp_path / "run.unv", SPECTRUM)
+    with pytest.raises(SceneError, match=r"dataset must say .* auto spectrum \(function type 2\)"):
+        read_columns(path, NAMES)
+    np.testing.assert_allclose(read_columns(path, NAMES, dataset=1).y, DENSITY, rtol=1e-6)
+    with pytest.raises(SceneError, match=r"must say which of .* is a record"):
+        read_columns(path, ("time", "acceleration"), function_type=TIME_RESPONSE)
+
+
+def test_the_one_sensible_pair_of_a_matlab_file_is_found(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    savemat(path, {"G": DENSITY, "f": FREQUENCY, "fs": 1000.0, "note": "floor"})
+    columns = read_columns(path, NAMES)
+    assert columns.x is not None
+    assert columns.x.tolist() == FREQUENCY.tolist() and columns.y.tolist() == DENSITY.tolist()
+    savemat(path, {"spec": np.column_stack([FREQUENCY, DENSITY])})
+    assert read_columns(path, NAMES).y.tolist() == DENSITY.tolist()
+    assert read_columns(path, NAMES, variables=["spec"]).y.tolist() == DENSITY.tolist()
+
+
+def test_a_matlab_file_that_leaves_a_choice_is_answered_with_what_it_holds(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    savemat(path, {"f": FREQUENCY, "floor": DENSITY, "roof": DENSITY, "long": np.ones(7)})
+    with pytest.raises(SceneError) as failure:
+        read_columns(path, NAMES)
+    assert failure.value.problems[0][0] == "variables"
+    for words in ('["frequency_hz", "density"]', "f (3)", "roof (3)", "long (7)"):
+        assert words in str(failure.value)
+    assert read_columns(path, NAMES, variables=["f", "roof"]).y.tolist() == DENSITY.tolist()
+    for variables, words in (
+        (["f", "wall"], "names 'wall', but"),
+        (["f", "long"], "must have one length, got f (3); long (7)"),
+        (["f"], "must name vectors"),
+    ):
+        with pytest.raises(SceneError) as failure:
+            read_columns(path, NAMES, variables=variables)
+        assert words in str(failure.value)
+    with pytest.raises(SceneError, match="must name a vector"):
+        read_columns(path, ("acceleration",), variables=["f", "floor"])
+
+
+def test_keys_for_one_kind_of_file_are_refused_for_another(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("1,2\n3,4\n")
+    with pytest.raises(SceneError, match=r"variables is for MATLAB files \(.mat\), got run.csv"):
+        read_columns(tmp_path / "run.csv", NAMES, variables=["f", "G"])
+    with pytest.raises(SceneError, match=r"dataset is for UFF files .* got run.csv"):
+        read_columns(tmp_path / "run.csv", NAMES, dataset=1)
+    with pytest.raises(SceneError, match="has variables, dataset without a file"):
+        TabulatedNoise(profile="navmat-p-9492", variables=["f", "G"], dataset=1)
+
+
+@pytest.mark.parametrize("suffix", [".psd", ".txt", ".csv", ""])
+def test_text_is_read_whatever_its_name(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / f"run{suffix}").write_text("5 0.015\n40 0.015\n500 0.00015\n")
+    noise = TabulatedNoise(file=str(tmp_path / f"run{suffix}"), unit="g2/Hz")
+    assert noise.table.frequency_hz.tolist() == FREQUENCY.tolist()
+
+
+@pytest.mark.parametrize(
+    ("label", "unit"),
+    [
+        ("g^2/Hz", "g2/Hz"),
+        ("g²/Hz", "g2/Hz"),
+        (" (m/s**2)**2/Hz", "(m/s2)2/Hz"),
+        ("m^2/s^3", "(m/s2)2/Hz"),
+        ("N^2/Hz", "N2/Hz"),
+        ("m/s^2", "m/s2"),
+        ("in/s^2", None),
+        ("", None),
+    ],
+)
+def test_labels_of_units(label: str, unit: str | None) -> None:
+    assert known_unit(label) == unit
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    content=st.binary(max_size=400) | st.text("-158 \n0123456789.", max_size=400).map(str.encode),
+    suffix=st.sampled_from([".uff", ".mat", ".csv", ".unv"]),
+)
+def test_any_file_gives_columns_or_a_sentence(tmp_path_factory, content, suffix) -> None:
+    path = tmp_path_factory.getbasetemp() / f"anything{suffix}"
+    path.write_bytes(content)
+    sentences = [str(path)]
+    try:
+        columns = read_columns(path, NAMES)
+        assert columns.x is not None and len(columns.x) == len(columns.y)
+    except SceneError as error:
+        sentences = [text for _, text in error.problems]
+    assert all(str(path) in text and "\n" not in text for text in sentences)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    rows=st.lists(
+        st.tuples(st.floats(0.01, 1e4), st.floats(1e-12, 1e3)), min_size=2, max_size=20,
+        unique_by=lambda row: row[0],
+    ),
+    parted=st.sampled_from([",", ";", "\t", "  ", ", "]),
+    header=st.sampled_from(["", "f,G\n", "# floor\n", "Hz g^2/Hz\n"]),
+    end=st.sampled_from(["\n", "\r\n"]),
+)  # fmt: skip
+def test_any_table_comes_back_from_its_text(tmp_path_factory, rows, parted, header, end) -> None:
+    rows = sorted(rows)
+    path = tmp_path_factory.getbasetemp() / "table.csv"
+    text = header + end.join(f"{f!r}{parted}{g!r}" for f, g in rows) + end
+    path.write_bytes(text.encode())
+    table = TabulatedNoise(file=str(path), unit="N2/Hz").table
+    assert list(zip(table.frequency_hz.tolist(), table.density.tolist(), strict=True)) == rows
+
+
+@pytest.mark.parametrize("suffix", [".uff", ".mat"])
+def test_a_truncated_file_gives_a_sentence(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    if suffix == ".uff":
+        write_uff(path, PSD)
+    else:
+        savemat(path, {"f": FREQUENCY, "G": DENSITY})
+    whole = path.read_bytes()
+    for share in (0.2, 0.5, 0.8):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(SceneError, match=str(path)):
+            read_columns(path, NAMES)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    for name in ("run.uff", "run.mat", "run.csv"):
+        with pytest.raises(SceneError, match=rf"{name} cannot be read: no such file"):
+            read_columns(tmp_path / name, NAMES)

@@ -1,0 +1,220 @@
+"""Measured records: their density, its worth for a mount, and what may be wrong with them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from statistical import assert_agrees
+from test_readers import write_uff
+
+from stochvi import RecordedNoise, SceneError, screen
+from stochvi.mathematics.spectra import response_moments
+from stochvi.results.estimates import Estimate
+from stochvi.scenes.readers import TIME_RESPONSE
+from stochvi.scenes.records import Record, response_error, wanted_resolution
+from stochvi.scenes.scene import load_scene
+
+FS, DENSITY = 400.0, 0.5
+OMEGA = 2.0 * math.pi * 12.0
+DAMPING_RATE = 0.2 * OMEGA
+
+
+def white_record(seconds: float, seed: int = 1) -> Record:
+    """Of one-sided density DENSITY up to half the sampling rate."""
+    count = round(seconds * FS)
+    values = np.random.default_rng(seed).normal(0.0, math.sqrt(DENSITY * FS / 2.0), count)
+    return Record(values=values - values.mean(), fs=FS)
+
+
+def write_text(path: Path, record: Record, times: bool = True) -> Path:
+    columns = [np.arange(len(record.values)) / record.fs] if times else []
+    np.savetxt(path, np.column_stack([*columns, record.values]), delimiter=",")
+    return path
+
+
+def test_the_area_of_the_density_is_the_mean_square() -> None:
+    record = white_record(120.0)
+    area = record.density(0.5).table.mean_square()
+    # the mean square of a white record scatters by sqrt(2 / N)
+    truth = DENSITY * FS / 2.0
+    error = truth * math.sqrt(2.0 / len(record.values))
+    assert_agrees(Estimate(value=record.rms**2, standard_error=error), truth)
+    # the first half bin and the logarithms between scattered bins take a little
+    estimate = record.density(0.5)
+    lost = 0.5 * estimate.resolution_hz / (FS / 2.0) + estimate.relative_error**2 / 6.0
+    assert_agrees(Estimate(value=area, standard_error=error, bias=2.0 * lost * truth), truth)
+
+
+def test_the_mean_density_is_the_true_one_and_twice_it_is_refused() -> None:
+    estimate = white_record(120.0, seed=2).density(0.5)
+    values = estimate.table.density[:-1]
+    # Hann bins are correlated over one neighbour: 1.5 bins count as one
+    error = DENSITY * estimate.relative_error * math.sqrt(1.5 / len(values))
+    found = Estimate(value=float(values.mean()), standard_error=error)
+    assert_agrees(found, DENSITY)
+    with pytest.raises(AssertionError):
+        assert_agrees(found, 2.0 * DENSITY)
+
+
+def test_one_bin_scatters_as_is_stated() -> None:
+    bins = [white_record(30.0, seed).density(0.5) for seed in range(40)]
+    values = np.array([estimate.table.density[5:-5] for estimate in bins])
+    scatter = values.std(axis=0, ddof=1).mean() / DENSITY
+    # of a standard deviation over 40 records, averaged over the bins that are independent
+    error = scatter / math.sqrt(2.0 * 39.0 * values.shape[1] / 1.5)
+    assert_agrees(
+        Estimate(value=scatter, standard_error=error, bias=0.02 * scatter), bins[0].relative_error
+    )
+
+
+def test_the_response_error_is_what_the_scatter_of_records_is() -> None:
+    bins = white_record(60.0).resolution(OMEGA, DAMPING_RATE)
+    squares, stated = [], []
+    for seed in range(60):
+        record = white_record(60.0, seed)
+        table = record.density(bins).table
+        squares.append(response_moments([table], OMEGA, DAMPING_RATE).displacement)
+        stated.append(response_error(record, bins, OMEGA, DAMPING_RATE)[0])
+    truth = DENSITY / (4.0 * DAMPING_RATE * OMEGA**2)
+    scatter = np.std(squares, ddof=1) / truth
+    error = scatter / math.sqrt(2.0 * 59.0)
+    assert_agrees(Estimate(value=float(scatter), standard_error=error), float(np.mean(stated)))
+    mean = Estimate(
+        value=float(np.mean(squares)), standard_error=float(np.std(squares) / math.sqrt(60.0)),
+        # what lies outside the table, and the logarithms between scattered bins
+        bias=truth * (1.0 / (6.0 * 40.0)),
+    )  # fmt: skip
+    assert_agrees(mean, truth)
+
+
+def test_a_fine_enough_window_has_no_bias_that_matters_and_a_coarse_one_does() -> None:
+    """A record with a sharp peak: coarse bins flatten it."""
+    record = white_record(200.0, seed=3)
+    frequency = np.fft.rfftfreq(len(record.values), 1.0 / FS)
+    gain = 1.0 / np.abs(1.0 - (frequency / 12.0) ** 2 + 2j * 0.02 * frequency / 12.0)
+    peaked = Record(values=np.fft.irfft(np.fft.rfft(record.values) * gain), fs=FS)
+    wanted = wanted_resolution(OMEGA, 0.02 * OMEGA)
+    area = {
+        bins: response_moments([peaked.density(bins).table], OMEGA, 0.02 * OMEGA).displacement
+        for bins in (0.25 * wanted, wanted, 8.0 * wanted)
+    }
+    finest, fine, coarse = area.values()
+    error, bias = response_error(peaked, wanted, OMEGA, 0.02 * OMEGA)
+    assert abs(fine / finest - 1.0) < error and abs(bias) < error
+    stated = response_error(peaked, 8.0 * wanted, OMEGA, 0.02 * OMEGA)[1]
+    assert coarse / finest - 1.0 < -error
+    # what is flat already loses less when it is smeared once more
+    assert coarse / finest - 1.0 < stated < -abs(bias)
+
+
+def test_segments_suit_the_mount_where_the_record_is_long_enough() -> None:
+    long, short = white_record(600.0), white_record(5.0)
+    bandwidth = DAMPING_RATE / (2.0 * math.pi)
+    assert long.resolution(OMEGA, DAMPING_RATE) == pytest.approx(bandwidth / 6.0)
+    assert short.resolution(OMEGA, DAMPING_RATE) == pytest.approx(8.0 / 5.0)
+    assert long.resolution() == pytest.approx(8.0 / 600.0)
+
+
+def test_kurtosis_tells_gaussian_from_bursts() -> None:
+    record = white_record(60.0)
+    assert_agrees(Estimate(value=record.kurtosis()[0], standard_error=record.kurtosis()[1]), 3.0)
+    bursts = record.values * np.where(np.arange(len(record.values)) % 4000 < 400, 4.0, 1.0)
+    value, error = Record(values=bursts, fs=FS).kurtosis()
+    # amplitudes 4 and 1 in the ratio 1 : 9
+    truth = 3.0 * (0.1 * 256.0 + 0.9) / (0.1 * 16.0 + 0.9) ** 2
+    assert_agrees(Estimate(value=value, standard_error=error), truth)
+    with pytest.raises(AssertionError):
+        assert_agrees(Estimate(value=value, standard_error=error), 3.0)
+
+
+@pytest.mark.parametrize("kind", ["times", "fs", "uff", "mat"])
+def test_a_record_is_the_same_from_every_file(tmp_path: Path, kind: str) -> None:
+    record = white_record(10.0)
+    keys: dict[str, object] = {"unit": "m/s2"}
+    path = tmp_path / f"run.{kind if kind in ('uff', 'mat') else 'csv'}"
+    time = np.arange(len(record.values)) / FS
+    if kind == "uff":
+        write_uff(path, (TIME_RESPONSE, "floor", time, record.values, "m/s^2"))
+        keys = {}
+    elif kind == "mat":
+        savemat(path, {"t": time, "a": record.values})
+    else:
+        write_text(path, record, times=kind == "times")
+        keys |= {"fs": FS} if kind == "fs" else {}
+    found = RecordedNoise(file=str(path), **keys)
+    np.testing.assert_allclose(found.record.values, record.values, atol=1e-9 * record.rms)
+    # a UFF file prints its uneven abscissa with six digits
+    assert found.record.fs == pytest.approx(FS, rel=1e-6)
+    assert found.density_unit == "(m/s2)2/Hz"
+
+
+def test_a_record_in_a_scene_file_shakes_the_mount(tmp_path: Path) -> None:
+    record = white_record(120.0, seed=4)
+    write_text(tmp_path / "run.csv", Record(values=record.values / 9.80665, fs=FS))
+    (tmp_path / "scene.toml").write_text(
+        '[structure]\nkind = "isolator"\nfrequency_hz = 12.0\nzeta = 0.1\n'
+        '[[excitation]]\nkind = "record"\nfile = "run.csv"\nunit = "g"\nlevel_db = 6.0\n'
+    )
+    scene = load_scene(tmp_path / "scene.toml")
+    error, _ = response_error(record, 0.4, OMEGA, DAMPING_RATE)
+    found = screen(scene).displacement_std ** 2
+    truth = 10.0**0.6 * DENSITY / (4.0 * DAMPING_RATE * OMEGA**2)
+    assert_agrees(Estimate(value=found, standard_error=error * truth, bias=0.005 * truth), truth)
+    told = " ".join(scene.assumptions())
+    for words in ("120 s at 400 Hz", "kurtosis", "segments", "tells the rms response"):
+        assert words in told
+    assert "larger peaks" not in told and "short for this mount" not in told
+    assert scene.effects() == ("tabulated noise of a record on base",)
+
+
+def test_a_record_says_where_it_is_short_or_has_large_peaks(tmp_path: Path) -> None:
+    record = white_record(5.0)
+    values = record.values * np.where(np.arange(len(record.values)) % 500 < 50, 5.0, 1.0)
+    write_text(tmp_path / "run.csv", Record(values=values, fs=FS))
+    noise = RecordedNoise(file=str(tmp_path / "run.csv"), unit="m/s2")
+    told = " ".join(noise.said(OMEGA, DAMPING_RATE))
+    assert "larger peaks" in told and "the record is short for this mount" in told
+
+
+def test_a_band_cuts_the_density(tmp_path: Path) -> None:
+    path = str(write_text(tmp_path / "run.csv", white_record(10.0)))
+    noise = RecordedNoise(file=path, unit="m/s2", band_hz=[5.0, 50.0], resolution_hz=1.0)
+    assert noise.table.frequency_hz.tolist() == [float(f) for f in range(5, 51)]
+    with pytest.raises(SceneError, match=r"has band_hz = \[500, 600\], but the record reaches"):
+        RecordedNoise(file=path, unit="m/s2", band_hz=[500.0, 600.0])
+    with pytest.raises(SceneError, match=r"band_hz must rise, got \[50, 5\]"):
+        RecordedNoise(file=path, unit="m/s2", band_hz=[50.0, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda t, a: (t, a[:100]), "holds 100 samples, expected at least 256"),
+        (lambda t, a: (t, np.where(t == t[7], np.nan, a)), "holds nan in row 8"),
+        (lambda t, a: (t, 0.0 * a + 3.0), "holds a record that does not move"),
+        (lambda t, a: (t[::-1], a), "must have rising times in its first column"),
+        (lambda t, a: (np.delete(t, 500), np.delete(a, 500)), "must be sampled evenly: time"),
+    ],
+    ids=["short", "nan", "still", "backwards", "a sample missing"],
+)
+def test_a_bad_record_gives_a_sentence(tmp_path: Path, change, sentence: str) -> None:
+    record = white_record(10.0)
+    time, values = change(np.arange(len(record.values)) / FS, record.values)
+    time = time[: len(values)]
+    np.savetxt(tmp_path / "run.csv", np.column_stack([time, values]))
+    with pytest.raises(SceneError) as failure:
+        RecordedNoise(file=str(tmp_path / "run.csv"), unit="m/s2")
+    ((key, text),) = failure.value.problems
+    assert key == "file" and sentence in text and "run.csv" in text
+
+
+def test_a_record_without_a_unit_is_asked_for_one(tmp_path: Path) -> None:
+    path = str(write_text(tmp_path / "run.csv", white_record(10.0)))
+    with pytest.raises(SceneError, match="needs unit, one of g, m/s2, N, got none"):
+        RecordedNoise(file=path)
+    with pytest.raises(SceneError, match=r"= 1000, expected 0\.1 to 25 Hz"):
+        RecordedNoise(file=path, unit="g", resolution_hz=1000.0)

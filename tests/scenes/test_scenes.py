@@ -1,0 +1,366 @@
+"""Scene files and scenes in Python: what is read, and the sentence for whatever is wrong."""
+
+from __future__ import annotations
+
+import copy
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from known import DOCUMENT, MISTAKES, NOTHING, changed, oscillator, to_toml
+
+from stochvi.results.errors import SceneError
+from stochvi.scenes.datasets import data_folder
+from stochvi.scenes.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
+from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
+from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.scenes.validation import Checked
+
+# What is read -----------------------------------------------------------------------------
+
+
+def test_a_scene_file_says_what_the_same_scene_says_in_python(tmp_path: Path):
+    file = tmp_path / "scene.toml"
+    file.write_text(to_toml(DOCUMENT), encoding="utf-8")
+    loaded = load_scene(file)
+    assert loaded.title == "a valid scene"
+    assert loaded.system() == oscillator(-1.0, 1.0).system()
+
+
+@pytest.mark.parametrize(
+    "path", sorted((data_folder() / "scenes").glob("*.toml")), ids=lambda path: path.stem
+)
+def test_a_shipped_scene_is_its_own_document(path: Path):
+    scene = load_scene(path)
+    again = scene_from(scene.document())
+    assert again == scene
+    assert again.effects() == scene.effects()
+    assert again != scene.model_copy(update={"title": "another"})
+
+
+def test_a_valid_document_with_integers_is_the_same_scene():
+    whole = changed(
+        ["structure"], {"kind": "oscillator", "mass": 1, "damping": 0.1, "stiffness": 1}
+    )
+    assert scene_from(whole) == scene_from(DOCUMENT)
+
+
+def test_a_table_beside_the_scene_file_is_found_from_anywhere(tmp_path: Path, monkeypatch):
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables" / "force.csv").write_text("1,2\n10,4\n", encoding="utf-8")
+    noise = {"kind": "psd", "file": "tables/force.csv", "unit": "N2/Hz"}
+    (tmp_path / "scene.toml").write_text(to_toml(changed(["excitation"], [noise])))
+    monkeypatch.chdir(tmp_path / "tables")
+    (table,) = load_scene(tmp_path / "scene.toml").system().tables
+    assert table.frequency_hz.tolist() == [1.0, 10.0]
+    assert table.density.tolist() == [2.0, 4.0]
+
+
+def test_a_scene_without_stops_is_valid():
+    scene = scene_from(changed(["impact_pair"], NOTHING))
+    assert scene.effects() == ("white noise on x",)
+    assert scene.system().lower is scene.system().restitution_upper is None
+
+
+def test_a_scene_becomes_numbers_per_unit_mass():
+    """c / m, k / m, S0 / m^2, G / m^2 and F / m; a base acceleration as it is, with its sign."""
+    scene = Scene(
+        structure=Isolator(mass=2.0, damping=0.4, stiffness=8.0),
+        impact_pairs=[
+            ImpactPair(
+                lower=-0.5, upper=-0.1, lower_law={"coefficient": 0.2}, law={"coefficient": 0.9}
+            )
+        ],
+        excitations=[
+            WhiteNoise(on="x", intensity=0.4),
+            WhiteNoise(intensity=0.3),
+            TabulatedNoise(on="x", frequency_hz=[1.0, 2.0], density=[4.0, 8.0], unit="N2/Hz"),
+            ConstantLoad(force=3.0),
+            ConstantLoad(acceleration=1.0),
+        ],
+    )
+    system = scene.system()
+    assert (system.mass, system.omega, system.damping_rate) == (2.0, 2.0, 0.2)
+    assert system.intensity == pytest.approx(0.4 / 4.0 + 0.3, rel=1e-15)
+    assert system.load == 3.0 / 2.0 - 1.0
+    assert system.tables[0].density.tolist() == [1.0, 2.0]
+    assert (system.lower, system.upper) == (-0.5, -0.1)
+    assert (system.restitution_lower, system.restitution_upper) == (0.2, 0.9)
+    assert system.moving_base and system.noise_on_mass
+    assert scene.effects() == (
+        "white noise on x",
+        "white noise on base",
+        "tabulated noise on x",
+        "constant load on x",
+        "constant load on base",
+        "rigid stop lower",
+        "rigid stop upper",
+    )
+
+
+def test_q_and_zeta_say_the_same():
+    by_q, by_zeta = Oscillator(frequency_hz=12.0, Q=5.0), Oscillator(frequency_hz=12.0, zeta=0.1)
+    assert by_q.omega == by_zeta.omega == 2.0 * math.pi * 12.0
+    assert by_q.damping_rate == pytest.approx(by_zeta.damping_rate, rel=1e-15)
+
+
+def test_a_level_in_decibels_raises_the_whole_table():
+    plain = TabulatedNoise(profile="navmat-p-9492").table
+    raised = TabulatedNoise(profile="navmat-p-9492", level_db=-20.0).table
+    assert raised.density == pytest.approx(plain.density / 100.0, rel=1e-15)
+
+
+# What is refused --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES.keys())
+def test_a_mistake_gives_one_sentence_with_the_key_what_was_got_and_what_was_expected(mistake):
+    with pytest.raises(SceneError) as failure:
+        scene_from(mistake.document)
+    sentence = str(failure.value)
+    assert "\n" not in sentence
+    assert sentence.startswith(f"{mistake.key} ")
+    assert mistake.got in sentence
+    assert mistake.expected in sentence
+
+
+def test_every_mistake_is_reported_at_once():
+    document = changed(["structure", "mass"], -1.0)
+    document["excitation"][0]["intensity"] = "0.2"
+    document["colour"] = "red"
+    with pytest.raises(SceneError) as failure:
+        scene_from(document)
+    assert [key for key, _ in failure.value.problems] == [
+        "structure.mass",
+        "excitation.0.intensity",
+        "colour",
+    ]
+    assert len(str(failure.value).splitlines()) == 3
+
+
+def write(path: Path, content: bytes | None) -> None:
+    if content is None:
+        path.mkdir()
+    else:
+        path.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"[structure\nkind = 1", "is not valid TOML"),
+        (b"a = 1\na = 2", "is not valid TOML"),
+        (b"a = " + b"[" * 100_000, "nested too deeply"),
+        (b"\x00\x01\x02", "is not valid TOML"),
+        (b"title = '\xff\xfe'", "expected UTF-8, got binary data"),
+        (b"#" * 10_000_001, "10000001 bytes, expected a text of at most 10000000"),
+        (None, "expected a text file, got a folder"),
+    ],
+    ids=["invalid", "twice", "deep", "zeros", "not UTF-8", "too large", "folder"],
+)
+def test_a_file_that_is_not_a_scene_file_gives_a_sentence_with_its_name(tmp_path, content, words):
+    path = tmp_path / "scene.toml"
+    write(path, content)
+    with pytest.raises(SceneError) as failure:
+        load_scene(path)
+    assert str(path) in str(failure.value)
+    assert words in str(failure.value)
+
+
+@pytest.mark.parametrize("name", ["nowhere.toml", "no\0where.toml", "x" * 300])
+def test_a_file_that_cannot_be_read_gives_a_sentence_with_its_name(tmp_path, name):
+    with pytest.raises(SceneError, match="cannot be read") as failure:
+        load_scene(tmp_path / name)
+    assert repr(name).strip("'") in str(failure.value)
+
+
+def test_an_empty_file_lacks_its_sections(tmp_path):
+    (tmp_path / "scene.toml").touch()
+    with pytest.raises(SceneError) as failure:
+        load_scene(tmp_path / "scene.toml")
+    assert failure.value.problems == [("structure", "is missing"), ("excitation", "is missing")]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "no rows of two numbers"),
+        (b"frequency_hz,density\n", "no rows of two numbers"),
+        (b"1,2\n", "at least 2 breakpoints, got 1"),
+        (b"2,1\n1,1\n", "strictly increasing frequency_hz, got 2 before 1"),
+        (b"1,1\n2,0\n", "positive finite values of density, got 0 in row 2"),
+        (b"-1,1\n2,1\n", "positive finite values of frequency_hz, got -1 in row 1"),
+        (b"1,1\n2,nan\n", "positive finite values of density, got nan in row 2"),
+        (b"1,1\n2,1,3\n", "line 2: expected two numbers (frequency_hz, density), got '2,1,3'"),
+        (b"1,O.1\n2,1\n", "line 1: expected two numbers"),
+        (b"Hz,N2/Hz\n2,x\n", "line 2: expected two numbers"),
+        (b"\xff\xfe\x00", "expected UTF-8, got binary data"),
+        (b"#" * 10_000_001, "10000001 bytes, expected a text of at most 10000000"),
+        (None, "expected a text file, got a folder"),
+    ],
+)
+def test_a_bad_table_file_gives_a_sentence_with_the_key_and_its_name(tmp_path, content, words):
+    write(tmp_path / "force.csv", content)
+    noise = {"kind": "psd", "file": "force.csv", "unit": "N2/Hz"}
+    with pytest.raises(SceneError) as failure:
+        scene_from(changed(["excitation"], [noise]), folder=tmp_path)
+    ((key, sentence),) = failure.value.problems
+    assert key == "excitation.0.file"
+    assert str(tmp_path / "force.csv") in sentence
+    assert words in sentence
+
+
+# Python -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("build", "sentence"),
+    [
+        (lambda: Restitution(coefficient=1.2), "coefficient must be in [0, 1], got 1.2"),
+        (lambda: Restitution(), "coefficient is missing"),
+        (lambda: Restitution(coefficient=True), "coefficient must be a finite number, got True"),
+        (
+            lambda: Restitution(coefficient=np.bool_(True)),
+            "coefficient must be a finite number, got True",
+        ),
+        (
+            lambda: Restitution(coefficient=np.complex128(1)),
+            "coefficient must be a finite number, got (1+0j)",
+        ),
+        (
+            lambda: TabulatedNoise(frequency_hz=np.float64(1.0), density=[1.0, 1.0]),
+            "frequency_hz must be a list, got 1.0",
+        ),
+        (lambda: Oscillator(mass=-1.0), "mass must be greater than 0, got -1.0"),
+        (
+            lambda: Oscillator(frequency_hz=1.0),
+            "needs frequency_hz with exactly one of zeta and Q, got frequency_hz",
+        ),
+        (lambda: ImpactPair(lower=1.0, upper=0.0), "needs lower < upper, got 1 and 0"),
+        (
+            lambda: ConstantLoad(force=1.0, on="base"),
+            "takes force on a coordinate and acceleration with on = 'base', got on = 'base'",
+        ),
+        (lambda: Scene(), "structure is missing\nexcitation is missing"),
+        (
+            lambda: TabulatedNoise(frequency_hz=np.array([[1.0], [2.0]]), density=[1.0, 1.0]),
+            "frequency_hz.0 must be a finite number, got [1.0]\n"
+            "frequency_hz.1 must be a finite number, got [2.0]",
+        ),
+    ],
+)
+def test_a_part_built_in_python_gives_the_same_sentences(build, sentence):
+    with pytest.raises(SceneError) as failure:
+        build()
+    assert str(failure.value) == sentence
+
+
+def test_a_table_may_be_arrays():
+    noise = TabulatedNoise(
+        frequency_hz=np.array([1.0, 2.0]), density=np.array([3.0, 4.0]), unit="N2/Hz"
+    )
+    assert noise.table.density.tolist() == [3.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("part", "key"),
+    [
+        (oscillator(-1.0, 1.0), "title"),
+        (oscillator(-1.0, 1.0).structure, "mass"),
+        (oscillator(-1.0, 1.0).impact_pairs[0], "lower"),
+        (oscillator(-1.0, 1.0).impact_pairs[0].law, "coefficient"),
+        (oscillator(-1.0, 1.0).excitations[0], "intensity"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else type(value).__name__,
+)
+def test_a_part_of_a_scene_cannot_be_changed(part: Checked, key: str):
+    before = getattr(part, key)
+    with pytest.raises(ValueError, match="frozen"):
+        setattr(part, key, 0.5)
+    assert getattr(part, key) == before
+
+
+def test_the_lists_of_a_scene_cannot_be_changed_either():
+    excitations = [WhiteNoise(intensity=0.2)]
+    scene = Scene(structure=DOCUMENT["structure"], excitations=excitations)
+    excitations.append(WhiteNoise(intensity=0.3))
+    assert scene.system().intensity == 0.2
+    assert isinstance(scene.excitations, tuple) and isinstance(scene.impact_pairs, tuple)
+
+
+# Anything at all --------------------------------------------------------------------------
+
+KEYS = ["structure", "excitation", "impact_pair", "kind", "mass", "Q", "zeta", "on", "law", "white"]
+KEYS += ["coefficient", "lower", "upper", "frequency_hz", "density", "unit", "file", "title", "psd"]
+SCALARS = st.one_of(
+    st.floats(),
+    st.integers(),
+    st.booleans(),
+    st.text(max_size=5),
+    st.sampled_from(["oscillator", "isolator", "white", "psd", "constant", "base", "x", "g2/Hz"]),
+    st.none(),
+)
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3), st.dictionaries(st.sampled_from(KEYS), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+TABLE = {"kind": "psd", "frequency_hz": [1.0, 2.0], "density": [1.0, 1.0], "unit": "N2/Hz"}
+RICH = changed(["excitation"], [*DOCUMENT["excitation"], TABLE, {"kind": "constant", "force": 1.0}])
+
+
+def places(node: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """The path of every value in a document, and of a new key in every section of it."""
+    found = [path]
+    if isinstance(node, dict):
+        found += [(*path, key) for key in KEYS if key not in node]
+        found += [deep for key, value in node.items() for deep in places(value, (*path, key))]
+    elif isinstance(node, list):
+        found += [deep for n, value in enumerate(node) for deep in places(value, (*path, n))]
+    return found
+
+
+PLACES = [path for path in places(RICH) if path]
+
+
+@settings(max_examples=600, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=3))
+def test_any_change_to_a_document_gives_a_scene_or_sentences(changes):
+    document = copy.deepcopy(RICH)
+    for path, value in changes:
+        place: Any = document
+        try:
+            for part in path[:-1]:
+                place = place[part]
+            place[path[-1]] = value
+        except (TypeError, KeyError, IndexError):
+            continue  # an earlier change took this place away
+    sentences, numbers = ["a scene has none"], (0.0,)
+    try:
+        system = scene_from(document).system()
+        numbers = system.omega, system.damping_rate, system.intensity, system.load
+    except SceneError as error:
+        sentences = [text for _, text in error.problems]
+    assert sentences and all(text and "\n" not in text for text in sentences)
+    assert all(map(math.isfinite, numbers))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=60) | st.text(max_size=60).map(str.encode))
+def test_any_file_gives_a_scene_or_sentences(tmp_path_factory, content):
+    path = tmp_path_factory.getbasetemp() / "anything.toml"
+    path.write_bytes(content)
+    with pytest.raises(SceneError):
+        load_scene(path)
+
+
+def test_the_writer_of_these_tests_writes_what_it_is_given():
+    assert tomllib.loads(to_toml(RICH)) == RICH

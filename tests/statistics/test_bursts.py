@@ -1,0 +1,201 @@
+"""Bursts of hits from first hits on, against exact laws and against simulating everything."""
+
+import math
+
+import numpy as np
+import pytest
+from statistical import assert_agrees
+
+from stochvi import (
+    Elastic,
+    ImpactPair,
+    Isolator,
+    NotApplicable,
+    Oscillator,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    WhiteNoise,
+    exact,
+    screen,
+    simulate,
+)
+from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.methods.monte_carlo.compliant import _stop
+from stochvi.methods.monte_carlo.kernels.compliant_response import (
+    EXTREMES,
+    FASTEST,
+    FORCE_SQUARE,
+    POSITION_FORCE,
+    SHARPEST,
+    TALLY,
+    cross_contacts,
+)
+from stochvi.methods.monte_carlo.kernels.contact import CONTACT_SUMS
+from stochvi.methods.monte_carlo.tabulated import plan_tabulated
+from stochvi.results.estimates import Estimate
+from stochvi.scenes.impact_laws import Law
+from stochvi.statistics.bursts import Bursts, bursts
+
+
+def unit(level: float, law: Law, lower: float | None = None) -> Scene:
+    """omega = sigma_x = sigma_v = 1, zeta = 0.05, stops at -level (or lower) and level."""
+    pair = ImpactPair(lower=-level if lower is None else lower, upper=level, law=law)
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[pair],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+
+def truck(level: float, law: Law) -> Scene:
+    mount = Isolator(mass=1.0, damping=2.4 * math.pi * 2.0, stiffness=(24.0 * math.pi) ** 2)
+    scene = Scene(
+        structure=mount,
+        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+    )
+    place = level * screen(scene).displacement_std
+    pair = ImpactPair(lower=-place, upper=place, law=law)
+    return scene.model_copy(update={"impact_pairs": (pair,)})
+
+
+def test_elastic_stops_are_hit_as_often_as_the_exact_law_says() -> None:
+    """At R = 1 the rate is Rice's, however the hits cluster; so lambda times hits per burst."""
+    found = bursts(unit(4.5, Restitution(coefficient=1.0)), rel_error=0.03, seed=1)
+    assert found.apart
+    exact = 2.0 * rice_rate(4.5, 1.0, 1.0) / math.erf(4.5 / math.sqrt(2.0))
+    assert_agrees(found.hit_rate(), exact)
+    assert found.hits_per_burst().value > 1.2
+    # impact speeds are Rayleigh distributed
+    assert_agrees(found.impact_speed_mean(), math.sqrt(math.pi / 2.0))
+    with pytest.raises(AssertionError):
+        assert_agrees(found.first_rate, exact)
+
+
+def test_stops_that_give_way_are_touched_as_often_as_the_exact_law_says() -> None:
+    scene = unit(4.5, Elastic(stiffness=50.0))
+    known = exact(scene).impact_pairs["stops"]["collision_rate"]
+    assert isinstance(known, Estimate)
+    found = bursts(scene, rel_error=0.03, seed=3)
+    assert_agrees(found.hit_rate(), known.value)
+    with pytest.raises(AssertionError):
+        assert_agrees(found.first_rate, known.value)
+
+
+def test_stops_at_two_distances_against_the_exact_law() -> None:
+    found = bursts(unit(4.7, Restitution(coefficient=1.0), lower=-4.4), rel_error=0.03, seed=2)
+    exact = rice_rate(4.7, 1.0, 1.0) + rice_rate(4.4, 1.0, 1.0)
+    assert_agrees(found.hit_rate(), exact)
+
+
+def test_a_mount_that_its_stops_pump_against_simulation() -> None:
+    """Where one first hit leads to twenty, and the overlap of bursts is stated."""
+    mount = Isolator(frequency_hz=12.0, zeta=0.1)
+    scene = Scene(structure=mount, excitations=[TabulatedNoise(profile="gevs-qualification")])
+    place = 3.9 * screen(scene).displacement_std
+    pair = ImpactPair(lower=-place, upper=place, law=Restitution(coefficient=0.5))
+    scene = scene.model_copy(update={"impact_pairs": (pair,)})
+    found = bursts(scene, rel_error=0.04, seed=1)
+    full = simulate(scene, rel_error=0.06, seed=2).impact_pairs["stops"]["collision_rate"]
+    assert isinstance(full, Estimate)
+    by_bursts = found.hit_rate()
+    difference = Estimate(
+        value=by_bursts.value - full.value,
+        standard_error=math.hypot(by_bursts.standard_error, full.standard_error),
+        bias=(by_bursts.bias or 0.0) + (full.bias or 0.0),
+    )
+    assert_agrees(difference, 0.0)
+    assert found.hits_per_burst().value > 15.0
+    assert by_bursts.value > 15.0 * found.first_rate.value
+
+
+def test_faster_first_hits_are_weighted_back() -> None:
+    scene = truck(4.5, Restitution(coefficient=0.5))
+    plain = bursts(scene, rel_error=0.03, seed=1)
+    wide = bursts(scene, rel_error=0.03, widening=2.0, seed=1)
+    limit = 2.0 * wide.fastest.mean()
+    for name in ("hits", "speeds", "fastest"):
+        mean = wide._mean(getattr(wide, name))
+        other = plain._mean(getattr(plain, name))
+        both = Estimate(
+            value=mean.value - other.value,
+            standard_error=math.hypot(mean.standard_error, other.standard_error),
+        )
+        assert_agrees(both, 0.0)
+    assert np.mean(wide.fastest > limit) > 3.0 * np.mean(plain.fastest > limit)
+    unweighted = float(np.mean(wide.fastest))
+    with pytest.raises(AssertionError):
+        assert_agrees(wide._mean(wide.fastest), unweighted)
+
+
+def test_what_is_far_from_the_wanted_value_takes_few_bursts() -> None:
+    scene = truck(4.5, Restitution(coefficient=0.5))
+    exact_one = bursts(scene, rel_error=0.01, seed=1)
+    rate = exact_one.hit_rate().value
+    far, near = (
+        bursts(scene, rel_error=0.01, far_from=factor * rate, seed=1) for factor in (10.0, 1.5)
+    )
+    assert len(far.path) < len(near.path) == len(exact_one.path)
+
+
+def test_chance_of_a_sharp_hit_against_whole_missions() -> None:
+    """Largest absolute acceleration in 6 s, from paths with everything simulated."""
+    scene = truck(3.6, Elastic(stiffness=100.0 * (24.0 * math.pi) ** 2))
+    limit, window, paths = 120.0, 6.0, 4096
+    plan = plan_tabulated(scene, None, window)
+    extremes = np.zeros((paths, EXTREMES))
+    for first in range(0, paths, plan.block):
+        plan.averages(3, first, plan.block, None, extremes[first : first + plan.block])
+    share = float(np.mean(extremes[:, SHARPEST] > limit))
+    rate = -math.log1p(-share) / plan.duration
+    error = math.sqrt(share / (1.0 - share) / paths) / plan.duration
+
+    def wanted(some: Bursts) -> Estimate:
+        return some.exceedance_rate("peak_acceleration", limit)
+
+    found = wanted(bursts(scene, rel_error=0.03, wanted=wanted, seed=4))
+    both = Estimate(
+        value=found.value,
+        standard_error=math.hypot(found.standard_error, error),
+        bias=found.bias,
+    )
+    assert_agrees(both, rate)
+    with pytest.raises(AssertionError):
+        assert_agrees(both, 2.0 * rate)
+
+
+def test_a_contact_gives_its_largest_acceleration_and_integrals() -> None:
+    """A free mass on a spring K: F = w W sin W t, W^2 = K, for half a period."""
+    stiffness, w, h = 400.0, 1.5, 0.05
+    extremes, place = np.zeros(EXTREMES), 2.0
+    x, v = place - 0.5 * h * w, w
+    stop = _stop(place, Elastic(stiffness=stiffness))
+    sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
+    for _ in range(8):
+        x, v = cross_contacts(
+            x, v, x + h * v, v, h, (0.0, 0.0), None, stop, 0.0, 1.0, np.zeros(TALLY), peaks,
+            extremes, sums,
+        )  # fmt: skip
+    frequency = math.sqrt(stiffness)
+    half = 0.5 * math.pi / frequency
+    assert extremes[FASTEST] == pytest.approx(w, rel=1e-12)
+    # CONTACT_ERROR of the integration; of the crest, the cubic within a sub-step
+    assert extremes[SHARPEST] == pytest.approx(w * frequency, rel=1e-5)
+    assert extremes[FORCE_SQUARE] == pytest.approx((w * frequency) ** 2 * half, rel=1e-5)
+    lever = place * 2.0 * w + w**2 * half
+    assert extremes[POSITION_FORCE] == pytest.approx(lever, rel=1e-5)
+
+
+def test_stops_must_lie_beyond_the_mean_position() -> None:
+    with pytest.raises(NotApplicable, match="needs a stop"):
+        bursts(unit(4.0, Restitution(coefficient=1.0), lower=0.5))
+
+
+def test_what_no_burst_does_has_the_limit_of_so_many_trials() -> None:
+    """Where all weigh the same, q with (1 - q)^n = 0.05."""
+    found = bursts(unit(4.5, Restitution(coefficient=0.5)), rel_error=0.1, seed=5)
+    never = found.exceedance_rate("impact_speed", 100.0)
+    assert never.value == 0.0 and never.upper_95 is not None
+    exact_limit = 1.0 - 0.05 ** (1.0 / len(found.path))
+    assert never.upper_95 == pytest.approx(found.first_rate.value * exact_limit, rel=1e-2)
+    assert found.exceedance_rate("impact_speed", 0.1).upper_95 is None

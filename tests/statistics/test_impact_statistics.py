@@ -1,0 +1,431 @@
+"""Impacts one by one: against exact laws, made-up processes, and the sums of the kernels."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, kstest
+from statistical import assert_agrees
+
+from stochvi.mathematics.impact_rates import corner_exponent
+from stochvi.methods.closed_form import exact
+from stochvi.methods.monte_carlo import simulate
+from stochvi.methods.monte_carlo.impact_logs import ImpactLog, plan_impacts
+from stochvi.methods.monte_carlo.kernels import flight
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.estimates import Estimate
+from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
+from stochvi.scenes.impact_laws import Elastic, Restitution, Viscoelastic
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Isolator, Matrices, Oscillator
+from stochvi.statistics.impacts import impacts, method
+from stochvi.statistics.impacts.method import CORNER_SHARE, SHIFT_PER_SHARE
+from stochvi.statistics.impacts.tallies import (
+    BINS,
+    WINDOWS,
+    Grid,
+    Tally,
+    dispersion,
+    fitted_exponent,
+    passes_for_poisson,
+    rate,
+    ratio,
+)
+
+
+def scene(restitution: float, lower: float | None = -1.0, upper: float | None = 1.0) -> Scene:
+    law = Restitution(coefficient=restitution)
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=lower, upper=upper, law=law)],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+
+
+ELASTIC = scene(1.0)
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return impacts(ELASTIC, rel_error=0.004, seed=1, threads=1, first_hits=True)
+
+
+@pytest.mark.parametrize(("restitution", "slow"), [(1.0, False), (0.8, False), (0.5, True)])
+def test_log_holds_what_the_kernel_adds_up(restitution: float, slow: bool) -> None:
+    plan = plan_impacts(scene(restitution), slow_impacts=slow)
+    log = plan.impacts(3, 5, 40)["stops"]
+    sums = plan.source.averages(3, 5, 40) * plan.duration
+    for side, first in ((-1.0, 3), (1.0, 6)):
+        own = np.bincount(log.path[side * log.speed > 0.0], minlength=40)
+        np.testing.assert_allclose(own, sums[first], rtol=1e-9)
+    assert np.all(np.abs(log.speed) >= plan.thresholds["stops"])
+    assert np.all(np.diff(log.path) >= 0)
+    assert np.all((np.diff(log.time) >= 0.0) | (np.diff(log.path) > 0))
+    assert log.time.min() > 0.0 and log.time.max() <= plan.duration * (1.0 + 1e-12)
+
+
+def test_elastic_rates_speeds_and_theory(elastic) -> None:
+    pair, known = elastic.pairs["stops"], exact(ELASTIC).impact_pairs["stops"]
+    for side, name in (("both", ""), ("lower", "_lower"), ("upper", "_upper")):
+        estimate = pair.rates[side].estimate
+        truth = known[f"collision_rate{name}"].value
+        assert_agrees(Estimate(value=estimate.value, standard_error=estimate.standard_error), truth)
+    rms = pair.speed_rms
+    assert_agrees(Estimate(value=rms.value, standard_error=rms.standard_error), math.sqrt(2.0))
+    # Rayleigh's shares of bins, and as a control those of another rms speed
+    edges = pair.speeds.edges
+    share = -np.diff(np.exp(-(edges**2) / 2.0))
+    often, width = share > 1e-3, np.diff(edges)
+
+    def distance(expected: np.ndarray) -> float:
+        away = (pair.speeds.density * width - expected)[often]
+        return float(np.sum((away / (pair.speeds.standard_error * width)[often]) ** 2))
+
+    assert distance(share) < chi2.isf(1e-5, often.sum())
+    assert distance(-np.diff(np.exp(-(edges**2) / 2.1))) > chi2.isf(1e-5, often.sum())
+    assert_agrees(pair.exponents["both"].fitted, 1.0)
+    assert pair.energy.value == 0.0
+
+
+def test_predictions_beside_them(elastic) -> None:
+    pair = elastic.pairs["stops"]
+    assert math.isclose(pair.rice_rates["both"], math.exp(-0.5) / math.pi)
+    assert pair.clump_rate < pair.rice_rates["both"]
+    assert pair.first_hit_rate is None  # all is lost before the memory ends
+
+
+def test_vanmarcke_and_first_hits_at_two_deviations() -> None:
+    far = impacts(scene(1.0, -2.0, 2.0), paths=64, threads=1, first_hits=True).pairs["stops"]
+    assert math.isclose(far.clump_rate / far.rice_rates["both"], 0.43, abs_tol=5e-5)
+    # the decay rate of the first passage, by the Fokker-Planck equation
+    assert_agrees(far.first_hit_rate, 0.017595300)
+
+
+def test_overdispersion_and_what_the_interval_rests_on(elastic) -> None:
+    pair = elastic.pairs["stops"]
+    assert pair.dispersion.value > 1.0 + 10.0 * pair.dispersion.standard_error
+    assert {each.interval for each in pair.rates.values()} == {"paths"}
+    assert "clusters" in elastic.summary()
+
+
+def made_up(rate_of: float, clump: int, paths: int, seed: int) -> tuple[ImpactLog, Grid]:
+    """Poisson's process of clumps of so many impacts at once, speeds from w^0.3 on (0.01, 1)."""
+    random = np.random.default_rng(seed)
+    duration = 200.0
+    counts = random.poisson(rate_of * duration, paths)
+    path = np.repeat(np.arange(paths), counts * clump)
+    time = np.concatenate(
+        [np.repeat(np.sort(random.uniform(0.0, duration, n)), clump) for n in counts]
+    )
+    low, high, power = 0.01, 1.0, 1.3
+    u = random.uniform(size=len(path))
+    speed = (low**power + u * (high**power - low**power)) ** (1.0 / power)
+    grid = Grid(
+        speeds=np.geomspace(0.01, 10.0, BINS + 1),
+        intervals=np.geomspace(1e-3, 200.0, BINS + 1),
+        fits=((0.01, 0.5), (0.01, 0.25)),
+        window=duration / WINDOWS,
+        losses=(0.0, 1.0),
+    )
+    return ImpactLog(path=path, time=time, speed=speed), grid
+
+
+@pytest.mark.parametrize("clump", [1, 3])
+def test_dispersion_of_known_processes(clump: int) -> None:
+    log, grid = made_up(0.5, clump, 300, seed=clump)
+    tally = Tally.of(log, 300, grid)
+    found = dispersion(tally.windows, grid.window)
+    assert_agrees(found, float(clump))
+    assert passes_for_poisson(found) is (clump == 1)
+    assert tally.numbers[:, 0].sum() == 0.0
+    assert tally.numbers.sum() == len(log.speed)
+    value, error = ratio(tally.energies.sum(axis=1), tally.numbers.sum(axis=1))
+    mean_square = 1.3 / 3.3 * (1.0 - 0.01**3.3) / (1.0 - 0.01**1.3)
+    assert_agrees(Estimate(value=value, standard_error=error), mean_square)
+
+
+def test_fitted_exponent_of_a_pure_power() -> None:
+    log, grid = made_up(1.0, 1, 200, seed=7)
+    found = fitted_exponent(Tally.of(log, 200, grid).fits.sum(axis=1), grid.fits)
+    plain = Estimate(value=found.value, standard_error=found.standard_error)
+    assert_agrees(plain, 0.3)
+    with pytest.raises(AssertionError):
+        assert_agrees(plain, 0.5)
+
+
+def test_intervals_cover_as_often_as_they_say() -> None:
+    """Poisson's exact ones at least 95 %, those over paths about 95 %, and Poisson's ones far less
+    where impacts come in clumps."""
+    random = np.random.default_rng(11)
+    runs, paths = 1000, 40
+
+    def covered(clump: int, poisson: bool) -> float:
+        hits = 0
+        for counts in clump * random.poisson(4.0, (runs, paths)):
+            found = rate(counts.astype(float), 1.0, poisson, "")
+            hits += found.lower <= 4.0 * clump <= found.upper
+        return hits / runs
+
+    deviation = math.sqrt(0.95 * 0.05 / runs)
+    assert covered(1, True) > 0.95 - 3.0 * deviation
+    assert abs(covered(1, False) - 0.95) < 4.5 * deviation
+    assert abs(covered(4, False) - 0.95) < 4.5 * deviation
+    assert covered(4, True) < 0.8
+
+
+def test_exponent_and_energy_of_a_lossy_stop() -> None:
+    """At the rest position nothing but noise moves a slow mass: the power law of the corner."""
+    found = impacts(
+        scene(0.8, None, 0.0), paths=2048, speed_threshold=0.02, slow_impacts=True, seed=1,
+        threads=1,
+    ).pairs["stops"]  # fmt: skip
+    exponent = found.exponents["both"]
+    plain = Estimate(value=exponent.fitted.value, standard_error=exponent.fitted.standard_error)
+    assert exponent.theory == 1.0 - corner_exponent(0.8)
+    assert_agrees(plain, exponent.theory)
+    with pytest.raises(AssertionError):
+        assert_agrees(plain, 1.0)
+    square, energy = found.speed_rms.value**2, found.energy
+    assert math.isclose(energy.value, 0.5 * (1.0 - 0.8**2) * square, rel_tol=1e-9)
+    # each exponent has its side where restitutions differ
+    both = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[
+            ImpactPair(
+                lower=-0.5, upper=0.5,
+                lower_law=Restitution(coefficient=0.7), upper_law=Restitution(coefficient=1.0),
+            )
+        ],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )  # fmt: skip
+    assert set(impacts(both, paths=512, threads=1).pairs["stops"].exponents) == {"lower", "upper"}
+
+
+@pytest.mark.parametrize(("mass", "unit"), [(None, "J/kg"), (2.0, "J")])
+def test_energy_per_impact_is_that_of_a_kilogram_where_no_mass_is_given(mass, unit) -> None:
+    isolator = Scene(
+        structure=Isolator(mass=mass, frequency_hz=12.0, zeta=0.1),
+        impact_pairs=[ImpactPair(lower=-1e-3, upper=1e-3, law=Restitution(coefficient=0.5))],
+        excitations=[WhiteNoise(intensity=0.2, on="base")],
+    )
+    found = impacts(isolator, paths=64, threads=1)
+    table = found.to_frame().set_index("quantity")
+    assert table.loc["energy lost per impact", "unit"] == unit
+    assert found.to_dict()["impact_pairs"]["stops"]["energy_unit"] == unit
+    pair = found.pairs["stops"]
+    square = pair.speed_rms.value**2
+    assert math.isclose(pair.energy.value, 0.5 * (mass or 1.0) * 0.75 * square, rel_tol=1e-9)
+
+
+def test_exponents_of_very_lossy_stops_take_shorter_steps_near_them(monkeypatch) -> None:
+    """Steps that are the usual share of what noise takes shift the power itself."""
+
+    def fitted() -> Estimate:
+        found = impacts(
+            scene(0.3, None, 0.0), paths=1024, speed_threshold=0.02, slow_impacts=True, seed=2,
+            threads=1,
+        )  # fmt: skip
+        return found.pairs["stops"].exponents["both"].fitted
+
+    theory = 1.0 - corner_exponent(0.3)
+    resolved = fitted()
+    # the bias of the range of speeds is left out: by the steps alone it is 0.57 of their share
+    steps = SHIFT_PER_SHARE * CORNER_SHARE
+    assert resolved.bias is not None and resolved.bias >= steps
+    assert_agrees(replace(resolved, bias=steps), theory)
+    monkeypatch.setattr("stochvi.statistics.impacts.method.CORNER_SHARE", flight.CORNER_SHARE)
+    with pytest.raises(AssertionError):
+        assert_agrees(replace(fitted(), bias=steps), theory)
+    # without refined steps nothing is known of what they leave
+    plain = impacts(scene(0.3, None, 0.0), paths=1024, seed=2, threads=1).pairs["stops"]
+    assert all(each.fitted.bias is None for each in plain.exponents.values())
+
+
+def test_intervals_histogram_is_that_of_the_times() -> None:
+    log, grid = made_up(0.5, 1, 60, seed=5)
+    counts = Tally.of(log, 60, grid).intervals.sum(axis=0)
+    waited = np.diff(log.time)[np.diff(log.path) == 0]
+    assert counts.sum() == len(waited)
+    # of a Poisson process cut at 200 s they are nearly exponential
+    assert kstest(waited, "expon", args=(0.0, 2.0)).pvalue > 1e-3
+
+
+TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+
+
+def two_storeys(law: Restitution | Viscoelastic, *more: Sine) -> Scene:
+    """A board in a box on a truck, and what it hits there."""
+    return Scene(
+        structure=Matrices(
+            coordinates=["box", "board"], mass=[[2.0, 0.0], [0.0, 0.5]],
+            damping=[[30.0, -5.0], [-5.0, 5.0]], stiffness=[[14000.0, -4000.0], [-4000.0, 4000.0]],
+        ),
+        impact_pairs=[ImpactPair(between=("board", "box"), lower=-3e-3, upper=3e-3, law=law)],
+        excitations=[TRUCK.model_copy(update={"on": "base"}), *more],
+    )  # fmt: skip
+
+
+RUBBER = Viscoelastic(stiffness=1e5, damping_ratio=0.2)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["table", "matrices", "elastic", "matrices elastic", "matrices table", "table rubber",
+     "matrices table rubber", "matrices table sine"],
+)  # fmt: skip
+def test_scenes_whose_impacts_are_read_from_records(kind: str) -> None:
+    stops = ImpactPair(lower=-2e-3, upper=2e-3, law=Restitution(coefficient=0.8))
+    given = {
+        "table": Scene(
+            structure=Isolator(frequency_hz=12.0, zeta=0.1),
+            impact_pairs=[stops],
+            excitations=[TRUCK],
+        ),
+        "table rubber": Scene(
+            structure=Isolator(mass=1.0, frequency_hz=12.0, zeta=0.1),
+            impact_pairs=[ImpactPair(lower=-2e-3, upper=2e-3, law=RUBBER)],
+            excitations=[TRUCK],
+        ),
+        "matrices elastic": Scene(
+            structure=Matrices(
+                coordinates=["x", "y"], mass=[[1.0, 0.0], [0.0, 0.3]],
+                damping=[[0.2, 0.0], [0.0, 0.1]], stiffness=[[1.5, -0.5], [-0.5, 0.5]],
+            ),
+            impact_pairs=[ImpactPair(on="y", upper=1.0, law=Elastic(stiffness=30.0))],
+            excitations=[WhiteNoise(intensity=0.2, on="x")],
+        ),
+        "matrices table": two_storeys(Restitution(coefficient=0.8)),
+        "matrices table rubber": two_storeys(RUBBER),
+        "matrices table sine": two_storeys(
+            RUBBER, Sine(on="base", amplitude=5.0, frequency_hz=15.0)
+        ),
+        "matrices": Scene(
+            structure=Matrices(
+                coordinates=["x", "y"], mass=[[1.0, 0.0], [0.0, 0.3]],
+                damping=[[0.2, 0.0], [0.0, 0.1]], stiffness=[[1.5, -0.5], [-0.5, 0.5]],
+            ),
+            impact_pairs=[
+                ImpactPair(between=("y", "x"), lower=-1.0, upper=1.0,
+                           law=Restitution(coefficient=0.8))
+            ],
+            excitations=[WhiteNoise(intensity=0.2, on="x")],
+        ),
+        "elastic": Scene(
+            structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+            impact_pairs=[ImpactPair(upper=1.0, law=Elastic(stiffness=100.0))],
+            excitations=[WhiteNoise(intensity=0.2)],
+        ),
+    }[kind]  # fmt: skip
+    found = impacts(given, paths=64, threads=1)
+    (pair,) = found.pairs.values()
+    (other,) = simulate(given, paths=64, seed=77, threads=1).impact_pairs.values()
+    one, two = pair.rates["both"].estimate, other["collision_rate"]
+    error = math.hypot(one.standard_error, two.standard_error)
+    # those of one step are one: of 64 paths that is lost in their error
+    assert_agrees(Estimate(value=one.value, standard_error=error), two.value)
+    assert not found.each and any("count as one" in each for each in found.warnings)
+
+
+def test_never_hit() -> None:
+    found = impacts(scene(1.0, None, 9.0), paths=16, threads=1)
+    pair = found.pairs["stops"]
+    both = pair.rates["both"]
+    assert both.estimate.value == 0.0 and both.interval == "Poisson"
+    # the exact upper limit of a two-sided interval at no event
+    assert math.isclose(both.upper, -math.log(0.025) / (16 * found.duration), rel_tol=1e-6)
+    assert pair.speeds is None and pair.dispersion is None
+    assert "no impact" in found.summary()
+    (warning,) = (each for each in found.warnings if "upper limit only" in each)
+    assert "no impact on the upper stop of stops" in warning
+    found.to_dict()
+
+
+def test_what_is_never_hit_is_looked_for_until_paths_or_time_run_out(monkeypatch) -> None:
+    told: list[float] = []
+    monkeypatch.setattr(method, "MOST_UNSEEN", 3000)
+    far = scene(1.0, -9.0, 9.0)
+    for budget, fewest in ((None, 3000), (1e-3, 64)):
+        with pytest.raises(NotConverged, match=r"no impact was seen in \d+ paths") as stopped:
+            impacts(far, budget=budget, threads=1, progress=lambda done, text: told.append(done))
+        answer = stopped.value.response
+        assert answer.cost.paths >= fewest
+        assert answer.warnings[0] == "the accuracy asked for was not reached"
+        assert answer.pairs["stops"].rates["both"].estimate.upper_95 > 0.0
+    assert set(told) == {0.0}
+
+
+def test_a_pair_that_is_never_hit_does_not_govern_another() -> None:
+    law = Restitution(coefficient=0.8)
+    chain = Scene(
+        structure=Matrices(
+            coordinates=["a", "b"], mass=np.eye(2).tolist(), damping=(0.2 * np.eye(2)).tolist(),
+            stiffness=np.eye(2).tolist(),
+        ),
+        impact_pairs=[
+            ImpactPair(name="near", on="a", upper=0.5, law=law),
+            ImpactPair(name="far", on="b", upper=50.0, law=law),
+        ],
+        excitations=[WhiteNoise(intensity=0.2, on=each) for each in "ab"],
+    )  # fmt: skip
+    found = impacts(chain, rel_error=0.2, duration=50.0, threads=1)
+    assert found.pairs["near"].rates["both"].estimate.value > 0.0
+    assert any("upper stop of far" in each for each in found.warnings)
+
+
+def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
+    with pytest.raises(NotConverged, match=r"relative standard error .* asked for 1e-05") as short:
+        impacts(ELASTIC, rel_error=1e-5, budget=1e-3, threads=1)
+    rate = short.value.response.pairs["stops"].rates["both"].estimate
+    assert rate.standard_error > 1e-5 * rate.value
+    with pytest.raises(NotConverged, match=r"\d+ of 1000000 paths were done in 0.001 s") as short:
+        impacts(ELASTIC, paths=10**6, budget=1e-3, threads=1)
+    assert 64 <= short.value.response.cost.paths < 10**6
+    few = impacts(ELASTIC, paths=2, duration=1.0, seed=1, threads=1)
+    assert "too few impacts" in few.summary()
+
+
+def test_views_and_errors(elastic) -> None:
+    frame = elastic.to_frame()
+    assert {"rate, both", "Rice without stops, both"} <= set(frame["quantity"])
+    assert set(elastic.histograms()["histogram"]) == {"speed", "interval"}
+    assert elastic.to_dict()["impact_pairs"]["stops"]["rates"]["both"]["interval"] == "paths"
+    free = Scene(structure=ELASTIC.structure, excitations=ELASTIC.excitations)
+    with pytest.raises(NotApplicable, match="impact pair"):
+        impacts(free)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"rel_error": 2.0}, "rel_error must be in"),
+        ({"paths": 64, "rel_error": 0.1}, "give rel_error or paths, not both"),
+        ({"paths": 64.5}, "paths must be a whole number"),
+        ({"duration": 0.0}, "duration must be a positive number of seconds"),
+        ({"duration": math.nan}, "duration must be a positive number of seconds"),
+        ({"speed_threshold": -1.0}, "speed_threshold must be at least 0"),
+        ({"seed": 1.5}, "seed must be a whole number"),
+        ({"threads": 0}, "threads must be at least 1"),
+    ],
+)
+def test_an_argument_out_of_range_is_refused(arguments, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        impacts(ELASTIC, **arguments)
+
+
+def test_threads_do_not_change_a_digit() -> None:
+    one, two = (impacts(scene(0.8), paths=2100, threads=threads) for threads in (1, 2))
+    assert one.to_frame().equals(two.to_frame())
+
+
+def test_the_energy_is_per_kilogram_where_no_mass_is_given(elastic) -> None:
+    mount = Scene(
+        structure=Isolator(frequency_hz=1.0, zeta=0.1),
+        impact_pairs=[ImpactPair(upper=0.1, law=Restitution(coefficient=0.5))],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+    found = impacts(mount, paths=64, threads=1)
+    units = found.to_frame().set_index("quantity")["unit"]
+    assert units["energy lost per impact"] == "J/kg"
+    assert any("energies depend on" in each for each in found.assumptions)
+    assert elastic.pairs["stops"].energy_unit == "J"

@@ -1,0 +1,376 @@
+"""Spectra from records against exact ones, and against scipy on the same records."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+from scipy.signal import csd, welch
+
+from stochvi.mathematics.spectra import squared_gain
+from stochvi.methods.closed_form import autocorrelation, exact
+from stochvi.methods.linearisation import linearise
+from stochvi.methods.monte_carlo.histories import plan_histories
+from stochvi.model.model import assemble
+from stochvi.results.errors import NotConverged
+from stochvi.scenes.excitations import FilteredNoise, Sine, TabulatedNoise, WhiteNoise
+from stochvi.scenes.impact_laws import Elastic, Restitution
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Isolator, Matrices, Oscillator
+from stochvi.statistics.spectra import Curve, method, spectrum
+from stochvi.statistics.spectra.method import LEVEL
+from stochvi.statistics.spectra.segments import layout_of, products
+
+B, S0 = 0.2, 0.4
+
+
+def oscillator(stiffness: float = 1.0, gap: float | None = None, restitution: float = 1.0) -> Scene:
+    law = Restitution(coefficient=restitution)
+    stops = [] if gap is None else [ImpactPair(lower=-gap, upper=gap, law=law)]
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=B, stiffness=stiffness),
+        impact_pairs=stops,
+        excitations=[WhiteNoise(intensity=S0)],
+    )
+
+
+FREE = oscillator()
+
+
+def exact_density(f: np.ndarray, damping: float = B) -> np.ndarray:
+    return 2.0 * S0 * squared_gain(f, 1.0, damping)
+
+
+def assert_covered(curve: Curve, truth: np.ndarray, resolution: float) -> None:
+    """At least 95 % of frequencies in the band, but for what independent bins may miss by."""
+    independent = (curve.frequency_hz[-1] - curve.frequency_hz[0]) * resolution
+    allowed = 3.0 * math.sqrt(LEVEL * (1.0 - LEVEL) / independent)
+    assert curve.holds(truth).mean() >= LEVEL - allowed
+
+
+def misses(curve: Curve, truth: np.ndarray) -> bool:
+    return bool(curve.holds(truth).mean() < 0.8)
+
+
+@pytest.fixture(scope="module")
+def free():
+    return spectrum(FREE, rel_error=0.03, seed=3, threads=1)
+
+
+def test_estimate_is_that_of_scipy() -> None:
+    plan = plan_histories(FREE).sampled(0.1, 400.0)
+    records = plan.histories(1, 0, 2)
+    x, f = records.displacement[0], records.excitation
+    layout = layout_of(plan, "welch", 100.0, 1.0)
+    found = products(np.stack([x, f]), layout)
+    options = {"fs": 1.0 / plan.step, "window": "hann", "nperseg": layout.tapers.shape[1]}
+    grid, density = welch(x, **options)
+    cross = csd(x, f, **options)[1]
+    np.testing.assert_allclose(layout.frequency_hz, grid[layout.bins], rtol=1e-12)
+    np.testing.assert_allclose(found[:, 0], density[:, layout.bins], rtol=1e-9)
+    np.testing.assert_allclose(found[:, 2] + 1j * found[:, 3], cross[:, layout.bins], rtol=1e-7)
+
+
+def test_exact_spectrum_lies_in_the_band(free) -> None:
+    curves, f = free.curves["x"], free.frequency_hz
+    truth, w = exact_density(f), 2.0 * np.pi * f
+    assert_covered(curves["displacement"], truth, free.segment)
+    assert_covered(curves["velocity"], w**2 * truth, free.segment)
+    # a density off by a factor of two, or another damping, does not
+    assert misses(curves["displacement"], 2.0 * truth)
+    near = np.abs(f - 1.0 / (2.0 * np.pi)) < 0.02
+    held = curves["displacement"].holds(exact_density(f, 0.8 * B))
+    assert held[near].mean() < 0.5
+
+
+def test_band_is_not_too_wide(free) -> None:
+    """Without its bias the band holds 95 % and not all: the errors are no larger than they are."""
+    curve = free.curves["x"]["displacement"]
+    z = (curve.value - exact_density(free.frequency_hz)) / curve.standard_error
+    independent = len(z) / 2.0
+    assert abs(np.std(z) - 1.0) < 4.5 / math.sqrt(2.0 * independent)
+
+
+def test_smearing_is_what_the_kernel_does_to_the_exact_spectrum() -> None:
+    """A third of the usual segment: the peak is lowered by what is stated, within its noise."""
+    short = 7.0 * 2.0 * np.pi / B
+    found = spectrum(FREE, paths=256, segment=short, seed=1, threads=1)
+    curve = found.curves["x"]["displacement"]
+    peak = int(np.argmax(exact_density(found.frequency_hz)))
+    lowered = exact_density(found.frequency_hz)[peak] - curve.value[peak]
+    assert lowered > 0.0
+    assert curve.bias[peak] > 0.5 * lowered - curve.standard_error[peak]
+    # 4 / (3 (B T)^2) of the peak
+    expected = 4.0 / 3.0 / 49.0 * curve.value[peak]
+    assert abs(curve.bias[peak] - expected) < expected
+
+
+def test_transmissibility_and_coherence_without_stops(free) -> None:
+    curves = free.curves["x"]
+    w = 2.0 * np.pi * curves["coherence"].frequency_hz
+    theory = np.sqrt((1.0 + (B * w) ** 2) * squared_gain(w / (2.0 * np.pi), 1.0, B))
+    for name in ("transmissibility_h1", "transmissibility_ratio"):
+        assert_covered(curves[name], theory, free.segment)
+        assert misses(curves[name], 1.05 * theory)
+        assert np.max(np.abs(curves[name].value / theory - 1.0)) < 0.01
+    assert curves["coherence"].value.min() > 0.99
+    assert_covered(curves["excitation"], np.full_like(w, 2.0 * S0), free.segment)
+
+
+def transformed(scene: Scene, f: np.ndarray, longest: float) -> np.ndarray:
+    """G(f) = 4 integral_0^inf R(t) cos(2 pi f t) dt from the exact autocorrelation."""
+    lag = np.linspace(0.0, longest, 10_001)
+    known = autocorrelation(scene, lag)
+    return np.array([4.0 * simpson(known * np.cos(2.0 * np.pi * each * lag), x=lag) for each in f])
+
+
+@pytest.mark.parametrize("scene", [oscillator(0.0, 1.0), FREE], ids=["box", "free"])
+def test_spectrum_of_an_exact_autocorrelation(scene: Scene) -> None:
+    found = spectrum(scene, seed=2, threads=1)
+    curve = found.curves["x"]["displacement"]
+    few = slice(0, None, 3)
+    truth = transformed(scene, curve.frequency_hz[few], 150.0)
+    thinned = Curve(**{name: values[few] for name, values in vars(curve).items()})
+    assert_covered(thinned, truth, found.segment / 3.0)
+    assert misses(thinned, 2.0 * truth)
+
+
+def test_multitaper_agrees() -> None:
+    found = spectrum(FREE, paths=16, method="multitaper", seed=5, threads=1)
+    curve = found.curves["x"]["displacement"]
+    # 2 NW tapers smear over 2 NW bins of the whole path
+    assert_covered(curve, exact_density(found.frequency_hz), found.segment / 8.0)
+    assert misses(curve, 2.0 * exact_density(found.frequency_hz))
+
+
+def test_several_coordinates() -> None:
+    mass, damping = np.diag([1.0, 0.5]), np.array([[0.4, -0.2], [-0.2, 0.2]])
+    stiffness = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    scene = Scene(
+        structure=Matrices(
+            coordinates=["frame", "box"],
+            mass=mass.tolist(), damping=damping.tolist(), stiffness=stiffness.tolist(),
+        ),
+        excitations=[WhiteNoise(intensity=S0, on="frame")],
+    )  # fmt: skip
+    found = spectrum(scene, paths=64, seed=1, threads=1)
+    w = (2.0 * np.pi * found.frequency_hz)[:, None, None]
+    gain = np.linalg.inv(stiffness - w**2 * mass + 1j * w * damping)[:, :, 0]
+    for row, name in enumerate(("frame", "box")):
+        truth = 2.0 * S0 * np.abs(gain[:, row]) ** 2
+        assert_covered(found.curves[name]["displacement"], truth, found.segment)
+        assert misses(found.curves[name]["displacement"], 2.0 * truth)
+    assert "left out" in found.meanings["acceleration"]
+    assert "left out" in found.meanings["coherence"]
+
+
+def truck(**stops) -> Scene:
+    pairs = [ImpactPair(**stops)] if stops else []
+    return Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        impact_pairs=pairs,
+        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+    )
+
+
+def test_mount_on_a_truck() -> None:
+    found = spectrum(truck(), seed=1, threads=1)
+    curves, system = found.curves["x"], truck().system()
+    (table,) = system.tables
+    f = curves["coherence"].frequency_hz
+    inside = f > 5.0 + 3.0 / found.segment  # the table begins with a jump, which is smeared
+    gain = squared_gain(f, system.omega, system.damping_rate)
+    square = (system.omega**4 + (system.damping_rate * 2.0 * np.pi * f) ** 2) * gain
+    for name, truth in (
+        ("transmissibility_h1", np.sqrt(square)),
+        ("transmissibility_ratio", np.sqrt(square)),
+    ):
+        assert np.max(np.abs(curves[name].value / truth - 1.0)[inside]) < 0.01
+    whole = found.frequency_hz >= f[0]
+    acceleration = curves["acceleration"]
+    held = acceleration.holds(np.append(np.zeros((~whole).sum()), table(f) * square))[whole]
+    assert held[inside].mean() > LEVEL - 0.05
+    assert curves["coherence"].value[inside].min() > 0.99
+
+
+@pytest.mark.parametrize("sine", [False, True])
+def test_two_storeys_on_a_truck(sine: bool) -> None:
+    mass, damping = np.diag([2.0, 0.5]), np.array([[30.0, -5.0], [-5.0, 5.0]])
+    stiffness = np.array([[14000.0, -4000.0], [-4000.0, 4000.0]])
+    table = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz", on="base")
+    tone = Sine(on="base", amplitude=1.0, frequency_hz=30.0)
+    scene = Scene(
+        structure=Matrices(
+            coordinates=["box", "board"],
+            mass=mass.tolist(), damping=damping.tolist(), stiffness=stiffness.tolist(),
+        ),
+        excitations=[table, tone] if sine else [table],
+    )  # fmt: skip
+    found = spectrum(scene, paths=32, seed=1, threads=1)
+    f = found.frequency_hz
+    # the table begins with a jump, and the sine is a line: both are smeared
+    away = f > 5.0 + 3.0 / found.segment
+    if sine:
+        away &= np.abs(f - 30.0) > 5.0 / found.segment
+    w = 2.0 * np.pi * f[:, None, None]
+    gain = -np.linalg.inv(stiffness - w**2 * mass + 1j * w * damping) @ mass.sum(axis=1)
+    (density,) = (signal for signal, _ in assemble(scene).tables)
+    for row, name in enumerate(("box", "board")):
+        truth = density(f) * np.abs(gain[:, row]) ** 2
+        curve = found.curves[name]["displacement"]
+        kept = Curve(**{name: values[away] for name, values in vars(curve).items()})
+        assert_covered(kept, truth[away], found.segment)
+        assert misses(kept, 1.2 * truth[away])
+
+
+def test_nothing_is_told_of_a_ratio_at_the_jump_of_a_table() -> None:
+    law = Restitution(coefficient=0.5)
+    found = spectrum(truck(lower=-4e-3, upper=4e-3, law=law), paths=64, threads=1)
+    curves, bin_width = found.curves["x"], 1.0 / found.segment
+    assert 2.0 * bin_width < curves["coherence"].frequency_hz[0] - 5.0 < 3.5 * bin_width
+    # what is left out was far off: the next bins are like those after them
+    first, later = curves["coherence"].value[0], curves["coherence"].value[1:10]
+    scatter = math.hypot(curves["coherence"].standard_error[0], later.std(ddof=1))
+    assert abs(first - later.mean()) < 4.5 * scatter
+    # densities are told there, too
+    assert (np.abs(curves["displacement"].frequency_hz - 5.0) < bin_width).any()
+
+
+def test_stops_part_the_two_transmissibilities() -> None:
+    law = Restitution(coefficient=0.5)
+    curves = spectrum(truck(lower=-2e-3, upper=2e-3, law=law), paths=64, threads=1).curves["x"]
+    h1, ratio = curves["transmissibility_h1"].value, curves["transmissibility_ratio"].value
+    coherence = curves["coherence"].value
+    assert np.all(h1 <= ratio * (1.0 + 1e-9))
+    np.testing.assert_allclose(coherence, (h1 / ratio) ** 2, rtol=1e-9)
+    assert np.median(coherence) < 0.95
+
+
+def test_whole_acceleration_with_a_stop_that_gives_way() -> None:
+    """By springs, damper and stop it is x'' less the input: -(w^2 X + f), from the same records."""
+    scene = Scene(
+        structure=Isolator(mass=1.0, damping=1.2, stiffness=40.0),
+        impact_pairs=[ImpactPair(upper=0.1, law=Elastic(stiffness=400.0))],
+        excitations=[WhiteNoise(intensity=0.5)],
+    )
+    found = spectrum(scene, paths=32, seed=1, threads=1)
+    assert found.meanings["acceleration"] == "absolute"
+    whole = found.curves["x"]["acceleration"]
+    plan = plan_histories(scene).sampled(found.step, 4.0 * found.segment)
+    records = plan.histories(1, 0, 32)
+    layout = layout_of(plan, "welch", found.segment, found.frequency_hz[-1])
+    rows = products(np.stack([records.displacement[0], records.excitation]), layout).mean(axis=0)
+    w = 2.0 * np.pi * layout.frequency_hz
+    other = w**4 * rows[0] + rows[1] + 2.0 * w**2 * rows[2]
+    other = np.interp(found.frequency_hz, layout.frequency_hz, other)
+    low = found.frequency_hz < 2.0
+    assert np.median(np.abs(whole.value / other - 1.0)[low]) < 0.02
+
+
+def linearised(scene: Scene, f: np.ndarray) -> np.ndarray:
+    """Of the oscillator with the spring and damper that give the moments of the closure."""
+    found = linearise(scene).coordinates["x"]
+    x2, v2 = (found[f"{name}_mean_square"].value for name in ("displacement", "velocity"))
+    return 2.0 * S0 * squared_gain(f, math.sqrt(v2 / x2), S0 / (2.0 * v2))
+
+
+def test_linearised_spectrum_is_close_for_rare_weak_impacts() -> None:
+    def error(gap: float) -> float:
+        scene = oscillator(1.0, gap, 0.95)
+        found = spectrum(scene, seed=1, threads=1)
+        curve = found.curves["x"]["displacement"]
+        ratio = np.log(linearised(scene, curve.frequency_hz) / curve.value)
+        return float(np.sqrt(np.average(ratio**2, weights=curve.value)))
+
+    rare, often = error(3.5), error(1.0)
+    assert rare < 0.15 < 0.5 < often
+
+
+def test_area_is_the_variance_with_stops() -> None:
+    scene = oscillator(1.0, 1.0)
+    found = spectrum(scene, seed=1, threads=1)
+    curve, df = found.curves["x"]["displacement"], 1.0 / found.segment
+    below = curve.value[0] * (found.frequency_hz[0] - df / 2.0)
+    area = float(curve.value.sum() * df + below)
+    truth = exact(scene).coordinates["x"]["displacement_mean_square"].value
+    # errors of bins add up in quadrature; neighbours share 4/9 of theirs, on either side
+    error = df * math.sqrt(1.0 + 8.0 / 9.0) * float(np.linalg.norm(curve.standard_error))
+    assert abs(area - truth) < 4.5 * error + df * float(curve.bias.sum())
+    assert abs(2.0 * area - truth) > 4.5 * error + df * float(curve.bias.sum())
+
+
+def test_threads_do_not_change_a_digit() -> None:
+    one, two = (spectrum(FREE, paths=40, seed=9, threads=threads) for threads in (1, 2))
+    np.testing.assert_array_equal(
+        one.curves["x"]["displacement"].value, two.curves["x"]["displacement"].value
+    )
+
+
+def test_filtered_noise_and_sine() -> None:
+    scene = Scene(
+        structure=Isolator(frequency_hz=1.0, zeta=0.1),
+        excitations=[
+            FilteredNoise(density=0.1, unit="(m/s2)2/Hz", frequency_hz=2.0, zeta=0.2),
+            Sine(amplitude=1.0, frequency_hz=1.5),
+        ],
+    )
+    found = spectrum(scene, paths=8, threads=1)
+    assert any("line" in warning for warning in found.warnings)
+    curve = found.curves["x"]["displacement"]
+    assert abs(curve.frequency_hz[np.argmax(curve.value)] - 1.5) < 3.0 / found.segment
+    assert "excitation" not in found.curves["x"]
+
+
+def test_views_and_errors() -> None:
+    found = spectrum(FREE, paths=4, threads=1)
+    frame = found.to_frame()
+    assert set(frame["quantity"]) >= {"displacement", "velocity", "coherence"}
+    assert frame.notna().all().all()
+    assert found.to_dict()["method"] == "spectrum:welch"
+    with pytest.raises(ValueError, match="method must be"):
+        spectrum(FREE, method="periodogram")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="segment must be at least"):
+        spectrum(FREE, segment=1.0)
+    with pytest.raises(ValueError, match="paths must be"):
+        spectrum(FREE, paths=1)
+    with pytest.raises(ValueError, match="paths must be a whole number"):
+        spectrum(FREE, paths=64.5)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="give rel_error or paths, not both"):
+        spectrum(FREE, paths=64, rel_error=0.1)
+    with pytest.raises(ValueError, match="rel_error must be in"):
+        spectrum(FREE, rel_error=0.0)
+
+
+def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
+    with pytest.raises(NotConverged, match=r"relative standard error .* asked for 0\.001") as short:
+        spectrum(FREE, rel_error=1e-3, budget=1e-3, threads=1)
+    answer = short.value.response
+    assert answer.relative_error > 1e-3
+    assert answer.warnings[0] == "the accuracy asked for was not reached"
+    with pytest.raises(NotConverged, match=r"\d+ of 100000 paths were done in 0.001 s") as short:
+        spectrum(FREE, paths=10**5, budget=1e-3, threads=1)
+    assert 2 <= short.value.response.cost.paths < 10**5
+
+
+def test_time_that_runs_out_before_a_block_of_a_later_round_keeps_the_rounds_before(
+    monkeypatch,
+) -> None:
+    run, rounds = method._run, []
+
+    def no_second_round(*asked):
+        rounds.append(asked)
+        return run(*asked[:-1], None) if len(rounds) == 1 else (None, True)
+
+    monkeypatch.setattr(method, "_run", no_second_round)
+    with pytest.raises(NotConverged, match="raise budget") as short:
+        spectrum(FREE, rel_error=1e-3, threads=1)
+    assert len(rounds) == 2 and short.value.response.cost.paths == method.FEWEST_PATHS
+
+
+def test_a_record_that_ends_before_it_was_promised_to_is_refused() -> None:
+    plan = plan_histories(FREE).sampled(0.1, 50.0)
+    assert plan.histories(1, 0, 2).displacement.shape[2] == plan.samples
+    longer = replace(plan, duration=2.0 * plan.duration)
+    with pytest.raises(AssertionError, match="samples, 1000 were promised"):
+        longer.histories(1, 0, 2)

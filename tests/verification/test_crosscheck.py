@@ -1,0 +1,118 @@
+"""`check`: methods that agree pass, a wrong one is caught, approximations are only shown."""
+
+from dataclasses import replace
+
+import pytest
+from known import oscillator
+
+from stochvi import Estimate, Response, check, exact, fokker_planck, load_scene, simulate
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.verification.crosscheck import APPROXIMATE, BIAS_UNKNOWN, DISAGREES, TOO_RARE, compare
+
+
+@pytest.mark.parametrize("name", ["oscillator-elastic", "oscillator-lossy", "isolator-truck"])
+def test_shipped_scenes_pass(name: str) -> None:
+    verdict = check(load_scene(shipped_scene(name)), rel_error=0.005, seed=3)
+    assert verdict.passed
+    assert verdict.z > 2.9
+    assert any(row.verdict == APPROXIMATE for row in verdict.comparisons)
+    assert verdict.to_dict()["passed"] is True
+
+
+def tampered(response: Response, quantity: str, factor: float) -> Response:
+    def change(group: dict) -> dict:
+        return {
+            owner: {
+                name: replace(item, value=item.value * factor)
+                if name == quantity and isinstance(item, Estimate)
+                else item
+                for name, item in entries.items()
+            }
+            for owner, entries in group.items()
+        }
+
+    return replace(
+        response,
+        coordinates=change(dict(response.coordinates)),
+        impact_pairs=change(dict(response.impact_pairs)),
+    )
+
+
+@pytest.mark.parametrize(
+    "quantity", ["displacement_std", "velocity_std", "collision_rate", "impact_speed_square_rate"]
+)
+def test_a_tampered_quantity_is_the_only_one_that_disagrees(quantity: str) -> None:
+    scene = oscillator(-1.0, 1.0, 1.0)
+    truth, found = exact(scene), simulate(scene, rel_error=0.002, seed=5)
+    assert compare([truth, found]).passed
+    verdict = compare([truth, tampered(found, quantity, 1.02)])
+    wrong = {row.quantity for row in verdict.comparisons if row.verdict == DISAGREES}
+    assert wrong == {quantity}
+    assert not verdict.passed
+
+
+def test_a_lossy_scene_has_two_judges_and_a_tampered_one_is_caught() -> None:
+    scene = oscillator(-1.0, 1.0, 0.8)
+    verdict = check(scene, rel_error=0.005, seed=2)
+    assert verdict.passed
+    assert {row.method for row in verdict.comparisons} >= {"fokker-planck", "simulate"}
+    solved, simulated = (
+        next(response for response in verdict.responses if response.method == method)
+        for method in ("fokker-planck", "simulate")
+    )
+    for quantity in ("displacement_std", "impact_speed_rate"):
+        wrong = compare([tampered(solved, quantity, 1.02), simulated])
+        found = {row.quantity for row in wrong.comparisons if row.verdict == DISAGREES}
+        assert found == {quantity}
+
+
+def test_an_estimate_of_unknown_bias_is_not_judged() -> None:
+    solved = fokker_planck(oscillator(-1.0, 1.0, 0.8))
+    other = tampered(solved, "velocity_std", 2.0)
+    speed = other.coordinates["x"]["velocity_std"]
+    assert isinstance(speed, Estimate)
+    untold = {**other.coordinates["x"], "velocity_std": replace(speed, bias=None)}
+    verdict = compare([solved, replace(other, coordinates={"x": untold})])
+    assert verdict.passed
+    found = {row.quantity for row in verdict.comparisons if row.verdict == BIAS_UNKNOWN}
+    assert found == {"velocity_std"}
+
+
+def test_a_broken_balance_disagrees() -> None:
+    found = simulate(oscillator(-1.0, 1.0, 0.8), rel_error=0.005, seed=6)
+    energy = replace(found.identities["energy"], value=0.05)
+    verdict = compare([replace(found, identities={**found.identities, "energy": energy})])
+    assert [row.quantity for row in verdict.comparisons if row.verdict == DISAGREES] == ["energy"]
+
+
+def test_an_approximation_is_shown_and_not_failed() -> None:
+    scene = oscillator(-1.0, 1.0, 1.0)
+    verdict = compare([exact(scene)], [tampered(exact(scene), "velocity_std", 2.0)])
+    assert verdict.passed
+    errors = {row.quantity: row.relative for row in verdict.comparisons if row.of != "balance"}
+    assert errors["velocity_std"] == pytest.approx(1.0)
+
+
+def test_reasons_for_methods_left_out_are_listed() -> None:
+    verdict = check(oscillator(-1.0, 1.0, 0.8), rel_error=0.02)
+    assert any("restitution must be 1" in reason for reason in verdict.left_out)
+
+
+def test_impacts_too_rare_to_judge_by_raise_no_alarm() -> None:
+    verdict = check(oscillator(-6.0, 6.0, 1.0), rel_error=0.02)
+    assert verdict.passed
+    rates = [row for row in verdict.comparisons if row.quantity.startswith("collision")]
+    assert {row.verdict for row in rates if row.method == "simulate"} == {TOO_RARE}
+
+
+def test_nothing_to_judge_is_no_pass() -> None:
+    verdict = check(oscillator(-1.0, 1.0, 1.0, damping=0.0), rel_error=0.02)
+    assert not verdict.passed
+    assert "nothing could be judged" in verdict.summary()
+
+
+def test_an_unfinished_simulation_is_no_pass_and_says_why() -> None:
+    found = check(oscillator(-1.0, 1.0, 1.0), rel_error=1e-5, budget=0.3)
+    assert not found.passed
+    assert found.summary().startswith("simulate stopped early")
+    assert "raise budget" in found.summary()

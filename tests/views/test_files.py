@@ -1,0 +1,114 @@
+"""Answers on disk: whole or not at all, and never NaN."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pandas as pd
+import pytest
+
+from stochvi.results.atomic_files import write_whole
+from stochvi.views.files import to_json, write_json, write_picture, write_table, write_text
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_json_refuses_what_is_not_a_number_and_leaves_no_file(tmp_path: Path, bad: float):
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json({"value": [bad]}, str(tmp_path / "answer.json"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_reads_back_with_all_digits(tmp_path: Path):
+    document = {"value": 0.1 + 0.2, "name": "Rück", "none": None}
+    write_json(document, str(tmp_path / "new" / "answer.json"))
+    assert json.loads((tmp_path / "new" / "answer.json").read_text("utf-8")) == document
+
+
+def test_a_dash_means_standard_output(capsys: pytest.CaptureFixture[str]):
+    write_json({"value": 1.5}, "-")
+    out, err = capsys.readouterr()
+    assert json.loads(out) == {"value": 1.5}
+    assert err == ""
+
+
+def test_a_file_is_replaced_whole(tmp_path: Path):
+    path = tmp_path / "table.csv"
+    path.write_text("old and long", encoding="utf-8")
+    write_text("new", path)
+    assert path.read_text("utf-8") == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_that_cannot_be_replaced_stays_as_it_was(tmp_path: Path, monkeypatch):
+    path = tmp_path / "table.csv"
+    path.write_text("old", encoding="utf-8")
+
+    def fail(*names: str) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write_text("new", path)
+    assert path.read_text("utf-8") == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_names_the_file_that_was_asked_for(tmp_path: Path, monkeypatch):
+    """Not the hidden one beside it, nor none."""
+
+    def full(handle: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match=r"No space left on device.*run") as error:
+        write_whole(b"new", tmp_path / "run", durable=True)
+    assert error.value.filename == str(tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_text_that_cannot_be_encoded_leaves_no_file(tmp_path: Path):
+    with pytest.raises(UnicodeEncodeError):
+        write_text("\ud800", tmp_path / "table.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_is_not_a_file_to_write(tmp_path: Path):
+    with pytest.raises(IsADirectoryError, match="expected a file name"):
+        write_text("new", tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("folder", ["file", "file/inner"])
+def test_a_file_is_not_a_folder_to_write_in(tmp_path: Path, folder: str):
+    (tmp_path / "file").touch()
+    with pytest.raises(NotADirectoryError, match="expected a folder"):
+        write_text("new", tmp_path / folder / "table.csv")
+
+
+def test_a_file_is_as_readable_as_any_other(tmp_path: Path):
+    (tmp_path / "other").touch()
+    write_text("new", tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").stat().st_mode == (tmp_path / "other").stat().st_mode
+
+
+def test_a_table_keeps_all_digits(tmp_path: Path):
+    frame = pd.DataFrame({"name": ["a, b", "c"], "value": [0.1 + 0.2, 1e-300]})
+    write_table(frame, tmp_path / "table.csv")
+    again = pd.read_csv(tmp_path / "table.csv")
+    pd.testing.assert_frame_equal(again, frame, check_exact=True)
+
+
+def test_a_picture_is_a_png_and_its_figure_is_closed(tmp_path: Path):
+    figure, ax = plt.subplots()
+    write_picture(ax, tmp_path / "new" / "picture.png")
+    assert (tmp_path / "new" / "picture.png").read_bytes().startswith(b"\x89PNG")
+    assert not plt.fignum_exists(figure.number)
+
+
+def test_the_text_of_json_is_one_document():
+    assert json.loads(to_json({"a": {"b": [1, 2.5, None]}})) == {"a": {"b": [1, 2.5, None]}}

@@ -1,0 +1,473 @@
+"""The report of a sizing: one page that needs nothing else, with the numbers of the sizing."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.axes import Axes
+from sized import BUMPER, MOUNT, TRUCK, scene_between_stops, sizing_of
+
+from stochvi import (
+    ConstantLoad,
+    FilteredNoise,
+    Isolator,
+    Restitution,
+    RoadNoise,
+    WhiteNoise,
+    screen,
+)
+from stochvi.isolators.sizing.answer import Sizing, Target, spoken_percent
+from stochvi.isolators.sizing.chances import (
+    probability_at,
+    probability_of_stops,
+    spoken_chance_of_stops,
+)
+from stochvi.isolators.sizing.sensitivity import variations
+from stochvi.results.estimates import Estimate
+from stochvi.scenes.impact_laws import ForceTable, Law, Viscoelastic
+from stochvi.scenes.scene import System
+from stochvi.views.report.inputs import environment, gap, mount
+from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown
+from stochvi.views.report.plots import frequencies, input_density, plot_input, transmissibility
+from stochvi.views.report.stops import hit_on_mount
+from stochvi.views.report.tolerances import within_tolerances
+from stochvi.views.report.words import G
+from stochvi.views.report.write import clearance_page, write_report
+
+VOID = {"meta", "br", "img", "link", "input", "hr"}
+
+
+class Reader(HTMLParser):
+    """Tags that are closed in order, what they refer to, and the text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.references: list[str] = []
+        self.tags: list[str] = []
+        self.identifiers: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.text += " "
+        for name, value in attributes:
+            if name in ("src", "href", "srcset", "data", "action"):
+                self.references.append(value or "")
+            if name == "id":
+                self.identifiers.append(value or "")
+            assert not name.startswith("on"), f"script in {tag}"
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, text: str) -> None:
+        if "style" not in self.open:
+            self.text += text
+
+
+def read(html: str) -> Reader:
+    reader = Reader()
+    reader.feed(html)
+    assert reader.open == []
+    reader.text = " ".join(reader.text.replace("\u00a0", " ").split())
+    return reader
+
+
+@pytest.fixture(scope="module")
+def sizing() -> Sizing:
+    return sizing_of(scene_between_stops())
+
+
+@pytest.fixture(scope="module")
+def folder(sizing: Sizing, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report") / "new"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stochvi.views.report.peaks.MULTIPLES", (3.0, 4.0))
+        patch.setattr("stochvi.views.report.peaks.STIFFNESS_RATIOS", (1000.0,))
+        patch.setattr("stochvi.views.report.peaks.PEAK_SECONDS", 0.1)
+        assert write_report(sizing, folder) == folder / "report.html"
+    return folder
+
+
+@pytest.fixture(scope="module")
+def html(folder: Path) -> str:
+    return (folder / "report.html").read_text("utf-8")
+
+
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing is most of the time, and not at stake."""
+
+    def blank(ax: Axes, caption: str) -> Picture:
+        plt.close("all")
+        return Picture(uri="data:image/svg+xml;base64,", caption=caption)
+
+    for module in ("write", "inputs", "stops"):
+        monkeypatch.setattr(f"stochvi.views.report.{module}.shown", blank)
+
+
+# The page ---------------------------------------------------------------------------------
+
+
+def test_the_page_refers_to_nothing_outside_itself(html: str) -> None:
+    reader = read(html)
+    inside = {f"#{name}" for name in reader.identifiers}
+    pictures = [source for source in reader.references if source not in inside]
+    assert len(pictures) == reader.tags.count("img") > 7
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in pictures)
+    assert not {"script", "link", "iframe", "object"} & set(reader.tags)
+    assert "url(" not in html and "@import" not in html
+    assert not re.findall(r"(?:src|href)\s*=\s*[\"']?\s*(?:https?:)?//", html)
+
+
+def test_every_picture_is_a_whole_svg_without_references(html: str) -> None:
+    for encoded in re.findall(r"data:image/svg\+xml;base64,([^\"]+)", html):
+        root = ET.fromstring(base64.b64decode(encoded, validate=True))
+        assert root.tag.endswith("}svg")
+        for element in root.iter():
+            for name, value in element.attrib.items():
+                assert not name.endswith("href") or value.startswith("#")
+
+
+def test_the_same_figure_gives_the_same_bytes(sizing: Sizing, html: str) -> None:
+    before = plt.get_fignums()
+    again = shown(plot_input(sizing.scene), "again")
+    assert f'src="{again.uri}"' in html
+    assert plt.get_fignums() == before
+
+
+def test_the_verdict_comes_first_and_every_part_is_there(sizing: Sizing, html: str) -> None:
+    reader = read(html)
+    assert reader.tags.count("h1") == 1
+    assert reader.identifiers == [
+        "environment", "isolator", "gap-and-stops", "linear-screening", "required-clearance",
+        "with-stops", "peak-accelerations", "sensitivity", "verification", "limits",
+    ]  # fmt: skip
+    text = reader.text
+    assert text.index(sizing.verdict()) < text.index("All densities are one-sided")
+    for words in (
+        "per side", "one-sided", "absolute acceleration", "relative displacement", "g rms",
+        "both sides", "peak", "stated by its source", "1.08 g rms", "1.078 g rms", "1.570 mm rms",
+        "Static sag under 1 g", "1.725 mm", "Miles", "Davenport", "seed 1", "stochvi 0",
+        "step 0.00", "Balance of force", "± 10 %",
+    ):  # fmt: skip
+        assert words.lower() in text.lower(), words
+
+
+def test_numbers_of_the_page_are_those_of_the_sizing(sizing: Sizing, html: str) -> None:
+    text = read(html).text
+    linear = screen(sizing.scene)
+    for number in (
+        f"{1e3 * sizing.clearance.value:.4g} mm",
+        f"{1e3 * linear.displacement_std:.4g} mm rms",
+        f"{linear.velocity_std:.4g} m/s rms",
+        f"{linear.acceleration_std / 9.80665:.4g} g rms",
+        f"{linear.rice_rate(3.0 * linear.displacement_std):.4g} per second",
+        f"{linear.zero_crossing_rate:.4g} Hz",
+    ):
+        assert number in text, number
+    for row in sizing.required.to_dict("records"):
+        assert f"{1e3 * row['clearance']:.4g}" in text
+    assert "no hit seen" in text  # at the recommended clearance
+    assert "energy lost to stops" in text and "mean of the peak forces" in text
+
+
+def test_peaks_on_the_page_are_those_of_its_table(folder: Path, html: str) -> None:
+    table = pd.read_csv(folder / "peaks.csv")
+    own = table[table["stiffness_ratio"].isna()]
+    assert len(own) == 2 and len(table) == 2 + 2
+    text = read(html).text
+    for row in own.to_dict("records"):
+        assert f"{row['largest_acceleration'] / 9.80665:.3g} ±" in text
+        assert f"{row['rms_amplification']:.3f}" in text
+    # the hits hardly show in the rms, and multiply the peak
+    assert 1.0 < own["rms_amplification"].iloc[0] < 1.1 < own["peak_amplification"].iloc[0]
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_rigid_stop_says_that_it_knows_no_peak_acceleration() -> None:
+    page = clearance_page(sizing_of(scene_between_stops(Restitution(coefficient=0.5)), paths=64))
+    text = read(page.html()).text
+    assert "A restitution gives the speeds of impact, not the peak acceleration" in text
+    assert "mean of the peak forces" not in text
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_what_the_scene_lacks_is_left_out(tmp_path: Path) -> None:
+    bare = sizing_of(scene_between_stops(law=None, noise=WhiteNoise(density=1e-3, unit="g2/Hz")))
+    reader = read(write_report(bare, tmp_path).read_text("utf-8"))
+    assert "with-stops" not in reader.identifiers
+    assert "White noise on base" in reader.text
+    assert not (tmp_path / "evidence.csv").exists()
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_warnings_stand_above_the_evidence() -> None:
+    """A mount below its profile: the linear response misleads."""
+    mount = Isolator(frequency_hz=8.0, zeta=0.1)
+    noise = type(TRUCK)(profile="navmat-p-9492")
+    sizing = sizing_of(scene_between_stops(law=None, noise=noise, structure=mount))
+    page = clearance_page(sizing)
+    assert any("outside the table" in warning for warning in page.warnings)
+    text = read(page.html()).text
+    assert text.index("outside the table") < text.index("All densities are")
+    assert "not valid" in text  # Miles' equation
+
+
+def test_words_from_the_scene_are_escaped() -> None:
+    page = Page(
+        title="<script>alert(1)</script>",
+        subtitle="a & b",
+        verdict="x < y",
+        cards=[Fact("<b>", "1 %", "")],
+        sections=[
+            Section(title="S & T", grids=[Grid(caption="<i>", headings=["<u>"], rows=[["<s>"]])]),
+            Section(title="Empty"),
+        ],
+    )
+    reader = read(page.html())
+    assert not {"script", "b", "i", "u", "s"} & set(reader.tags)
+    assert "<script>alert(1)</script>" in reader.text
+    assert reader.identifiers == ["s---t"]
+
+
+def test_tables_and_numbers_lie_beside_the_page(sizing: Sizing, folder: Path) -> None:
+    document = json.loads((folder / "size.json").read_text("utf-8"))
+    assert document["clearance"]["value"] == sizing.clearance.value
+    for name, table in (("risk", sizing.curve), ("required", sizing.required)):
+        pd.testing.assert_frame_equal(pd.read_csv(folder / f"{name}.csv"), table, check_exact=True)
+    assert set(pd.read_csv(folder / "evidence.csv")["at"]) == {"three_sigma", "recommended"}
+    names = {path.name for path in folder.iterdir()}
+    assert names == {
+        "report.html", "size.json", "risk.csv", "required.csv", "hits.csv",
+        "risk.png", "sensitivity.csv", "evidence.csv", "peaks.csv",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_a_browser_shows_it_without_a_network(folder: Path, tmp_path: Path, width: int) -> None:
+    browser = shutil.which("chromium") or shutil.which("chromium-browser")
+    if browser is None:
+        pytest.skip("no chromium here")
+    target = tmp_path / "page.png"
+    run = [
+        browser, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-quic",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync",
+        "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={tmp_path / 'profile'}",
+        f"--window-size={width},900", f"--screenshot={target}",
+        (folder / "report.html").as_uri(),
+    ]  # fmt: skip
+    subprocess.run(run, check=True, capture_output=True, timeout=60)
+    from matplotlib.image import imread
+
+    shown = imread(target)
+    assert shown.shape[:2] == (900, width)
+    # ink, colour and paper: a page that failed to load is a plain sheet or a plain message
+    spread = shown[..., :3].max(axis=-1) - shown[..., :3].min(axis=-1)
+    assert 0.005 < float((shown[..., :3].mean(axis=-1) < 0.5).mean()) < 0.5
+    assert float((spread > 0.3).mean()) > 0.001
+
+
+# What it says of the inputs ---------------------------------------------------------------
+
+
+def facts(section: Section) -> dict[str, tuple[str, str]]:
+    return {fact.name: (fact.value, fact.remark) for fact in section.facts}
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_the_base_moves_as_its_density_says() -> None:
+    """G = a f^2 from a road: velocity white, displacement falling as f^-2; all by hand."""
+    low, high, speed = 0.5, 40.0, 20.0
+    road = RoadNoise(road="B", speed=speed, band_hz=[low, high])
+    told = facts(environment(scene_between_stops(law=None, noise=road)))
+    white = (2.0 * math.pi * 0.1) ** 2 * 64e-6 * speed
+    assert told["Base velocity"][0] == f"{math.sqrt(white * (high - low)):.4g} m/s rms"
+    shift = white / (2.0 * math.pi) ** 2 * (1.0 / low - 1.0 / high)
+    assert told["Base displacement"][0] == f"{1e3 * math.sqrt(shift):.4g} mm rms"
+    pull = white * (2.0 * math.pi) ** 2 * (high**3 - low**3) / 3.0
+    recomputed = told["Base acceleration, recomputed"][0]
+    assert recomputed == f"{math.sqrt(pull) / 9.80665:.4g} g rms"
+
+
+def test_sag_moves_the_stops_and_is_told(sizing: Sizing) -> None:
+    told = facts(gap(sizing))
+    assert told["Mean position"][0] == "-1.725 mm"
+    lower = 1e3 * (-sizing.scene.structure.sag - sizing.clearance.value)
+    assert told["Recommended, lower stop"][0] == f"{lower:.4g} mm"
+    assert "7.275 mm from the mean position; viscoelastic" in told["In the scene, lower stop"][1]
+    plain = Isolator(frequency_hz=12.0, zeta=0.1)
+    assert "for information" in facts(mount(scene_between_stops(None, TRUCK, plain)))[
+        "Static sag under 1 g"
+    ][1]  # fmt: skip
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_cards_tell_the_limit_that_is_kept(sizing: Sizing) -> None:
+    target = Target(name="peak_acceleration", value=30.0 / G, unit="m/s^2", exceedance=0.01)
+    found = replace(sizing, target=target)
+    cards = {card.name: card for card in clearance_page(found).cards}
+    assert cards["Chance of exceeding 30 g in 1 h"].value == "1 %"
+    kept = replace(found, kept_with=Estimate(value=0.0, upper_95=0.1, how="none of 9 bursts"))
+    page = clearance_page(kept)
+    cards = {card.name: card for card in page.cards}
+    assert cards["Chance of exceeding 30 g in 1 h"].value == "below 1 %"
+    assert cards["Clearance per side"].value.startswith("at most ")
+    assert "95 %" not in cards["Clearance per side"].remark
+    assert "already there" in page.verdict and "none of 9 bursts" in page.verdict
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_stops_beyond_the_curve_have_a_chance_under_its_end(sizing: Sizing) -> None:
+    far = sizing.scene.impact_pairs[0].model_copy(update={"lower": -1.0, "upper": 1.0})
+    moved = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": (far,)}))
+    last = sizing.curve["probability"].iloc[-1]
+    assert spoken_chance_of_stops(moved) == f"under {spoken_percent(last)}"
+    told = facts(gap(moved))["Any hit with the stops of the scene"][0]
+    assert told == f"under {spoken_percent(last)}"
+
+
+def test_filtered_noise_on_a_base_is_told_before_its_resonance() -> None:
+    noise = FilteredNoise(density=2.0, unit="(m/s2)2/Hz", frequency_hz=8.0, zeta=0.2)
+    scene = scene_between_stops(law=None, noise=noise)
+    value, remark = facts(environment(scene))["Filtered noise on base"]
+    assert value == "2 (m/s²)²/Hz"
+    assert "before a resonance at 8 Hz with a damping ratio of 0.2" in remark
+
+
+def test_other_excitations_are_told_with_their_units() -> None:
+    scene = scene_between_stops(law=None)
+    more = scene.model_copy(update={"excitations": (*scene.excitations, ConstantLoad(force=-3.0))})
+    assert facts(environment(more))["Constant load on x"][0] == "-3 N"
+
+
+# Sensitivity ------------------------------------------------------------------------------
+
+
+def test_sensitivity_is_that_of_other_scenes() -> None:
+    scene = scene_between_stops(BUMPER)
+    table = within_tolerances(scene, 8e-3).set_index("change")
+    rate = screen(scene).rice_rate(8e-3)
+    assert table.loc["none", "clearance"] == pytest.approx(8e-3, rel=1e-12)
+    for words, keys in (
+        ("natural frequency -10 %", {"frequency_hz": 10.8, "zeta": 0.1}),
+        ("damping ratio +30 %", {"frequency_hz": 12.0, "zeta": 0.13}),
+    ):
+        other = screen(scene_between_stops(None, TRUCK, Isolator(**keys)))
+        assert table.loc[words, "sigma"] == pytest.approx(other.displacement_std)
+        assert other.rice_rate(table.loc[words, "clearance"]) == pytest.approx(rate)
+    louder = screen(
+        scene_between_stops(None, type(TRUCK)(profile=TRUCK.profile, level_db=3.0), MOUNT)
+    )
+    row = table.loc["level +3 dB"]
+    assert row["sigma"] == pytest.approx(louder.displacement_std, rel=1e-12)
+    assert row["rice_rate"] == pytest.approx(louder.rice_rate(8e-3), rel=1e-12)
+    assert louder.rice_rate(row["clearance"]) == pytest.approx(rate, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "noise", [TRUCK, RoadNoise(road="C", speed=20.0), WhiteNoise(intensity=1.0)]
+)
+def test_a_changed_level_and_the_tolerances_reach_every_variation(noise) -> None:
+    sizing = sizing_of(scene_between_stops(law=None, noise=noise))
+    tried = dict(variations(sizing))
+    louder = screen(tried["level +3 dB"]).displacement_std
+    assert louder == pytest.approx(10.0**0.15 * sizing.sigma, rel=1e-12)
+    strict = replace(sizing, scene=scene_between_stops(structure=MOUNT.model_copy(
+        update={"frequency_tolerance": 0.05, "damping_tolerance": 0.2}
+    )))  # fmt: skip
+    assert {"natural frequency -5 %", "damping ratio +20 %"} <= set(dict(variations(strict)))
+
+
+# Pictures ---------------------------------------------------------------------------------
+
+
+def test_the_transmissibility_drawn_gives_the_rms_of_the_screening() -> None:
+    """The area under its square times the input, on the grid of the pictures."""
+    scene = scene_between_stops(law=None)
+    system = scene.system()
+    f = frequencies(system)
+    density = transmissibility(system, f) ** 2 * input_density(system, f)
+    rms = math.sqrt(np.trapezoid(density, f))
+    assert rms == pytest.approx(screen(scene).acceleration_std, rel=1e-3)
+    assert transmissibility(system, np.array([12.0]))[0] == pytest.approx(
+        math.sqrt(1.0 + 1.0 / 25.0) * 5.0
+    )
+
+
+# One contact ------------------------------------------------------------------------------
+
+
+def without_damping(law: Law) -> System:
+    mount = Isolator(mass=2.0, frequency_hz=12.0, zeta=0.0)
+    return scene_between_stops(law, structure=mount).system()
+
+
+def test_a_contact_on_the_mount_conserves_energy() -> None:
+    """v^2 / 2 = U(y) + omega^2 (d y + y^2 / 2) at the deepest point, per unit mass."""
+    law = ForceTable(deflection=[1e-3, 3e-3], force=[50.0, 600.0])
+    system = without_damping(law)
+    assert system.law_upper is not None
+    for speed, distance in ((0.05, 4e-3), (0.4, 1e-3)):
+        hit = hit_on_mount(system, system.law_upper, distance, speed)
+        y = hit.deflection
+        stored = float(system.law_upper.potential_at(y)) + system.omega**2 * (distance + y / 2) * y
+        assert stored == pytest.approx(0.5 * speed**2, rel=1e-3)
+        force = float(system.law_upper.force_at(y)) + system.omega**2 * (distance + y)
+        assert hit.peak_acceleration == pytest.approx(force, rel=1e-3)
+
+
+def test_a_stiff_stop_does_not_feel_the_mount() -> None:
+    """Then the contact is that of a free mass, whose closed form is known (B App. I)."""
+    law = Viscoelastic(stiffness=2e8, damping_ratio=0.2)
+    system = without_damping(law)
+    free = law.impact(0.3, 2.0)
+    assert system.law_upper is not None
+    hit = hit_on_mount(system, system.law_upper, 1e-6, 0.3)
+    assert hit.peak_acceleration == pytest.approx(free.peak_force / 2.0, rel=2e-3)
+    assert hit.deflection == pytest.approx(free.peak_deflection, rel=2e-3)
+    assert hit.contact_time == pytest.approx(free.contact_time, rel=1e-2)
+
+
+# Risk of the stops that the scene has -----------------------------------------------------
+
+
+def bursts(sizing: Sizing, clearance: float) -> float:
+    """Of the sizing made by hand: 0.55 of Rice's crossings of the mission."""
+    return 0.55 * screen(sizing.scene).rice_rate(clearance) * sizing.mission
+
+
+def test_the_chance_at_a_clearance_is_read_off_the_curve(sizing: Sizing) -> None:
+    for multiple in (4.03, 5.11, 6.37):
+        wanted = -math.expm1(-bursts(sizing, multiple * sizing.sigma))
+        assert probability_at(sizing, multiple * sizing.sigma) == pytest.approx(wanted, rel=1e-9)
+    assert probability_at(sizing, sizing.clearance.value) == sizing.target.value
+    assert probability_at(sizing, 0.1 * sizing.sigma) is None
+    assert probability_at(sizing, 20.0 * sizing.sigma) == 0.0
+
+
+def test_each_side_of_the_scene_brings_half_the_bursts_of_its_distance(sizing: Sizing) -> None:
+    sag = sizing.scene.structure.sag
+    for lower, sides in ((-11e-3, 2), (-1.0, 1)):
+        pair = sizing.scene.impact_pairs[0].model_copy(update={"lower": lower, "upper": 8e-3})
+        scene = sizing.scene.model_copy(update={"impact_pairs": (pair,)})
+        expected = [bursts(sizing, 8e-3 + sag), bursts(sizing, 11e-3 - sag)][:sides]
+        assert probability_of_stops(replace(sizing, scene=scene)) == pytest.approx(
+            -math.expm1(-0.5 * sum(expected)), rel=1e-9
+        )
