@@ -16,11 +16,11 @@ from stochvi.testing import (
     Problem,
     as_response,
     judge,
-    judging,
     known_answers,
     problem_of,
 )
 from stochvi.verification.crosscheck import compare
+from stochvi.verification.testing import judging
 from stochvi.verification.testing.samples import PathAverages, sample_of
 
 FEW = ("linear", "elastic-half-sigma", "lossy-half-sigma")
