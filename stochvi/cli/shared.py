@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 import time
@@ -42,6 +43,10 @@ class Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         from stochvi.results.errors import NotConverged, StochviError
 
+        for stream in (sys.stdout, sys.stderr):
+            # a terminal of Windows may not know a character of a title: it gets a "?" then
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="replace")
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:

@@ -125,14 +125,14 @@ def new(file: Path, kind: str) -> None:
     import shutil
 
     from stochvi.scenes.datasets import scene_files
+    from stochvi.views.files import write_text
 
     shipped = [] if kind == "any" else scene_files(KINDS[kind])
     tables = shipped[1:]
     for target in (file, *(file.parent / table.name for table in tables)):
         if target.exists():
             stop(f"{target} exists already; choose another name", BAD_INPUT)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(shipped[0].read_text("utf-8") if shipped else TEMPLATE, encoding="utf-8")
+    write_text(shipped[0].read_text("utf-8") if shipped else TEMPLATE, file)
     for table in tables:
         shutil.copy(table, file.parent)
     written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))

@@ -6,7 +6,14 @@ import contextlib
 import errno
 import os
 import tempfile
+import time
 from pathlib import Path
+
+REPLACE_ATTEMPTS = 5
+"""How often the replacement of a file is tried, because on Windows it may be open for a moment."""
+
+REPLACE_PAUSE = 0.02
+"""Seconds between two attempts to replace a file."""
 
 
 def write_whole(data: bytes, path: Path, *, durable: bool = False) -> None:
@@ -38,11 +45,25 @@ def _write_beside(data: bytes, path: Path, durable: bool) -> None:
             if durable:
                 os.fsync(file.fileno())
         os.chmod(part, 0o666 & ~_umask())
-        os.replace(part, path)
+        _replace(part, path)
     except BaseException:
         with contextlib.suppress(OSError):
             os.unlink(part)
         raise
+
+
+def _replace(part: str, path: Path) -> None:
+    """Put the file `part` in the place of `path`.
+
+    Windows refuses this while any other program, such as a virus scanner, has `path` open, which
+    is usually over soon; other systems never refuse it for that reason.
+    """
+    for _ in range(REPLACE_ATTEMPTS - 1):
+        try:
+            return os.replace(part, path)
+        except PermissionError:
+            time.sleep(REPLACE_PAUSE)
+    os.replace(part, path)
 
 
 def _umask() -> int:

@@ -11,7 +11,6 @@ in a burst happens lambda q times a second, however rare that is.
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -26,6 +25,7 @@ from stochvi.methods.monte_carlo.kernels.contact import CONTACT_SUMS
 from stochvi.methods.monte_carlo.kernels.flight import F1_LOWER, F1_UPPER, N_LOWER, N_UPPER, SUMS
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import (
     FEWEST_PATHS,
@@ -215,7 +215,7 @@ def bursts(
     started = 0.0
     parts: list[_Part] = []
     blocks = math.ceil(FEWEST_PATHS / plan.block)
-    with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
+    with ThreadPoolExecutor(threads or usable_cores()) as pool:
         while True:
             first_paths = range(len(parts) * plan.block, blocks * plan.block, plan.block)
             parts += pool.map(lambda first: _part(records, first, widening), first_paths)

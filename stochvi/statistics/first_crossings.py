@@ -21,7 +21,6 @@ which thus needs no record as long as the mission.
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -43,6 +42,7 @@ from stochvi.methods.monte_carlo.tabulated import (
 )
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
@@ -273,7 +273,7 @@ def first_crossings(
     above, below = _levels(clearances, lower, upper)
     plan = crossing_plan(scene.model_copy(update={"impact_pairs": ()}))
     records = Records(plan, seed, below, above)
-    workers = threads or len(os.sched_getaffinity(0))
+    workers = threads or usable_cores()
     with ThreadPoolExecutor(workers) as pool:
         pilot = [records.ages(PILOT)]
         started = time.perf_counter()  # compilation is over

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -32,6 +31,7 @@ from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
 from stochvi.model.model import assemble
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, Response, provenance
+from stochvi.results.machine import thread_seconds, usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.verification.crosscheck import ROUNDING, approximations
 
@@ -336,7 +336,7 @@ def cost(
         )
     plan = make_plan(scene, None, None)
     plans = ladder(plan)
-    workers = threads or len(os.sched_getaffinity(0))
+    workers = threads or usable_cores()
     for rung in plans:
         rung.shortest().averages(0, 0, 2)
     started = time.perf_counter()
@@ -406,9 +406,9 @@ def _block(plans: Sequence[Plan], layout: Layout, seed: int, first_path: int, pa
     """The same paths at every step: their joint statistics, and the CPU seconds of each step."""
     averages, seconds = [], []
     for plan in plans:
-        start = time.thread_time()
+        start = thread_seconds()
         averages.append(plan.averages(seed, first_path, paths))
-        seconds.append(time.thread_time() - start)
+        seconds.append(thread_seconds() - start)
     return PathStatistics.of(np.concatenate(averages), layout), seconds
 
 

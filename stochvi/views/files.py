@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from stochvi.results.atomic_files import write_whole
 
@@ -26,17 +26,28 @@ def to_json(document: Mapping[str, Any]) -> str:
 
 def write_json(document: Mapping[str, Any], target: str) -> None:
     """Write a document to a file, or to standard output where `target` is "-"."""
-    text = to_json(document) + "\n"
     if target == "-":
-        sys.stdout.write(text)
+        sys.stdout.write(_for_stream(to_json(document), sys.stdout) + "\n")
     else:
-        write_text(text, Path(target))
+        write_text(to_json(document) + "\n", Path(target))
+
+
+def _for_stream(text: str, stream: TextIO) -> str:
+    """The same JSON document in characters that the stream can encode, the others as \\u escapes.
+
+    The standard output of Windows is often not UTF-8.
+    """
+    try:
+        text.encode(stream.encoding or "ascii")
+        return text
+    except UnicodeEncodeError:
+        return json.dumps(json.loads(text), indent=2)
 
 
 def write_text(text: str, path: Path) -> None:
     """Write a file whole or not at all; a link is followed, a pipe or device is written to."""
     if path.exists() and not path.is_file() and not path.is_dir():
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8", newline="\n")
         return
     # the folder of what a link names, and otherwise the one that was asked for
     _make_folder(path.resolve().parent if path.is_symlink() else path.parent)
@@ -52,7 +63,7 @@ def _make_folder(path: Path) -> None:
 
 def write_table(frame: pd.DataFrame, path: Path) -> None:
     """A CSV table with all the digits of its numbers."""
-    write_text(frame.to_csv(index=False), path)
+    write_text(frame.to_csv(index=False, lineterminator="\n"), path)
 
 
 def write_picture(ax: Axes, path: Path) -> None:

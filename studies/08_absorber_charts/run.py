@@ -13,7 +13,7 @@ CHARTS = Path(__file__).parents[2] / "data" / "absorber_charts" / "charts.csv"
 
 def compute(cells: list[dict], file: Path, paths: int) -> pd.DataFrame:
     """Rows of the cells, written as they come: an interrupted run goes on where it was."""
-    done = list(csv.DictReader(file.open(newline=""))) if file.exists() else []
+    done = list(csv.DictReader(file.open(encoding="utf-8", newline=""))) if file.exists() else []
     for cell in cases.missing(cells, done):
         row = pd.DataFrame([cases.row(cell, paths)])
         row.to_csv(file, mode="a", header=not file.exists(), index=False)

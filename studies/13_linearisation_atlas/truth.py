@@ -142,7 +142,9 @@ def compute(places: list[Place], path: Path) -> None:
     """Row by row into a file; rows that are there are not computed again."""
     done = set()
     if path.exists():
-        done = {tuple(map(float, row[:5])) for row in list(csv.reader(path.open()))[1:]}
+        done = {
+            tuple(map(float, row[:5])) for row in list(csv.reader(path.open(encoding="utf-8")))[1:]
+        }
     with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         if not done:

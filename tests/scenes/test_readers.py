@@ -38,7 +38,7 @@ def write_uff(path: Path, *functions: tuple[int, str, np.ndarray, np.ndarray, st
         cells = [f"{one:13.5e}{two:20.12e}" for one, two in zip(x, y, strict=True)]
         lines += ["".join(cells[n : n + 2]) for n in range(0, len(cells), 2)]
         lines.append(f"{-1:6d}")
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
 

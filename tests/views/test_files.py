@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import errno
+import io
 import json
 import math
 import os
+import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
 
+from stochvi.results import atomic_files
 from stochvi.results.atomic_files import write_whole
 from stochvi.views.files import to_json, write_json, write_picture, write_table, write_text
 
@@ -36,6 +39,16 @@ def test_a_dash_means_standard_output(capsys: pytest.CaptureFixture[str]):
     assert err == ""
 
 
+def test_a_stream_that_knows_few_characters_gets_escapes(monkeypatch):
+    """The standard output of Windows is often cp1252."""
+    narrow = io.TextIOWrapper(io.BytesIO(), encoding="cp1252")
+    monkeypatch.setattr(sys, "stdout", narrow)
+    document = {"title": "箱", "value": 0.1 + 0.2}
+    write_json(document, "-")
+    narrow.flush()
+    assert json.loads(narrow.buffer.getvalue()) == document
+
+
 def test_a_file_is_replaced_whole(tmp_path: Path):
     path = tmp_path / "table.csv"
     path.write_text("old and long", encoding="utf-8")
@@ -56,6 +69,28 @@ def test_a_file_that_cannot_be_replaced_stays_as_it_was(tmp_path: Path, monkeypa
         write_text("new", path)
     assert path.read_text("utf-8") == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_that_is_open_elsewhere_for_a_moment_is_replaced(tmp_path: Path, monkeypatch):
+    """Windows refuses to replace a file that another program has open."""
+    (tmp_path / "table.csv").touch()
+    whole, refusals = os.replace, [PermissionError(errno.EACCES, "Access is denied")] * 2
+
+    def refuse_twice(*names: str) -> None:
+        if refusals:
+            raise refusals.pop()
+        whole(*names)
+
+    monkeypatch.setattr(os, "replace", refuse_twice)
+    monkeypatch.setattr(atomic_files, "REPLACE_PAUSE", 0.0)
+    write_text("new", tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_text("utf-8") == "new"
+
+
+def test_a_table_ends_its_lines_alike_on_every_system(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(os, "linesep", "\r\n")
+    write_table(pd.DataFrame({"value": [1.0, 2.0]}), tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_bytes() == b"value\n1.0\n2.0\n"
 
 
 def test_an_error_names_the_file_that_was_asked_for(tmp_path: Path, monkeypatch):

@@ -7,7 +7,6 @@ but no acceleration; that needs a stiffness.
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +27,7 @@ from stochvi.methods.monte_carlo.kernels.contact import CONTACT_LOWER, CONTACT_U
 from stochvi.methods.monte_carlo.kernels.flight import N_LOWER, N_UPPER, VV, XX
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.results.errors import NotApplicable
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.impact_laws import Elastic, Viscoelastic
 from stochvi.scenes.scene import Scene
 
@@ -224,7 +224,7 @@ class _Windows:
         """More windows until the largest acceleration is known, or time is up."""
         size = min(plan.block for plan in self.plans)
         started, done, wanted = time.perf_counter(), 0, FIRST_PATHS
-        with ThreadPoolExecutor(self.threads or len(os.sched_getaffinity(0))) as pool:
+        with ThreadPoolExecutor(self.threads or usable_cores()) as pool:
             for _ in range(MOST_ROUNDS):
                 wanted = size * math.ceil(wanted / size)
                 for block in pool.map(

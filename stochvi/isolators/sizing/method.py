@@ -8,7 +8,6 @@ where first hits are rare, bursts are simulated from the first hit on (`bursts`)
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,6 +25,7 @@ from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.cautions import scene_notes
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import FAR, UNFINISHED, bursts
 from stochvi.statistics.first_crossings import deviations, first_crossings, largest_error
@@ -300,7 +300,7 @@ class _Job:
             cost=Cost(
                 wall_time=time.perf_counter() - self.started,
                 paths=crossings.ages.shape[3],
-                threads=self.threads or len(os.sched_getaffinity(0)),
+                threads=self.threads or usable_cores(),
             ),
             provenance=provenance(self.scene.document(), self.seed),
         )

@@ -10,9 +10,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import math
-import os
 import platform
-import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
@@ -23,6 +21,7 @@ from typing import Any
 
 from stochvi.methods.monte_carlo.plans import Plan
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
+from stochvi.results.machine import thread_seconds, usable_cores
 
 WINDOW = 4
 """Tasks per worker that may wait to be merged in order: bounds memory, hides stragglers."""
@@ -98,12 +97,12 @@ def simulate_blocks(
 
     `attempt` changes nothing but the name by which a scheduler may remember that it failed.
     """
-    start = time.thread_time()
+    start = thread_seconds()
     statistics = tuple(
         PathStatistics.of(plan.averages(seed, first_path, paths), layout)
         for first_path, paths in blocks
     )
-    return Done(statistics=statistics, machine=machine(), seconds=time.thread_time() - start)
+    return Done(statistics=statistics, machine=machine(), seconds=thread_seconds() - start)
 
 
 def blocks_of(first_path: int, paths: int, size: int) -> Iterator[Block]:
@@ -124,7 +123,7 @@ def workers_of(executor: Executor) -> int:
     for name in ("num_workers", "_max_workers"):
         if isinstance(number := getattr(executor, name, None), int):
             return max(1, number)
-    return len(os.sched_getaffinity(0))
+    return usable_cores()
 
 
 @dataclass

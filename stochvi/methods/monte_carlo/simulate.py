@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import time
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -31,6 +30,7 @@ from stochvi.methods.monte_carlo.runs import (
 from stochvi.model.model import assemble
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Response
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -231,7 +231,7 @@ def _noted(run: Run, response: Response) -> Response:
 def _crew(executor: Executor | None, threads: int | None) -> Crew:
     if executor is not None:
         return Crew(executor, threads or workers_of(executor), theirs=True)
-    workers = threads or len(os.sched_getaffinity(0))
+    workers = threads or usable_cores()
     return Crew(ThreadPoolExecutor(workers), workers, theirs=False)
 
 

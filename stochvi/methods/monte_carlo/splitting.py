@@ -32,6 +32,7 @@ from statsmodels.stats.proportion import proportion_confint
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.missions import AFTERWARDS, Fleet, MissionPlan
 from stochvi.results.errors import NotConverged
+from stochvi.results.machine import thread_seconds
 
 Vector = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ class Interval:
 
 def crude(plan: MissionPlan, seed: int, first_path: int, missions: int, hits: bool) -> Trial:
     """Independent missions, each counted for what it is."""
-    started = time.thread_time()
+    started = thread_seconds()
     fleet = plan.fleet(seed, first_path, missions)
     steps = plan.settled * missions + plan.fly(fleet, math.inf)
     happened = fleet.happened
@@ -89,7 +90,7 @@ def crude(plan: MissionPlan, seed: int, first_path: int, missions: int, hits: bo
         hits=float(numbers.sum() / missions),
         hits_square=float(np.sum(numbers**2) / missions),
         steps=steps,
-        seconds=time.thread_time() - started,
+        seconds=thread_seconds() - started,
     )
 
 
@@ -109,7 +110,7 @@ def repetition(
 ) -> Trial:
     """One splitting with fixed levels, a function of its arguments alone; `deadline` is a time of
     `time.perf_counter` after which it is given up."""
-    started = time.thread_time()
+    started = thread_seconds()
     fleet = plan.fleet(seed, _first_path(index, 0, particles), particles)
     random = np.random.default_rng([seed, index])
     chance, steps = 1.0, plan.settled * particles
@@ -131,7 +132,7 @@ def repetition(
         hits=chance * number,
         hits_square=0.0,
         steps=steps,
-        seconds=time.thread_time() - started,
+        seconds=thread_seconds() - started,
     )
 
 

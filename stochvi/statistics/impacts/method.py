@@ -10,7 +10,6 @@ dispersion of the counts allows Poisson's exact ones.
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -26,6 +25,7 @@ from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.model import Assembly, Contact, assemble
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts.answer import Exponent, ImpactStatistics, PairStatistics
@@ -163,7 +163,7 @@ def impacts(
     }  # fmt: skip
     with compiling(progress):
         plan.impacts(seed, 0, 1)
-    workers = threads or len(os.sched_getaffinity(0))
+    workers = threads or usable_cores()
     found: dict[str, list[Tally]] = {name: [] for name in grids}
     short = ""
     done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths

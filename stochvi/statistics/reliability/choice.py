@@ -30,6 +30,7 @@ from stochvi.methods.monte_carlo.splitting import (
 )
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate
+from stochvi.results.machine import thread_seconds
 from stochvi.statistics.reliability.answer import Chance
 
 Way = Literal["crude", "splitting", "first crossings"]
@@ -175,9 +176,9 @@ class Jobs:
         repeated: Sample | None = None
         particles = PARTICLES
         if way != "crude" and (way == "splitting" or pilot.chance < SHARE):
-            started = time.thread_time()
+            started = thread_seconds()
             levels = pilot_levels(plan, self._seed("levels"), particles, self._deadline)
-            steps, spent = steps + levels.steps, spent + time.thread_time() - started
+            steps, spent = steps + levels.steps, spent + thread_seconds() - started
             while True:
                 repeated = self._repeated(
                     plan, levels, "pilot repetitions", PILOT_REPETITIONS, particles, hits

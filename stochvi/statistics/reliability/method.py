@@ -12,7 +12,6 @@ random number with it: nothing is stopped when it looks good, so that no stoppin
 from __future__ import annotations
 
 import math
-import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -29,6 +28,7 @@ from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene, System
 from stochvi.statistics.first_crossings import deviations
 from stochvi.statistics.reliability.answer import Chance, Reliability
@@ -120,7 +120,7 @@ def reliability(
         raise ValueError(
             f"start = 'rest' is out of reach: {outside}; move them, or take start = 'stationary'"
         )
-    workers = threads or len(os.sched_getaffinity(0))
+    workers = threads or usable_cores()
     limits = {
         name: limit
         for name, limit in (

@@ -17,7 +17,6 @@ with all its aliases, relative to which the density is off by (w h)^2 / 6 to lea
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections import deque
 from collections.abc import Callable
@@ -32,6 +31,7 @@ from stochvi.methods.monte_carlo.runs import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.excitations import Sine
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
@@ -151,7 +151,7 @@ def spectrum(
     plan, layout, bandwidth = _planned(scene, method, highest, segment)
     with compiling(progress):
         plan.histories(seed, 0, 1)
-    workers = threads or len(os.sched_getaffinity(0))
+    workers = threads or usable_cores()
     target = FEWEST_PATHS if paths is None else paths
     moments, late = None, False
     with ThreadPoolExecutor(workers) as pool:

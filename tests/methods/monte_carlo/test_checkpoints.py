@@ -44,6 +44,7 @@ def paths_in(kept: Path) -> int:
 # ---- what is there ----------------------------------------------------------------------------
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the file system has no named pipes")
 def test_nothing_but_a_checkpoint_is_replaced(tmp_path: Path) -> None:
     scene_file, fifo = tmp_path / "scene.toml", tmp_path / "fifo"
     scene_file.write_text("[structure]\n")
