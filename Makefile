@@ -37,4 +37,4 @@ bench: .venv/bench-installed
 	touch $@
 
 clean:
-	rm -rf .venv out stochvi/methods/monte_carlo/kernels/__pycache__
+	rm -rf .venv out
