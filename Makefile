@@ -14,7 +14,7 @@ verify: .venv/test-installed
 	$(BIN)/python -m pytest -m verify
 
 distributed: .venv/test-installed .venv/distributed-installed
-	$(BIN)/python -m pytest tests/test_long_runs.py -k dask
+	$(BIN)/python -m pytest tests/methods/monte_carlo/test_long_runs.py -k dask
 
 lint: .venv/dev-installed
 	$(BIN)/ruff check .

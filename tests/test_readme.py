@@ -7,7 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+from support import CHECKOUT
+
+README = (CHECKOUT / "README.md").read_text(encoding="utf-8")
 
 
 def blocks(language: str) -> list[str]:
@@ -43,10 +45,9 @@ def test_commands_run(tmp_path: Path) -> None:
 
 
 def test_files_that_the_readme_names_exist() -> None:
-    root = Path(__file__).parent.parent
     for target in re.findall(r"\]\(([^)]+)\)", README):
-        assert (root / target).exists(), target
+        assert (CHECKOUT / target).exists(), target
     for target in ("make demo", "make test"):
         assert target in README
         rule = target.split()[1]
-        assert re.search(rf"^{rule}:", (root / "Makefile").read_text(), flags=re.MULTILINE)
+        assert re.search(rf"^{rule}:", (CHECKOUT / "Makefile").read_text(), flags=re.MULTILINE)

@@ -7,7 +7,7 @@ import sysconfig
 import venv
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
+from support import CHECKOUT
 
 PROBE = """
 import stochvi, stochvi.scenes.datasets as d
@@ -21,7 +21,7 @@ print("<html" in page.html(), len(d.scene_files("isolator-bumper")))
 
 def test_wheel_in_a_fresh_environment_finds_its_data(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*build, "--wheel-dir", str(tmp_path), str(ROOT)], check=True)
+    subprocess.run([*build, "--wheel-dir", str(tmp_path), str(CHECKOUT)], check=True)
     (wheel,) = tmp_path.glob("stochvi-*.whl")
     fresh = tmp_path / "fresh"
     venv.create(fresh, with_pip=True)

@@ -7,9 +7,9 @@ from pathlib import Path
 import by_hand
 import matplotlib.pyplot as plt
 import pandas as pd
-from scenes import SCENES, STEP
 
 import stochvi as sv
+from scenes import SCENES, STEP
 
 
 def engine(case: sv.Scene, steps: float) -> tuple[float, float, int]:

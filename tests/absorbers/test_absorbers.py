@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from statistical import Z, assert_agrees
 
 from stochvi import (
     Absorber,
@@ -34,6 +33,8 @@ from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.cli import main
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise
 from stochvi.scenes.structures import Matrices
+from stochvi.testing import assert_agrees
+from stochvi.verification.testing.agreement import Z
 from stochvi.views.absorbers import verdict
 from stochvi.views.report.absorber import design_page
 

@@ -5,55 +5,16 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import pandas as pd
 import pytest
-from known import DOCUMENT, MISTAKES, changed, oscillator, to_toml
 
-from stochvi.cli import main
 from stochvi.methods.closed_form import exact
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
-
-ELASTIC = str(shipped_scene("oscillator-elastic"))
-LOSSY = str(shipped_scene("oscillator-lossy"))
-ISOLATOR = str(shipped_scene("isolator-truck"))
-QUICK = ("--rel-error", "0.05", "--threads", "2")
-
-
-class Finished(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Finished]
-
-
-@pytest.fixture
-def stochvi(capsys: pytest.CaptureFixture[str]) -> Run:
-    """The command with these arguments, as it ends."""
-
-    def run(*arguments: str | Path) -> Finished:
-        with pytest.raises(SystemExit) as stop:
-            main([str(argument) for argument in arguments], prog_name="stochvi")
-        assert isinstance(stop.value.code, int)
-        return Finished(stop.value.code, *capsys.readouterr())
-
-    return run
-
-
-def one_document(text: str) -> dict:
-    """The JSON document that the text is, and nothing else; never NaN or infinity."""
-
-    def refuse(name: str) -> None:
-        raise AssertionError(f"{name} in JSON")
-
-    return json.loads(text, parse_constant=refuse)
-
+from support.commands import ELASTIC, ISOLATOR, LOSSY, QUICK, Finished, Run, one_document, refused
+from support.known import DOCUMENT, MISTAKES, changed, oscillator, to_toml
 
 # Answers ----------------------------------------------------------------------------------
 
@@ -245,14 +206,6 @@ def test_profiles_lists_what_ships(stochvi: Run):
 
 
 # Input that is refused --------------------------------------------------------------------
-
-
-def refused(run: Finished) -> str:
-    """The sentence on stderr: exit code 2, nothing on stdout, no traceback."""
-    assert (run.code, run.out) == (2, "")
-    (line,) = run.err.splitlines()
-    assert line.startswith("stochvi: ")
-    return line.removeprefix("stochvi: ")
 
 
 @pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES.keys())

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from known import DOCUMENT, changed, to_toml
-from test_cli import ELASTIC, ISOLATOR, Run, one_document, refused, stochvi  # noqa: F401
+
+from support.commands import ELASTIC, ISOLATOR, Run, one_document, refused
+from support.known import DOCUMENT, changed, to_toml
 
 IMPACTS, SPECTRUM = ("impacts", "--paths", "64"), ("spectrum", "--paths", "4")
 COMMANDS = [IMPACTS, SPECTRUM]
@@ -29,7 +30,7 @@ def never_hit(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda words: words[0])
 @pytest.mark.parametrize("scene", [ELASTIC, ISOLATOR], ids=["white", "tabulated"])
 def test_an_answer_is_a_document_and_files(
-    stochvi: Run, tmp_path: Path, command: tuple[str, ...], scene: str  # noqa: F811
+    stochvi: Run, tmp_path: Path, command: tuple[str, ...], scene: str
 ) -> None:  # fmt: skip
     name, *options = command
     code, out, err = stochvi(
@@ -56,7 +57,7 @@ def test_an_answer_is_a_document_and_files(
     ids=["error", "paths"],
 )
 def test_beyond_the_budget_it_exits_with_1_and_still_writes_what_it_has(
-    stochvi: Run, tmp_path: Path, command, asked, sentence  # noqa: F811
+    stochvi: Run, tmp_path: Path, command, asked, sentence
 ) -> None:  # fmt: skip
     name, options = command[0], ("--budget", "0.01", "--threads", "1", "--quiet")
     code, out, err = stochvi(name, ELASTIC, *asked, *options, "--json", "-", "--out", tmp_path)
@@ -69,7 +70,7 @@ def test_beyond_the_budget_it_exits_with_1_and_still_writes_what_it_has(
 
 
 def test_stops_that_are_never_hit_are_said(
-    stochvi: Run, never_hit: Path, tmp_path: Path  # noqa: F811
+    stochvi: Run, never_hit: Path, tmp_path: Path
 ) -> None:  # fmt: skip
     options = ("--threads", "1", "--json", "-", "--out", tmp_path / "out")
     code, out, err = stochvi("impacts", never_hit, "--budget", "0.01", *options)
@@ -101,7 +102,7 @@ def test_stops_that_are_never_hit_are_said(
 )
 @pytest.mark.parametrize("command", ["impacts", "spectrum"])
 def test_an_option_out_of_range_is_one_sentence(
-    stochvi: Run, command: str, arguments, sentence: str  # noqa: F811
+    stochvi: Run, command: str, arguments, sentence: str
 ) -> None:  # fmt: skip
     assert refused(stochvi(command, ELASTIC, *arguments)) == sentence
 
@@ -118,14 +119,14 @@ def test_an_option_out_of_range_is_one_sentence(
     ids=lambda words: " ".join(words) if isinstance(words, tuple) else "",
 )
 def test_an_option_of_one_command_out_of_range_is_one_sentence(
-    stochvi: Run, arguments, sentence: str  # noqa: F811
+    stochvi: Run, arguments, sentence: str
 ) -> None:  # fmt: skip
     command, *options = arguments
     assert refused(stochvi(command, ELASTIC, *options)).startswith(sentence)
 
 
 def test_quiet_is_silent_and_a_scene_without_stops_has_no_impacts(
-    stochvi: Run, tmp_path: Path  # noqa: F811
+    stochvi: Run, tmp_path: Path
 ) -> None:  # fmt: skip
     path = tmp_path / "free.toml"
     free = {key: value for key, value in DOCUMENT.items() if key != "impact_pair"}

@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from statistical import assert_agrees
-from test_sizing import truck
 
 from stochvi import ConstantLoad, Elastic, Isolator, NotApplicable, Restitution, Viscoelastic
 from stochvi.isolators.screening import screen
@@ -15,6 +13,8 @@ from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import CompliantLaw, Hertz
+from stochvi.testing import assert_agrees
+from support.mounts import truck
 
 SPRING = (24.0 * math.pi) ** 2
 """N/m, of 1 kg at 12 Hz."""

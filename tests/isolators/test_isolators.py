@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from known import oscillator
 
 from stochvi import (
     ConstantLoad,
@@ -20,6 +19,7 @@ from stochvi import (
 )
 from stochvi.isolators.screening import predicted_rates, with_clearance
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from support.known import oscillator
 
 STOPS = ImpactPair(lower=-1e-3, upper=2e-3, law=Restitution(coefficient=1.0))
 

@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from statistical import Z
-from test_sizing import HOUR, ten_hertz, truck
 
 from stochvi import Elastic, Isolator, NotApplicable, Restitution, TabulatedNoise
 from stochvi.isolators.sizing.answer import Sizing, Target
@@ -20,6 +18,8 @@ from stochvi.isolators.sizing.sensitivity import (
     slow_bursts,
     variations,
 )
+from stochvi.verification.testing.agreement import Z
+from support.mounts import HOUR, ten_hertz, truck
 
 ONE_PER_CENT = Target(name="probability", value=0.01, unit="1")
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from statistical import Z, assert_agrees
 
 from stochvi import (
     ConstantLoad,
@@ -31,30 +30,13 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import EXTREMES, FAS
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95
-from stochvi.scenes.impact_laws import Law
 from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts
 from stochvi.statistics.first_crossings import crossing_plan, first_crossings
+from stochvi.testing import assert_agrees
+from stochvi.verification.testing.agreement import Z
+from support.mounts import HOUR, ten_hertz, truck
 
-HOUR = 3600.0
 HALF = Restitution(coefficient=0.5)
-
-
-def ten_hertz(zeta: float, law: Law | None = None) -> Scene:
-    pairs = [] if law is None else [ImpactPair(lower=-1e-3, upper=1e-3, law=law)]
-    return Scene(
-        structure=Isolator(frequency_hz=10.0, zeta=zeta),
-        impact_pairs=pairs,
-        excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
-    )
-
-
-def truck(law: Law) -> Scene:
-    mount = Isolator(mass=1.0, damping=2.4 * math.pi * 2.0, stiffness=(24.0 * math.pi) ** 2)
-    return Scene(
-        structure=mount,
-        impact_pairs=[ImpactPair(lower=-1e-3, upper=1e-3, law=law)],
-        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
-    )
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
-from statistical import assert_agrees
 
 from stochvi.methods.periodic.resonance import HarmonicResonance, RandomResonance
 from stochvi.results.estimates import Estimate
+from stochvi.testing import assert_agrees
 
 
 def mount(restitution: float, **changes) -> HarmonicResonance:

@@ -1,7 +1,6 @@
 """Notes on scenes that deserve doubt, and silence on those that do not."""
 
 import pytest
-from known import oscillator
 
 from stochvi import (
     ImpactPair,
@@ -14,6 +13,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.model.cautions import scene_notes
+from support.known import oscillator
 
 LAW = Restitution(coefficient=0.5)
 

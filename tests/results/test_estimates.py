@@ -9,7 +9,6 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from known import oscillator
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.monte_carlo import simulate
@@ -17,6 +16,7 @@ from stochvi.results.estimates import QUANTITY_UNITS, Estimate, Response, format
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
 from stochvi.views.files import to_json
+from support.known import oscillator
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 import pytest
-from statistical import assert_agrees
 
 from stochvi.results.estimates import Estimate
+from stochvi.testing import assert_agrees
 
 
 @pytest.mark.parametrize(

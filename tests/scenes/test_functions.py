@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from known import DOCUMENT, changed
 
 from stochvi.isolators.screening import screen
 from stochvi.methods.averaging import average
@@ -21,6 +20,7 @@ from stochvi.scenes.structures import NonlinearOscillator, Oscillator
 from stochvi.verification.accuracy import cost
 from stochvi.verification.crosscheck import check
 from stochvi.verification.explanation import explain
+from support.known import DOCUMENT, changed
 
 
 def cubic(x):

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import savemat
-from statistical import assert_agrees
-from test_readers import write_uff
 
 from stochvi import RecordedNoise, SceneError, screen
 from stochvi.mathematics.spectra import response_moments
@@ -17,6 +15,8 @@ from stochvi.results.estimates import Estimate
 from stochvi.scenes.readers import TIME_RESPONSE
 from stochvi.scenes.records import Record, response_error, wanted_resolution
 from stochvi.scenes.scene import load_scene
+from stochvi.testing import assert_agrees
+from support.uff import write_uff
 
 FS, DENSITY = 400.0, 0.5
 OMEGA = 2.0 * math.pi * 12.0

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from statistical import assert_agrees
 
 from stochvi import Isolator, RoadNoise, Scene, SceneError, screen
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.roads import ROUGHNESS, velocity_density
+from stochvi.testing import assert_agrees
 
 
 def test_each_class_is_four_times_the_one_before_from_16_cubic_millimetres_times_1000() -> None:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from known import DOCUMENT, MISTAKES, NOTHING, changed, oscillator, to_toml
 
 from stochvi.results.errors import SceneError
 from stochvi.scenes.datasets import data_folder
@@ -21,6 +20,7 @@ from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.scenes.validation import Checked
+from support.known import DOCUMENT, MISTAKES, NOTHING, changed, oscillator, to_toml
 
 # What is read -----------------------------------------------------------------------------
 

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from statistical import assert_agrees
 
 from stochvi import (
     Elastic,
@@ -36,6 +35,7 @@ from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
 from stochvi.statistics.bursts import Bursts, bursts
+from stochvi.testing import assert_agrees
 
 
 def unit(level: float, law: Law, lower: float | None = None) -> Scene:

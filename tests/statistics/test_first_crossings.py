@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
-from statistical import assert_agrees
 
 from stochvi import (
     FilteredNoise,
@@ -34,6 +33,7 @@ from stochvi.statistics.first_crossings import (
     first_crossings,
     largest_error,
 )
+from stochvi.testing import assert_agrees
 
 UNIT = Scene(
     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import chi2, kstest
-from statistical import assert_agrees
 
 from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.methods.closed_form import exact
@@ -32,6 +31,7 @@ from stochvi.statistics.impacts.tallies import (
     rate,
     ratio,
 )
+from stochvi.testing import assert_agrees
 
 
 def scene(restitution: float, lower: float | None = -1.0, upper: float | None = 1.0) -> Scene:

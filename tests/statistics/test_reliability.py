@@ -5,10 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from known import DOCUMENT, oscillator, to_toml
-from statistical import assert_agrees
-from test_cli import Run, one_document, stochvi  # noqa: F401
-from test_splitting import P_AT_3, RARE, TEN_PERIODS
 
 from stochvi import (
     Elastic,
@@ -26,7 +22,10 @@ from stochvi.cli.failing import _spoken
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.bursts import bursts
+from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
+from support.commands import Run, one_document
+from support.known import DOCUMENT, P_AT_3, RARE, TEN_PERIODS, oscillator, to_toml
 
 FREE, BOX, FAR = oscillator(), oscillator(-1.0, 1.0), oscillator(-4.5, 4.5)
 PRELOADED = oscillator(None, -0.5)
@@ -227,7 +226,7 @@ def test_chances_near_one_are_told_by_their_lower_end() -> None:
     assert _spoken(0.9, 0.01, 0.88) == "0.900(10)"
 
 
-def test_the_command(stochvi: Run, tmp_path: Any) -> None:  # noqa: F811
+def test_the_command(stochvi: Run, tmp_path: Any) -> None:
     scene = str(shipped_scene("oscillator-lossy"))
     done = stochvi(
         "reliability", scene, "--mission", "30", "--impact-speed", "2", "--start", "rest",
@@ -262,7 +261,7 @@ def test_the_command(stochvi: Run, tmp_path: Any) -> None:  # noqa: F811
     ],
 )
 def test_a_barrier_on_the_command_line(
-    stochvi: Run, tmp_path: Any, barrier: str, code: int, said: str  # noqa: F811
+    stochvi: Run, tmp_path: Any, barrier: str, code: int, said: str
 ) -> None:  # fmt: skip
     path = tmp_path / "free.toml"
     free = {key: value for key, value in DOCUMENT.items() if key != "impact_pair"}

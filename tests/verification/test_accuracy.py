@@ -8,14 +8,13 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from known import RIGID_STOPS, oscillator
 from scipy.stats import chi2
-from statistical import Z, assert_agrees
 
 from stochvi import Estimate, NotConverged, cost, exact, load_scene, simulate
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.quantities import GOVERNED
 from stochvi.scenes.datasets import shipped_scene
+from stochvi.testing import assert_agrees
 from stochvi.verification.accuracy import (
     NOISE,
     TARGETS,
@@ -26,6 +25,8 @@ from stochvi.verification.accuracy import (
     ladder,
     step_order,
 )
+from stochvi.verification.testing.agreement import Z
+from support.known import RIGID_STOPS, oscillator
 
 ELASTIC = oscillator(-1.0, 1.0, 1.0)
 LOSSY = oscillator(-1.0, 1.0, 0.5)

@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 import pytest
-from known import oscillator
 
 from stochvi import Estimate, Response, check, exact, fokker_planck, load_scene, simulate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.verification.crosscheck import APPROXIMATE, BIAS_UNKNOWN, DISAGREES, TOO_RARE, compare
+from support.known import oscillator
 
 
 @pytest.mark.parametrize("name", ["oscillator-elastic", "oscillator-lossy", "isolator-truck"])

@@ -3,9 +3,9 @@
 import json
 
 import pytest
-from known import oscillator
 
 from stochvi import Isolator, Scene, TabulatedNoise, WhiteNoise, explain, simulate, zoo
+from support.known import oscillator
 
 
 def test_what_is_absent_is_told() -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from known import ELASTIC_STOPS, RIGID_STOPS
 
 import stochvi
 from stochvi import NotApplicable, exact, simulate, zoo
@@ -22,6 +21,7 @@ from stochvi.testing import (
 from stochvi.verification.crosscheck import compare
 from stochvi.verification.testing import judging
 from stochvi.verification.testing.samples import PathAverages, sample_of
+from support.known import ELASTIC_STOPS, RIGID_STOPS
 
 FEW = ("linear", "elastic-half-sigma", "lossy-half-sigma")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import matplotlib as mpl
 import numpy as np
 import pytest
-from known import oscillator
+
+from support.known import oscillator
 
 mpl.use("Agg")
 

@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.axes import Axes
-from sized import BUMPER, MOUNT, TRUCK, scene_between_stops, sizing_of
 
 from stochvi import (
     ConstantLoad,
@@ -46,6 +45,7 @@ from stochvi.views.report.stops import hit_on_mount
 from stochvi.views.report.tolerances import within_tolerances
 from stochvi.views.report.words import G
 from stochvi.views.report.write import clearance_page, write_report
+from support.sized import BUMPER, MOUNT, TRUCK, scene_between_stops, sizing_of
 
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 

@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from known import RIGID_STOPS, oscillator, values
 from scipy.integrate import quad
-from statistical import assert_agrees
 
 from stochvi.methods.averaging import CONTINUOUS, FINITE_JUMPS, UNFOLDED, VARIANTS, average
 from stochvi.methods.closed_form import exact
@@ -20,6 +18,8 @@ from stochvi.scenes.excitations import WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, SpeedRestitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
+from stochvi.testing import assert_agrees
+from support.known import RIGID_STOPS, oscillator, values
 
 LOSSLESS = {
     "symmetric": {"lower": -1.0, "upper": 1.0},

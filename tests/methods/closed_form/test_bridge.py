@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bridge import (
+
+from stochvi import Estimate, ImpactPair, Restitution, exact, simulate
+from stochvi.testing import assert_agrees
+from support.bridge import (
     F1_LOWER,
     F2_LOWER,
     N_LOWER,
@@ -21,10 +24,7 @@ from bridge import (
     judge,
     transition,
 )
-from known import RIGID_STOPS, RigidStops, oscillator, values
-from statistical import assert_agrees
-
-from stochvi import Estimate, ImpactPair, Restitution, exact, simulate
+from support.known import RIGID_STOPS, RigidStops, oscillator, values
 
 SECOND_STOP = 3
 """Rows from a quantity of the lower stop to that of the upper."""

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from known import BENCH, ELASTIC_STOPS, NATURAL, RIGID_STOPS, Units, oscillator, values
 from scipy.integrate import quad
 
 from stochvi.methods.closed_form import displacement_density, exact
@@ -18,6 +17,7 @@ from stochvi.scenes.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
+from support.known import BENCH, ELASTIC_STOPS, NATURAL, RIGID_STOPS, Units, oscillator, values
 
 PRINTED = 1e-13
 """The printed values have 15 digits; both sides round some hundred times."""

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from statistical import assert_agrees
 
 from stochvi.methods.closed_form import exact, unmet_conditions
 from stochvi.methods.monte_carlo import simulate
@@ -16,6 +15,7 @@ from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine, Tabula
 from stochvi.scenes.impact_laws import Elastic, Hertz, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Matrices, Oscillator
+from stochvi.testing import assert_agrees
 
 ROUNDING = 1e-12
 RIGID = Restitution(coefficient=1.0)

@@ -8,9 +8,7 @@ from itertools import pairwise
 import mpmath as mp
 import numpy as np
 import pytest
-from known import oscillator
 from scipy.integrate import quad
-from statistical import assert_agrees
 
 from stochvi.methods.closed_form import autocorrelation, exact, exact_density, unmet_conditions
 from stochvi.methods.monte_carlo import record_path
@@ -20,6 +18,8 @@ from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Restitution, SpeedRestitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import NonlinearOscillator, Oscillator
+from stochvi.testing import assert_agrees
+from support.known import oscillator
 
 LINEAR = Oscillator(mass=2.0, damping=0.2, stiffness=2.0)
 """With the noise below: omega = theta = 1, b = 0.1."""

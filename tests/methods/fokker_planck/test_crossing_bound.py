@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from known import oscillator
 from scipy.stats import norm
 
 from stochvi import Gaussian, first_passage
@@ -15,6 +14,7 @@ from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
 from stochvi.methods.fokker_planck.mesh import gauss
 from stochvi.methods.fokker_planck.operators import LinearMotion
 from stochvi.methods.fokker_planck.starts import Point
+from support.known import oscillator
 
 
 def mean_crossings(motion: LinearMotion, start: Point, barrier: float, duration: float) -> float:

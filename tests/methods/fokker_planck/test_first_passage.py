@@ -9,10 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from known import BENCH, oscillator
 from numba import njit
 from scipy.special import gamma, hyp2f1, ndtr
-from statistical import assert_agrees
 
 from stochvi import (
     ConstantLoad,
@@ -37,6 +35,8 @@ from stochvi.methods.fokker_planck.mesh import gauss
 from stochvi.methods.fokker_planck.operators import LinearMotion
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
+from stochvi.testing import assert_agrees
+from support.known import BENCH, oscillator
 
 PERIOD = 2.0 * math.pi
 

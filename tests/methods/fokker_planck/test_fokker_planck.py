@@ -8,9 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from known import BENCH, ELASTIC_STOPS, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
 from scipy.integrate import quad
-from statistical import assert_agrees
 
 from stochvi import (
     ConstantLoad,
@@ -41,6 +39,8 @@ from stochvi.methods.fokker_planck.levels import (
     unreached,
 )
 from stochvi.methods.fokker_planck.mesh import Mesh, VelocityBasis
+from stochvi.testing import assert_agrees
+from support.known import BENCH, ELASTIC_STOPS, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
 
 LOSSY_ROWS = [row for row in RIGID_STOPS if row.restitution < 1.0]
 SHARP = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from known import oscillator
-from statistical import assert_agrees
 
 from stochvi import (
     ConstantLoad,
@@ -27,6 +25,8 @@ from stochvi import (
 from stochvi.methods.fokker_planck import accurate
 from stochvi.methods.fokker_planck.field import Averages, Field
 from stochvi.methods.fokker_planck.motion import Motion, make_frame
+from stochvi.testing import assert_agrees
+from support.known import oscillator
 
 HITS = ("rate_upper", "speed_rate_upper", "speed_square_rate_upper")
 

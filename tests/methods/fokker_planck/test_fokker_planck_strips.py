@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from known import BENCH, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
 from scipy.integrate import quad
-from statistical import assert_agrees
 
 from stochvi import (
     Elastic,
@@ -44,6 +42,8 @@ from stochvi.methods.fokker_planck import accurate, strips
 from stochvi.methods.fokker_planck.cells import VelocityCells, given_back, passed_on
 from stochvi.methods.fokker_planck.motion import Motion, make_frame
 from stochvi.scenes.impact_laws import Law
+from stochvi.testing import assert_agrees
+from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
 
 LOSSY_ROWS = [row for row in RIGID_STOPS if row.restitution < 1.0]
 

@@ -8,8 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from known import BENCH, RIGID_STOPS, oscillator
-from statistical import assert_agrees
 
 from stochvi import (
     Estimate,
@@ -25,6 +23,8 @@ from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck import layout, transients
 from stochvi.methods.fokker_planck.mesh import VelocityBasis, gauss
 from stochvi.methods.fokker_planck.transients import Moments
+from stochvi.testing import assert_agrees
+from support.known import BENCH, RIGID_STOPS, oscillator
 
 FLYING = Gaussian(mean=(0.8, -0.7), covariance=((0.09, 0.05), (0.05, 0.2)))
 

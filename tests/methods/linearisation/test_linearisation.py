@@ -7,11 +7,11 @@ import re
 
 import numpy as np
 import pytest
-from linearised import WAYS, make_scene, random_scene, summary, value
 
 from stochvi.methods.linearisation import linearise
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
+from support.linearised import WAYS, make_scene, random_scene, summary, value
 
 
 @pytest.mark.parametrize(

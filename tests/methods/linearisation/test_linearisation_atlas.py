@@ -5,11 +5,9 @@ from __future__ import annotations
 import csv
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from known import RIGID_STOPS
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.linearisation import linearise
@@ -23,8 +21,10 @@ from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
 from stochvi.verification.crosscheck import APPROXIMATE, compare
+from support import CHECKOUT
+from support.known import RIGID_STOPS
 
-STUDY = Path(__file__).parents[3] / "studies" / "13_linearisation_atlas"
+STUDY = CHECKOUT / "studies" / "13_linearisation_atlas"
 WAYS = [("closure", "consistent"), ("motion", "consistent"), ("motion", "book"),
         ("force", "consistent"), ("force", "book"), ("clumps", "consistent"),
         ("closure", "box")]  # fmt: skip

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from linearised import make_scene, summary, value
 from scipy.integrate import quad
 
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.linearisation.forms import choose
+from support.linearised import make_scene, summary, value
 
 
 @pytest.mark.parametrize(("restitution", "printed"), [(1.0, 0.7101), (0.8, 0.6440), (0.5, 0.6177)])

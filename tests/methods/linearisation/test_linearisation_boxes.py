@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from statistical import Z
 
 from stochvi import (
     Absorber,
@@ -23,6 +22,7 @@ from stochvi import (
 from stochvi.methods.linearisation import boxes
 from stochvi.model.model import assemble
 from stochvi.scenes.datasets import data_folder
+from stochvi.verification.testing.agreement import Z
 
 CELL = {"mass": 0.03, "play": 2.5, "restitution": 0.45, "zeta": 0.015}
 

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from linearised import WAYS, make_scene, random_scene, summary, value
 from scipy.integrate import quad
 
 from stochvi.methods.fokker_planck import fokker_planck
@@ -16,6 +15,7 @@ from stochvi.model.balances import residuals
 from stochvi.model.model import assemble
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
+from support.linearised import WAYS, make_scene, random_scene, summary, value
 
 
 def gibbs_moments(scene: Scene) -> dict[str, float]:

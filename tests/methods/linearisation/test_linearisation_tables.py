@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from linearised import WAYS, make_scene, value
 
 from stochvi.mathematics.spectra import response_moments
 from stochvi.methods.linearisation import linearise
@@ -15,6 +14,7 @@ from stochvi.scenes.excitations import Excitation, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator
+from support.linearised import WAYS, make_scene, value
 
 
 def flat(low: float, high: float, density: float = 0.4) -> TabulatedNoise:

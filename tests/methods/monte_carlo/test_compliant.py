@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
-from known import values
-from naive import kick_flow_kick_with_forces, normals, penalty_euler
-from statistical import assert_agrees
 
-import stochvi
+from stochvi import check, simulate
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, CompliantPlan, _stop, plan_compliant
@@ -39,42 +32,26 @@ from stochvi.model.balances import residuals
 from stochvi.model.model import assemble
 from stochvi.results.errors import NoExactSolution, NotApplicable, SceneError
 from stochvi.results.estimates import Estimate
-from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
-from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Restitution, Viscoelastic
-from stochvi.scenes.scene import ImpactPair, Scene, System
-from stochvi.scenes.structures import Isolator, Oscillator
-
-STEEL, RUBBER = Elastic(stiffness=100.0), Viscoelastic(stiffness=100.0, damping_ratio=0.2)
-BALL = Hertz(coefficient=100.0)
-BUMPER = ForceTable(deflection=[0.05, 0.2, 0.3], force=[5.0, 5.0, 30.0])
-WALL = Restitution(coefficient=1.0)
-
-
-def scene(
-    lower: float | None,
-    upper: float | None,
-    law: Law | None = None,
-    *,
-    lower_law: Law | None = None,
-    upper_law: Law | None = None,
-    load: float = 0.0,
-    omega: float = 1.0,
-    damping: float = 0.1,
-    mass: float = 1.0,
-) -> Scene:
-    """theta = 1 with b = 0.1; the laws are those of 1 kg."""
-    scaled = {
-        key: None if value is None else value.per_unit_mass(1.0 / mass)
-        for key, value in (("law", law), ("lower_law", lower_law), ("upper_law", upper_law))
-    }
-    noise = WhiteNoise(intensity=0.2 * mass**2)
-    loads = [ConstantLoad(force=load * mass)] if load else []
-    return Scene(
-        structure=Oscillator(mass=mass, damping=damping * mass, stiffness=omega**2 * mass),
-        impact_pairs=[ImpactPair(lower=lower, upper=upper, **scaled)],
-        excitations=[noise, *loads],
-    )
-
+from stochvi.scenes.excitations import WhiteNoise
+from stochvi.scenes.impact_laws import Elastic, Law, Restitution, Viscoelastic
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Isolator
+from stochvi.testing import assert_agrees
+from support.known import values
+from support.naive import kick_flow_kick_with_forces, normals, penalty_euler
+from support.samples import estimate
+from support.soft_stops import (
+    BALL,
+    BUMPER,
+    CONTACTS,
+    EXACT,
+    RUBBER,
+    STEEL,
+    WALL,
+    random_stop,
+    scene,
+    stops_of,
+)
 
 # ---- the exact law ---------------------------------------------------------------------------
 
@@ -92,26 +69,6 @@ def test_stops_give_the_printed_moments_and_onset_rates(law, square, onsets, mas
     assert found["collision_rate"] == pytest.approx(onsets, rel=3e-13)
     if law is STEEL:
         assert found["contact_probability"] == pytest.approx(0.075614997603931, rel=3e-13)
-
-
-EXACT = {
-    "linear": scene(-1.0, 1.0, STEEL),
-    "Hertz": scene(-1.0, 1.0, BALL),
-    "table": scene(-1.0, 1.0, BUMPER),
-    "soft": scene(-1.0, 1.0, Elastic(stiffness=1e-2)),
-    "stiff": scene(-1.0, 1.0, Elastic(stiffness=1e8)),
-    "stiff Hertz": scene(-1.0, 1.0, Hertz(coefficient=1e8)),
-    "unequal, with a wall": scene(-0.5, 1.0, lower_law=STEEL, upper_law=WALL),
-    "wall below, load": scene(-0.5, 0.3, lower_law=WALL, upper_law=BALL, load=0.4),
-    "preload": scene(None, -1.0, STEEL),
-    "preload, Hertz": scene(None, -1.0, BALL),
-    "preload, table": scene(0.5, None, BUMPER),
-    "preload, stiff": scene(None, -1.0, Elastic(stiffness=1e8)),
-    "load on a stop": scene(-1.0, 1.0, BUMPER, load=3.0),
-    "hardly a gap": scene(-1e-9, 1e-9, lower_law=STEEL, upper_law=Elastic(stiffness=3.0)),
-    "no spring": scene(-1.0, 1.0, STEEL, omega=0.0),
-    "no spring, table": scene(-0.01, 0.01, BUMPER, omega=0.0),
-}
 
 
 def gibbs(case: Scene, spread: float, mean: float, count: int) -> dict[str, float]:
@@ -170,12 +127,6 @@ def test_the_exact_law_is_the_integral_of_the_gibbs_density(case: Scene) -> None
         assert residual.value == pytest.approx(0.0, abs=1e-10), name
 
 
-def stops_of(system: System) -> list[tuple[float, float, Law]]:
-    """(side, position, law) of each stop."""
-    ends = ((-1.0, system.lower, system.law_lower), (1.0, system.upper, system.law_upper))
-    return [(side, stop, law) for side, stop, law in ends if stop is not None and law is not None]
-
-
 @pytest.mark.parametrize("name", ["linear", "Hertz", "table", "preload", "preload, Hertz"])
 def test_the_mean_peak_force_is_that_of_rayleigh_impacts(name: str) -> None:
     """The contact without noise, integrated for each impact speed, averaged over their law."""
@@ -230,16 +181,6 @@ def test_rigid_stops_have_no_contact_time_and_no_peak_force() -> None:
 
 # ---- one contact in the kernel ---------------------------------------------------------------
 
-CONTACTS = {
-    "elastic": STEEL,
-    "stiff": Elastic(stiffness=1e8),
-    "z = 0.2": RUBBER,
-    "z = 0.7": Viscoelastic(stiffness=1e8, damping_ratio=0.7),
-    "z = 1": Viscoelastic(stiffness=100.0, damping_ratio=1.0),
-    "z = 3": Viscoelastic(stiffness=100.0, damping_ratio=3.0),
-    "Hertz": BALL,
-    "table": BUMPER,
-}
 SPEED = 1.3
 
 
@@ -328,30 +269,6 @@ def test_a_path_equals_its_plain_twin(name: str) -> None:
         np.testing.assert_allclose(found[kept], row[kept] / length, rtol=0, atol=50.0 * near)
 
 
-PACKAGE = str(Path(stochvi.__file__).parent.parent)
-
-
-def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
-    probe = (
-        "import numpy as np; np.seterr(over='ignore')\n"
-        "from test_compliant import EXACT, TWINS, plan_compliant\n"
-        "for scene in (EXACT['wall below, load'], TWINS['viscoelastic'], TWINS['table, load']):\n"
-        "    plan = plan_compliant(scene.system(), None, 4.0).with_step(0.25)\n"
-        "    plan = type(plan)(**{**vars(plan), 'burn_in': 0.5})\n"
-        "    print(*plan.averages(3, 0, 3).ravel())\n"
-    )
-
-    def run(**extra: str) -> np.ndarray:
-        told = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", probe], capture_output=True, text=True,
-            check=True, cwd=Path(__file__).parents[2],
-                env=os.environ | {"PYTHONPATH": PACKAGE} | extra,
-        ).stdout  # fmt: skip
-        return np.array([float(word) for word in told.split()])
-
-    np.testing.assert_allclose(run(NUMBA_DISABLE_JIT="1"), run(), rtol=1e-9, atol=1e-12)
-
-
 def test_digits_do_not_depend_on_how_paths_are_gathered() -> None:
     plan = plan_compliant(TWINS["viscoelastic"].system(), None, 20.0)
     whole = plan.averages(4, 0, 300)
@@ -380,11 +297,6 @@ def balances_of(case: Scene, found: dict[str, np.ndarray]) -> dict[str, np.ndarr
     owners = {"x": "x", "xx": "x", "vv": "x", "variance": "x"}
     keyed = {(owners.get(name, "stops"), name): sample for name, sample in found.items()}
     return residuals(assemble(case), keyed, (0.0,))
-
-
-def estimate(sample: np.ndarray, bias: float = 0.0) -> Estimate:
-    error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
-    return Estimate(value=float(sample.mean()), standard_error=error, bias=bias)
 
 
 PATHS = 512
@@ -545,20 +457,6 @@ def test_what_has_no_stationary_state_here_is_refused(case, slow_impacts, words)
         plan_compliant(case.system(), None, None, slow_impacts)
 
 
-def random_stop(rng: np.random.Generator) -> Law:
-    """Stiffnesses over many orders, dampings of all sizes, tables with plateaus."""
-    size = 10.0 ** rng.uniform(-4.0, 9.0)
-    steps = 10.0 ** rng.uniform(-4.0, 3.0, 4) * rng.integers(0, 2, 4) + 1e-6
-    choices: list[Law] = [
-        Elastic(stiffness=size),
-        Viscoelastic(stiffness=size, damping_ratio=10.0 ** rng.uniform(-3.0, 1.5)),
-        Hertz(coefficient=size),
-        ForceTable(deflection=np.cumsum(10.0 ** rng.uniform(-4.0, 0.0, 4)), force=np.cumsum(steps)),
-        Restitution(coefficient=float(rng.choice([1.0, 0.8, 0.3, 0.0]))),
-    ]
-    return choices[rng.integers(0, len(choices))]
-
-
 def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
     """Gaps from a micrometre on, preloads, no spring: nothing hangs, overflows or gains energy."""
     rng = np.random.default_rng(5)
@@ -589,3 +487,27 @@ def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
             assert after <= before * (1.0 + error)
         if all(law.conservative for _, _, law in held):
             assert after >= before * (1.0 - error)
+
+
+# ---- simulate and check --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["linear", "Hertz", "unequal, with a wall"])
+def test_simulate_and_the_exact_law_agree_in_every_quantity(name: str) -> None:
+    found = check(EXACT[name], rel_error=0.01)
+    assert found.passed, found
+    quantities = {row.quantity for row in found.comparisons}
+    assert {"contact_probability", "contact_force_lower", "energy", "force"} <= quantities
+    # a rigid stop has no peak force, and so has no pair of which it is one
+    assert ("peak_force" in quantities) == (name != "unequal, with a wall")
+
+
+def test_forces_are_those_on_the_mass_of_the_scene() -> None:
+    light, heavy = (
+        simulate(scene(-1.0, 1.0, RUBBER, mass=mass), paths=64, seed=3).impact_pairs["stops"]
+        for mass in (1.0, 2.5)
+    )
+    for quantity in ("peak_force", "contact_force_upper"):
+        one, other = light[quantity], heavy[quantity]
+        assert isinstance(one, Estimate) and isinstance(other, Estimate)
+        assert other.value == pytest.approx(2.5 * one.value, rel=1e-6)

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import math
-import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
-from known import values
-from statistical import assert_agrees
 
 from stochvi import NotApplicable, Response, Scene, SceneError, exact, record_path, simulate
 from stochvi.mathematics.impact_rates import (
@@ -27,19 +22,10 @@ from stochvi.methods.monte_carlo.kernels.flight import SUMS, run_white
 from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.white import ENOUGH_STEPS, WhitePlan, _flow
+from stochvi.testing import assert_agrees
+from support.known import values
 
-
-def _load() -> ModuleType:
-    path = Path(__file__).parents[3] / "studies" / "04_hard_cases" / "cases.py"
-    spec = importlib.util.spec_from_file_location("hard_cases", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["hard_cases"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-HARD = _load()
+HARD = importlib.import_module("studies.04_hard_cases.cases")
 CASES: dict[str, Scene] = HARD.CASES
 
 FEW_PATHS = {

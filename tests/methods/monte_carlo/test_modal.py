@@ -7,10 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from known import RIGID_STOPS, oscillator, values
-from naive import kick_flow_kick, normals
 from scipy.linalg import expm
-from statistical import assert_agrees
 
 from stochvi import (
     Estimate,
@@ -34,6 +31,9 @@ from stochvi.model.balances import residuals
 from stochvi.model.model import assemble
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.structures import Matrices
+from stochvi.testing import assert_agrees
+from support.known import RIGID_STOPS, oscillator, values
+from support.naive import kick_flow_kick, normals
 
 QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
 

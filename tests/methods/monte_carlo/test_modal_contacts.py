@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from statistical import assert_agrees
 
 from stochvi import (
     Elastic,
-    Estimate,
     ForceTable,
     Hertz,
     ImpactPair,
@@ -20,7 +17,6 @@ from stochvi import (
     Oscillator,
     Restitution,
     Scene,
-    TabulatedNoise,
     Viscoelastic,
     WhiteNoise,
     exact,
@@ -36,6 +32,9 @@ from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.structures import Matrices
+from stochvi.testing import assert_agrees
+from support.mounts import two_stages
+from support.samples import apart
 
 
 def absorber(law: Law, **more: object) -> Scene:
@@ -44,15 +43,6 @@ def absorber(law: Law, **more: object) -> Scene:
         structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
         absorber=Absorber(mass=0.1, play=2.0, law=law, **more),
         excitations=[WhiteNoise(intensity=0.2)],
-    )
-
-
-def apart(one: Estimate, two: Estimate) -> Estimate:
-    """The difference of two independent estimates."""
-    return Estimate(
-        value=one.value - two.value,
-        standard_error=math.hypot(one.standard_error or 0.0, two.standard_error or 0.0),
-        bias=(one.bias or 0.0) + (two.bias or 0.0),
     )
 
 
@@ -284,27 +274,6 @@ def test_a_path_is_that_of_brute_force(laws: tuple[Law, Law]) -> None:
     tolerance = 3.0 * KINK_ERROR
     np.testing.assert_allclose(
         record[:count, 0, : 2 * n] / size, brute / size, rtol=0, atol=tolerance
-    )
-
-
-def two_stages(first: Law, second: Law) -> Scene:
-    """A box of 20 kg at 12 Hz on a frame of 100 kg at 15 Hz, on a truck."""
-    k1, k2 = 100.0 * (30.0 * math.pi) ** 2, 20.0 * (24.0 * math.pi) ** 2
-    c1, c2 = 2.0 * 0.08 * math.sqrt(k1 * 120.0), 2.0 * 0.1 * math.sqrt(k2 * 20.0)
-    return Scene(
-        structure=Matrices(
-            coordinates=["frame", "box"],
-            mass=np.diag([100.0, 20.0]),
-            stiffness=[[k1 + k2, -k2], [-k2, k2]],
-            damping=[[c1 + c2, -c2], [-c2, c2]],
-        ),
-        impact_pairs=[
-            ImpactPair(name="bumpers", on="frame", lower=-2e-3, upper=1.5e-3, law=first),
-            ImpactPair(
-                name="box stops", between=["box", "frame"], lower=-2e-3, upper=3e-3, law=second
-            ),
-        ],
-        excitations=[TabulatedNoise(on="base", profile="mil-std-810h-truck-vertical-5hz")],
     )
 
 

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from statistical import assert_agrees
-from test_modal_contacts import apart, two_stages
 
 from stochvi import (
     Hertz,
@@ -35,6 +33,9 @@ from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.structures import Matrices
+from stochvi.testing import assert_agrees
+from support.mounts import two_stages
+from support.samples import apart
 
 OMEGA = 24.0 * math.pi
 TRUCK = TabulatedNoise(on="base", profile="mil-std-810h-truck-vertical-5hz")

@@ -2,18 +2,11 @@
 
 import math
 import multiprocessing
-import os
-import subprocess
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
-from known import BENCH, NATURAL, RIGID_STOPS, RigidStops, Units, oscillator, values
-from naive import full_band_isolator, kick_flow_kick, mirrored_euler, normals
-from statistical import assert_agrees
 
 from stochvi import (
     ConstantLoad,
@@ -37,9 +30,12 @@ from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.balances import residuals
 from stochvi.model.model import assemble
+from stochvi.testing import assert_agrees
+from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, Units, oscillator, values
+from support.mounts import TRUCK, isolator
+from support.naive import full_band_isolator, kick_flow_kick, mirrored_euler, normals
 
 QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
-TRUCK = "mil-std-810h-truck-vertical-5hz"
 
 
 def run(scene: Scene, plan, seed: int, paths: int) -> PathStatistics:
@@ -54,17 +50,6 @@ def rate(means: dict) -> float:
 def quantities(scene: Scene, **arguments: object) -> dict[str, Estimate]:
     response = simulate(scene, **arguments)  # type: ignore[arg-type]
     return {name: estimate for (_, name), estimate in response.estimates().items()}
-
-
-def isolator(gap: float | None, restitution: float = 0.5, **noise: object) -> Scene:
-    law = Restitution(coefficient=restitution)
-    pairs = [] if gap is None else [ImpactPair(lower=-gap, upper=gap, law=law)]
-    excitation = TabulatedNoise(**(noise or {"profile": TRUCK}))
-    return Scene(
-        structure=Isolator(frequency_hz=12.0, zeta=0.1),
-        impact_pairs=pairs,
-        excitations=[excitation],
-    )
 
 
 # ---- the scheme, path by path ----------------------------------------------------------------
@@ -116,33 +101,6 @@ def compare_with_twin(case: dict, load: float, omega: float) -> None:
     signed = sum(side * w for side, w in hits)
     assert record["impact_speed"].sum() == pytest.approx(signed, rel=0, abs=1e-7)
     assert len(hits) > 3
-
-
-def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
-    probe = (
-        "import numpy as np; np.seterr(over='ignore')\n"
-        "from known import oscillator\n"
-        "from test_monte_carlo import isolator\n"
-        "from stochvi.methods.monte_carlo.plans import make_plan\n"
-        "scenes = oscillator(-1.0, 1.0, 0.5), oscillator(-0.04, 0.05, 0.9), isolator(0.002)\n"
-        "for scene in scenes:\n"
-        "    plan = make_plan(scene, None, 2.0)\n"
-        "    plan = plan if plan.method.startswith('resp') else plan.with_step(0.1)\n"
-        "    plan = plan if plan.method.startswith('resp') else type(plan)(**{**vars(plan),"
-        " 'burn_in': 0.1, 'duration': 4.0})\n"
-        "    print(*plan.averages(3, 0, 3).ravel())\n"
-    )
-    here = Path(__file__).parents[2]
-    checkout = str(here.parent)  # and not an installed package
-
-    def printed(**extra: str) -> np.ndarray:
-        told = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", probe], capture_output=True, text=True,
-            check=True, cwd=here, env=os.environ | {"PYTHONPATH": checkout} | extra,
-        ).stdout  # fmt: skip
-        return np.array([float(word) for word in told.split()])
-
-    np.testing.assert_allclose(printed(NUMBA_DISABLE_JIT="1"), printed(), rtol=1e-9, atol=1e-12)
 
 
 # ---- exact and near-exact numbers ------------------------------------------------------------

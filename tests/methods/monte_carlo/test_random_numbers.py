@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from naive import normals, stream_words
 from scipy import stats
 
 from stochvi.methods.monte_carlo.kernels.random_numbers import (
@@ -12,6 +11,7 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import (
     normal_rows,
     seed_streams,
 )
+from support.naive import normals, stream_words
 
 
 def draw(seed: int, paths: int, rows: int) -> np.ndarray:

@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from known import oscillator
-from statistical import assert_agrees
 from statsmodels.stats.proportion import proportion_confint
 
 from stochvi import Elastic, ImpactPair, Oscillator, Scene, WhiteNoise, exact
@@ -30,16 +28,8 @@ from stochvi.methods.monte_carlo.splitting import (
 )
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate
-
-TEN_PERIODS = 20.0 * math.pi
-P_AT_3, P_AT_4 = 0.0784609, 0.00274504
-"""P(abs(x) passes 3 or 4 sigma in ten periods from rest), zeta = 0.05 (`first_passage`)."""
-
-RARE = [
-    (5.7, "rest", 7.290147e-7), (6.8, "rest", 7.089123e-10),
-    (5.7, "stationary", 1.570058e-6), (6.8, "stationary", 1.726260e-9),
-]  # fmt: skip
-"""The same of higher barriers (`first_passage`, rtol = 1e-5)."""
+from stochvi.testing import assert_agrees
+from support.known import P_AT_3, P_AT_4, RARE, TEN_PERIODS, oscillator
 
 
 def passage(barrier: float, start: str = "rest") -> MissionPlan:

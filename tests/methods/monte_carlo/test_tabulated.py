@@ -5,9 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from naive import held_force, normals, response_domain
 from scipy.stats import norm
-from test_monte_carlo import TRUCK, isolator
 
 from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, screen
 from stochvi.mathematics.spectra import response_moments, squared_gain
@@ -26,12 +24,12 @@ from stochvi.methods.monte_carlo.tabulated import (
     BIN_ERROR,
     FOLD_FROM,
     LARGEST_LOSS,
-    MOST_BLOCKS,
     TabulatedPlan,
 )
 from stochvi.scenes.datasets import profiles
-
-SEED = 41
+from support.mounts import TRUCK, isolator
+from support.naive import held_force, response_domain
+from support.synthesis import AIM, SEED, coefficients
 
 
 def mount(frequency_hz: float, profile: str, sigmas: float | None, restitution: float) -> Scene:
@@ -135,13 +133,6 @@ def test_without_the_fold_velocity_is_missing() -> None:
     omega = frequencies(plan)
     cut = np.sum(omega**2 * plan.bins[: len(omega)])
     assert cut / true_moments(plan)[1] < 1.0 - BIN_ERROR
-
-
-def coefficients(plan: TabulatedPlan, path: int, deviations: np.ndarray) -> np.ndarray:
-    """a - i b of the bins of the first block of a path, from the random numbers themselves."""
-    z = normals(SEED, path * MOST_BLOCKS, 2 * len(deviations))
-    coefficient: np.ndarray = deviations * (z[::2] - 1j * z[1::2])
-    return coefficient
 
 
 def test_common_bins_of_two_sampling_rates_have_common_amplitudes() -> None:
@@ -271,10 +262,6 @@ def paired_differences(
         sums = plan.averages(SEED, first, group)
         engine[:, here] = [sums[XX], sums[VV], *(sums[N_LOWER : N_LOWER + 3] + sums[-3:])]
     return engine, brute
-
-
-AIM = 0.002
-"""Relative error that the sampling is chosen for."""
 
 
 @pytest.mark.verify

@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from known import values
-from naive import held_force_with_contacts
 from scipy.integrate import solve_ivp
-from statistical import assert_agrees
-from test_compliant import BALL, BUMPER, CONTACTS, PACKAGE, RUBBER, STEEL, WALL, random_stop
-from test_compliant import scene as white_scene
-from test_tabulated import AIM, SEED, TRUCK, coefficients
 
 from stochvi import (
     Estimate,
-    ImpactPair,
-    Isolator,
     NotApplicable,
     Restitution,
     Scene,
     TabulatedNoise,
     exact,
     record_path,
-    screen,
     simulate,
 )
 from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, _stop
@@ -66,27 +53,19 @@ from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.results.estimates import QUANTITY_UNITS
-from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
-from stochvi.scenes.impact_laws import Elastic, Hertz, Law, Viscoelastic
+from stochvi.scenes.excitations import FilteredNoise, Sine
+from stochvi.scenes.impact_laws import Elastic, Law, Viscoelastic
+from stochvi.testing import assert_agrees
 from stochvi.views.tables import QUANTITY_NAMES
+from support.known import values
+from support.mounts import COMPANY, MOUNT, bumpered_mount
+from support.naive import held_force_with_contacts
+from support.soft_stops import BALL, BUMPER, CONTACTS, RUBBER, STEEL, WALL, random_stop
+from support.soft_stops import scene as white_scene
+from support.synthesis import AIM, SEED, coefficients
 
 FAINT = TabulatedNoise(frequency_hz=[0.1, 0.2], density=[1e-12, 1e-12], unit="N2/Hz")
 """Sends a scene to the engine for tables, and shakes nothing."""
-
-MOUNT = 2.0 * math.pi * 12.0
-"""Of the mount on a truck, rad/s."""
-
-
-def truck(law: Law, *, sigmas: float = 2.0, mass: float = 1.0, **parts: object) -> Scene:
-    """A 12 Hz mount on a truck with stops at so many standard deviations without stops."""
-    noise = TabulatedNoise(profile=TRUCK)
-    structure = Isolator(frequency_hz=12.0, zeta=0.1, mass=mass)
-    gap = sigmas * screen(Scene(structure=structure, excitations=[noise])).displacement_std
-    return Scene(
-        structure=structure,
-        impact_pairs=[ImpactPair(lower=-gap, upper=gap, law=law)],
-        excitations=[noise, *parts.get("beside", [])],
-    )
 
 
 def plan_of(scene: Scene, duration: float | None = None) -> TabulatedPlan:
@@ -316,7 +295,7 @@ def differences(found: np.ndarray) -> dict[str, Estimate]:
 
 def test_hits_and_forces_agree_with_a_brute_force_on_the_same_noise() -> None:
     law = Elastic(stiffness=10.0 * MOUNT**2)
-    found = differences(paired(truck(law), 16, 2048.0, 1, law, 16))
+    found = differences(paired(bumpered_mount(law), 16, 2048.0, 1, law, 16))
     for estimate in found.values():
         # the brute force itself: a frequency in contact off by (W h)^2 / 24
         error = 11.0 * (MOUNT / 2048.0) ** 2 / 24.0
@@ -337,7 +316,9 @@ def test_hits_and_forces_agree_whatever_the_stiffness(
     ratio: float, rate: float, parts: int, paths: int, resolution: float
 ) -> None:
     law = Elastic(stiffness=ratio * MOUNT**2)
-    for name, estimate in differences(paired(truck(law), paths, rate, parts, law, 128)).items():
+    for name, estimate in differences(
+        paired(bumpered_mount(law), paths, rate, parts, law, 128)
+    ).items():
         print(f"{ratio:g} {name} {estimate.value:+.5f} +- {estimate.standard_error:.5f}")
         assert_agrees(estimate, 0.0)
         assert estimate.standard_error < resolution
@@ -350,14 +331,14 @@ def test_hits_and_forces_agree_whatever_the_stiffness(
 def test_stiff_stops_become_rigid_ones_of_their_restitution(z: float) -> None:
     """On the same noise, path by path: differences shrink as the stiffness grows."""
     rigid_law = Restitution(coefficient=Viscoelastic(stiffness=1.0, damping_ratio=z).restitution)
-    rigid_plan = make_plan(truck(rigid_law), 0.0, None)
+    rigid_plan = make_plan(bumpered_mount(rigid_law), 0.0, None)
     rigid = rigid_plan.averages(SEED, 0, 64)
     rows, off = [XX, VV, N_UPPER, F1_UPPER], []
     for ratio in (1e2, 1e8):
         law: Law = Elastic(stiffness=ratio * MOUNT**2)
         if z > 0.0:
             law = Viscoelastic(stiffness=ratio * MOUNT**2, damping_ratio=z)
-        found = plan_of(truck(law)).averages(SEED, 0, 64)
+        found = plan_of(bumpered_mount(law)).averages(SEED, 0, 64)
         off.append((found[rows] - rigid[rows]) / rigid[rows].mean(axis=1, keepdims=True))
         impulse = found[CONTACT_ROWS["force_upper"]] / found[F1_UPPER]
     assert impulse.mean() == pytest.approx(1.0 + rigid_law.coefficient, rel=1e-3)
@@ -371,23 +352,10 @@ def test_stiff_stops_become_rigid_ones_of_their_restitution(z: float) -> None:
         assert_agrees(Estimate(value=float(off[0][0].mean()), standard_error=error, bias=0.0), 0.0)
 
 
-COMPANY = {
-    "viscoelastic": (RUBBER.per_unit_mass(1.0 / MOUNT**2), []),
-    "Hertz, load": (Hertz(coefficient=1e6), [ConstantLoad(acceleration=5.0)]),
-    "sine, filtered noise": (
-        Elastic(stiffness=30.0 * MOUNT**2),
-        [
-            Sine(amplitude=3.0, frequency_hz=17.0),
-            FilteredNoise(density=0.3, unit="(m/s2)2/Hz", frequency_hz=9.0, zeta=0.2),
-        ],
-    ),
-}
-
-
 @pytest.mark.parametrize("name", COMPANY)
 def test_forces_balance_whatever_shakes_the_mass(name: str) -> None:
     law, beside = COMPANY[name]
-    response = simulate(truck(law, beside=beside), paths=64, seed=4)
+    response = simulate(bumpered_mount(law, beside=beside), paths=64, seed=4)
     assert set(response.identities) == {"force"}
     assert_agrees(response.identities["force"], 0.0)
     pair = response.impact_pairs["stops"]
@@ -437,7 +405,7 @@ def test_a_wall_and_a_stop_that_gives_way_balance_too() -> None:
 def test_forces_are_those_on_the_mass_of_the_scene() -> None:
     law = Elastic(stiffness=30.0 * MOUNT**2)
     light, heavy = (
-        simulate(truck(law.per_unit_mass(1.0 / mass), mass=mass), paths=64, seed=3)
+        simulate(bumpered_mount(law.per_unit_mass(1.0 / mass), mass=mass), paths=64, seed=3)
         for mass in (1.0, 2.5)
     )
     for quantity, factor in (
@@ -450,7 +418,7 @@ def test_forces_are_those_on_the_mass_of_the_scene() -> None:
 
 
 def test_digits_depend_neither_on_blocks_nor_on_threads() -> None:
-    scene = truck(COMPANY["viscoelastic"][0])
+    scene = bumpered_mount(COMPANY["viscoelastic"][0])
     plan = plan_of(scene, 20.0)
     whole = plan.averages(4, 0, 40)
     parts = [plan.averages(4, first, count) for first, count in ((0, 1), (1, 32), (33, 7))]
@@ -465,32 +433,9 @@ def test_every_quantity_has_a_name_to_be_printed_by() -> None:
 
 def test_a_path_may_be_recorded() -> None:
     law = Elastic(stiffness=30.0 * MOUNT**2)
-    record = record_path(truck(law), duration=20.0, seed=1)
-    gap = truck(law).impact_pairs[0].upper
+    record = record_path(bumpered_mount(law), duration=20.0, seed=1)
+    gap = bumpered_mount(law).impact_pairs[0].upper
     assert (record["displacement"].abs() > gap).any() and (record["impact_speed"] != 0.0).any()
-
-
-def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
-    probe = (
-        "import numpy as np; np.seterr(over='ignore')\n"
-        "from test_tabulated_contacts import COMPANY, plan_of, replace, truck\n"
-        "for law, beside in COMPANY.values():\n"
-        "    plan = plan_of(truck(law, sigmas=0.5, beside=beside), 0.3)\n"
-        "    plan = replace(plan, warm_up=0.05, block_length=2.0, samples=360)\n"
-        "    print(*plan.averages(3, 0, 1).ravel())\n"
-    )
-
-    def run(**extra: str) -> np.ndarray:
-        told = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", probe], capture_output=True, text=True,
-            check=True, cwd=Path(__file__).parents[2],
-            env=os.environ | {"PYTHONPATH": PACKAGE} | extra,
-        ).stdout  # fmt: skip
-        return np.array([float(word) for word in told.split()])
-
-    with_compiler = run()
-    assert np.isfinite(with_compiler).all()
-    np.testing.assert_allclose(run(NUMBA_DISABLE_JIT="1"), with_compiler, rtol=1e-8, atol=1e-12)
 
 
 @pytest.mark.parametrize(

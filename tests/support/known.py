@@ -149,6 +149,18 @@ def _error(text: str, restitution: float) -> float:
 RIGID_STOPS = _read_rigid_stops()
 
 
+# First passages of the oscillator that omega = 1, zeta = 0.05 make ---------------------------
+
+TEN_PERIODS = 20.0 * math.pi
+P_AT_3, P_AT_4 = 0.0784609, 0.00274504
+"""P(abs(x) passes 3 or 4 sigma in ten periods from rest), zeta = 0.05 (`first_passage`)."""
+RARE = [
+    (5.7, "rest", 7.290147e-7), (6.8, "rest", 7.089123e-10),
+    (5.7, "stationary", 1.570058e-6), (6.8, "stationary", 1.726260e-9),
+]  # fmt: skip
+"""The same of higher barriers (`first_passage`, rtol = 1e-5)."""
+
+
 # Scene files with one mistake each ----------------------------------------------------------
 
 DOCUMENT: dict[str, Any] = {

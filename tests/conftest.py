@@ -1,0 +1,23 @@
+"""Fixtures of all tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stochvi.cli import main
+from support.commands import Finished, Run
+
+
+@pytest.fixture
+def stochvi(capsys: pytest.CaptureFixture[str]) -> Run:
+    """The command with these arguments, as it ends."""
+
+    def run(*arguments: str | Path) -> Finished:
+        with pytest.raises(SystemExit) as stop:
+            main([str(argument) for argument in arguments], prog_name="stochvi")
+        assert isinstance(stop.value.code, int)
+        return Finished(stop.value.code, *capsys.readouterr())
+
+    return run
