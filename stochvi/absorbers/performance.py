@@ -12,8 +12,8 @@ import pandas as pd
 
 from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.runs import Progress
-from stochvi.model.modal import linear_law, modes_of
-from stochvi.model.model import Assembly, Contact, assemble
+from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
+from stochvi.model.modal import linear_law
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, Response
 from stochvi.results.intervals import GAUSSIAN_95
@@ -205,8 +205,9 @@ def absorber(
         raise ValueError(f"levels_db must be at least one finite number, got {list(levels_db)}")
     if without_absorber(scene).impact_pairs:
         raise NotApplicable("absorber", ["the structure itself must have no stops"])
-    masses = scene.absorber.mass_on
-    carrier = next(name for name in scene.structure.coordinates if name not in masses)
+    full = scene.expanded
+    masses = scene.absorber_coordinates
+    carrier = next(name for name in full.structure.coordinates if name not in masses)
     found = []
     for number, level in enumerate(levels_db):
 
@@ -214,15 +215,15 @@ def absorber(
             if progress:
                 progress((number + done) / len(levels_db), text)
 
-        shaken = scene.at_level(level)
+        shaken = full.at_level(level)
         response = simulate(
             shaken, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=report
         )
         report(1.0, "peaks of recorded paths")
         found.append(_performance(shaken, carrier, level, response, seed))
     costs = [each.response.cost for each in found]
-    mass = np.diag(scene.structure.matrices[0])
-    light = np.array([name in masses for name in scene.structure.coordinates])
+    mass = np.diag(full.structure.matrices[0])
+    light = np.array([name in masses for name in full.structure.coordinates])
     return AbsorberReport(
         scene=scene,
         carrier=carrier,
@@ -249,8 +250,7 @@ def without_absorber(scene: Scene) -> Scene:
     NotApplicable
         If nothing shakes what is left.
     """
-    assert scene.absorber is not None
-    gone = set(scene.absorber.mass_on)
+    gone, scene = set(scene.absorber_coordinates), scene.expanded
     kept = [n for n, name in enumerate(scene.structure.coordinates) if name not in gone]
     lost = [n for n, name in enumerate(scene.structure.coordinates) if name in gone]
 

@@ -16,7 +16,7 @@ from statsmodels.stats.proportion import proportion_confint
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.periodic.resonance import HarmonicResonance
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene

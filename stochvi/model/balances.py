@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from stochvi.model.model import Assembly
+from stochvi.model.assembly import Assembly
 from stochvi.scenes.impact_laws import Restitution
 
 ENERGIES = ("kinetic", "potential", "dissipation")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from scipy.linalg import eigh
 from stochvi.mathematics.frequency_response import Tables
 from stochvi.mathematics.frequency_response import covariance as tabulated_covariance
 from stochvi.mathematics.state_space import stationary_covariance
-from stochvi.model.model import Assembly
+
+if TYPE_CHECKING:
+    from stochvi.model.model import Model
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -26,7 +28,7 @@ UNSTABLE = 1e-8
 """Decay rate, relative to the fastest frequency, below which there is no stationary law."""
 
 
-class Modes(NamedTuple):
+class ModalForm(NamedTuple):
     """M q'' + C q' + K q = forces in modal coordinates, displacements = Phi q with Phi' M Phi = 1.
 
     The state of a path is s = (q - rest, q', signals); each signal has the states f and f'/omega.
@@ -118,18 +120,18 @@ class Modes(NamedTuple):
         return intensity
 
 
-def modes_of(assembly: Assembly) -> Modes:
-    """Modal coordinates of an assembly, and its signals as states."""
-    squares, shapes = eigh(assembly.stiffness, assembly.mass)
+def modal_form(model: Model) -> ModalForm:
+    """A model in modal coordinates, with its signals as states."""
+    squares, shapes = eigh(model.stiffness, model.mass)
     squares = np.where(squares > RIGID_BODY * max(float(squares[-1]), 0.0), squares, 0.0)
-    load = shapes.T @ assembly.load
+    load = shapes.T @ model.constant_force
     free = squares == 0.0
     falling = np.where(free, load, 0.0)
-    states = 2 * len(assembly.signals) + int(np.any(falling))
+    states = 2 * len(model.signals) + int(np.any(falling))
     generator, noise = np.zeros((states, states)), np.zeros((states, states))
     coupling = np.zeros((len(squares), states))
     sines = []
-    for number, signal in enumerate(assembly.signals):
+    for number, signal in enumerate(model.signals):
         k = 2 * number
         generator[k, k + 1], generator[k + 1, k] = signal.omega, -signal.omega
         generator[k + 1, k + 1] = -signal.damping_rate
@@ -139,19 +141,19 @@ def modes_of(assembly: Assembly) -> Modes:
             sines.append((k, signal.omega, signal.amplitude))
     if np.any(falling):
         coupling[:, -1] = falling
-    directions = [contact.direction for contact in assembly.contacts]
-    return Modes(
+    directions = [pair.direction for pair in model.pairs]
+    return ModalForm(
         shapes=shapes,
         squares=squares,
-        damping=shapes.T @ assembly.damping @ shapes,
-        white=shapes.T @ assembly.white @ shapes,
+        damping=shapes.T @ model.damping @ shapes,
+        white=shapes.T @ model.white @ shapes,
         gaps=np.array(directions).reshape(-1, len(squares)) @ shapes,
         rest=np.divide(load, squares, out=np.zeros_like(load), where=~free),
         signals=generator,
         coupling=coupling,
         signal_noise=noise,
         sines=tuple(sines),
-        tables=tuple((table, shapes.T @ direction) for table, direction in assembly.tables),
+        tables=tuple((table, shapes.T @ direction) for table, direction in model.tables),
     )
 
 
@@ -185,7 +187,7 @@ class Substitute(NamedTuple):
     damper: float
 
 
-def linear_law(modes: Modes, substitutes: Sequence[Substitute] = ()) -> LinearLaw | None:
+def linear_law(modes: ModalForm, substitutes: Sequence[Substitute] = ()) -> LinearLaw | None:
     """The stationary law of a structure whose pairs are springs and dampers, exactly; None where
     it has none. Without substitutes, one without stops.
     """

@@ -1,14 +1,18 @@
-"""A scene of any structure as matrices: M q'' + C q' + K q = forces, and where it can hit."""
+"""The model of a scene: the numbers that every method reads, in SI units, lowered once."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+import weakref
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from stochvi.mathematics.spectra import Table
+from stochvi.mathematics.spectra import Filter, Table
+from stochvi.model.modal import ModalForm, modal_form
 from stochvi.scenes.excitations import (
     BASE,
     ConstantLoad,
@@ -18,19 +22,117 @@ from stochvi.scenes.excitations import (
     Sine,
     WhiteNoise,
 )
-from stochvi.scenes.impact_laws import Law, not_rigid
+from stochvi.scenes.impact_laws import CompliantLaw, Law, Restitution, not_rigid
 from stochvi.scenes.scene import ImpactPair, Scene
-from stochvi.scenes.structures import NonlinearOscillator, Oscillator
+from stochvi.scenes.structures import Isolator, NonlinearOscillator, Oscillator
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
+PerUnitMass = Callable[[ArrayLike], Vector]
+"""A force per unit mass (m/s^2), or an energy (m^2/s^2), as a function of x (m) or v (m/s)."""
 
-class Signal(NamedTuple):
+LOWER, UPPER = -1, 1
+"""The side of a stop: the direction in which the gap moves when it meets the stop."""
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A stop that a gap can meet.
+
+    Parameters
+    ----------
+    side
+        `UPPER` (+1) or `LOWER` (-1). `side * y` grows towards the stop, so that a lower stop is an
+        upper one seen from the other side.
+    position
+        Where the gap y meets the stop, m from the position of the unloaded springs.
+    law
+        Its impact law, for forces in newtons or, of `Model.lower` and `Model.upper`, per unit mass.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.impact_laws import Restitution
+    >>> stop = Stop(LOWER, -2.0, Restitution(coefficient=0.8))
+    >>> stop.name, stop.distance, float(stop.deflection(-2.5))
+    ('lower', 2.0, 0.5)
+    """
+
+    side: int
+    position: float
+    law: Law
+
+    @property
+    def name(self) -> str:
+        """The word for its side, "lower" or "upper"."""
+        return "upper" if self.side > 0 else "lower"
+
+    @property
+    def distance(self) -> float:
+        """Distance of the stop from y = 0 towards its own side, m; below 0 for a preload."""
+        return self.side * self.position
+
+    @property
+    def rigid(self) -> bool:
+        """Whether the stop does not give way."""
+        return self.law.rigid
+
+    @property
+    def coefficient(self) -> float | None:
+        """R of a rigid stop whose restitution is one number; None of any other stop."""
+        return self.law.coefficient if isinstance(self.law, Restitution) else None
+
+    def deflection(self, y: ArrayLike) -> Vector:
+        """How far the gap y (m) lies beyond the stop, m; below 0 where it is clear of it."""
+        return np.asarray(self.side * (np.asarray(y, dtype=float) - self.position))
+
+    def restitution_at(self, speed: ArrayLike) -> Vector:
+        """Restitution of impacts at incident speeds (m/s)."""
+        if isinstance(self.law, CompliantLaw):
+            return np.full(np.shape(speed), self.law.restitution)
+        return np.asarray(self.law.restitution_at(speed), dtype=float)
+
+    def per_unit_mass(self, mass: float) -> Stop:
+        """The same stop with its forces divided by a mass, kg."""
+        return Stop(self.side, self.position, self.law.per_unit_mass(mass))
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """An impact pair: the gap y = direction . q, and the one or two stops that it can meet.
+
+    `mass` is the reduced mass 1 / (direction . M^-1 direction), kg. `relative` says whether the gap
+    is the difference of two coordinates.
+    """
+
+    name: str
+    direction: Vector
+    mass: float
+    relative: bool
+    stops: tuple[Stop, ...]
+
+    @property
+    def lower(self) -> Stop | None:
+        """The lower stop, if there is one."""
+        return next((stop for stop in self.stops if stop.side == LOWER), None)
+
+    @property
+    def upper(self) -> Stop | None:
+        """The upper stop, if there is one."""
+        return next((stop for stop in self.stops if stop.side == UPPER), None)
+
+    @property
+    def rigid(self) -> bool:
+        """Whether no stop gives way."""
+        return all(stop.rigid for stop in self.stops)
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
     """A force with a memory of its own, f'' + b f' + w^2 f = w^2 (white noise of `intensity`).
 
-    A sine is the undamped one without noise, which starts with `amplitude`. `direction` (n,) are
-    the forces on the coordinates per unit of f.
+    A sine is the undamped signal without noise that starts with `amplitude`. `direction` (n,) holds
+    the forces on the coordinates per unit of f, N.
     """
 
     omega: float
@@ -40,61 +142,121 @@ class Signal(NamedTuple):
     direction: Vector
 
 
-class Contact(NamedTuple):
-    """An impact pair: y = direction . q is what hits the stops.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Model:
+    """M q'' + C q' + K q = forces, the gaps that can be hit, and what shakes, in SI units.
 
-    `mass` is the reduced mass 1 / (direction . M^-1 direction), kg.
-    """
+    One oscillator is the case of one coordinate; its numbers per unit mass
+    (x'' + b x' + omega^2 x = f(t) + load) have properties of their own. Every excitation is a
+    strength with a direction: the forces (n,) on the coordinates per unit of it.
 
-    name: str
-    direction: Vector
-    mass: float
-    lower: float | None
-    upper: float | None
-    law_lower: Law | None
-    law_upper: Law | None
+    Parameters
+    ----------
+    coordinates
+        Names of the displacements, n of them.
+    mass, damping, stiffness
+        Matrices (n, n), kg, N s/m, N/m. Where spring or damper is a function, its entry is 0.
+    whites, constants, tables
+        Pairs (strength, direction) of white noises (intensity S0), of constant loads (N, or m/s^2
+        of the base) and of noises given by one-sided densities.
+    signals
+        Filtered noises and sines.
+    pairs
+        The impact pairs.
+    moving_base
+        Whether displacements are relative to a base that moves.
+    rates
+        omega (rad/s) and b (1/s) of one oscillator; None of several coordinates.
+    restoring, potential, drag
+        Spring force, its energy, and damper force per unit mass, where they are functions.
 
-    @property
-    def stops(self) -> tuple[tuple[str, float, Law], ...]:
-        """(side, position, law) of each stop that exists."""
-        found = []
-        if self.lower is not None and self.law_lower is not None:
-            found.append(("lower", self.lower, self.law_lower))
-        if self.upper is not None and self.law_upper is not None:
-            found.append(("upper", self.upper, self.law_upper))
-        return tuple(found)
-
-
-class Assembly(NamedTuple):
-    """A scene as numbers, in SI units: n coordinates, its excitations as forces on them.
-
-    `white` (n, n) is the intensity matrix of white forces, `load` (n,) the constant ones;
-    `tables` pairs one-sided densities with the forces per unit of what they describe.
+    Examples
+    --------
+    >>> from stochvi import ImpactPair, Oscillator, Restitution, Scene, WhiteNoise
+    >>> model = model_of(
+    ...     Scene(
+    ...         structure=Oscillator(mass=2.0, damping=0.1, stiffness=1.0),
+    ...         impact_pairs=[ImpactPair(upper=1.0, law=Restitution(coefficient=0.8))],
+    ...         excitations=[WhiteNoise(intensity=0.2)],
+    ...     )
+    ... )
+    >>> model.white, model.temperature, model.intensity, model.upper.position, model.lower
+    (array([[0.2]]), 1.0, 0.05, 1.0, None)
     """
 
     coordinates: tuple[str, ...]
     mass: Matrix
     damping: Matrix
     stiffness: Matrix
-    white: Matrix
-    load: Vector
+    whites: tuple[tuple[float, Vector], ...]
+    constants: tuple[tuple[float, Vector], ...]
     signals: tuple[Signal, ...]
     tables: tuple[tuple[Table, Vector], ...]
-    contacts: tuple[Contact, ...]
+    pairs: tuple[Pair, ...]
+    moving_base: bool = False
+    rates: tuple[float, float] | None = None
+    restoring: PerUnitMass | None = None
+    potential: PerUnitMass | None = None
+    drag: PerUnitMass | None = None
+
+    @cached_property
+    def modal(self) -> ModalForm:
+        """The model in modal coordinates."""
+        return modal_form(self)
+
+    @cached_property
+    def white(self) -> Matrix:
+        """Intensity matrix (n, n) of the white forces, N^2 s."""
+        total = np.zeros_like(self.mass)
+        for intensity, direction in self.whites:
+            total += intensity * np.outer(direction, direction)
+        return total
+
+    @cached_property
+    def constant_force(self) -> Vector:
+        """Constant forces on the coordinates (n,), N."""
+        total = np.zeros(len(self.coordinates))
+        for magnitude, direction in self.constants:
+            total += magnitude * direction
+        return total
+
+    @property
+    def single(self) -> bool:
+        """Whether this is one oscillator, with one impact pair or none."""
+        return len(self.coordinates) == 1 and len(self.pairs) <= 1
+
+    @property
+    def stops(self) -> tuple[Stop, ...]:
+        """All stops of all pairs."""
+        return tuple(stop for pair in self.pairs for stop in pair.stops)
 
     @property
     def elastic(self) -> bool:
         """Whether no stop loses energy."""
-        return all(law.conservative for contact in self.contacts for _, _, law in contact.stops)
-
-    def not_rigid(self) -> list[str]:
-        """What stands in the way of a method that needs rigid stops."""
-        return not_rigid((side, law) for contact in self.contacts for side, _, law in contact.stops)
+        return all(stop.law.conservative for stop in self.stops)
 
     @property
+    def sines(self) -> tuple[Signal, ...]:
+        """The signals that are sines."""
+        return tuple(signal for signal in self.signals if signal.amplitude)
+
+    @property
+    def noisy(self) -> bool:
+        """Whether any noise shakes the structure."""
+        return bool(
+            self.tables
+            or any(intensity for intensity, _ in self.whites)
+            or any(signal.intensity for signal in self.signals)
+        )
+
+    def not_rigid(self) -> list[str]:
+        """The conditions of a method for rigid stops that this model does not meet."""
+        return not_rigid((stop.name, stop.law) for stop in self.stops)
+
+    @cached_property
     def temperature(self) -> float | None:
-        """theta with white = 2 theta damping, an energy (J), where white noise alone shakes and
-        matches the damping: then elastic stops leave the Gibbs law exp(-H / theta)."""
+        """theta (J) with white = 2 theta damping, where white noise alone shakes and matches the
+        damping, so that elastic stops leave the Gibbs law exp(-H / theta); else None."""
         if self.signals or self.tables or not np.any(self.damping):
             return None
         theta = float(np.trace(self.white) / np.trace(self.damping) / 2.0)
@@ -104,59 +266,198 @@ class Assembly(NamedTuple):
         matched = np.all(np.abs(self.white - wanted) <= MATCHED * np.outer(size, size))
         return theta if matched and theta > 0.0 else None
 
+    # One oscillator, per unit mass.
+
+    @property
+    def unit_mass(self) -> float:
+        """Mass of one oscillator, kg."""
+        return float(self.mass[0, 0])
+
+    @property
+    def omega(self) -> float:
+        """Natural frequency of one oscillator, rad/s; 0 without a spring, or with a function."""
+        return self._rates[0]
+
+    @property
+    def damping_rate(self) -> float:
+        """b = c / m of one oscillator, 1/s; 0 where the damper is a function."""
+        return self._rates[1]
+
+    @property
+    def _rates(self) -> tuple[float, float]:
+        if self.rates is None:
+            raise ValueError(
+                f"only one oscillator has a natural frequency, got {len(self.coordinates)} "
+                "coordinates"
+            )
+        return self.rates
+
+    @cached_property
+    def intensity(self) -> float:
+        """Intensity S0 of the white noise on one oscillator, per unit mass squared, m^2/s^3."""
+        return sum((s0 / self._scale(d) ** 2 for s0, d in self.whites), start=0.0)
+
+    @cached_property
+    def load(self) -> float:
+        """Constant load on one oscillator per unit mass, m/s^2."""
+        return sum((a / self._scale(d) if d[0] > 0.0 else -a for a, d in self.constants), start=0.0)
+
+    @cached_property
+    def acceleration_tables(self) -> tuple[Table, ...]:
+        """One-sided densities of the noises on one oscillator per unit mass, (m/s^2)^2/Hz."""
+        return tuple(table.scaled(self._scale(d) ** -2) for table, d in self.tables)
+
+    @cached_property
+    def filters(self) -> tuple[Filter, ...]:
+        """Filtered noises on one oscillator, with intensities per unit mass squared."""
+        return tuple(
+            Filter(s.omega, s.damping_rate, s.intensity / self._scale(s.direction) ** 2)
+            for s in self.signals
+            if not s.amplitude
+        )
+
+    def _scale(self, direction: Vector) -> float:
+        """The mass that turns a force into an acceleration; 1 for an acceleration of the base."""
+        return self.unit_mass if direction[0] > 0.0 else 1.0
+
+    @property
+    def noise_on_mass(self) -> bool:
+        """Whether a noise or a sine acts on the mass of one oscillator itself, not on its base."""
+        directions = [
+            *(d for _, d in self.whites),
+            *(d for _, d in self.tables),
+            *(signal.direction for signal in self.signals),
+        ]
+        return any(direction[0] > 0.0 for direction in directions)
+
+    @cached_property
+    def lower(self) -> Stop | None:
+        """The lower stop of one oscillator, with its law per unit mass; None without one."""
+        return self._only_stop(LOWER)
+
+    @cached_property
+    def upper(self) -> Stop | None:
+        """The upper stop of one oscillator, with its law per unit mass; None without one."""
+        return self._only_stop(UPPER)
+
+    def _only_stop(self, side: int) -> Stop | None:
+        stops = self.pairs[0].stops if self.pairs else ()
+        found = next((stop for stop in stops if stop.side == side), None)
+        return None if found is None else found.per_unit_mass(self.unit_mass)
+
+    @property
+    def stops_per_unit_mass(self) -> tuple[Stop, ...]:
+        """The stops of one oscillator, the lower one first, with their laws per unit mass."""
+        return tuple(stop for stop in (self.lower, self.upper) if stop is not None)
+
+    @property
+    def lower_position(self) -> float:
+        """Position of the lower stop of one oscillator, m; minus infinity without one."""
+        return -math.inf if self.lower is None else self.lower.position
+
+    @property
+    def upper_position(self) -> float:
+        """Position of the upper stop of one oscillator, m; infinity without one."""
+        return math.inf if self.upper is None else self.upper.position
+
+    @property
+    def rest(self) -> float:
+        """Where one oscillator rests under its load, m, if no stop is met. Without a spring: 0
+        without a load, and infinity in the direction of a load."""
+        if self.load == 0.0:
+            return 0.0
+        return self.load / self.omega**2 if self.omega else math.copysign(math.inf, self.load)
+
+    @property
+    def held(self) -> bool:
+        """Whether spring, or stops and load, keep one oscillator from being lost on either side."""
+        left = self.lower is not None or self.load > 0.0
+        right = self.upper is not None or self.load < 0.0
+        return self.omega > 0.0 or (left and right)
+
 
 MATCHED = 1e-12
-"""Relative difference from which noise and damping are not said to match."""
+"""Relative difference up to which white noise and damping are taken to match (rounding error)."""
 
 
-def assemble(scene: Scene) -> Assembly:
-    """The matrices of any scene that says everything in numbers (`Scene.beyond_numbers`).
+_LOWERED: dict[int, tuple[weakref.ref[Scene], Model]] = {}
+"""The models of all scenes that are alive, by the identity of the scene."""
 
-    Examples
-    --------
-    >>> from stochvi.scenes.structures import Oscillator
-    >>> from stochvi.scenes.excitations import WhiteNoise
-    >>> shaken = Scene(
-    ...     structure=Oscillator(mass=2.0, damping=0.1, stiffness=1.0),
-    ...     excitations=[WhiteNoise(intensity=0.2)],
-    ... )
-    >>> assemble(shaken).white, assemble(shaken).temperature
-    (array([[0.2]]), 1.0)
-    """
-    assert not isinstance(scene.structure, NonlinearOscillator)
-    mass, damping, stiffness = scene.structure.matrices
-    white, load = np.zeros_like(mass), np.zeros(len(mass))
-    signals: list[Signal] = []
-    tables: list[tuple[Table, Vector]] = []
-    if isinstance(scene.structure, Oscillator):
-        load += scene.structure.gravity_load * mass[0]
-    for excitation in scene.excitations:
-        direction = _direction(scene, excitation, mass)
-        match excitation:
-            case WhiteNoise():
-                white += excitation.si_intensity * np.outer(direction, direction)
-            case ConstantLoad():
-                load += excitation.magnitude * direction
-            case FilteredNoise():
-                decay = 2.0 * excitation.zeta * excitation.omega
-                noise = excitation.si_intensity
-                signals.append(Signal(excitation.omega, decay, noise, 0.0, direction))
-            case Sine():
-                omega = 2.0 * math.pi * excitation.frequency_hz
-                signals.append(Signal(omega, 0.0, 0.0, excitation.amplitude, direction))
-            case DensityNoise():
-                tables.append((scene.table_of(excitation), direction))
-    return Assembly(
-        coordinates=scene.structure.coordinates,
+
+def model_of(scene: Scene) -> Model:
+    """The model of a scene; the same object however often it is asked for."""
+    known = _LOWERED.get(id(scene))
+    if known is not None and known[0]() is scene:
+        return known[1]
+    model = _lowered(scene.expanded)
+    key = id(scene)
+    _LOWERED[key] = weakref.ref(scene, lambda _: _LOWERED.pop(key, None)), model
+    return model
+
+
+def _lowered(scene: Scene) -> Model:
+    structure = scene.structure
+    mass = structure.matrices[0]
+    damping, stiffness = np.zeros_like(mass), np.zeros_like(mass)
+    rates = None
+    restoring: PerUnitMass | None = None
+    potential: PerUnitMass | None = None
+    drag: PerUnitMass | None = None
+    if isinstance(structure, NonlinearOscillator):
+        m = structure.mass
+        rates = (0.0, structure.damping_rate or 0.0)
+        restoring, potential = (
+            lambda x: structure.force_at(x) / m,
+            lambda x: structure.potential_at(x) / m,
+        )
+        if structure.damping_force is not None:
+            drag = lambda v: structure.damping_at(v) / m  # noqa: E731
+    else:
+        mass, damping, stiffness = structure.matrices
+        if isinstance(structure, Oscillator):
+            rates = (structure.omega, structure.damping_rate)
+        elif len(mass) == 1:
+            rates = (math.sqrt(stiffness[0, 0] / mass[0, 0]), float(damping[0, 0] / mass[0, 0]))
+    directions = [_direction(scene, excitation, mass) for excitation in scene.excitations]
+    shaken = list(zip(scene.excitations, directions, strict=True))
+    return Model(
+        coordinates=structure.coordinates,
         mass=mass,
         damping=damping,
         stiffness=stiffness,
-        white=white,
-        load=load,
-        signals=tuple(signals),
-        tables=tuple(tables),
-        contacts=tuple(_contact(scene, pair, mass) for pair in scene.impact_pairs),
+        whites=tuple((e.si_intensity, d) for e, d in shaken if isinstance(e, WhiteNoise)),
+        constants=tuple(_constants(scene, mass, shaken)),
+        signals=tuple(_signals(shaken)),
+        tables=tuple((scene.table_of(e), d) for e, d in shaken if isinstance(e, DensityNoise)),
+        pairs=tuple(_pair(scene, pair, mass) for pair in scene.impact_pairs),
+        moving_base=isinstance(structure, Isolator)
+        or any(scene.place(excitation) == BASE for excitation in scene.excitations),
+        rates=rates,
+        restoring=restoring,
+        potential=potential,
+        drag=drag,
     )
+
+
+def _signals(shaken: list[tuple[Excitation, Vector]]) -> Iterator[Signal]:
+    for excitation, direction in shaken:
+        if isinstance(excitation, FilteredNoise):
+            decay = 2.0 * excitation.zeta * excitation.omega
+            yield Signal(excitation.omega, decay, excitation.si_intensity, 0.0, direction)
+        elif isinstance(excitation, Sine):
+            omega = 2.0 * math.pi * excitation.frequency_hz
+            yield Signal(omega, 0.0, 0.0, excitation.amplitude, direction)
+
+
+def _constants(
+    scene: Scene, mass: Matrix, shaken: list[tuple[Excitation, Vector]]
+) -> Iterator[tuple[float, Vector]]:
+    """Gravity, which is an acceleration of the base in all but name, and constant loads."""
+    if isinstance(scene.structure, Oscillator) and scene.structure.gravity_load:
+        yield -scene.structure.gravity_load, -mass.sum(axis=1)
+    for excitation, direction in shaken:
+        if isinstance(excitation, ConstantLoad):
+            yield excitation.magnitude, direction
 
 
 def _direction(scene: Scene, excitation: Excitation, mass: Matrix) -> Vector:
@@ -172,17 +473,20 @@ def _unit(scene: Scene, coordinate: str) -> Vector:
     return np.array([float(name == coordinate) for name in scene.structure.coordinates])
 
 
-def _contact(scene: Scene, pair: ImpactPair, mass: Matrix) -> Contact:
+def _pair(scene: Scene, pair: ImpactPair, mass: Matrix) -> Pair:
     if pair.between is not None:
         direction = _unit(scene, pair.between[0]) - _unit(scene, pair.between[1])
     else:
         direction = _unit(scene, pair.on or scene.structure.coordinates[0])
-    return Contact(
+    places = {"lower": (LOWER, pair.lower), "upper": (UPPER, pair.upper)}
+    return Pair(
         name=pair.name,
         direction=direction,
         mass=float(1.0 / (direction @ np.linalg.solve(mass, direction))),
-        lower=pair.lower,
-        upper=pair.upper,
-        law_lower=None if pair.lower is None else pair.law_of("lower"),
-        law_upper=None if pair.upper is None else pair.law_of("upper"),
+        relative=pair.between is not None,
+        stops=tuple(
+            Stop(side, position, pair.law_of(name))
+            for name, (side, position) in places.items()
+            if position is not None
+        ),
     )

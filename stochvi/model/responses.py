@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics
 from stochvi.mathematics.spectra import response_moments
+from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
 from stochvi.model.cautions import scene_notes
-from stochvi.model.model import assemble
 from stochvi.results.estimates import Cost, Estimate, Response, provenance
 from stochvi.scenes.scene import Scene, System
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import gaussian_stop
+from stochvi.model.assembly import Assembly, Contact
 from stochvi.model.gibbs_law import GibbsLaw
-from stochvi.model.modal import LinearLaw, Modes, Substitute, Vector, linear_law
-from stochvi.model.model import Assembly, Contact
+from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
@@ -35,7 +35,7 @@ class PairScale(NamedTuple):
 
 
 def scales_of(
-    assembly: Assembly, modes: Modes, method: str = "simulate", *, giving_way: bool = False
+    assembly: Assembly, modes: ModalForm, method: str = "simulate", *, giving_way: bool = False
 ) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
     """A linear law close to the stationary one, for a method; None where it finds none.
 
@@ -72,7 +72,7 @@ def scales_of(
     return None if law is None else (law, scales)
 
 
-def _first_guess(modes: Modes, contact: Contact) -> Substitute:
+def _first_guess(modes: ModalForm, contact: Contact) -> Substitute:
     frequency = modes.fastest
     if frequency == 0.0:
         # no time but that in which noise brings the mass across the gap
@@ -90,7 +90,7 @@ def _first_guess(modes: Modes, contact: Contact) -> Substitute:
 
 
 def _without_own_spring(
-    modes: Modes, substitutes: Sequence[Substitute], j: int
+    modes: ModalForm, substitutes: Sequence[Substitute], j: int
 ) -> tuple[float, float]:
     """Stiffness k and force f of a gap without the spring of its own stops: k y - f pulls it back.
 
@@ -110,7 +110,7 @@ def _without_own_spring(
 
 
 def _substitute(
-    modes: Modes,
+    modes: ModalForm,
     law: LinearLaw,
     contact: Contact,
     gap: Vector,

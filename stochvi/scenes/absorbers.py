@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from stochvi.results.errors import SceneError
 from stochvi.scenes.excitations import BASE
 from stochvi.scenes.impact_laws import Law
-from stochvi.scenes.structures import Isolator, Matrices, Oscillator
+from stochvi.scenes.structures import Isolator, Matrices, Oscillator, Structure
 from stochvi.scenes.validation import Checked, NonNegative, Number, Positive, given
 
 CARRIER = "structure"
@@ -163,19 +163,29 @@ def _linked(own: float, links: Sequence[float]) -> np.ndarray:
     return matrix
 
 
-def built(document: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Keys of a scene with its absorber's short form written out as matrices and impact pairs.
+def on_oscillator(
+    absorbers: Sequence[Absorber],
+    carrier: Structure,
+    pairs: Sequence[Any],
+    excitations: Sequence[Any],
+) -> dict[str, Any]:
+    """Keys of a scene of kind `matrices`: an oscillator and the units of its absorbers.
 
-    What is not a short form, or not valid, is left as it is.
+    Parameters
+    ----------
+    absorbers
+        Given by mass, play and law; each of their units becomes a coordinate with a pair.
+    carrier
+        The oscillator or isolator that carries them.
+    pairs, excitations
+        Impact pairs of the carrier, and what shakes it.
+
+    Raises
+    ------
+    SceneError
+        If the carrier is something else, or there are too many units.
     """
-    structure = document.get("structure")
-    absorbers = _absorbers(document["absorber"])
-    if isinstance(structure, Mapping) and structure.get("kind") in ("oscillator", "isolator"):
-        kind = Isolator if structure["kind"] == "isolator" else Oscillator
-        structure = _at("structure", kind, structure)
-    if not absorbers or absorbers[0].mass_on:
-        return document
-    if not isinstance(structure, Oscillator):
+    if not isinstance(carrier, Oscillator):
         raise SceneError(
             [("absorber", "of mass, play and law needs structure.kind 'oscillator' or 'isolator'; "
               "beside matrices, name its coordinates in mass_on")]
@@ -184,19 +194,9 @@ def built(document: Mapping[str, Any]) -> Mapping[str, Any]:
     if len(units) > MOST_UNITS:
         raise SceneError([("absorber", f"takes at most {MOST_UNITS} units, got {len(units)}")])
     names = unit_names(len(units))
-    pairs = document.get("impact_pair", document.get("impact_pairs")) or ()
-    excitations = document.get("excitation", document.get("excitations")) or ()
-    if not isinstance(pairs, list | tuple) or not isinstance(excitations, list | tuple):
-        return document
-    rest = {
-        key: value
-        for key, value in document.items()
-        if key not in ("impact_pair", "impact_pairs", "excitation", "excitations")
-    }
-    moving = isinstance(structure, Isolator)
+    moving = isinstance(carrier, Isolator)
     return {
-        **rest,
-        "structure": carrying(structure, units),
+        "structure": carrying(carrier, units),
         "impact_pair": [
             *(_on_carrier(pair) for pair in pairs),
             *(unit.impact_pair(name) for unit, name in zip(units, names, strict=True)),
@@ -206,17 +206,19 @@ def built(document: Mapping[str, Any]) -> Mapping[str, Any]:
     }
 
 
-def _absorbers(given: Any) -> list[Absorber]:
-    """One absorber or a list of them, from their keys; empty if it is neither.
+def absorbers_of(given: Any) -> list[Absorber]:
+    """One absorber or a list of them, from their keys.
 
     Raises
     ------
     SceneError
-        If the list is empty, or one of several names coordinates.
+        If they are neither, the list is empty, or one of several names coordinates.
     """
     if not isinstance(given, list | tuple):
         found = _at("absorber", Absorber, given) if isinstance(given, Mapping) else given
-        return [found] if isinstance(found, Absorber) else []
+        if not isinstance(found, Absorber):
+            raise SceneError([("absorber", f"must be a table of keys, got {found!r}")])
+        return [found]
     entries = [
         _at(f"absorber.{number}", Absorber, each) if isinstance(each, Mapping) else each
         for number, each in enumerate(given)
@@ -243,24 +245,16 @@ def _at(key: str, kind: type[Checked], entries: Mapping[str, Any]) -> Checked:
         raise SceneError(problems) from None
 
 
-def _entry(part: Any, name: str) -> Any:
-    return part.get(name) if isinstance(part, Mapping) else getattr(part, name, None)
-
-
-def _with(part: Any, **entries: Any) -> Any:
-    return {**part, **entries} if isinstance(part, Mapping) else part.model_copy(update=entries)
-
-
 def _on_carrier(pair: Any) -> Any:
     """An impact pair of the oscillator itself."""
-    return _with(pair, on=CARRIER) if _entry(pair, "on") in (None, "x") else pair
+    return pair.model_copy(update={"on": CARRIER}) if pair.on in (None, "x") else pair
 
 
 def _placed(excitation: Any, moving_base: bool) -> Any:
     """An excitation that says where it acts, as it does on the oscillator alone."""
-    place = _entry(excitation, "on")
-    if place is None and _entry(excitation, "kind") == "constant":
-        place = "x" if _entry(excitation, "acceleration") is None else BASE
+    place = excitation.on
+    if place is None and excitation.kind == "constant":
+        place = "x" if excitation.acceleration is None else BASE
     if place is None:
         place = BASE if moving_base else "x"
-    return _with(excitation, on=CARRIER if place == "x" else place)
+    return excitation.model_copy(update={"on": CARRIER if place == "x" else place})

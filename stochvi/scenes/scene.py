@@ -13,7 +13,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.results.errors import SceneError, toml_remedy
-from stochvi.scenes.absorbers import Absorber, built
+from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
 from stochvi.scenes.datasets import read_text
 from stochvi.scenes.excitations import (
     BASE,
@@ -176,14 +176,16 @@ class Scene(Checked):
     excitations: tuple[Annotated[Excitation, Field(discriminator="kind")], ...] = Field(
         alias="excitation"
     )
-    absorber: Absorber | None = None
+    absorber: Absorber | tuple[Absorber, ...] | None = None
 
-    @model_validator(mode="before")
+    @field_validator("absorber", mode="before")
     @classmethod
-    def _with_boxes(cls, document: Any) -> Any:
-        """The short form of an absorber, written out."""
-        short = isinstance(document, dict) and document.get("absorber") is not None
-        return built(document) if short else document
+    def _absorbers(cls, value: Any) -> Any:
+        if value is None:
+            return None
+        several = isinstance(value, list | tuple)
+        found = absorbers_of(value)
+        return tuple(found) if several else found[0]
 
     @field_validator("impact_pairs", "excitations", mode="before")
     @classmethod
@@ -201,6 +203,9 @@ class Scene(Checked):
         problems: list[tuple[str, str]] = []
         if not self.excitations:
             problems.append(("excitation", "needs at least one entry, got none"))
+        elif self._short_absorbers:
+            _ = self.expanded  # building it checks it
+            return self
         names = [pair.name for pair in self.impact_pairs]
         for index, pair in enumerate(self.impact_pairs):
             sentence = self._misplaced(pair)
@@ -234,9 +239,34 @@ class Scene(Checked):
             return f"needs two different coordinates in between, got {pair.between[0]!r} twice"
         return ""
 
+    @property
+    def _short_absorbers(self) -> tuple[Absorber, ...]:
+        """Absorbers that are given by mass, play and law, not by the names of coordinates."""
+        given = self.absorber if isinstance(self.absorber, tuple) else (self.absorber,)
+        return tuple(each for each in given if each is not None and not each.mass_on)
+
+    @property
+    def expanded(self) -> Scene:
+        """The same scene with absorbers of mass, play and law written out as coordinates and impact
+        pairs of a structure of kind `matrices`; the scene itself where it has none."""
+        absorbers = self._short_absorbers
+        if not absorbers:
+            return self
+        return Scene(
+            title=self.title,
+            **on_oscillator(absorbers, self.structure, self.impact_pairs, self.excitations),
+        )
+
+    @property
+    def absorber_coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that are absorber masses, in the model of the scene."""
+        absorber = self.expanded.absorber
+        assert not isinstance(absorber, tuple)
+        return absorber.mass_on if absorber else ()
+
     def _unknown_absorbers(self) -> list[tuple[str, str]]:
         known = self.structure.coordinates
-        names = self.absorber.mass_on if self.absorber else ()
+        names = self.absorber.mass_on if isinstance(self.absorber, Absorber) else ()
         unknown = [
             ("absorber.mass_on", f"must name {_one_of(known)}, got {name!r}")
             for name in names
@@ -352,7 +382,7 @@ class Scene(Checked):
         found += [
             "law.coefficient must be a number, got a function of speed "
             f"at the {side} stop of {pair.name}"
-            for pair in self.impact_pairs
+            for pair in self.expanded.impact_pairs
             for side, law in pair.stops()
             if isinstance(law, SpeedRestitution)
         ]
@@ -367,10 +397,11 @@ class Scene(Checked):
         `filtered` for one that takes filtered noise.
         """
         found = [] if functions else self.beyond_numbers()
-        if isinstance(self.structure, Matrices):
+        scene = self.expanded
+        if isinstance(scene.structure, Matrices):
             found.append("structure.kind must be 'oscillator' or 'isolator', got 'matrices'")
-        if len(self.impact_pairs) > 1:
-            found.append(f"the scene must have one impact pair, got {len(self.impact_pairs)}")
+        if len(scene.impact_pairs) > 1:
+            found.append(f"the scene must have one impact pair, got {len(scene.impact_pairs)}")
         covered = ["white", *["filtered"] * filtered, "psd", "road", "record"]
         kinds = {excitation.kind for excitation in self.excitations} - {*covered, "constant"}
         found += [
@@ -381,6 +412,8 @@ class Scene(Checked):
 
     def effects(self) -> tuple[str, ...]:
         """The effects this scene calls for; nothing else is simulated."""
+        if self._short_absorbers:
+            return self.expanded.effects()
         found = [
             {
                 "white": "white noise on {}",
@@ -402,6 +435,8 @@ class Scene(Checked):
 
     def assumptions(self) -> tuple[str, ...]:
         """What the scene takes for granted, in words."""
+        if self._short_absorbers:
+            return self.expanded.assumptions()
         found = ["displacements are measured from the position of the unloaded spring"]
         if self.structure.mass is None:
             found.append("mass is not given: 1 kg, which only forces and energies depend on")

@@ -28,7 +28,7 @@ from stochvi.methods.monte_carlo.runs import FEWEST_PATHS, Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, Response, provenance
 from stochvi.results.machine import thread_seconds, usable_cores

@@ -254,7 +254,7 @@ def approximations(scene: Scene, left_out: list[str]) -> list[Response]:
         found.append(average(scene))
     except NotApplicable as reason:
         left_out.append(str(reason))
-    for form in ("closure", "motion", "force") if scene.impact_pairs else ("closure",):
+    for form in ("closure", "motion", "force") if scene.expanded.impact_pairs else ("closure",):
         try:
             found.append(linearise(scene, form=form))
         except (NotApplicable, NotConverged) as reason:

@@ -71,7 +71,7 @@ def draw_stops(ax: Axes, scene: Scene, unit: float, *, vertical: bool) -> None:
     )
     stops = [
         (position / unit, side)
-        for pair in scene.impact_pairs
+        for pair in scene.expanded.impact_pairs
         for position, side in ((pair.lower, -1.0), (pair.upper, 1.0))
         if position is not None
     ]

@@ -14,7 +14,7 @@ import pandas as pd
 from scipy.stats import qmc
 
 from stochvi.methods.linearisation import boxes
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble
 
 POINTS, HELD_OUT = 64, 32
 SURE = 2.0

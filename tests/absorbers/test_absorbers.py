@@ -57,7 +57,10 @@ def boxed(
 
 def test_the_short_form_is_the_matrices_written_out() -> None:
     law = Restitution(coefficient=0.5)
-    scene = boxed(2.0, 0.5, units=2, stiffness=0.4, damping=0.02)
+    short = boxed(2.0, 0.5, units=2, stiffness=0.4, damping=0.02)
+    assert short.structure is LIGHTLY_DAMPED and not short.impact_pairs
+    assert Scene(**short.document()) == short
+    scene = short.expanded
     assert scene.structure == Matrices(
         coordinates=("structure", "absorber 1", "absorber 2"),
         mass=[[1.0, 0, 0], [0, 0.05, 0], [0, 0, 0.05]],
@@ -86,7 +89,9 @@ def two_different(restitution: float, units: int) -> Scene:
 
 
 def test_units_that_differ_are_a_list_of_absorbers() -> None:
-    scene = two_different(0.5, 2)
+    short = two_different(0.5, 2)
+    assert Scene(**json.loads(json.dumps(short.document()))) == short
+    scene = short.expanded
     assert scene.structure == Matrices(
         coordinates=("structure", "absorber 1", "absorber 2", "absorber 3"),
         mass=np.diag([1.0, 0.06, 0.04, 0.04]),
@@ -129,7 +134,7 @@ def test_a_list_of_absorbers_in_a_file(tmp_path) -> None:
         f"[[absorber]]\nmass = 0.02\nplay = 3.0\n{unit}"
         '[[excitation]]\nkind = "white"\nintensity = 0.04\n'
     )
-    assert [pair.upper for pair in load_scene(file).impact_pairs] == [1.0, 1.5]
+    assert [pair.upper for pair in load_scene(file).expanded.impact_pairs] == [1.0, 1.5]
     file.write_text(file.read_text().replace("mass = 0.02", "mass = -0.02"))
     with pytest.raises(SceneError, match=r"absorber\.1\.mass must be greater than 0"):
         load_scene(file)
@@ -177,9 +182,10 @@ def test_a_scene_file_may_use_either_form(tmp_path) -> None:
         """
     )
     scene = load_scene(file)
-    assert [each.on for each in scene.excitations] == ["base", "structure"]
+    assert [each.on for each in scene.expanded.excitations] == ["base", "structure"]
+    assert scene.absorber_coordinates == ("absorber",)
     document = scene.document()
-    assert document["absorber"]["mass_on"] == ["absorber"]
+    assert document["absorber"]["play"] == 0.004
     assert Scene(**json.loads(json.dumps(document))) == scene
 
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from stochvi import ConstantLoad, Isolator, Matrices, Scene, SceneError, WhiteNoise, exact
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble
 from stochvi.scenes.impact_laws import Elastic
 from stochvi.scenes.scene import ImpactPair
 

@@ -12,7 +12,7 @@ from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.closed_form import autocorrelation, exact
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo.histories import plan_histories
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble
 from stochvi.results.errors import NotConverged
 from stochvi.scenes.excitations import FilteredNoise, Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 
 from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.impact_rates import ContactStatistics
-from stochvi.model.model import Contact
+from stochvi.model.assembly import Contact
 from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
 
 Vector = NDArray[np.float64]

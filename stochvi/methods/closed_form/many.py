@@ -22,10 +22,10 @@ from scipy.sparse.csgraph import connected_components
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, gaussian_stop
 from stochvi.methods.closed_form.coupled import MOST_PAIRS, CoupledLaw, Intractable
 from stochvi.methods.closed_form.one import lossy
+from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.balances import residuals
 from stochvi.model.gibbs_law import GibbsLaw
-from stochvi.model.modal import linear_law, modes_of
-from stochvi.model.model import Assembly, Contact, assemble
+from stochvi.model.modal import linear_law
 from stochvi.results.estimates import Cost, Estimate, Response, provenance
 from stochvi.scenes.scene import Scene
 

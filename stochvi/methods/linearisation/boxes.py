@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.interpolate import RegularGridInterpolator
 
+from stochvi.model.assembly import Assembly, Contact
 from stochvi.model.balances import residuals
-from stochvi.model.model import Assembly, Contact
 from stochvi.results.estimates import Cost, Estimate, Response, provenance
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.impact_laws import Restitution

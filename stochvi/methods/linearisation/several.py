@@ -24,9 +24,9 @@ from stochvi.methods.linearisation.soft_closure import soft_closure
 from stochvi.methods.linearisation.solver import NOWHERE, SAME, START_SPEEDS, root
 from stochvi.methods.linearisation.told import answer_of
 from stochvi.methods.linearisation.trial import soft_stops
+from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.balances import residuals
-from stochvi.model.modal import LinearLaw, Modes, Substitute, Vector, linear_law, modes_of
-from stochvi.model.model import Assembly, Contact, assemble
+from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
 from stochvi.model.responses import Answer
 from stochvi.model.scales import PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -111,7 +111,7 @@ def closure(scene: Scene) -> tuple[Response, ...]:
     return tuple(_response(told, one, warned) for one in found)
 
 
-def solutions(assembly: Assembly, modes: Modes) -> list[_Solution]:
+def solutions(assembly: Assembly, modes: ModalForm) -> list[_Solution]:
     """The laws of all gaps with which the linear structure answers, by Newton's method.
 
     Raises
@@ -147,7 +147,7 @@ def solutions(assembly: Assembly, modes: Modes) -> list[_Solution]:
 
 
 def _starts(
-    modes: Modes, scales: Sequence[PairScale], free: LinearLaw | None
+    modes: ModalForm, scales: Sequence[PairScale], free: LinearLaw | None
 ) -> Iterator[list[float]]:
     """Speeds of all gaps to start from: those without stops, and multiples of the rough ones."""
     if free is not None:
@@ -157,7 +157,7 @@ def _starts(
 
 
 def _gaps(
-    assembly: Assembly, modes: Modes, scales: Sequence[PairScale], speeds: Sequence[float]
+    assembly: Assembly, modes: ModalForm, scales: Sequence[PairScale], speeds: Sequence[float]
 ) -> list[_Gap]:
     """Every pair on its own, in the frame of its speed."""
     white = len(assembly.coordinates) == 1 and not assembly.signals and not assembly.tables
@@ -197,7 +197,7 @@ def _alone(contact: Contact, scale: PairScale, damping_rate: float) -> System:
     )
 
 
-def _from(modes: Modes, gaps: Sequence[_Gap], stage: int, *, patient: bool) -> _Solution | None:
+def _from(modes: ModalForm, gaps: Sequence[_Gap], stage: int, *, patient: bool) -> _Solution | None:
     """The solution near the elastic laws of the gaps, or None."""
     start = np.concatenate([gap.form(stage).start(gap.system) for gap in gaps])
     unknowns = root(lambda found: _imbalance(modes, gaps, stage, found), start, patient=patient)
@@ -216,7 +216,7 @@ def _same(one: _Solution, two: _Solution) -> bool:
     )
 
 
-def _apart(modes: Modes, one: _Solution, free: LinearLaw) -> float:
+def _apart(modes: ModalForm, one: _Solution, free: LinearLaw) -> float:
     """Largest difference of the logarithms of the speeds of a gap, with stops and without."""
     squares = [free.variances(row, modes.size) for row in modes.gaps]
     return max(
@@ -230,13 +230,15 @@ def _trials(gaps: Sequence[_Gap], stage: int, unknowns: Unknowns) -> list[Trial]
     return [gap.trial(part, stage) for gap, part in zip(gaps, parts, strict=True)]
 
 
-def _linearised(modes: Modes, gaps: Sequence[_Gap], trials: Sequence[Trial]) -> LinearLaw | None:
+def _linearised(
+    modes: ModalForm, gaps: Sequence[_Gap], trials: Sequence[Trial]
+) -> LinearLaw | None:
     return linear_law(
         modes, [gap.substitute(trial) for gap, trial in zip(gaps, trials, strict=True)]
     )
 
 
-def _imbalance(modes: Modes, gaps: Sequence[_Gap], stage: int, unknowns: Unknowns) -> Unknowns:
+def _imbalance(modes: ModalForm, gaps: Sequence[_Gap], stage: int, unknowns: Unknowns) -> Unknowns:
     """Mean, log deviation and log speed of every gap: trial law less linear structure."""
     nowhere = np.full(len(unknowns), NOWHERE)
     try:
@@ -263,7 +265,7 @@ class _Told(NamedTuple):
 
     scene: Scene
     assembly: Assembly
-    modes: Modes
+    modes: ModalForm
     bias: float | None
     started: float
 
@@ -380,7 +382,7 @@ def _several(found: Sequence[_Solution]) -> list[str]:
     ]
 
 
-def _energies(modes: Modes, law: LinearLaw) -> dict[tuple[str, str], float]:
+def _energies(modes: ModalForm, law: LinearLaw) -> dict[tuple[str, str], float]:
     """E v'M v, E (q - E q)'K (q - E q) and E v'C v."""
     n = modes.size
     displacement, velocity = (

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.frequency_response import gains
 from stochvi.mathematics.spectra import Filter
 from stochvi.methods.linearisation.several import solutions
-from stochvi.model.modal import Matrix, Modes, Substitute, Vector, modes_of
-from stochvi.model.model import Assembly, assemble
+from stochvi.model.assembly import Assembly, assemble, modes_of
+from stochvi.model.modal import Matrix, ModalForm, Substitute, Vector
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 
@@ -136,7 +136,7 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     return tuple(found)
 
 
-def _shaken(assembly: Assembly, modes: Modes) -> tuple[tuple[Density, Vector], ...]:
+def _shaken(assembly: Assembly, modes: ModalForm) -> tuple[tuple[Density, Vector], ...]:
     """All noise as densities and modal forces; white noise in independent parts of density 2."""
     found: list[tuple[Density, Vector]] = [(table, force) for table, force in modes.tables]
     for signal in assembly.signals:

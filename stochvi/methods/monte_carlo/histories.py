@@ -21,8 +21,7 @@ from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.monte_carlo.plans import Plan, make_plan
 from stochvi.methods.monte_carlo.tabulated import WARM_UP_RELAXATIONS, TabulatedPlan
 from stochvi.methods.monte_carlo.white import RELAXATIONS, WhitePlan
-from stochvi.model.modal import modes_of
-from stochvi.model.model import Assembly, assemble
+from stochvi.model.assembly import Assembly, assemble, modes_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 

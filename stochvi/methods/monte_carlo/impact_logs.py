@@ -137,7 +137,7 @@ def plan_impacts(
     >>> bool((log.speed > 0.0).all())  # an upper stop alone
     True
     """
-    if not scene.impact_pairs:
+    if not scene.expanded.impact_pairs:
         raise NotApplicable("impacts", ["the scene must have an impact pair, got none"])
     plan = make_plan(scene, speed_threshold, duration, slow_impacts)
     thresholds = dict(layout_of(scene, plan).thresholds)

@@ -30,8 +30,8 @@ from stochvi.methods.monte_carlo.white import (
     default_threshold,
     extrapolated,
 )
-from stochvi.model.modal import LinearLaw, Modes, modes_of
-from stochvi.model.model import Assembly, Contact
+from stochvi.model.assembly import Assembly, Contact, modes_of
+from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.scales import PairScale, scales_of
 from stochvi.results.errors import NotApplicable
 
@@ -76,7 +76,7 @@ class ModalPlan:
     """Steps, start and lengths for a scene of any structure without tabulated noise (SI units)."""
 
     assembly: Assembly
-    modes: Modes
+    modes: ModalForm
     law: LinearLaw
     pairs: tuple[PairScale, ...]
     step: float
@@ -475,7 +475,9 @@ def basis(assembly: Assembly, threshold: float | None, duration: float | None) -
     }  # fmt: skip
 
 
-def _step(assembly: Assembly, modes: Modes, law: LinearLaw, pairs: tuple[PairScale, ...]) -> float:
+def _step(
+    assembly: Assembly, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale, ...]
+) -> float:
     exact = not modes.kicked or (assembly.elastic and assembly.temperature is not None)
     limits = []
     if modes.fastest > 0.0:

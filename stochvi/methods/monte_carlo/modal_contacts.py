@@ -16,7 +16,7 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE
 from stochvi.methods.monte_carlo.kernels.driven_modes import run_driven_modes
 from stochvi.methods.monte_carlo.modal import SUMS_OF_PAIR, ModalPlan, basis
 from stochvi.methods.monte_carlo.tabulated import MOST_SUB_STEPS
-from stochvi.model.model import Assembly
+from stochvi.model.assembly import Assembly
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 

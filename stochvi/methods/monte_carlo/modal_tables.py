@@ -45,8 +45,8 @@ from stochvi.methods.monte_carlo.tabulated import (
     WARM_UP_RELAXATIONS,
     _even_fast_length,
 )
-from stochvi.model.modal import UNSTABLE, Modes
-from stochvi.model.model import Assembly
+from stochvi.model.assembly import Assembly
+from stochvi.model.modal import UNSTABLE, ModalForm
 from stochvi.results.errors import NotApplicable
 
 
@@ -220,7 +220,7 @@ def plan_modal_tables(
         apart.
     """
     known = basis(assembly, threshold, duration)
-    modes: Modes = known["modes"]
+    modes: ModalForm = known["modes"]
     warm_up = 2.0 * WARM_UP_RELAXATIONS * known["law"].slowest
     length = _block_length(modes, max(_resonance_length(modes), 2.0 * warm_up))
     blocks = 1 if duration is None else math.ceil(duration / length)
@@ -254,7 +254,7 @@ def _interval(assembly: Assembly, known: dict[str, Any]) -> float:
     return min(limits)
 
 
-def _resonance_length(modes: Modes) -> float:
+def _resonance_length(modes: ModalForm) -> float:
     """Seconds in which bins resolve every resonance; NotApplicable where one has no width."""
     found = [0.0]
     for value in eigenvalues(np.diag(modes.squares), modes.damping):
@@ -270,7 +270,7 @@ def _resonance_length(modes: Modes) -> float:
     return max(found)
 
 
-def _block_length(modes: Modes, shortest: float) -> float:
+def _block_length(modes: ModalForm, shortest: float) -> float:
     """Seconds of a block whose bins are narrow enough for the slowest parts of the tables: the
     velocity variances from their middles must be the true ones."""
     stiffness = np.diag(modes.squares)
@@ -293,7 +293,7 @@ def _block_length(modes: Modes, shortest: float) -> float:
     )
 
 
-def _samples(modes: Modes, length: float, rate: float) -> int:
+def _samples(modes: ModalForm, length: float, rate: float) -> int:
     """Samples of a block: at least at `rate`, and up to where no coordinate or gap has more than
     LARGEST_LOSS of its velocity variance beyond."""
     rows: Vector = np.vstack([modes.shapes, modes.gaps])

@@ -11,7 +11,7 @@ from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.monte_carlo.statistics import Layout
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.methods.monte_carlo.white import WhitePlan, plan_white
-from stochvi.model.model import Assembly, assemble
+from stochvi.model.assembly import Assembly, assemble
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
@@ -29,7 +29,7 @@ def make_plan(
     if unmet := scene.beyond_numbers():
         raise NotApplicable("simulate", unmet)
     assembly = assemble(scene)
-    single = not isinstance(scene.structure, Matrices) and len(assembly.contacts) <= 1
+    single = not isinstance(scene.expanded.structure, Matrices) and len(assembly.contacts) <= 1
     coloured = any(signal.intensity > 0.0 for signal in assembly.signals)
     noisy = coloured or bool(np.any(assembly.white))
     # where a stop gives way, signals are tables and sines beside them

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.model.model import Assembly, Contact
+from stochvi.model.assembly import Assembly, Contact
 
 Key = tuple[str, str]
 """Whose (a coordinate's, an impact pair's), and what."""

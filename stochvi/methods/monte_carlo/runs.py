@@ -29,9 +29,9 @@ from stochvi.methods.monte_carlo.quantities import (
     speed_mean,
 )
 from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.assembly import Contact, assemble
 from stochvi.model.balances import residuals
 from stochvi.model.cautions import scene_notes
-from stochvi.model.model import Contact, assemble
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Cost, Estimate, Response, provenance
 from stochvi.scenes.scene import Scene
@@ -318,7 +318,7 @@ class Run:
 
     def _acceleration(self) -> Estimate | None:
         """Absolute acceleration between impacts, -(b x' + w0^2 x): finite without rigid stops."""
-        if self.scene.impact_pairs or self.scene.beyond_one_oscillator():
+        if self.scene.expanded.impact_pairs or self.scene.beyond_one_oscillator():
             return None
         system = self.scene.system()
         if not system.moving_base or system.noise_on_mass:

@@ -27,7 +27,7 @@ from stochvi.methods.monte_carlo.runs import (
     relative_standard_errors,
     until,
 )
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Response
 from stochvi.results.machine import usable_cores
@@ -336,7 +336,9 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
         elapsed = run.elapsed
     relative = relative_standard_errors(run)
     slowest = max(relative, key=lambda key: relative[key])
-    unseen = any((pair.name, "impact_speed_rate") not in relative for pair in scene.impact_pairs)
+    unseen = any(
+        (pair.name, "impact_speed_rate") not in relative for pair in scene.expanded.impact_pairs
+    )
     return Prospect(
         method=plan.method,
         states=plan.states,
@@ -356,7 +358,8 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
 def _spoken(scene: Scene, key: Key) -> str:
     """A quantity in words; of whom, where the scene has several coordinates or pairs."""
     owner, name = key
-    alone = len(scene.structure.coordinates) == 1 and len(scene.impact_pairs) < 2
+    expanded = scene.expanded
+    alone = len(expanded.structure.coordinates) == 1 and len(expanded.impact_pairs) < 2
     return name if alone else f"{name} of {owner}"
 
 

@@ -43,7 +43,8 @@ from stochvi.methods.monte_carlo.white import (
     default_threshold,
     extrapolated,
 )
-from stochvi.model.model import Signal, assemble
+from stochvi.model.assembly import assemble
+from stochvi.model.model import Signal
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw, Law
 from stochvi.scenes.scene import Scene, System

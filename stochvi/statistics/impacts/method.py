@@ -22,7 +22,7 @@ from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_expone
 from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
 from stochvi.methods.monte_carlo.runs import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
-from stochvi.model.model import Assembly, Contact, assemble
+from stochvi.model.assembly import Assembly, Contact, assemble
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
@@ -323,7 +323,7 @@ def _pair(
         first_hit_rate=_first_hits(scene, contact, gap.mean, seed, threads)
         if first_hits and gap is not None
         else None,
-        energy_unit="J/kg" if scene.structure.mass is None else "J",
+        energy_unit="J/kg" if scene.expanded.structure.mass is None else "J",
     )
 
 

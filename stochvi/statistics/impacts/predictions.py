@@ -10,8 +10,8 @@ from scipy.special import ndtr
 
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
-from stochvi.model.modal import linear_law, modes_of
-from stochvi.model.model import Assembly, Contact
+from stochvi.model.assembly import Assembly, Contact, modes_of
+from stochvi.model.modal import linear_law
 from stochvi.scenes.scene import Scene
 
 CLUMPING = 1.2

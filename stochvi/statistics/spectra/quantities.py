@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.histories import Histories, HistoryPlan
-from stochvi.model.model import Assembly
+from stochvi.model.assembly import Assembly
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 from stochvi.scenes.scene import Scene
@@ -98,7 +98,7 @@ def _present(scene: Scene) -> list[str]:
 
 
 def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
-    rigid = scene.impact_pairs and not _gives_way(plan.assembly)
+    rigid = scene.expanded.impact_pairs and not _gives_way(plan.assembly)
     if not _present(scene):
         acceleration = "left out: a force acts on a mass, whose acceleration has it in it"
     elif rigid:

@@ -61,7 +61,7 @@ def _response(scene: Scene, rows: list[dict[str, str]]) -> Response:
     method = rows[0]["method"]
     how = "closed form" if method == "exact" else "Fokker-Planck equation, error from two meshes"
     coordinates: dict[str, dict[str, Estimate | None]] = {
-        name: {} for name in scene.structure.coordinates
+        name: {} for name in scene.expanded.structure.coordinates
     }
     pairs: dict[str, dict[str, Estimate | float | None]] = {}
     for row in rows:

@@ -127,7 +127,7 @@ def design_page(found: Design) -> Page:
 
 
 def _scene(scene: Scene) -> Section:
-    masses = scene.absorber.mass_on if scene.absorber else ()
+    masses, scene = scene.absorber_coordinates, scene.expanded
     coordinates = scene.structure.coordinates
     mass = scene.structure.matrices[0]
     facts = [

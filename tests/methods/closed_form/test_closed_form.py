@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import quad
 
 from stochvi.methods.closed_form import displacement_density, exact
+from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
-from stochvi.model.model import assemble
 from stochvi.results.errors import NoExactSolution
 from stochvi.scenes.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution

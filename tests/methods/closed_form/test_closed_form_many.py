@@ -9,7 +9,7 @@ import pytest
 
 from stochvi.methods.closed_form import exact, unmet_conditions
 from stochvi.methods.monte_carlo import simulate
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble
 from stochvi.results.errors import NoExactSolution
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Hertz, Restitution

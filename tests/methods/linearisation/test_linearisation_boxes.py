@@ -20,7 +20,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.methods.linearisation import boxes
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble
 from stochvi.scenes.datasets import data_folder
 from stochvi.verification.testing.agreement import Z
 

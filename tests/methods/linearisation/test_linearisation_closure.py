@@ -11,8 +11,8 @@ from scipy.integrate import quad
 
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
+from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
-from stochvi.model.model import assemble
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 from support.linearised import WAYS, make_scene, random_scene, summary, value

@@ -22,8 +22,7 @@ from stochvi import (
     linearise_all,
     linearised_structures,
 )
-from stochvi.model.modal import modes_of
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble, modes_of
 from stochvi.model.scales import scales_of
 from stochvi.results.estimates import Response
 from stochvi.scenes.excitations import ConstantLoad, Excitation, FilteredNoise, Sine

@@ -28,8 +28,8 @@ from stochvi.methods.monte_carlo.kernels.contact import (
 from stochvi.methods.monte_carlo.kernels.flight import F1_UPPER, N_LOWER, N_UPPER
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.white import WhitePlan, plan_white
+from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
-from stochvi.model.model import assemble
 from stochvi.results.errors import NoExactSolution, NotApplicable, SceneError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.excitations import WhiteNoise

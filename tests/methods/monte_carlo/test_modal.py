@@ -27,8 +27,8 @@ from stochvi.methods.monte_carlo.kernels.modes import first_root
 from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.methods.monte_carlo.quantities import of_coordinate, of_pair
 from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
-from stochvi.model.model import assemble
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees

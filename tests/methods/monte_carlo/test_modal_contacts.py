@@ -26,8 +26,8 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import KINK_ERROR
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
-from stochvi.model.model import assemble
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law

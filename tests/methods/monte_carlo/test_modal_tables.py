@@ -27,8 +27,8 @@ from stochvi.mathematics.state_space import stationary_covariance
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.tabulated import LARGEST_LOSS, TabulatedPlan
-from stochvi.model.modal import linear_law, modes_of
-from stochvi.model.model import assemble
+from stochvi.model.assembly import assemble, modes_of
+from stochvi.model.modal import linear_law
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law

@@ -28,8 +28,8 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean
 from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
-from stochvi.model.model import assemble
 from stochvi.testing import assert_agrees
 from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, Units, oscillator, values
 from support.mounts import TRUCK, isolator

@@ -1,0 +1,52 @@
+"""What of a model a method covers: conditions in sentences, for refusals, `explain` and tables."""
+
+from __future__ import annotations
+
+from stochvi.model.model import Model
+from stochvi.scenes.impact_laws import SpeedRestitution
+
+
+def functions(model: Model) -> list[str]:
+    """The functions of a model, each as a condition of a method that takes numbers only."""
+    found = []
+    if model.restoring is not None:
+        found.append(
+            "structure.kind must not be 'nonlinear' (a restoring force that is a function)"
+        )
+    found += [
+        "law.coefficient must be a number, got a function of speed "
+        f"at the {stop.name} stop of {pair.name}"
+        for pair in model.pairs
+        for stop in pair.stops
+        if isinstance(stop.law, SpeedRestitution)
+    ]
+    return found
+
+
+def beyond_one_oscillator(
+    model: Model, *, with_functions: bool = False, with_filters: bool = False
+) -> list[str]:
+    """The conditions of a method for one oscillator that a model does not meet.
+
+    Parameters
+    ----------
+    with_functions
+        For a method that takes springs, dampers and restitutions that are functions.
+    with_filters
+        For a method that takes filtered noise.
+    """
+    found = [] if with_functions else functions(model)
+    if len(model.coordinates) > 1:
+        found.append(
+            "structure.kind must be 'oscillator' or 'isolator', got "
+            f"{len(model.coordinates)} coordinates ({', '.join(model.coordinates)})"
+        )
+    if len(model.pairs) > 1:
+        found.append(f"the scene must have one impact pair, got {len(model.pairs)}")
+    covered = ["white", *["filtered"] * with_filters, "psd", "road", "record"]
+    kinds = {"sine" if signal.amplitude else "filtered" for signal in model.signals}
+    found += [
+        f"excitation must be {', '.join(covered)} or constant, got {kind}"
+        for kind in sorted(kinds - set(covered))
+    ]
+    return found
