@@ -16,7 +16,7 @@ from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.modal import linear_law
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, Response
-from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.results.intervals import GAUSSIAN_95, mean_and_error
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
@@ -357,7 +357,7 @@ def _windows(scene: Scene, carrier: str, period: float, seed: int) -> _Windows:
     how = f"{PEAK_WINDOWS} windows of {PEAK_PERIODS} periods on {paths} paths"
 
     def estimate(values: np.ndarray, power: float = 1.0) -> Estimate:
-        mean, error = float(values.mean()), float(values.std(ddof=1)) / math.sqrt(paths)
+        mean, error = mean_and_error(values)
         relative = abs(power) * error / mean if mean else 0.0
         value = mean**power
         return Estimate(value=value, standard_error=value * relative, how=how)

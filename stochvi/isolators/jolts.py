@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
-from statsmodels.stats.proportion import proportion_confint
 
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.assembly import assemble
 from stochvi.results.errors import NotApplicable
+from stochvi.results.intervals import binomial_interval, poisson_interval
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene
 
@@ -33,9 +32,6 @@ SETTLING_WINDOWS = 10
 CLATTER = 0.5
 """Hits per period from which on a window belongs to clatter, both stops together, and to the
 resonant regime, on each of them: that regime has one on each, occasional hits are few."""
-
-LEVEL = 0.95
-"""Of intervals."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +80,8 @@ class Jolts:
         time, events = float(self.watched.sum()), int(self.left.sum())
         if time == 0.0:
             return math.nan, 0.0, math.inf
-        tail = (1.0 - LEVEL) / 2.0
-        low = chi2.ppf(tail, 2 * events) / 2.0 if events else 0.0
-        high = chi2.ppf(1.0 - tail, 2 * events + 2) / 2.0
-        return events / time, float(low) / time, float(high) / time
+        low, high = poisson_interval(events, time)
+        return events / time, low, high
 
     def to_frame(self) -> pd.DataFrame:
         """One row per jolt: share of captured paths with its exact interval, and who stays."""
@@ -96,14 +90,14 @@ class Jolts:
         rows = []
         for number, speed in enumerate(self.speeds):
             caught = int(self.captured[number].sum())
-            low, high = proportion_confint(caught, self.paths, 1.0 - LEVEL, method="beta")
+            low, high = binomial_interval(caught, self.paths)
             gone = int(self.left[number].sum())
             rows.append(
                 {
                     "jolt": speed,
                     "captured": caught / self.paths,
-                    "captured_low": float(low),
-                    "captured_high": float(high),
+                    "captured_low": low,
+                    "captured_high": high,
                     "on_both_stops": float(self.resonant[number].mean()),
                     "left_later": gone / caught if caught else math.nan,
                 }

@@ -96,14 +96,3 @@ def rice_rate(distance: float, displacement_std: float, velocity_std: float) -> 
     """
     shape = math.exp(-0.5 * (distance / displacement_std) ** 2)
     return velocity_std / (2.0 * math.pi * displacement_std) * shape
-
-
-def upper_limit_unseen(exposure: float, confidence: float = 0.95) -> float:
-    """Upper confidence limit of a Poisson rate after no event in `exposure` seconds, 1/s.
-
-    The rate at which seeing none has probability 1 - confidence: -ln(1 - confidence) / exposure.
-
-    >>> round(upper_limit_unseen(1.0), 4)
-    2.9957
-    """
-    return -math.log1p(-confidence) / exposure

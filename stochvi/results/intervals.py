@@ -1,6 +1,282 @@
-"""Confidence intervals, and the quantiles that they are made of."""
+"""Confidence intervals and the propagation of statistical errors, in one place.
+
+Everything that states an error of sampled numbers takes it from here: quantiles of the normal and
+of Student's law, intervals of means, counts and chances, the jackknife, and the delta method for
+functions of means over independent paths.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtr, stdtrit
+
+Array = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+"""Confidence level of the intervals that the package reports, unless the user names another."""
+
 GAUSSIAN_95 = 1.959963984540054
 """Half width of the central 95 % interval of a normal law, in standard deviations."""
+
+GRADIENT_STEP = 1e-3
+"""Step of the central differences of the delta method, in standard errors of each mean. A whole
+standard error would reach rate 0 where a single path holds all the impacts."""
+
+LARGEST_SCORE = 37.0
+"""Standard errors beyond which the probability of a normal variable is 0 in double precision."""
+
+
+# Quantiles ---------------------------------------------------------------------------------
+
+
+def normal_quantile(outside: float) -> float:
+    """Standard errors that a normal variable exceeds, on either side, with the chance `outside`.
+
+    >>> round(normal_quantile(0.0027), 3)
+    3.0
+    """
+    return -float(ndtri(outside / 2.0))
+
+
+def student_quantile(outside: float, degrees: float) -> float:
+    """The same for a standard error that was itself estimated, with so many degrees of freedom
+    (infinite: the normal law).
+
+    >>> round(student_quantile(0.0027, 63.0), 3), round(student_quantile(0.0027, math.inf), 3)
+    (3.123, 3.0)
+    """
+    if math.isinf(degrees):
+        return normal_quantile(outside)
+    return -float(stdtrit(degrees, outside / 2.0))
+
+
+def normal_score(difference: float, standard_error: float, degrees: float) -> float | None:
+    """A difference in standard errors, on the scale of a normal variable: the score of the same
+    probability. None where nothing was sampled.
+
+    >>> round(normal_score(3.122, 1.0, 63.0), 2)
+    3.0
+    """
+    if standard_error <= 0.0:
+        return None
+    away = abs(difference) / standard_error
+    if not math.isinf(degrees):
+        tail = float(stdtr(degrees, -away))
+        away = -float(ndtri(tail)) if tail > 0.0 else math.inf
+        away = min(away, LARGEST_SCORE)
+    return math.copysign(away, difference)
+
+
+def satterthwaite_degrees(errors: Sequence[float], counts: Sequence[int]) -> float:
+    """Degrees of freedom of the standard error of a sum or difference (F. E. Satterthwaite 1946)
+
+        (s1^2 + s2^2)^2 / (s1^4 / (n1 - 1) + s2^4 / (n2 - 1)),
+
+    s the standard errors of independent terms and n the numbers of samples that they come from;
+    infinite where nothing was sampled.
+
+    >>> satterthwaite_degrees([0.1, 0.1], [11, 41])
+    32.0
+    """
+    sampled = [(e, n - 1) for e, n in zip(errors, counts, strict=True) if e > 0.0 and n > 1]
+    largest = max((error for error, _ in sampled), default=0.0)
+    shares = [((error / largest) ** 2, degrees) for error, degrees in sampled]
+    if not shares:
+        return math.inf
+    return sum(share for share, _ in shares) ** 2 / sum(
+        share**2 / degrees for share, degrees in shares
+    )
+
+
+# Intervals ---------------------------------------------------------------------------------
+
+
+def logarithmic_interval(
+    value: float, error: float, degrees: float, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """Student's interval of the logarithm of a positive number, value exp(-+ t error / value): its
+    lower end is never below 0. (0, infinity) of a number that is 0.
+
+    >>> [round(end, 3) for end in logarithmic_interval(1.0, 0.1, 19)]
+    [0.811, 1.233]
+    """
+    if value <= 0.0:
+        return 0.0, math.inf
+    reach = student_quantile(1.0 - confidence, degrees) * error / value
+    return value * math.exp(-reach), value * math.exp(reach)
+
+
+def mean_interval(samples: Array, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Student's interval of the mean of independent samples.
+
+    >>> mean_interval(np.array([1.0, 2.0, 3.0]))
+    (-0.48413771175032..., 4.4841377117503...)
+    """
+    from statsmodels.stats.weightstats import DescrStatsW
+
+    low, high = DescrStatsW(samples).tconfint_mean(1.0 - confidence)
+    return float(low), float(high)
+
+
+def poisson_interval(
+    events: int, exposure: float, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """Exact interval of the rate of a Poisson process after so many events in `exposure` seconds,
+    1/s (F. Garwood 1936).
+
+    >>> [round(end, 4) for end in poisson_interval(0, 1.0)]
+    [0.0, 3.6889]
+    """
+    from statsmodels.stats.rates import confint_poisson
+
+    low, high = confint_poisson(float(events), exposure, "exact-c", 1.0 - confidence)
+    return float(low) if events else 0.0, float(high)
+
+
+def binomial_interval(
+    events: int, trials: int, confidence: float = CONFIDENCE,
+    rule: Literal["clopper-pearson", "wilson"] = "clopper-pearson",
+) -> tuple[float, float]:  # fmt: skip
+    """Interval of a probability after so many events in independent trials.
+
+    Clopper and Pearson's covers at least as often as it says, Wilson's about as often.
+
+    >>> [round(end, 4) for end in binomial_interval(0, 10)]
+    [0.0, 0.3085]
+    """
+    from statsmodels.stats.proportion import proportion_confint
+
+    method = {"clopper-pearson": "beta", "wilson": "wilson"}[rule]
+    low, high = proportion_confint(events, trials, 1.0 - confidence, method)
+    return float(low), float(high)
+
+
+def upper_limit_unseen(exposure: float, confidence: float = CONFIDENCE) -> float:
+    """Upper confidence limit of a Poisson rate after no event in `exposure` seconds, 1/s.
+
+    The rate at which none is seen with the probability 1 - confidence.
+
+    >>> round(upper_limit_unseen(1.0), 4)
+    2.9957
+    """
+    return -math.log1p(-confidence) / exposure
+
+
+# Standard errors ---------------------------------------------------------------------------
+
+
+def mean_and_error(samples: Array) -> tuple[float, float]:
+    """Mean of independent samples with its standard error."""
+    return float(samples.mean()), float(samples.std(ddof=1)) / math.sqrt(len(samples))
+
+
+def jackknife_error(left_out: Array) -> Any:
+    """Standard error of a statistic from its values with one of n independent samples left out at a
+    time, along the last axis: s^2 = (n - 1) / n sum (f_i - mean f)^2 (B. Efron and C. Stein, Ann.
+    Statist. 9 (1981) 586).
+
+    It holds for any smooth function of means. A number for one row of values, else an array.
+    """
+    count = left_out.shape[-1]
+    away = left_out - left_out.mean(axis=-1, keepdims=True)
+    errors = np.sqrt((count - 1) / count * np.sum(away**2, axis=-1))
+    return float(errors) if left_out.ndim == 1 else errors
+
+
+def jackknife_ratio(
+    above: Array, below: Array, function: Callable[[Any], Any] = lambda ratio: ratio
+) -> tuple[float, float]:
+    """A function of the ratio of two sums over independent samples, with its standard error by the
+    jackknife; the samples of `above` and `below` belong together and may be correlated.
+
+    >>> jackknife_ratio(np.array([2.0, 4.0]), np.array([1.0, 2.0]))
+    (2.0, 0.0)
+    """
+    left_out = (above.sum() - above) / (below.sum() - below)
+    error = jackknife_error(np.asarray(function(left_out)))
+    return float(function(above.sum() / below.sum())), error
+
+
+def ratio_and_error(above: Array, below: Array) -> tuple[float, float]:
+    """The ratio of two sums over independent samples, with its standard error to first order."""
+    count, total = len(above), float(below.sum())
+    value = float(above.sum()) / total
+    scatter = float(np.sum((above - value * below) ** 2)) * count / (count - 1)
+    return value, math.sqrt(scatter) / total
+
+
+def delta_method(
+    function: Callable[[Array], Any], mean: Array, covariance: Array
+) -> tuple[Any, Any]:
+    """A smooth function of means, with its standard error to first order.
+
+    Parameters
+    ----------
+    function
+        From means of the shape (rows, ...) to values of the shape (...).
+    mean, covariance
+        (rows, ...) and (rows, rows, ...): the means, and the covariance of their errors.
+
+    Returns
+    -------
+    value, error
+        Of the shape (...).
+    """
+    gradient = np.zeros_like(mean)
+    for row in range(len(mean)):
+        step = GRADIENT_STEP * np.sqrt(covariance[row, row])
+        if not np.any(step):
+            continue
+        offset = np.zeros_like(mean)
+        offset[row] = step
+        change = np.asarray(function(mean + offset) - function(mean - offset))
+        gradient[row] = np.divide(change, 2.0 * step, out=np.zeros_like(step), where=step > 0.0)
+    if mean.ndim == 1:
+        variance = gradient @ covariance @ gradient
+        return function(mean), math.sqrt(max(float(variance), 0.0))
+    variance = np.einsum("r...,rs...,s...->...", gradient, covariance, gradient)
+    return function(mean), np.sqrt(np.maximum(variance, 0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathMoments:
+    """Count, means and scatter of numbers that each of many independent paths has.
+
+    Parameters
+    ----------
+    count
+        Independent paths.
+    mean
+        (rows, ...) means over the paths.
+    scatter
+        (rows, rows, ...) sums over the paths of products of distances from the means.
+    """
+
+    count: int
+    mean: Array
+    scatter: Array
+
+    def merge(self, other: Self) -> Self:
+        """Of both groups of paths together: exact up to rounding, and independent of how paths were
+        grouped as long as the groups are merged in the same order (T. F. Chan, G. H. Golub and
+        R. J. LeVeque 1983)."""
+        count = self.count + other.count
+        shift = other.mean - self.mean
+        between = shift[:, None] * shift * (self.count * other.count / count)
+        return replace(
+            self,
+            count=count,
+            mean=self.mean + shift * (other.count / count),
+            scatter=self.scatter + other.scatter + between,
+        )
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the errors of the means."""
+        return np.asarray(self.scatter / (self.count * max(self.count - 1, 1)))

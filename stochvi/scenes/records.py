@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.results.errors import SceneError
+from stochvi.results.intervals import jackknife_error
 from stochvi.scenes.readers import TIME_RESPONSE, read_columns
 
 Vector = NDArray[np.float64]
@@ -91,8 +92,7 @@ class Record:
         second, fourth = np.mean(blocks**2, axis=1), np.mean(blocks**4, axis=1)
         value = fourth.mean() / second.mean() ** 2
         left_out = (fourth.sum() - fourth) / (second.sum() - second) ** 2 * (BLOCKS - 1)
-        scatter = np.sum((left_out - left_out.mean()) ** 2) * (BLOCKS - 1) / BLOCKS
-        return float(value), float(np.sqrt(scatter))
+        return float(value), jackknife_error(left_out)
 
     def resolution(self, omega: float | None = None, damping_rate: float | None = None) -> float:
         """Spacing of the bins, Hz: the coarsest that serves an oscillator, if the record is long

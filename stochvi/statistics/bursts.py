@@ -25,6 +25,7 @@ from stochvi.methods.monte_carlo.kernels.contact import CONTACT_SUMS
 from stochvi.methods.monte_carlo.kernels.flight import F1_LOWER, F1_UPPER, N_LOWER, N_UPPER, SUMS
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
 from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import (
@@ -53,9 +54,6 @@ FAR, DOUBT = 2.0, 4.0
 
 FEWEST_WITH_BURSTS = 8
 """Paths of which some crossing must be a first hit, for a standard error."""
-
-UNSEEN_95 = -math.log(0.05)
-"""Expected number above which, at 95 %, something is seen."""
 
 FLOWN_TOGETHER = 128
 """Bursts in one call of the engine."""
@@ -148,7 +146,7 @@ class Bursts:
             mean.standard_error / mean.value if mean.value else 0.0,
         )
         if not value:
-            most = UNSEEN_95 * float(self.weight.max() / self.weight.sum())
+            most = upper_limit_unseen(1.0) * float(self.weight.max() / self.weight.sum())
             how = f"none of {len(self.path)} bursts"
             return Estimate(value=0.0, bias=None, how=how, upper_95=self.first_rate.value * most)
         known = (self.first_rate.bias or 0.0) / self.first_rate.value
@@ -165,15 +163,12 @@ class Bursts:
     def _ratio(self, above: Vector, below: Vector) -> Estimate:
         """Ratio of weighted sums, jackknife over paths."""
         count = int(self.path.max()) + 1
-        top = np.bincount(self.path, self.weight * above, count)
-        bottom = np.bincount(self.path, self.weight * below, count)
-        left_out = (top.sum() - top) / (bottom.sum() - bottom)
-        spread = float(np.sum((left_out - left_out.mean()) ** 2))
-        return Estimate(
-            value=float(top.sum() / bottom.sum()),
-            standard_error=math.sqrt((count - 1) / count * spread),
-            how=f"{len(self.path)} bursts",
+        top, bottom = (
+            np.bincount(self.path, self.weight * each, count).astype(float)
+            for each in (above, below)
         )
+        value, error = jackknife_ratio(top, bottom)
+        return Estimate(value=value, standard_error=error, how=f"{len(self.path)} bursts")
 
 
 def bursts(

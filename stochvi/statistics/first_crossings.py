@@ -42,6 +42,7 @@ from stochvi.methods.monte_carlo.tabulated import (
 )
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import jackknife_error
 from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 
@@ -168,8 +169,7 @@ class FirstCrossings:
         paths = fine.shape[-1]
         values = statistic(fine.mean(axis=-1))
         left_out = statistic((fine.sum(axis=-1, keepdims=True) - fine) / (paths - 1))
-        spread = left_out - left_out.mean(axis=-1, keepdims=True)
-        errors = np.sqrt((paths - 1) / paths * np.sum(spread**2, axis=-1))
+        errors = jackknife_error(left_out)
         # where every crossing was a first one, that the next is not is still as likely as this
         crossings = paths * self.ages.shape[-1]
         errors = np.maximum(errors, values / crossings)

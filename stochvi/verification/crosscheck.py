@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from scipy.special import ndtri, stdtr, stdtrit
-
 from stochvi.methods.averaging import average
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
@@ -17,6 +15,12 @@ from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, Response
+from stochvi.results.intervals import (
+    normal_quantile,
+    normal_score,
+    satterthwaite_degrees,
+    student_quantile,
+)
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -306,60 +310,10 @@ def single_alarm_rate(family: int, family_alarm_rate: float = FAMILY_ALARM_RATE)
     return -math.expm1(math.log1p(-family_alarm_rate) / family)
 
 
-def normal_quantile(alarm_rate: float) -> float:
-    """Standard errors that a normal variable exceeds, on either side, with this probability."""
-    return -float(ndtri(alarm_rate / 2.0))
-
-
-def student_quantile(alarm_rate: float, degrees: float) -> float:
-    """The same for a standard error that has itself been estimated, with so many degrees of
-    freedom (infinite: the normal law).
-
-    >>> round(student_quantile(0.0027, 63.0), 3), round(student_quantile(0.0027, math.inf), 3)
-    (3.123, 3.0)
-    """
-    if math.isinf(degrees):
-        return normal_quantile(alarm_rate)
-    return -float(stdtrit(degrees, alarm_rate / 2.0))
-
-
-def normal_score(difference: float, standard_error: float, degrees: float) -> float | None:
-    """A difference in standard errors, on the scale of a normal variable: the score of the same
-    probability. None where nothing was sampled.
-
-    >>> round(normal_score(3.122, 1.0, 63.0), 2)
-    3.0
-    """
-    if standard_error <= 0.0:
-        return None
-    away = abs(difference) / standard_error
-    if not math.isinf(degrees):
-        tail = float(stdtr(degrees, -away))
-        away = -float(ndtri(tail)) if tail > 0.0 else math.inf
-        away = min(away, LARGEST_SCORE)
-    return math.copysign(away, difference)
-
-
-LARGEST_SCORE = 37.0
-"""Standard errors beyond which the probability of a normal variable is 0 in double precision."""
-
-
 def degrees_of_freedom(first: Response, second: Response | None, errors: Sequence[float]) -> float:
-    """Of the standard error of a difference, after F. E. Satterthwaite (1946)
-
-        (s1^2 + s2^2)^2 / (s1^4 / (n1 - 1) + s2^4 / (n2 - 1)),
-
-    n the number of independent paths; infinite where nothing was sampled.
-    """
+    """Of the standard error of a difference of two answers, by their numbers of paths."""
     paths = [0 if response is None else response.cost.paths for response in (first, second)]
-    sampled = [(e, n - 1) for e, n in zip(errors, paths, strict=True) if e > 0.0 and n > 1]
-    largest = max((error for error, _ in sampled), default=0.0)
-    shares = [((error / largest) ** 2, degrees) for error, degrees in sampled]
-    if not shares:
-        return math.inf
-    return sum(share for share, _ in shares) ** 2 / sum(
-        share**2 / degrees for share, degrees in shares
-    )
+    return satterthwaite_degrees(errors, paths)
 
 
 def _rare(estimate: Estimate) -> bool:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.results.intervals import normal_quantile
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.scene import Scene, load_scene
 from stochvi.verification.crosscheck import (
@@ -21,7 +22,6 @@ from stochvi.verification.crosscheck import (
     Comparison,
     answers,
     compare,
-    normal_quantile,
     single_alarm_rate,
 )
 

@@ -10,7 +10,8 @@ from pictures import draw
 from scipy.stats import beta
 
 import stochvi
-from stochvi.verification.crosscheck import Answers, normal_quantile, single_alarm_rate
+from stochvi.results.intervals import normal_quantile
+from stochvi.verification.crosscheck import Answers, single_alarm_rate
 from stochvi.verification.zoo import compare_many, seeds_of
 
 SHORT = ("linear", "elastic-unequal-gaps", "lossy-unequal-gaps", "spring-stops", "psd-truck-linear")

@@ -14,6 +14,7 @@ from stochvi.methods.monte_carlo.impact_logs import ImpactLog, plan_impacts
 from stochvi.methods.monte_carlo.kernels import flight
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import ratio_and_error
 from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution, Viscoelastic
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -29,7 +30,6 @@ from stochvi.statistics.impacts.tallies import (
     fitted_exponent,
     passes_for_poisson,
     rate,
-    ratio,
 )
 from stochvi.testing import assert_agrees
 
@@ -140,7 +140,7 @@ def test_dispersion_of_known_processes(clump: int) -> None:
     assert passes_for_poisson(found) is (clump == 1)
     assert tally.numbers[:, 0].sum() == 0.0
     assert tally.numbers.sum() == len(log.speed)
-    value, error = ratio(tally.energies.sum(axis=1), tally.numbers.sum(axis=1))
+    value, error = ratio_and_error(tally.energies.sum(axis=1), tally.numbers.sum(axis=1))
     mean_square = 1.3 / 3.3 * (1.0 - 0.01**3.3) / (1.0 - 0.01**1.3)
     assert_agrees(Estimate(value=value, standard_error=error), mean_square)
 

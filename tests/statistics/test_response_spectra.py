@@ -14,12 +14,12 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo.histories import plan_histories
 from stochvi.model.assembly import assemble
 from stochvi.results.errors import NotConverged
+from stochvi.results.intervals import CONFIDENCE
 from stochvi.scenes.excitations import FilteredNoise, Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.statistics.spectra import Curve, method, spectrum
-from stochvi.statistics.spectra.method import LEVEL
 from stochvi.statistics.spectra.segments import layout_of, products
 
 B, S0 = 0.2, 0.4
@@ -45,8 +45,8 @@ def exact_density(f: np.ndarray, damping: float = B) -> np.ndarray:
 def assert_covered(curve: Curve, truth: np.ndarray, resolution: float) -> None:
     """At least 95 % of frequencies in the band, but for what independent bins may miss by."""
     independent = (curve.frequency_hz[-1] - curve.frequency_hz[0]) * resolution
-    allowed = 3.0 * math.sqrt(LEVEL * (1.0 - LEVEL) / independent)
-    assert curve.holds(truth).mean() >= LEVEL - allowed
+    allowed = 3.0 * math.sqrt(CONFIDENCE * (1.0 - CONFIDENCE) / independent)
+    assert curve.holds(truth).mean() >= CONFIDENCE - allowed
 
 
 def misses(curve: Curve, truth: np.ndarray) -> bool:
@@ -190,7 +190,7 @@ def test_mount_on_a_truck() -> None:
     whole = found.frequency_hz >= f[0]
     acceleration = curves["acceleration"]
     held = acceleration.holds(np.append(np.zeros((~whole).sum()), table(f) * square))[whole]
-    assert held[inside].mean() > LEVEL - 0.05
+    assert held[inside].mean() > CONFIDENCE - 0.05
     assert curves["coherence"].value[inside].min() > 0.99
 
 

@@ -11,6 +11,7 @@ from scipy.stats import norm, t
 from stochvi import Estimate, Response, check, check_many, exact, simulate, zoo
 from stochvi.cli import main
 from stochvi.results.estimates import Cost
+from stochvi.results.intervals import normal_score, student_quantile
 from stochvi.scenes.datasets import data_folder, zoo_files
 from stochvi.scenes.scene import scene_from
 from stochvi.testing import known_answers
@@ -21,9 +22,7 @@ from stochvi.verification.crosscheck import (
     FAMILY_ALARM_RATE,
     Answers,
     degrees_of_freedom,
-    normal_score,
     single_alarm_rate,
-    student_quantile,
 )
 from stochvi.verification.zoo import compare_many, seeds_of
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -27,6 +27,7 @@ from stochvi.methods.monte_carlo.kernels.contact import CONTACT_LOWER, CONTACT_U
 from stochvi.methods.monte_carlo.kernels.flight import N_LOWER, N_UPPER, VV, XX
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.results.errors import NotApplicable
+from stochvi.results.intervals import jackknife_ratio, mean_and_error
 from stochvi.results.machine import usable_cores
 from stochvi.scenes.impact_laws import Elastic, Viscoelastic
 from stochvi.scenes.scene import Scene
@@ -237,7 +238,7 @@ class _Windows:
                     )
                 done = wanted
                 assert self.found is not None
-                mean, error = _mean(self.found[0].largest)
+                mean, error = mean_and_error(self.found[0].largest)
                 late = budget is not None and time.perf_counter() - started > budget
                 if error <= rel_error * mean or late:
                     return
@@ -250,14 +251,13 @@ class _Windows:
         """Columns of one row."""
         assert self.found is not None
         stopped, coarse, free = self.found
-        hits, hits_error = _mean(stopped.hits)
-        square, square_error = _mean(stopped.mean_square)
+        hits, hits_error = mean_and_error(stopped.hits)
+        square, square_error = mean_and_error(stopped.mean_square)
         rms = math.sqrt(square)
-        largest, largest_error = _mean(stopped.largest)
-        rms_ratio, rms_ratio_error = _ratio(
-            stopped.mean_square, free.mean_square, lambda ratio: math.sqrt(ratio)
-        )
-        peak_ratio, peak_ratio_error = _ratio(stopped.largest, free.largest, lambda ratio: ratio)
+        largest, largest_error = mean_and_error(stopped.largest)
+        # the windows with stops and without them have their random numbers in common
+        rms_ratio, rms_ratio_error = jackknife_ratio(stopped.mean_square, free.mean_square, np.sqrt)
+        peak_ratio, peak_ratio_error = jackknife_ratio(stopped.largest, free.largest)
         return {
             "hit_rate": hits,
             "hit_rate_error": hits_error,
@@ -265,23 +265,10 @@ class _Windows:
             "acceleration_rms_error": 0.5 * square_error / rms,
             "largest_acceleration": largest,
             "largest_acceleration_error": largest_error,
-            "largest_acceleration_bias": abs(_mean(coarse.largest)[0] - largest) / 3.0,
+            "largest_acceleration_bias": abs(float(coarse.largest.mean()) - largest) / 3.0,
             "rms_amplification": rms_ratio,
             "rms_amplification_error": rms_ratio_error,
             "peak_amplification": peak_ratio,
             "peak_amplification_error": peak_ratio_error,
             "windows": float(len(stopped.largest)),
         }
-
-
-def _mean(values: Vector) -> tuple[float, float]:
-    return float(values.mean()), float(values.std(ddof=1) / math.sqrt(len(values)))
-
-
-def _ratio(above: Vector, below: Vector, shape: Callable[[float], float]) -> tuple[float, float]:
-    """shape(mean above / mean below) with its standard error (jackknife, paths in common)."""
-    count = len(above)
-    left_out = (above.sum() - above) / (below.sum() - below)
-    values = np.array([shape(float(ratio)) for ratio in left_out])
-    spread = float(np.sum((values - values.mean()) ** 2))
-    return shape(float(above.sum() / below.sum())), math.sqrt((count - 1) / count * spread)

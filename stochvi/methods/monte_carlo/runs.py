@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from threading import Timer
 
-from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, upper_limit_unseen
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_of, machine
 from stochvi.methods.monte_carlo.checkpoints import Keeper, State
 from stochvi.methods.monte_carlo.plans import Plan, layout_of
@@ -34,6 +34,7 @@ from stochvi.model.balances import residuals
 from stochvi.model.cautions import scene_notes
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Cost, Estimate, Response, provenance
+from stochvi.results.intervals import upper_limit_unseen
 from stochvi.scenes.scene import Scene
 
 Progress = Callable[[float, str], None]

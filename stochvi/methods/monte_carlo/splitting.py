@@ -22,16 +22,15 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
-from statsmodels.stats.proportion import proportion_confint
 
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.missions import AFTERWARDS, Fleet, MissionPlan
 from stochvi.results.errors import NotConverged
+from stochvi.results.intervals import binomial_interval, logarithmic_interval, mean_and_error
 from stochvi.results.machine import thread_seconds
 
 Vector = NDArray[np.float64]
@@ -253,32 +252,18 @@ class Sample:
         return Interval(lower=lower, upper=min(upper, 1.0), confidence=confidence, rule=rule)
 
 
-def logarithmic_interval(
-    value: float, error: float, freedom: float, confidence: float
-) -> tuple[float, float]:
-    """value exp(-+ t error / value), t Student's quantile: never below 0.
-
-    >>> [round(end, 3) for end in logarithmic_interval(1.0, 0.1, 19, 0.95)]
-    [0.811, 1.233]
-    """
-    if value <= 0.0:
-        return 0.0, math.inf
-    reach = float(student.ppf(0.5 + 0.5 * confidence, freedom)) * error / value
-    return value * math.exp(-reach), value * math.exp(reach)
-
-
 def of_repetitions(trials: list[Trial]) -> Sample:
     """The mean over repetitions of a splitting, errors from their spread."""
     count = len(trials)
     chances, hits = np.array([[trial.chance, trial.hits] for trial in trials]).T
-    errors = [float(each.std(ddof=1)) / math.sqrt(count) for each in (chances, hits)]
+    (chance, error), (number, number_error) = mean_and_error(chances), mean_and_error(hits)
     return Sample(
         trials=count,
         missions=sum(trial.missions for trial in trials),
-        chance=float(chances.mean()),
-        error=errors[0],
-        hits=float(hits.mean()),
-        hits_error=errors[1],
+        chance=chance,
+        error=error,
+        hits=number,
+        hits_error=number_error,
         steps=sum(trial.steps for trial in trials),
         seconds=sum(trial.seconds for trial in trials),
     )
@@ -295,16 +280,18 @@ class Counted(Sample):
 
     def interval(self, confidence: float) -> Interval:
         """Clopper and Pearson's, which covers at least as often as it says."""
-        return self._binomial("beta", "Clopper and Pearson", confidence)
+        return self._binomial("clopper-pearson", "Clopper and Pearson", confidence)
 
     def wilson(self, confidence: float) -> Interval:
         """Wilson's, which covers about as often as it says."""
         return self._binomial("wilson", "Wilson", confidence)
 
-    def _binomial(self, method: str, name: str, confidence: float) -> Interval:
-        lower, upper = proportion_confint(self.failed, self.missions, 1.0 - confidence, method)
-        rule = f"{name}, {self.failed} of {self.missions} missions"
-        return Interval(lower=float(lower), upper=float(upper), confidence=confidence, rule=rule)
+    def _binomial(
+        self, rule: Literal["clopper-pearson", "wilson"], name: str, confidence: float
+    ) -> Interval:
+        lower, upper = binomial_interval(self.failed, self.missions, confidence, rule)
+        words = f"{name}, {self.failed} of {self.missions} missions"
+        return Interval(lower=lower, upper=upper, confidence=confidence, rule=words)
 
 
 def of_missions(trials: list[Trial]) -> Counted:

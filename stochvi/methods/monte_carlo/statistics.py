@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.quantities import Key, Means, Quantity
+from stochvi.results.intervals import PathMoments, delta_method
 
 Vector = NDArray[np.float64]
 
@@ -27,21 +27,10 @@ class Layout:
     thresholds: Mapping[str, float]
 
 
-GRADIENT_STEP = 1e-3
-"""Of a standard error."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathStatistics(PathMoments):
+    """Count, mean vector and scatter matrix of the time averages of independent paths."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class PathStatistics:
-    """Count, mean vector and scatter matrix of the time averages of independent paths.
-
-    Merging is exact up to rounding and does not depend on how the paths were grouped, as long
-    as groups are merged in the same order (T. F. Chan, G. H. Golub and R. J. LeVeque 1983).
-    """
-
-    count: int
-    mean: Vector
-    scatter: NDArray[np.float64]
     layout: Layout
 
     @classmethod
@@ -59,40 +48,9 @@ class PathStatistics:
         size = len(layout.rows)
         return cls(count=0, mean=np.zeros(size), scatter=np.zeros((size, size)), layout=layout)
 
-    def merge(self, other: PathStatistics) -> PathStatistics:
-        """Statistics of both groups of paths together."""
-        count = self.count + other.count
-        shift = other.mean - self.mean
-        weight = self.count * other.count / count
-        return PathStatistics(
-            count=count,
-            mean=self.mean + shift * (other.count / count),
-            scatter=self.scatter + other.scatter + shift[:, None] * shift * weight,
-            layout=self.layout,
-        )
-
-    @property
-    def covariance(self) -> NDArray[np.float64]:
-        """Covariance of the mean vector."""
-        return self.scatter / (self.count * max(self.count - 1, 1))
-
     def evaluate(self, quantity: Quantity) -> tuple[float, float]:
-        """Value and standard error of a smooth function of the means (delta method).
-
-        The gradient is taken by central differences over a small part of one standard error each
-        way: the whole would reach rate 0 where a single path holds all the impacts.
-        """
-        value = quantity(self._named(self.mean))
-        steps = GRADIENT_STEP * np.sqrt(np.diag(self.covariance))
-        gradient = np.zeros_like(steps)
-        for row in np.flatnonzero(steps):
-            offset = np.zeros_like(steps)
-            offset[row] = steps[row]
-            above = quantity(self._named(self.mean + offset))
-            below = quantity(self._named(self.mean - offset))
-            gradient[row] = (above - below) / (2.0 * steps[row])
-        variance = float(gradient @ self.covariance @ gradient)
-        return value, math.sqrt(max(variance, 0.0))
+        """Value and standard error of a smooth function of the means (delta method)."""
+        return delta_method(lambda mean: quantity(self._named(mean)), self.mean, self.covariance)
 
     def means(self) -> Means:
         """The means by key."""

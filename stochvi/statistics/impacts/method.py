@@ -25,6 +25,7 @@ from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.assembly import Assembly, Contact, assemble
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.intervals import ratio_and_error
 from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import first_crossings
@@ -42,7 +43,6 @@ from stochvi.statistics.impacts.tallies import (
     merged,
     passes_for_poisson,
     rate,
-    ratio,
 )
 
 Vector = NDArray[np.float64]
@@ -285,7 +285,7 @@ def _largest_error(tallies: list[Tally], plan: ImpactPlan) -> float:
     for tally in tallies:
         numbers = tally.numbers.sum(axis=1)
         if numbers.any():
-            value, error = ratio(numbers, np.full(len(numbers), plan.duration))
+            value, error = ratio_and_error(numbers, np.full(len(numbers), plan.duration))
             errors.append(error / value)
     return max(errors, default=math.inf)
 
@@ -305,8 +305,8 @@ def _pair(
     }
     rates["both"] = rate(numbers, plan.duration, poisson, how)
     gap = linear_gap(scene, assembly, contact)
-    square = ratio(tally.squares.sum(axis=1), numbers) if hits else None
-    loss = ratio(tally.energies.sum(axis=1), numbers) if hits else None
+    square = ratio_and_error(tally.squares.sum(axis=1), numbers) if hits else None
+    loss = ratio_and_error(tally.energies.sum(axis=1), numbers) if hits else None
     return PairStatistics(
         speed_threshold=plan.thresholds[contact.name],
         rates=rates,

@@ -9,11 +9,15 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from statsmodels.stats.rates import confint_poisson
-from statsmodels.stats.weightstats import DescrStatsW
 
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import (
+    jackknife_error,
+    mean_interval,
+    poisson_interval,
+    ratio_and_error,
+)
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -23,9 +27,6 @@ WINDOWS = 8
 
 BINS = 40
 """Of a histogram, evenly in the logarithm."""
-
-LEVEL = 0.95
-"""Of intervals."""
 
 LARGEST_DISPERSION = 1.25
 """Upper limit of the dispersion up to which counts pass for Poisson's, and its inverse from which
@@ -108,14 +109,6 @@ def merged(tallies: list[Tally]) -> Tally:
     return reduce(Tally.merge, tallies)
 
 
-def ratio(above: Vector, below: Vector) -> tuple[float, float]:
-    """Sum of `above` over the sum of `below` with its standard error, from independent paths."""
-    paths, total = len(above), float(below.sum())
-    value = float(above.sum()) / total
-    spread = float(np.sum((above - value * below) ** 2)) * paths / (paths - 1)
-    return value, math.sqrt(spread) / total
-
-
 @dataclass(frozen=True, kw_only=True)
 class Rate:
     """Impacts per second with a 95 % interval, and what that rests on: "Poisson" or "paths"."""
@@ -128,19 +121,18 @@ class Rate:
 
 def rate(counts: Vector, duration: float, poisson: bool, how: str) -> Rate:
     """Of counts of impacts in independent paths of `duration` seconds."""
-    value, error = ratio(counts, np.full(len(counts), duration))
+    value, error = ratio_and_error(counts, np.full(len(counts), duration))
     if poisson:
-        exposure = duration * len(counts)
-        low, high = confint_poisson(float(counts.sum()), exposure, "exact-c", 1.0 - LEVEL)
+        low, high = poisson_interval(round(counts.sum()), duration * len(counts))
     else:
-        low, high = DescrStatsW(counts / duration).tconfint_mean(1.0 - LEVEL)
-    limit = float(high) if value == 0.0 else None
+        low, high = mean_interval(counts / duration)
+    limit = high if value == 0.0 else None
     return Rate(
         estimate=Estimate(
             value=value, standard_error=error, bias=None, how=how, upper_95=limit
         ),
-        lower=max(float(low), 0.0),
-        upper=float(high),
+        lower=max(low, 0.0),
+        upper=high,
         interval="Poisson" if poisson else "paths",
     )  # fmt: skip
 
@@ -159,7 +151,7 @@ def dispersion(windows: Matrix, window: float) -> Estimate:
     sums, squares = windows.sum(axis=1), (windows**2).sum(axis=1)
     value = float(index(sums.sum(), squares.sum(), paths * count))
     others = index(sums.sum() - sums, squares.sum() - squares, (paths - 1) * count)
-    error = math.sqrt((paths - 1) / paths * float(np.sum((others - others.mean()) ** 2)))
+    error = jackknife_error(others)
     return Estimate(
         value=value, standard_error=error, how=f"{paths * count} windows of {window:.4g} s"
     )
@@ -191,13 +183,13 @@ class Histogram:
 def histogram(counts: Matrix, edges: Vector) -> Histogram:
     """From counts (paths, BINS + 2) whose first and last bins lie outside."""
     all_of = counts.sum(axis=1)
-    shares = [ratio(counts[:, k], all_of) for k in range(1, BINS + 1)]
+    shares = [ratio_and_error(counts[:, k], all_of) for k in range(1, BINS + 1)]
     width = np.diff(edges)
     return Histogram(
         edges=edges,
         density=np.array([value for value, _ in shares]) / width,
         standard_error=np.array([error for _, error in shares]) / width,
-        outside=ratio(counts[:, 0] + counts[:, -1], all_of)[0],
+        outside=ratio_and_error(counts[:, 0] + counts[:, -1], all_of)[0],
     )
 
 
@@ -215,7 +207,7 @@ def fitted_exponent(fits: NDArray[np.float64], ranges: tuple[tuple[float, float]
         for number, (low, high) in enumerate(ranges)
     )
     low, high = ranges[0]
-    long, short = (ratio(fits[:, k, 2], fits[:, k, 0])[0] for k in range(2))
+    long, short = (ratio_and_error(fits[:, k, 2], fits[:, k, 0])[0] for k in range(2))
     return Estimate(
         value=value, standard_error=error, bias=abs(value - other) * long / (long - short),
         how=f"{fits[:, 0, 0].sum():.0f} impacts of {low:.3g} to {high:.3g} m/s; bias from "
@@ -231,7 +223,7 @@ SMALL = 1e-6
 
 
 def _exponent(numbers: Vector, sums: Vector, length: float) -> tuple[float, float]:
-    mean, error = ratio(sums, numbers)
+    mean, error = ratio_and_error(sums, numbers)
 
     def centre(slope: float) -> float:
         t = slope * length

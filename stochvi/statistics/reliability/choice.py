@@ -22,7 +22,6 @@ from stochvi.methods.monte_carlo.splitting import (
     Trial,
     crude,
     crude_block,
-    logarithmic_interval,
     of_missions,
     of_repetitions,
     pilot_levels,
@@ -30,6 +29,7 @@ from stochvi.methods.monte_carlo.splitting import (
 )
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import logarithmic_interval
 from stochvi.results.machine import thread_seconds
 from stochvi.statistics.reliability.answer import Chance
 

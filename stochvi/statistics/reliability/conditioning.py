@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 import time
 
-from scipy.special import ndtri
-
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
-from stochvi.methods.monte_carlo.splitting import logarithmic_interval
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import logarithmic_interval, normal_quantile
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import Bursts, bursts
 from stochvi.statistics.first_crossings import first_crossings
@@ -166,5 +164,5 @@ def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
         bias=None if rate.bias is None else mission * rate.bias,
         how=f"{mission:g} s times the rate: {rate.how}",
     )
-    reach = float(ndtri(0.5 + 0.5 * jobs.confidence)) * estimate.standard_error
+    reach = normal_quantile(1.0 - jobs.confidence) * estimate.standard_error
     return Hits(estimate, (max(estimate.value - reach, 0.0), estimate.value + reach), steps)

@@ -24,13 +24,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Literal
 
 import numpy as np
-from scipy.stats import t as student
 
 from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.runs import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
+from stochvi.results.intervals import CONFIDENCE, PathMoments, delta_method, student_quantile
 from stochvi.results.machine import usable_cores
 from stochvi.scenes.excitations import Sine
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -41,8 +41,8 @@ from stochvi.statistics.spectra.segments import (
     KERNEL_BINS,
     TIME_HALF_BANDWIDTH,
     Layout,
-    Moments,
     layout_of,
+    moments_of,
     products,
 )
 
@@ -79,9 +79,6 @@ WINDOW = 2
 EXCITED = 1e-3
 """Density of an excitation, of its largest, below which there may be nothing but what tapers leak:
 transmissibility and coherence are told above."""
-
-LEVEL = 0.95
-"""Of bands."""
 
 
 def spectrum(
@@ -244,10 +241,10 @@ def _contact_time(scene: Scene, plan: HistoryPlan) -> float:
 def _run(
     pool: ThreadPoolExecutor, workers: int, plan: HistoryPlan, layout: Layout, seed: int,
     first: int, target: int, started: float, budget: float | None,
-) -> tuple[Moments | None, bool]:  # fmt: skip
+) -> tuple[PathMoments | None, bool]:  # fmt: skip
     """Paths `first` to `target`, merged in their order; whether time ran out before."""
-    found: Moments | None = None
-    waiting: deque[Future[Moments]] = deque()
+    found: PathMoments | None = None
+    waiting: deque[Future[PathMoments]] = deque()
     late = False
     for start in range(first, target, plan.block):
         # two paths at least are needed for any error
@@ -273,19 +270,19 @@ def _jumps(scene: Scene) -> list[float]:
     return [float(end) for pair in ends for end in pair]
 
 
-def _block(plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int) -> Moments:
+def _block(plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int) -> PathMoments:
     """One task: records of some paths, reduced."""
-    return Moments.of(products(channels_of(plan, plan.histories(seed, first, paths)), layout))
+    return moments_of(products(channels_of(plan, plan.histories(seed, first, paths)), layout))
 
 
-def _median_error(moments: Moments) -> float:
+def _median_error(moments: PathMoments) -> float:
     """Of the displacement of the first coordinate, relative."""
-    error = np.sqrt(moments.scatter[0, 0] / (moments.count * (moments.count - 1)))
+    error = np.sqrt(moments.covariance[0, 0])
     return float(np.median(error / moments.mean[0]))
 
 
 def _answer(
-    scene: Scene, plan: HistoryPlan, layout: Layout, moments: Moments, method: str,
+    scene: Scene, plan: HistoryPlan, layout: Layout, moments: PathMoments, method: str,
     bandwidth: float, warnings: list[str], cost: Cost, seed: int,
 ) -> ResponseSpectrum:  # fmt: skip
     beside = 2 * KERNEL_BINS[method]
@@ -297,11 +294,11 @@ def _answer(
     omega = 2.0 * math.pi * f
     kicked = np.maximum(omega, plan.fastest) * layout.step
     by_step = kicked**2 / 6.0 if plan.kicked else np.zeros_like(f)
-    quantile = float(student.ppf(0.5 + LEVEL / 2.0, moments.count - 1))
+    quantile = student_quantile(1.0 - CONFIDENCE, moments.count - 1)
     curves: dict[str, dict[str, Curve]] = {}
     quantities, meanings = quantities_of(scene, plan, omega)
     for (owner, name), quantity in quantities.items():
-        value, error = moments.evaluate(quantity)
+        value, error = delta_method(quantity, moments.mean, moments.covariance)
         bias = np.abs(quantity(twice) - quantity(once))
         if name.startswith("transmissibility"):
             bias += by_step * value / 2.0

@@ -12,6 +12,7 @@ from scipy.fft import prev_fast_len, rfft
 from scipy.signal.windows import dpss, hann
 
 from stochvi.methods.monte_carlo.histories import HistoryPlan
+from stochvi.results.intervals import PathMoments
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -31,9 +32,6 @@ TAPERS = 7
 KERNEL_BINS = {"welch": 2, "multitaper": 8}
 """Half width of what is kept of a kernel |W|^2, in bins, two of which lie beside the bins told."""
 
-GRADIENT_STEP = 1e-3
-"""Of a standard error, for derivatives."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
@@ -52,44 +50,13 @@ class Layout:
         return np.asarray(df * np.arange(self.bins.start, self.bins.stop))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Moments:
-    """Count, mean (rows, bins) and scatter (rows, rows, bins) of the products of each path."""
-
-    count: int
-    mean: Matrix
-    scatter: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, products: NDArray[np.float64]) -> Moments:
-        """Of (paths, rows, bins)."""
-        mean = products.mean(axis=0)
-        away = products - mean
-        return cls(count=len(products), mean=mean, scatter=np.einsum("prf,psf->rsf", away, away))
-
-    def merge(self, other: Moments) -> Moments:
-        """Of both groups of paths (Chan, Golub and LeVeque 1983)."""
-        count = self.count + other.count
-        shift = other.mean - self.mean
-        between = np.einsum("rf,sf->rsf", shift, shift) * (self.count * other.count / count)
-        return Moments(
-            count=count,
-            mean=self.mean + shift * (other.count / count),
-            scatter=self.scatter + other.scatter + between,
-        )
-
-    def evaluate(self, quantity: Quantity) -> tuple[Vector, Vector]:
-        """Value and standard error of a function of the means at each bin (delta method)."""
-        covariance = self.scatter / (self.count * (self.count - 1))
-        gradient = np.zeros_like(self.mean)
-        for row in range(len(self.mean)):
-            size = GRADIENT_STEP * np.sqrt(covariance[row, row])
-            offset = np.zeros_like(self.mean)
-            offset[row] = size
-            change = quantity(self.mean + offset) - quantity(self.mean - offset)
-            gradient[row] = np.divide(change, 2.0 * size, out=np.zeros_like(size), where=size > 0.0)
-        variance = np.einsum("rf,rsf,sf->f", gradient, covariance, gradient)
-        return quantity(self.mean), np.sqrt(np.maximum(variance, 0.0))
+def moments_of(products: NDArray[np.float64]) -> PathMoments:
+    """Of the products of each path, (paths, rows, bins)."""
+    mean = products.mean(axis=0)
+    away = products - mean
+    return PathMoments(
+        count=len(products), mean=mean, scatter=np.einsum("prf,psf->rsf", away, away)
+    )
 
 
 def layout_of(plan: HistoryPlan, method: str, length: float, top: float) -> Layout:

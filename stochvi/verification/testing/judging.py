@@ -14,6 +14,7 @@ from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.results.errors import NoExactSolution
 from stochvi.results.estimates import QUANTITY_UNITS, Cost, Estimate, Response, format_with_error
+from stochvi.results.intervals import normal_score, student_quantile
 from stochvi.scenes.scene import Scene
 from stochvi.verification.crosscheck import (
     AGREES,
@@ -21,9 +22,7 @@ from stochvi.verification.crosscheck import (
     FAMILY_ALARM_RATE,
     RARE,
     TOO_RARE,
-    normal_score,
     single_alarm_rate,
-    student_quantile,
 )
 from stochvi.verification.testing.answers import known_answers
 from stochvi.verification.testing.hints import Measured, hints_of

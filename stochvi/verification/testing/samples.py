@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import jackknife_error
 from stochvi.verification.testing.problems import Problem
 
 Vector = NDArray[np.float64]
@@ -67,11 +68,7 @@ class Sample(Protocol):
 
 @dataclass(frozen=True)
 class PathAverages:
-    """Time averages of independent paths, (paths,) each; errors by the jackknife.
-
-    Leaving out one path at a time, s^2 = (n - 1) / n sum (f_i - mean f)^2 (B. Efron and C. Stein,
-    Ann. Statist. 9 (1981) 586), holds for any smooth function of the averages.
-    """
+    """Time averages of independent paths, (paths,) each; errors by the jackknife."""
 
     averages: Mapping[str, Vector]
 
@@ -90,8 +87,7 @@ class PathAverages:
         means = {name: column.mean() for name, column in columns.items()}
         others = {name: (count * means[name] - columns[name]) / self.degrees for name in columns}
         without = np.asarray(function(_quantities(others)), dtype=float)
-        variance = self.degrees / count * float(np.sum((without - without.mean()) ** 2))
-        return float(function(_quantities(means))), math.sqrt(variance)
+        return float(function(_quantities(means))), jackknife_error(without)
 
 
 @dataclass(frozen=True)

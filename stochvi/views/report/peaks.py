@@ -8,6 +8,7 @@ import pandas as pd
 
 from stochvi.isolators.sizing.clatter import clatter
 from stochvi.results.errors import NotApplicable
+from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.report.pages import Grid, Section, shown
 from stochvi.views.report.plots import plot_peaks
 from stochvi.views.report.words import MM, G, four_digits
@@ -60,14 +61,15 @@ def peaks_section(table: pd.DataFrame | None) -> Section:
     if table is None:
         return Section(title=title)
     own = table[table["stiffness_ratio"].isna()]
+    half = GAUSSIAN_95 * G
     rows = [
         [
             name,
             four_digits(MM * row["clearance"]),
-            f"{G * row['acceleration_rms']:.4g}\n± {1.96 * G * row['acceleration_rms_error']:.1g}",
+            f"{G * row['acceleration_rms']:.4g}\n± {half * row['acceleration_rms_error']:.1g}",
             f"{row['rms_amplification']:.3f}",
             f"{G * row['largest_acceleration']:.3g}\n"
-            f"± {1.96 * G * row['largest_acceleration_error']:.1g}",
+            f"± {half * row['largest_acceleration_error']:.1g}",
             f"{row['peak_amplification']:.3g}",
         ]
         for name, row in zip(("3 sigma", "recommended"), own.to_dict("records"), strict=True)

@@ -16,6 +16,7 @@ from scipy.stats import norm
 
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity, power_ratio
+from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.plots import COLOURS, draw_stops, length_unit
 from stochvi.views.report.words import count_of
 
@@ -274,7 +275,8 @@ def plot_peaks(table: pd.DataFrame, window: float, ax: Axes | None = None) -> Ax
 def _error_bars(ax: Axes, rows: pd.DataFrame, form: str, colour: Any, label: str) -> None:
     ax.errorbar(
         1e3 * rows["clearance"], rows["largest_acceleration"] / STANDARD_GRAVITY,
-        yerr=1.96 * rows["largest_acceleration_error"] / STANDARD_GRAVITY, fmt=form, color=colour,
+        yerr=GAUSSIAN_95 * rows["largest_acceleration_error"] / STANDARD_GRAVITY,
+            fmt=form, color=colour,
         markersize=4.5, linewidth=1.3, capsize=2, label=label,
     )  # fmt: skip
 

@@ -13,15 +13,12 @@ import numpy as np
 import pytest
 
 from stochvi import NotApplicable, Response, Scene, SceneError, exact, record_path, simulate
-from stochvi.mathematics.impact_rates import (
-    COLLAPSE_RESTITUTION,
-    corner_exponent,
-    upper_limit_unseen,
-)
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.methods.monte_carlo.kernels.flight import SUMS, run_white
 from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.white import ENOUGH_STEPS, WhitePlan, _flow
+from stochvi.results.intervals import upper_limit_unseen
 from stochvi.testing import assert_agrees
 from support.known import values
 

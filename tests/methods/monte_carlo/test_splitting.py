@@ -20,7 +20,6 @@ from stochvi.methods.monte_carlo.splitting import (
     Sample,
     Trial,
     crude,
-    logarithmic_interval,
     of_missions,
     of_repetitions,
     pilot_levels,
@@ -213,7 +212,3 @@ def test_an_event_out_of_reach_is_said_to_be() -> None:
     plan = passage(60.0)
     with pytest.raises(NotConverged, match="levels of energy"):
         pilot_levels(plan, 1, 64)
-
-
-def test_a_logarithmic_interval_of_nothing_is_everything() -> None:
-    assert logarithmic_interval(0.0, 0.0, 5, 0.95) == (0.0, math.inf)
