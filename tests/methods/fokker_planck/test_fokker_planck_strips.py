@@ -94,7 +94,7 @@ def test_six_digits_of_the_near_exact_table(row: RigidStops) -> None:
 
 def test_a_restitution_off_by_a_millionth_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     def wrong(cells: VelocityCells, leaving: Callable[..., Any], side: int) -> Any:
-        return given_back(cells, lambda w: leaving(w) * (1.0 - 1e-5 * (side > 0)), side)
+        return given_back(cells, lambda w: leaving(w) * (1.0 - 1e-6 * (side > 0)), side)
 
     monkeypatch.setattr(strips, "given_back", wrong)
     with pytest.raises(AssertionError, match="differs from"):
