@@ -1,8 +1,32 @@
-"""Every name that the package offers can be imported."""
+"""Every name that the package offers can be imported, and costs nothing before it is used."""
+
+import importlib
+import pkgutil
+import re
+import subprocess
+import sys
 
 import pytest
 
 import stochvi
+from support import CHECKOUT
+
+ROOMS = (
+    "absorbers", "isolators", "methods", "methods.periodic", "results", "scenes", "statistics",
+    "testing", "verification",
+)  # fmt: skip
+HEAVY = {
+    "jinja2", "matplotlib", "numba", "pandas", "pyuff", "rich", "scipy.optimize", "statsmodels"
+}  # fmt: skip
+
+
+def loaded_by(program: str) -> set[str]:
+    """Heavy packages that a program of its own imports."""
+    show = f"\nimport sys\nprint(*({HEAVY} & set(sys.modules)))"
+    told = subprocess.run(
+        [sys.executable, "-c", program + show], capture_output=True, text=True, check=True
+    ).stdout
+    return set(told.splitlines()[-1].split())
 
 
 def test_every_public_name_resolves() -> None:
@@ -10,3 +34,33 @@ def test_every_public_name_resolves() -> None:
         assert getattr(stochvi, name) is not None
     with pytest.raises(AttributeError, match="no_such_name"):
         stochvi.no_such_name  # noqa: B018
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_name_of_a_room_resolves(room: str) -> None:
+    package = importlib.import_module(f"stochvi.{room}")
+    assert package.__all__
+    for name in package.__all__:
+        assert getattr(package, name) is not None
+
+
+@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md"])
+def test_names_that_a_page_names_resolve(page: str) -> None:
+    text = (CHECKOUT / page).read_text(encoding="utf-8")
+    places = set(re.findall(r"\bstochvi((?:\.[a-z_]+)*\.[A-Za-z_]+)\b(?!\.md)", text))
+    assert len(places) > 1
+    for place in places:
+        assert pkgutil.resolve_name(f"stochvi{place}") is not None
+
+
+def test_programs_find_the_names_that_were_at_the_top_once() -> None:
+    for home, names in stochvi._HOMES.items():
+        package = importlib.import_module(f"stochvi.{home}")
+        for name in names:
+            assert getattr(stochvi, name) is getattr(package, name)
+            assert name not in stochvi.__all__
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    assert loaded_by("import stochvi") == set()
+    assert loaded_by("from stochvi.methods import closed_form") > set()

@@ -28,7 +28,7 @@ def known(scene: stochvi.Scene) -> stochvi.Response | None:
     """The most certain answer there is; None where only simulation answers."""
     try:
         return stochvi.exact(scene)
-    except stochvi.NoExactSolution:
+    except stochvi.results.NoExactSolution:
         pass
     try:
         return stochvi.fokker_planck(scene, rtol=RTOL, speed_threshold=threshold_of(scene))
@@ -59,7 +59,7 @@ if __name__ == "__main__":
         table = csv.writer(file, lineterminator="\n")
         columns = ("scene", "method", "of", "quantity", "value", "bias", "speed_threshold")
         table.writerow(columns)
-        for name, scene in stochvi.zoo().items():
+        for name, scene in stochvi.verification.zoo().items():
             response = known(scene)
             if response is not None:
                 table.writerows(rows(name, response))

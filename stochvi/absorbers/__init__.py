@@ -1,21 +1,5 @@
 """Impact absorbers: what a loose mass in a box does to its structure, and the best box."""
 
-from stochvi.absorbers.design import Design, design_absorber
-from stochvi.absorbers.harmonic import (
-    SymmetricRegime,
-    residual_vibration,
-    symmetric_regimes,
-    tuned_force,
-)
-from stochvi.absorbers.performance import AbsorberReport, absorber
+import lazy_loader
 
-__all__ = [
-    "AbsorberReport",
-    "Design",
-    "SymmetricRegime",
-    "absorber",
-    "design_absorber",
-    "residual_vibration",
-    "symmetric_regimes",
-    "tuned_force",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,7 +12,7 @@ from stochvi.isolators.screening import clearance_curve, screen
 from stochvi.methods.linearisation import linearise
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import Scene, load_scene
-from stochvi.verification.crosscheck import Check, check
+from stochvi.verification.check import Check, check
 from stochvi.views.files import write_clearance, write_picture, write_table
 from stochvi.views.plots import draw_overview
 from stochvi.views.tables import (

@@ -276,7 +276,7 @@ def jolt(
     quiet: bool,
 ) -> None:
     """Sine on a mount: can a jolt throw it into clatter, how long does it stay."""
-    from stochvi.isolators.jolts import jolts
+    from stochvi.isolators.jolt_response import jolts
     from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_json, write_table
     from stochvi.views.tables import print_frame

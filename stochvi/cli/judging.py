@@ -48,10 +48,10 @@ def check(
     Several scenes, or the zoo, are judged under one alarm rate for all their comparisons.
     """
     from stochvi.scenes.scene import load_scene
-    from stochvi.verification.crosscheck import Check
-    from stochvi.verification.crosscheck import check as compare
-    from stochvi.verification.zoo import Checks, check_many
-    from stochvi.verification.zoo import zoo as shipped
+    from stochvi.verification.check import Check
+    from stochvi.verification.check import check as compare
+    from stochvi.verification.checks import Checks, check_many
+    from stochvi.verification.checks import zoo as shipped
     from stochvi.views.files import write_json, write_picture, write_table
     from stochvi.views.plots import draw_scores
     from stochvi.views.tables import print_check, print_checks
@@ -114,7 +114,7 @@ def cost(
 ) -> None:
     """What accuracy costs in time: errors of steps and of models."""
     from stochvi.scenes.scene import load_scene
-    from stochvi.verification.accuracy import cost as measure
+    from stochvi.verification.cost import cost as measure
     from stochvi.views.files import write_json
     from stochvi.views.tables import print_cost
 
@@ -139,7 +139,7 @@ def cost(
 def explain(scene: str, threads: int | None, json_file: str | None, quiet: bool) -> None:
     """What would be simulated, what not, which methods apply, at what price."""
     from stochvi.scenes.scene import load_scene
-    from stochvi.verification.explanation import explain as tell
+    from stochvi.verification.explain import explain as tell
     from stochvi.views.files import write_json
     from stochvi.views.tables import print_explanation
 

@@ -1,7 +1,5 @@
 """Vibration isolators between stops: linear screening, required clearance, jolts."""
 
-from stochvi.isolators.jolts import Jolts
-from stochvi.isolators.screening import Screening, clearance_curve, screen
-from stochvi.isolators.sizing import Sizing, size
+import lazy_loader
 
-__all__ = ["Jolts", "Screening", "Sizing", "clearance_curve", "screen", "size"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """The methods that turn a model into a response. No method imports another."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """What Monte Carlo samples, looked at: impacts, spectra, first crossings, bursts, reliability."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -13,14 +13,14 @@ from scipy.stats import norm
 from stochvi.methods.closed_form import displacement_density, exact, unmet_conditions
 from stochvi.methods.monte_carlo import record_path
 from stochvi.results.estimates import Estimate
-from stochvi.verification.accuracy import NOISE
-from stochvi.verification.crosscheck import AGREES, DISAGREES
+from stochvi.verification.check import AGREES, DISAGREES
+from stochvi.verification.cost import NOISE
 
 if TYPE_CHECKING:
     from stochvi.methods.fokker_planck import FirstPassage
     from stochvi.scenes.scene import Scene
-    from stochvi.verification.accuracy import WorkPrecision
-    from stochvi.verification.zoo import Checks
+    from stochvi.verification.checks import Checks
+    from stochvi.verification.cost import WorkPrecision
 
 COLOURS = {
     "exact": "#1b1b1b",

@@ -12,8 +12,7 @@ from rich.table import Table
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chances import spoken_places
 from stochvi.results.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
-from stochvi.verification.accuracy import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
-from stochvi.verification.crosscheck import (
+from stochvi.verification.check import (
     APPROXIMATE,
     BALANCE,
     DISAGREES,
@@ -21,7 +20,8 @@ from stochvi.verification.crosscheck import (
     Check,
     Comparison,
 )
-from stochvi.verification.zoo import BALANCES_ONLY
+from stochvi.verification.checks import BALANCES_ONLY
+from stochvi.verification.cost import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.methods.fokker_planck import FirstPassage
-    from stochvi.verification.explanation import Explanation
-    from stochvi.verification.zoo import Checks
+    from stochvi.verification.checks import Checks
+    from stochvi.verification.explain import Explanation
 
 QUANTITY_NAMES = {
     "displacement_mean": "mean displacement",

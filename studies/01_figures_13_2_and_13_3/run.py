@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 import stochvi
+from stochvi.methods.monte_carlo import record_path
 from stochvi.scenes.datasets import shipped_scene
 
 TEXTBOOK = stochvi.load_scene(shipped_scene("oscillator-elastic"))
@@ -47,7 +48,7 @@ def row(method: str, deviation: float, response: stochvi.Response, upcrossing: f
 
 
 def simulated_upcrossings(case: stochvi.Scene, periods: float) -> float:
-    path = stochvi.record_path(case, duration=2.0 * np.pi * periods, step=0.02)
+    path = record_path(case, duration=2.0 * np.pi * periods, step=0.02)
     below = path["displacement"].to_numpy() < 0.0
     return np.count_nonzero(below[:-1] & ~below[1:]) / path["time"].iloc[-1]
 

@@ -37,7 +37,7 @@ tables = []
 for profile, frequency_hz, restitution, multiples in CASES:
     case = scene(profile, frequency_hz, restitution)
     sigma = stochvi.screen(case).displacement_std
-    curve = stochvi.clearance_curve(
+    curve = stochvi.isolators.clearance_curve(
         case,
         list(sigma * (multiples[:3:2] if options.quick else multiples)),
         rel_error=0.05 if options.quick else 0.01,

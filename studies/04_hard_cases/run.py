@@ -10,6 +10,7 @@ import pandas as pd
 from cases import CASES, NO_STATE, oscillator
 
 import stochvi
+from stochvi.methods.monte_carlo import record_path
 
 THRESHOLDS = np.geomspace(0.2, 0.002, 9)  # m/s, of some 0.65 m/s rms
 
@@ -50,7 +51,7 @@ def counted(restitution: float, step: float, paths: int) -> pd.DataFrame:
     """Rates of impacts above each threshold, from paths of 120 s less the first 20 s."""
     scene, rates = oscillator(-1.0, 1.0, restitution), []
     for path in range(paths):
-        record = stochvi.record_path(scene, duration=120.0, step=step, seed=2, path=path)
+        record = record_path(scene, duration=120.0, step=step, seed=2, path=path)
         speed = record["impact_speed"].abs().to_numpy()[record["time"].to_numpy() > 20.0]
         rates.append([np.count_nonzero(speed > threshold) / 100.0 for threshold in THRESHOLDS])
     columns = {"restitution": restitution, "step_s": step, "threshold_m_per_s": THRESHOLDS}

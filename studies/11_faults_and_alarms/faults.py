@@ -15,8 +15,8 @@ import pandas as pd
 
 import stochvi
 from stochvi.testing import as_response, problem_of
-from stochvi.verification.crosscheck import Answers
-from stochvi.verification.zoo import compare_many, seeds_of
+from stochvi.verification.check import Answers
+from stochvi.verification.checks import compare_many, seeds_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "10_judging_integrators"))
 from integrators import end_of_step_mirror
@@ -72,7 +72,7 @@ FAULTS: dict[str, tuple[Change | None, tuple[str, ...]]] = {
 
 def answer(change: Change | None, name: str, rel_error: float, seed: int) -> stochvi.Response:
     """What somebody with this mistake finds for a scene."""
-    scene = stochvi.zoo(name)[name]
+    scene = stochvi.verification.zoo(name)[name]
     pairs = truth(name).impact_pairs.values()
     threshold = next((pair["speed_threshold"] for pair in pairs), 0.0)
     if change is None:
@@ -89,10 +89,10 @@ def answer(change: Change | None, name: str, rel_error: float, seed: int) -> sto
 @cache
 def truth(name: str) -> stochvi.Response:
     """The certain answer, its rates counted above what `simulate` counts them."""
-    scene = stochvi.zoo(name)[name]
+    scene = stochvi.verification.zoo(name)[name]
     try:
         return stochvi.exact(scene)
-    except stochvi.NoExactSolution:
+    except stochvi.results.NoExactSolution:
         pairs = stochvi.simulate(scene, paths=2, threads=1).impact_pairs.values()
         threshold = next(iter(pairs))["speed_threshold"]
         return stochvi.fokker_planck(scene, rtol=1e-4, speed_threshold=threshold)

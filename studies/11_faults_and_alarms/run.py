@@ -11,8 +11,8 @@ from scipy.stats import beta
 
 import stochvi
 from stochvi.results.intervals import normal_quantile
-from stochvi.verification.crosscheck import Answers, single_alarm_rate
-from stochvi.verification.zoo import compare_many, seeds_of
+from stochvi.verification.check import Answers, single_alarm_rate
+from stochvi.verification.checks import compare_many, seeds_of
 
 SHORT = ("linear", "elastic-unequal-gaps", "lossy-unequal-gaps", "spring-stops", "psd-truck-linear")
 PATHS = 64
@@ -20,7 +20,7 @@ PATHS = 64
 
 def false_alarms(seeds: int, file: Path) -> pd.DataFrame:
     """Short runs with nothing wrong; every seed is written as it is done."""
-    scenes = stochvi.zoo(*SHORT)
+    scenes = stochvi.verification.zoo(*SHORT)
     known = {name: truth(name) for name in scenes}
     times = {name: 10.0 if "isolator" in scene.structure.kind else 200.0
              for name, scene in scenes.items()}  # fmt: skip

@@ -8,6 +8,8 @@ import matplotlib.pyplot as plt
 import pandas as pd
 
 import stochvi
+from stochvi.methods.fokker_planck import fokker_planck_density
+from stochvi.statistics import Chance
 from stochvi.views.files import write_picture
 
 MISSION = 20.0 * math.pi
@@ -31,7 +33,7 @@ def between(restitution: float) -> stochvi.Scene:
     return stochvi.Scene(structure=OSCILLATOR, excitations=[NOISE], impact_pairs=[pair])
 
 
-def row(case: str, limit: float, chance: stochvi.Chance, truth: float | None) -> dict[str, object]:
+def row(case: str, limit: float, chance: Chance, truth: float | None) -> dict[str, object]:
     """One chance by one way, and its price in CPU seconds; that of crude at the same error."""
     found, price = chance.estimate, chance.seconds_per_mission or 0.0
     return {
@@ -62,7 +64,7 @@ for power in (3, 6) if options.quick else (3, 6, 9):
                 found = stochvi.reliability(scene, impact_speed=speed, way=way, **ask)
                 chance = found.chances["impact_speed"]
                 rows.append(row(f"impact speed, R = {restitution}", speed, chance, None))
-                fast = stochvi.fokker_planck_density(scene).rate_above("upper", speed)
+                fast = fokker_planck_density(scene).rate_above("upper", speed)
                 rows[-1]["at_most"] = 2.0 * MISSION * float(fast)
         pd.DataFrame(rows).to_csv(options.out / "result.csv", index=False)
 table = pd.DataFrame(rows)

@@ -24,10 +24,10 @@ from stochvi import (
     Viscoelastic,
     WhiteNoise,
     absorber,
-    design_absorber,
     load_scene,
     simulate,
 )
+from stochvi.absorbers import design_absorber
 from stochvi.absorbers.design import GRID, _best_box, alone
 from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.cli import main

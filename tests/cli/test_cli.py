@@ -179,7 +179,7 @@ def test_check_compares_the_methods(stochvi: Run, tmp_path: Path):
 
 def test_check_exits_with_1_if_a_method_is_wrong(stochvi: Run, monkeypatch):
     wrong = exact(oscillator(-1.1, 1.1))
-    monkeypatch.setattr("stochvi.verification.crosscheck.exact", lambda scene: wrong)
+    monkeypatch.setattr("stochvi.verification.check.exact", lambda scene: wrong)
     code, out, err = stochvi("check", ELASTIC, *QUICK, "--json", "-")
     assert (code, one_document(out)["passed"]) == (1, False)
     assert err.splitlines()[-1].startswith("stochvi: check failed: 15 of 32")

@@ -14,9 +14,9 @@ from stochvi import (
     Scene,
     TabulatedNoise,
     WhiteNoise,
-    clearance_curve,
     screen,
 )
+from stochvi.isolators import clearance_curve
 from stochvi.isolators.screening import predicted_rates, with_clearance
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from support.known import oscillator

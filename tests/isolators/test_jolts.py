@@ -20,7 +20,7 @@ from stochvi import (
     WhiteNoise,
 )
 from stochvi.cli import main
-from stochvi.isolators.jolts import WINDOW_PERIODS, jolts
+from stochvi.isolators.jolt_response import WINDOW_PERIODS, jolts
 
 OMEGA, DAMPING, DRIVE, AMPLITUDE = 62.8, 12.5, 628.0, 1e-4 * 628.0**2
 """The isolator of the book's section 9: 10 Hz, b = 12.5 1/s, a line of 0.1 mm at 100 Hz."""

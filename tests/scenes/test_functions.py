@@ -17,9 +17,9 @@ from stochvi.scenes.excitations import WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution, SpeedRestitution
 from stochvi.scenes.scene import ImpactPair, Scene, scene_from
 from stochvi.scenes.structures import NonlinearOscillator, Oscillator
-from stochvi.verification.accuracy import cost
-from stochvi.verification.crosscheck import check
-from stochvi.verification.explanation import explain
+from stochvi.verification.check import check
+from stochvi.verification.cost import cost
+from stochvi.verification.explain import explain
 from support.known import DOCUMENT, changed
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stochvi
-from stochvi import NotApplicable, exact, simulate, zoo
+from stochvi import NotApplicable, exact, simulate
 from stochvi.results.estimates import Estimate
 from stochvi.testing import (
     Problem,
@@ -18,7 +18,8 @@ from stochvi.testing import (
     known_answers,
     problem_of,
 )
-from stochvi.verification.crosscheck import compare
+from stochvi.verification import zoo
+from stochvi.verification.check import compare
 from stochvi.verification.testing import judging
 from stochvi.verification.testing.samples import PathAverages, sample_of
 from support.known import ELASTIC_STOPS, RIGID_STOPS

@@ -9,7 +9,7 @@ from functools import cache
 from stochvi.results.estimates import Estimate, Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.scene import Scene
-from stochvi.verification.zoo import zoo
+from stochvi.verification.checks import zoo
 
 
 def known_answers(*names: str) -> dict[str, Response]:

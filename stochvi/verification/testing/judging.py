@@ -16,7 +16,7 @@ from stochvi.results.errors import NoExactSolution
 from stochvi.results.estimates import QUANTITY_UNITS, Cost, Estimate, Response, format_with_error
 from stochvi.results.intervals import normal_score, student_quantile
 from stochvi.scenes.scene import Scene
-from stochvi.verification.crosscheck import (
+from stochvi.verification.check import (
     AGREES,
     DISAGREES,
     FAMILY_ALARM_RATE,
@@ -24,11 +24,11 @@ from stochvi.verification.crosscheck import (
     TOO_RARE,
     single_alarm_rate,
 )
+from stochvi.verification.checks import seeds_of, zoo
 from stochvi.verification.testing.answers import known_answers
 from stochvi.verification.testing.hints import Measured, hints_of
 from stochvi.verification.testing.problems import Problem, problem_of
 from stochvi.verification.testing.samples import QUANTITIES, Sample, sample_of
-from stochvi.verification.zoo import seeds_of, zoo
 
 if TYPE_CHECKING:
     import pandas as pd

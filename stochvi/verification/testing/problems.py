@@ -101,7 +101,7 @@ def problem_of(
 
     Examples
     --------
-    >>> from stochvi.verification.zoo import zoo
+    >>> from stochvi.verification.checks import zoo
     >>> problem = problem_of(zoo("elastic-upper-stop")["elastic-upper-stop"])
     >>> problem.lower, problem.upper, problem.intensity, problem.duration
     (-inf, 1.0, 0.2, 400.0)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from stochvi import Gaussian, first_passage
+from stochvi import first_passage
 from stochvi.mathematics.state_space import step_covariance, transition
+from stochvi.methods.fokker_planck import Gaussian
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
 from stochvi.methods.fokker_planck.mesh import gauss
 from stochvi.methods.fokker_planck.operators import LinearMotion

@@ -16,8 +16,6 @@ from stochvi import (
     ConstantLoad,
     Elastic,
     Estimate,
-    FirstPassage,
-    Gaussian,
     ImpactPair,
     NotApplicable,
     NotConverged,
@@ -29,7 +27,7 @@ from stochvi import (
 )
 from stochvi.cli import main
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck import evolution, layout, passage
+from stochvi.methods.fokker_planck import FirstPassage, Gaussian, evolution, layout, passage
 from stochvi.methods.fokker_planck.evolution import time_groups
 from stochvi.methods.fokker_planck.mesh import gauss
 from stochvi.methods.fokker_planck.operators import LinearMotion

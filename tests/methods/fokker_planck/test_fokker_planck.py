@@ -24,10 +24,9 @@ from stochvi import (
     WhiteNoise,
     exact,
     fokker_planck,
-    fokker_planck_many,
     simulate,
 )
-from stochvi.methods.fokker_planck import half_range
+from stochvi.methods.fokker_planck import fokker_planck_many, half_range
 from stochvi.methods.fokker_planck.boxes import Scenes, boxes, speed_scale
 from stochvi.methods.fokker_planck.levels import (
     LEVELS,

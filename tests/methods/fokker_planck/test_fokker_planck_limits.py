@@ -11,7 +11,6 @@ import pytest
 from stochvi import (
     ConstantLoad,
     ImpactPair,
-    NoExactSolution,
     NonlinearOscillator,
     NotApplicable,
     NotConverged,
@@ -20,11 +19,11 @@ from stochvi import (
     WhiteNoise,
     exact,
     fokker_planck,
-    fokker_planck_many,
 )
-from stochvi.methods.fokker_planck import accurate
+from stochvi.methods.fokker_planck import accurate, fokker_planck_many
 from stochvi.methods.fokker_planck.field import Averages, Field
 from stochvi.methods.fokker_planck.motion import Motion, make_frame
+from stochvi.results import NoExactSolution
 from stochvi.testing import assert_agrees
 from support.known import oscillator
 

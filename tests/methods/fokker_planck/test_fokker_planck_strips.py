@@ -27,18 +27,16 @@ from stochvi import (
     Restitution,
     Scene,
     SpeedRestitution,
-    StationaryDensity,
     Viscoelastic,
     WhiteNoise,
     exact,
-    exact_density,
     fokker_planck,
-    fokker_planck_density,
     simulate,
 )
 from stochvi.cli import main
 from stochvi.mathematics.impact_rates import corner_exponent
-from stochvi.methods.fokker_planck import accurate, strips
+from stochvi.methods.closed_form import exact_density
+from stochvi.methods.fokker_planck import StationaryDensity, accurate, fokker_planck_density, strips
 from stochvi.methods.fokker_planck.cells import VelocityCells, given_back, passed_on
 from stochvi.methods.fokker_planck.motion import Motion, make_frame
 from stochvi.scenes.impact_laws import Law

@@ -9,18 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stochvi import (
-    Estimate,
-    Gaussian,
-    NotApplicable,
-    NotConverged,
-    Scene,
-    Transient,
-    fokker_planck,
-    transient,
-)
+from stochvi import Estimate, NotApplicable, NotConverged, Scene, fokker_planck, transient
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck import layout, transients
+from stochvi.methods.fokker_planck import Gaussian, Transient, layout, transients
 from stochvi.methods.fokker_planck.mesh import VelocityBasis, gauss
 from stochvi.methods.fokker_planck.transients import Moments
 from stochvi.testing import assert_agrees

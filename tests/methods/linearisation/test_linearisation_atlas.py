@@ -20,7 +20,7 @@ from stochvi.scenes.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
-from stochvi.verification.crosscheck import APPROXIMATE, compare
+from stochvi.verification.check import APPROXIMATE, compare
 from support import CHECKOUT
 from support.known import RIGID_STOPS
 

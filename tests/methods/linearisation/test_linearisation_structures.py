@@ -19,9 +19,8 @@ from stochvi import (
     WhiteNoise,
     exact,
     linearise,
-    linearise_all,
-    linearised_structures,
 )
+from stochvi.methods.linearisation import linearise_all, linearised_structures
 from stochvi.model.assembly import assemble, modes_of
 from stochvi.model.scales import scales_of
 from stochvi.results.estimates import Response

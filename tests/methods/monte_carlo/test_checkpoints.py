@@ -274,7 +274,7 @@ def test_control_c_while_the_code_is_compiled(
 @pytest.mark.parametrize(
     ("command", "method"),
     [
-        ("check", "stochvi.verification.crosscheck.check"),
+        ("check", "stochvi.verification.check.check"),
         ("spectrum", "stochvi.statistics.spectra.spectrum"),
         ("impacts", "stochvi.statistics.impacts.impacts"),
         ("reliability --mission 10", "stochvi.statistics.reliability.reliability"),

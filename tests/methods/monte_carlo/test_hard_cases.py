@@ -12,8 +12,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from stochvi import NotApplicable, Response, Scene, SceneError, exact, record_path, simulate
+from stochvi import NotApplicable, Response, Scene, SceneError, exact, simulate
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
+from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.kernels.flight import SUMS, run_white
 from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.plans import make_plan

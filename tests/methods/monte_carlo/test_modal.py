@@ -19,10 +19,10 @@ from stochvi import (
     TabulatedNoise,
     WhiteNoise,
     exact,
-    record_path,
     simulate,
 )
 from stochvi.mathematics.state_space import stationary_covariance, step_covariance
+from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.kernels.modes import first_root
 from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.methods.monte_carlo.quantities import of_coordinate, of_pair

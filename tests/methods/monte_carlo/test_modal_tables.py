@@ -18,12 +18,12 @@ from stochvi import (
     TabulatedNoise,
     Viscoelastic,
     WhiteNoise,
-    record_path,
     simulate,
 )
 from stochvi.mathematics.frequency_response import beyond, bin_amplitudes, covariance, gains
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.state_space import stationary_covariance
+from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.tabulated import LARGEST_LOSS, TabulatedPlan

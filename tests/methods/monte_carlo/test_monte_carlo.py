@@ -20,10 +20,9 @@ from stochvi import (
     Scene,
     TabulatedNoise,
     exact,
-    record_path,
     simulate,
 )
-from stochvi.methods.monte_carlo import runs
+from stochvi.methods.monte_carlo import record_path, runs
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean

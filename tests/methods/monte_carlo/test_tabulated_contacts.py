@@ -9,16 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stochvi import (
-    Estimate,
-    NotApplicable,
-    Restitution,
-    Scene,
-    TabulatedNoise,
-    exact,
-    record_path,
-    simulate,
-)
+from stochvi import Estimate, NotApplicable, Restitution, Scene, TabulatedNoise, exact, simulate
+from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, _stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     CONTACT_ERROR,

@@ -33,7 +33,7 @@ from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, Response, provenance
 from stochvi.results.machine import thread_seconds, usable_cores
 from stochvi.scenes.scene import Scene
-from stochvi.verification.crosscheck import ROUNDING, approximations
+from stochvi.verification.check import ROUNDING, approximations
 
 if TYPE_CHECKING:
     import pandas as pd

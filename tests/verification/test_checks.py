@@ -8,14 +8,15 @@ from dataclasses import replace
 import pytest
 from scipy.stats import norm, t
 
-from stochvi import Estimate, Response, check, check_many, exact, simulate, zoo
+from stochvi import Estimate, Response, check, exact, simulate
 from stochvi.cli import main
 from stochvi.results.estimates import Cost
 from stochvi.results.intervals import normal_score, student_quantile
 from stochvi.scenes.datasets import data_folder, zoo_files
 from stochvi.scenes.scene import scene_from
 from stochvi.testing import known_answers
-from stochvi.verification.crosscheck import (
+from stochvi.verification import check_many, zoo
+from stochvi.verification.check import (
     AGREES,
     BALANCE,
     DISAGREES,
@@ -24,7 +25,7 @@ from stochvi.verification.crosscheck import (
     degrees_of_freedom,
     single_alarm_rate,
 )
-from stochvi.verification.zoo import compare_many, seeds_of
+from stochvi.verification.checks import compare_many, seeds_of
 
 SHARE = ("linear", "elastic-unequal-gaps", "lossy-0.95", "spring-stops")
 

@@ -15,7 +15,7 @@ from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.quantities import GOVERNED
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.testing import assert_agrees
-from stochvi.verification.accuracy import (
+from stochvi.verification.cost import (
     NOISE,
     TARGETS,
     StepError,

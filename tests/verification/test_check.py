@@ -6,7 +6,7 @@ import pytest
 
 from stochvi import Estimate, Response, check, exact, fokker_planck, load_scene, simulate
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.verification.crosscheck import APPROXIMATE, BIAS_UNKNOWN, DISAGREES, TOO_RARE, compare
+from stochvi.verification.check import APPROXIMATE, BIAS_UNKNOWN, DISAGREES, TOO_RARE, compare
 from support.known import oscillator
 
 

@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from stochvi import Isolator, Scene, TabulatedNoise, WhiteNoise, explain, simulate, zoo
+from stochvi import Isolator, Scene, TabulatedNoise, WhiteNoise, explain, simulate
+from stochvi.verification import zoo
 from support.known import oscillator
 
 

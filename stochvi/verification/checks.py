@@ -12,7 +12,7 @@ from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.results.intervals import normal_quantile
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.scene import Scene, load_scene
-from stochvi.verification.crosscheck import (
+from stochvi.verification.check import (
     AGREES,
     BALANCE,
     DISAGREES,

@@ -1,0 +1,10 @@
+from . import averaging, closed_form, fokker_planck, linearisation, monte_carlo, periodic
+
+__all__ = [
+    "averaging",
+    "closed_form",
+    "fokker_planck",
+    "linearisation",
+    "monte_carlo",
+    "periodic",
+]

@@ -1,0 +1,6 @@
+from .resonance import HarmonicResonance, RandomResonance
+
+__all__ = [
+    "HarmonicResonance",
+    "RandomResonance",
+]

@@ -1,0 +1,14 @@
+from .bursts import Bursts
+from .first_crossings import FirstCrossings
+from .impacts import ImpactStatistics
+from .reliability import Chance, Reliability
+from .spectra import ResponseSpectrum
+
+__all__ = [
+    "Bursts",
+    "Chance",
+    "FirstCrossings",
+    "ImpactStatistics",
+    "Reliability",
+    "ResponseSpectrum",
+]
