@@ -16,7 +16,7 @@ from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.modal import linear_law
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, Response
-from stochvi.results.intervals import GAUSSIAN_95, mean_and_error
+from stochvi.results.intervals import mean_and_error
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
@@ -80,7 +80,7 @@ class Performance:
 
     def interval(self) -> tuple[float, float]:
         """95 % interval of the ratio, its bias included."""
-        half = GAUSSIAN_95 * self.ratio.standard_error + (self.ratio.bias or 0.0)
+        half = self.ratio.half_width_95(with_bias=True)
         return self.ratio.value - half, self.ratio.value + half
 
 
@@ -315,19 +315,19 @@ def _performance(
     )
     return Performance(
         level_db=level,
-        ratio=_scaled(deviation, 1.0 / rms),
+        ratio=deviation * (1.0 / rms),
         displacement_std=deviation,
         displacement_std_without=rms,
         velocity_std=velocity,
-        peak_factor=_scaled(with_it.peak, 1.0 / deviation.value),
-        peak_factor_without=_scaled(without.peak, 1.0 / rms),
+        peak_factor=with_it.peak * (1.0 / deviation.value),
+        peak_factor_without=without.peak * (1.0 / rms),
         acceleration_std=with_it.acceleration,
         acceleration_std_without=None
         if without.acceleration is None
         else without.acceleration.value,
-        impacts_per_period=_scaled(rate, own_period),
+        impacts_per_period=rate * own_period,
         wall_force=pushes,
-        impulse=_scaled(pushes, 1.0 / rate.value) if rate.value > 0.0 else None,
+        impulse=pushes * (1.0 / rate.value) if rate.value > 0.0 else None,
         absorbed_share=_absorbed(assembly, response),
         response=response,
     )
@@ -393,15 +393,13 @@ def _absorbed(assembly: Assembly, response: Response) -> Estimate | None:
     known.
     """
     loss = _sum(
-        _scaled(
-            response.impact_pairs[contact.name]["impact_speed_square_rate"],
-            contact.mass * (1.0 - _restitution(contact) ** 2) / 2.0,
-        )
+        _known(response.impact_pairs[contact.name]["impact_speed_square_rate"])
+        * (contact.mass * (1.0 - _restitution(contact) ** 2) / 2.0)
         for contact in assembly.contacts
     )
     damping = assembly.damping
     dissipation = [
-        _scaled(_square(response.coordinates[name]["velocity_std"]), float(own))
+        _square(_known(response.coordinates[name]["velocity_std"])) * float(own)
         for name, own in zip(assembly.coordinates, damping.sum(axis=1), strict=True)
     ]
     for i, j in zip(*np.triu_indices(len(damping), 1), strict=True):
@@ -414,7 +412,7 @@ def _absorbed(assembly: Assembly, response: Response) -> Estimate | None:
             if not between:
                 return None
             speed = response.impact_pairs[between[0]]["relative_velocity_std"]
-            dissipation.append(_scaled(_square(speed), -float(damping[i, j])))
+            dissipation.append(_square(_known(speed)) * -float(damping[i, j]))
     damped = _sum(dissipation)
     supplied = loss.value + damped.value
     share = loss.value / supplied
@@ -432,8 +430,8 @@ def _absorbed(assembly: Assembly, response: Response) -> Estimate | None:
 def _pushes(contact: Contact, pair: Mapping[str, Estimate | float | None]) -> list[Estimate]:
     """Mean forces on the walls of a box, N: those of contacts, or by impulses on rigid walls."""
     if all(law.rigid for _, _, law in contact.stops):
-        return [_scaled(pair["impact_speed_rate"], contact.mass * (1.0 + _restitution(contact)))]
-    return [_scaled(pair[f"contact_force_{side}"], 1.0) for side, _, _ in contact.stops]
+        return [_known(pair["impact_speed_rate"]) * (contact.mass * (1.0 + _restitution(contact)))]
+    return [_known(pair[f"contact_force_{side}"]) for side, _, _ in contact.stops]
 
 
 def _restitution(contact: Contact) -> float:
@@ -442,20 +440,14 @@ def _restitution(contact: Contact) -> float:
     return coefficient
 
 
-def _scaled(estimate: Estimate | float | None, factor: float) -> Estimate:
-    """An estimate times a known number."""
+def _known(estimate: Estimate | float | None) -> Estimate:
+    """A quantity that the simulation of a scene with an absorber always has."""
     assert isinstance(estimate, Estimate)
-    return replace(
-        estimate,
-        value=factor * estimate.value,
-        standard_error=abs(factor) * estimate.standard_error,
-        bias=None if estimate.bias is None else abs(factor) * estimate.bias,
-    )
+    return estimate
 
 
-def _square(estimate: Estimate | float | None) -> Estimate:
-    assert isinstance(estimate, Estimate)
-    return replace(_scaled(estimate, 2.0 * estimate.value), value=estimate.value**2)
+def _square(estimate: Estimate) -> Estimate:
+    return replace(estimate * (2.0 * estimate.value), value=estimate.value**2)
 
 
 def _sum(estimates: Iterable[Estimate | float | None]) -> Estimate:
@@ -467,4 +459,5 @@ def _sum(estimates: Iterable[Estimate | float | None]) -> Estimate:
         standard_error=sum(each.standard_error for each in terms),
         bias=None if None in biases else sum(bias for bias in biases if bias is not None),
         how=terms[0].how if terms else "",
+        bias_error=sum(each.bias_error for each in terms),
     )

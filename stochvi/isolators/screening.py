@@ -18,7 +18,6 @@ from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.cautions import scene_notes
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.scene import ImpactPair, Scene
 
@@ -233,5 +232,5 @@ def _interval(estimate: Estimate | float | None) -> tuple[float, float]:
     assert isinstance(estimate, Estimate)
     if estimate.upper_95 is not None:
         return 0.0, estimate.upper_95
-    half = GAUSSIAN_95 * estimate.standard_error
+    half = estimate.half_width_95()
     return max(estimate.value - half, 0.0), estimate.value + half

@@ -5,9 +5,12 @@ from __future__ import annotations
 import importlib.metadata
 import math
 import platform
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from numbers import Real
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from stochvi.results.intervals import GAUSSIAN_95
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,12 +61,23 @@ class Estimate:
     upper_95
         Upper 95 % confidence limit of a rate that was never seen.
     bias_error
-        Standard error of `bias`, where that was itself sampled. For comparisons; not in the JSON.
+        Standard error of `bias`, where that was itself sampled.
+
+    Notes
+    -----
+    `float(estimate)` is its value. An estimate may be multiplied or divided by a plain number, or
+    have one added: its errors go with it. Two estimates cannot be combined by an operator, because
+    nothing is known here of the correlation of their errors.
 
     Examples
     --------
-    >>> Estimate(value=0.2828, standard_error=0.0004, bias=0.0, how="256 paths")
+    >>> rate = Estimate(value=0.2828, standard_error=0.0004, bias=0.0, how="256 paths")
+    >>> rate
     0.28280(40) [256 paths]
+    >>> rate * 3600.0
+    1018.1(1.4) [256 paths]
+    >>> float(rate)
+    0.2828
     """
 
     value: float
@@ -72,6 +86,9 @@ class Estimate:
     how: str = ""
     upper_95: float | None = None
     bias_error: float = 0.0
+
+    # numpy leaves an operator between one of its numbers and an estimate to the estimate
+    __array_ufunc__: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         for name in ("value", "standard_error", "bias", "upper_95", "bias_error"):
@@ -83,16 +100,85 @@ class Estimate:
             if number < 0.0 and name != "value":
                 raise ValueError(f"{name} must be at least 0, got {number}")
 
+    def __float__(self) -> float:
+        return float(self.value)
+
+    def __mul__(self, factor: float) -> Estimate:
+        factor = _plain_number(factor)
+        return self._changed(factor * self.value, lambda error: abs(factor) * error, factor)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: float) -> Estimate:
+        divisor = _plain_number(divisor)
+        return self._changed(self.value / divisor, lambda error: error / abs(divisor), divisor)
+
+    def __add__(self, shift: float) -> Estimate:
+        shift = _plain_number(shift)
+        upper = None if self.upper_95 is None else self.upper_95 + shift
+        return replace(self, value=self.value + shift, upper_95=upper)
+
+    __radd__ = __add__
+
+    def __sub__(self, shift: float) -> Estimate:
+        return self + -_plain_number(shift)
+
+    def __rsub__(self, number: float) -> Estimate:
+        return -self + number
+
+    def __neg__(self) -> Estimate:
+        return self * -1.0
+
+    def __pos__(self) -> Estimate:
+        return self
+
+    def _changed(self, value: float, scaled: Callable[[float], float], factor: float) -> Estimate:
+        """Another value, all errors scaled alike."""
+        if self.upper_95 is not None and factor <= 0.0:
+            raise ValueError(
+                "an estimate with upper_95 was never seen and has no lower limit: it can be scaled "
+                f"by positive numbers only, got {factor}"
+            )
+        return replace(
+            self,
+            value=value,
+            standard_error=scaled(self.standard_error),
+            bias=None if self.bias is None else scaled(self.bias),
+            upper_95=None if self.upper_95 is None else scaled(self.upper_95),
+            bias_error=scaled(self.bias_error),
+        )
+
     def __repr__(self) -> str:
         return f"{format_with_error(self.value, self.standard_error)} [{self.how}]"
 
+    def half_width_95(self, *, with_bias: bool = False) -> float:
+        """Half the width of the 95 % interval of the statistical error; `with_bias` adds the bias
+        where it is known."""
+        half = GAUSSIAN_95 * self.standard_error
+        return half + (self.bias or 0.0) if with_bias else half
+
     def to_dict(self) -> dict[str, Any]:
-        """The JSON form; `upper_95` appears only where it means something."""
+        """The JSON form; `upper_95` and `bias_error` appear only where they mean something."""
         document = asdict(self)
-        del document["bias_error"]
         if self.upper_95 is None:
             del document["upper_95"]
+        if self.bias_error == 0.0:
+            del document["bias_error"]
         return document
+
+
+def _plain_number(number: object) -> float:
+    """A number that an estimate may be combined with."""
+    if isinstance(number, Estimate):
+        raise TypeError(
+            "the errors of two estimates may be correlated, so they cannot be combined by an "
+            "operator: combine their values (float(estimate)) and work out the error yourself"
+        )
+    if isinstance(number, bool) or not isinstance(number, Real):
+        raise TypeError(
+            f"an Estimate can be combined with plain numbers only, got {type(number).__name__}"
+        )
+    return float(number)
 
 
 def format_with_error(value: float, error: float) -> str:
@@ -182,6 +268,7 @@ class Response:
                 "quantity": name,
                 "unit": QUANTITY_UNITS[name],
                 **estimate.to_dict(),
+                "bias_error": estimate.bias_error,
             }
             for (owner, name), estimate in self.estimates().items()
         ]

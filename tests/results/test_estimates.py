@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -76,6 +79,66 @@ def test_the_json_of_an_estimate_has_the_keys_of_the_contract():
     unseen = Estimate(value=0.0, upper_95=0.3)
     assert set(unseen.to_dict()) == keys | {"upper_95"}
     assert Estimate(value=1.0, bias=None).to_dict()["bias"] is None
+    # how well a sampled bias is known is no secret: without it the bias looks certain
+    assert Estimate(value=1.0, bias=0.1, bias_error=0.2).to_dict()["bias_error"] == 0.2
+
+
+def test_what_a_simulation_knows_of_its_bias_is_in_its_document_and_in_its_frame():
+    response = simulate(oscillator(-1.0, 1.0, 0.8), paths=16, duration=20.0, threads=1)
+    estimate = response.coordinates["x"]["velocity_std"]
+    assert estimate.bias_error > 0.0
+    document = response.to_dict()["coordinates"]["x"]["velocity_std"]
+    assert document["bias_error"] == estimate.bias_error
+    row = response.to_frame().set_index(["of", "quantity"]).loc[("x", "velocity_std")]
+    assert row["bias_error"] == estimate.bias_error
+
+
+KNOWN = Estimate(
+    value=2.0, standard_error=0.3, bias=0.1, how="16 paths", bias_error=0.05, upper_95=4.0
+)
+
+
+def test_all_errors_of_an_estimate_go_with_a_plain_factor():
+    for found in (KNOWN * 3600, 3600.0 * KNOWN, np.float64(3600.0) * KNOWN, KNOWN / (1.0 / 3600)):
+        assert (found.value, found.standard_error, found.bias) == pytest.approx((7200, 1080, 360))
+        assert (found.bias_error, found.upper_95) == pytest.approx((180, 14400))
+        assert found.how == "16 paths"
+
+
+def test_a_negative_factor_leaves_errors_positive():
+    found = -Estimate(value=2.0, standard_error=0.3, bias=0.1, bias_error=0.05)
+    assert (found.value, found.standard_error, found.bias, found.bias_error) == (-2, 0.3, 0.1, 0.05)
+    assert (Estimate(value=1.0, bias=None) * -2.0).bias is None
+
+
+def test_a_shift_moves_the_value_and_its_limit_alone():
+    for found in (KNOWN + 1, 1.0 + KNOWN, KNOWN - -1):
+        assert found == replace(KNOWN, value=3.0, upper_95=5.0)
+    chance = Estimate(value=0.25, standard_error=0.1)
+    assert 1.0 - chance == replace(chance, value=0.75)
+
+
+def test_what_was_never_seen_has_no_lower_limit_and_so_no_negative():
+    for operation in (lambda e: -e, lambda e: e * 0.0, lambda e: 1.0 - e):
+        with pytest.raises(ValueError, match="never seen"):
+            operation(Estimate(value=0.0, upper_95=0.3))
+
+
+@pytest.mark.parametrize("operation", [operator.add, operator.sub, operator.mul, operator.truediv])
+def test_two_estimates_are_not_combined(operation):
+    with pytest.raises(TypeError, match="correlated"):
+        operation(KNOWN, KNOWN)
+    for other in ("2", None, True, np.array([1.0, 2.0])):
+        with pytest.raises(TypeError):
+            operation(KNOWN, other)
+
+
+def test_an_estimate_is_a_number_for_python_and_numpy():
+    assert float(KNOWN) == 2.0
+    assert np.array([KNOWN, KNOWN], float).tolist() == [2.0, 2.0]
+    assert math.sqrt(KNOWN * 2) == 2.0
+    assert Estimate(value=1.0) != 1.0 and Estimate(value=1.0) == Estimate(value=1.0)
+    assert len({Estimate(value=1.0), Estimate(value=1.0)}) == 1
 
 
 def test_the_json_of_a_response_reads_back_and_holds_null_for_what_is_not_known():
@@ -100,7 +163,7 @@ def test_the_frame_of_a_response_has_a_row_for_each_estimate_and_a_column_for_ea
     response = exact(oscillator(-1.0, 1.0))
     frame = response.to_frame()
     assert list(frame.columns) == [
-        "method", "of", "quantity", "unit", "value", "standard_error", "bias", "how",
+        "method", "of", "quantity", "unit", "value", "standard_error", "bias", "how", "bias_error",
     ]  # fmt: skip
     assert len(frame) == len(response.estimates())
     assert not frame[["of", "quantity"]].duplicated().any()

@@ -19,7 +19,7 @@ import numpy as np
 from stochvi.isolators.screening import Screening, screen
 from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
 from stochvi.isolators.sizing.hits import Hits, Tried, at_clearance, compile_kernels
-from stochvi.isolators.sizing.risk_curve import RiskCurve, half_width
+from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.targets import check_laws, target_of, widening
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.cautions import scene_notes
@@ -360,7 +360,7 @@ class _Job:
         small as well: then there is no interval to tell.
         """
         per_metre = 2.0 * place * slope
-        half = half_width(found) / found.value / abs(per_metre)
+        half = found.half_width_95(with_bias=True) / found.value / abs(per_metre)
         value = place - excess / per_metre
         answer = Clearance(value=value, lower=max(value - half, 0.0), upper=value + half)
         if place in self.unfinished:
@@ -485,9 +485,9 @@ class _Job:
         return ThreeSigma(
             clearance=clearance,
             probability=self.curve.probabilities[index],
-            first_hits=_times(self.curve.first_rates[index], self.mission),
+            first_hits=self.curve.first_rates[index] * self.mission,
             rice_hits=float(self.curve.crossings.rice_rate[index]) * self.mission,
-            hits=None if tried is None else _times(tried.hit_rate, self.mission),
+            hits=None if tried is None else tried.hit_rate * self.mission,
             impact_speed_mean=None if tried is None else tried.impact_speed_mean,
         )
 
@@ -514,14 +514,15 @@ class _Job:
         rows: list[dict[str, float | str | None]] = []
         for clearance, tried in sorted(self.hits.tried.items()):
             rate, speed = tried.hit_rate, tried.impact_speed_mean
+            half = rate.half_width_95(with_bias=True)
             unseen = rate.upper_95 is not None
             rows.append(
                 {
                     "clearance": clearance,
                     "clearance_in_sigma": clearance / self.sigma,
                     "hit_rate": rate.value,
-                    "hit_rate_low": max(rate.value - half_width(rate), 0.0),
-                    "hit_rate_high": rate.upper_95 if unseen else rate.value + half_width(rate),
+                    "hit_rate_low": max(rate.value - half, 0.0),
+                    "hit_rate_high": rate.upper_95 if unseen else rate.value + half,
                     "hits_per_first_hit": tried.hits_per_burst,
                     "impact_speed_mean": math.nan if speed is None else speed.value,
                     "by": "simulation" if tried.response else "bursts",
@@ -564,19 +565,7 @@ def _chance(rate: Estimate, mission: float) -> Estimate:
     """That something of this rate happens in a mission, 1 - exp(-rate mission)."""
     value = -math.expm1(-rate.value * mission)
     upper = None if rate.upper_95 is None else -math.expm1(-rate.upper_95 * mission)
-    return replace(_times(rate, mission * (1.0 - value)), value=value, upper_95=upper)
-
-
-def _times(estimate: Estimate, factor: float) -> Estimate:
-    """An estimate in another unit."""
-    upper = None if estimate.upper_95 is None else factor * estimate.upper_95
-    return replace(
-        estimate,
-        value=factor * estimate.value,
-        standard_error=factor * estimate.standard_error,
-        bias=None if estimate.bias is None else factor * estimate.bias,
-        upper_95=upper,
-    )
+    return replace(rate * (mission * (1.0 - value)), value=value, upper_95=upper)
 
 
 def _screening(scene: Scene) -> Screening | None:

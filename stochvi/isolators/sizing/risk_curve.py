@@ -14,7 +14,6 @@ from scipy.optimize import brentq
 
 from stochvi.isolators.sizing.answer import Clearance
 from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.statistics.first_crossings import FirstCrossings
 
 if TYPE_CHECKING:
@@ -113,8 +112,9 @@ class RiskCurve:
                 f"the chance of a hit in {self.mission:g} s is 0 or 1 at all clearances that were "
                 "tried; change the mission"
             )
-        half = np.array([half_width(estimate) for estimate in self.probabilities])[usable]
-        of_rates = np.array([half_width(rate) / rate.value for rate in self.first_rates])[usable]
+        half = _half_widths(self.probabilities)[usable]
+        rates = np.array(self.first_rates, dtype=float)
+        of_rates = (_half_widths(self.first_rates) / rates)[usable]
         chance = chance[usable]
         hazard = -np.log1p(-chance)
         errors = half / ((1.0 - chance) * hazard)
@@ -140,10 +140,16 @@ class RiskCurve:
         }
         for name, estimates in limits.items():
             most = 1.0 if name == "probability" else math.inf
-            columns[name] = [estimate.value for estimate in estimates]
-            columns[f"{name}_low"] = [max(e.value - half_width(e), 0.0) for e in estimates]
-            columns[f"{name}_high"] = [min(e.value + half_width(e), most) for e in estimates]
+            values, half = np.array(estimates, dtype=float), _half_widths(estimates)
+            columns[name] = values
+            columns[f"{name}_low"] = np.maximum(values - half, 0.0)
+            columns[f"{name}_high"] = np.minimum(values + half, most)
         return pd.DataFrame(columns)
+
+
+def _half_widths(estimates: Sequence[Estimate]) -> Vector:
+    """Of their 95 % intervals, each with its bias."""
+    return np.array([estimate.half_width_95(with_bias=True) for estimate in estimates])
 
 
 def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:
@@ -161,8 +167,3 @@ def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:
             )
         found.append(own)
     return found[::-1]
-
-
-def half_width(estimate: Estimate) -> float:
-    """Of the 95 % interval, bias included where it is known."""
-    return GAUSSIAN_95 * estimate.standard_error + (estimate.bias or 0.0)

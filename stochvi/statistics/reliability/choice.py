@@ -154,14 +154,13 @@ class Jobs:
         lower, upper = logarithmic_interval(
             fine.hits, fine.hits_error, fine.trials - 1, self.confidence
         )
-        bias = _bias(plan, fine.hits, found.coarse.hits)
         estimate = Estimate(
-            value=missions * fine.hits,
-            standard_error=missions * fine.hits_error,
-            bias=None if bias is None else missions * bias,
+            value=fine.hits,
+            standard_error=fine.hits_error,
+            bias=_bias(plan, fine.hits, found.coarse.hits),
             how=f"{found.way}, {fine.trials} {_trials(found.way)}; bias from twice the step",
         )
-        return Hits(estimate, (missions * lower, missions * upper), found.steps)
+        return Hits(estimate * missions, (missions * lower, missions * upper), found.steps)
 
     def _found(self, plan: MissionPlan, way: Way | None, hits: bool) -> Found:
         """Pilot, choice, second stage."""

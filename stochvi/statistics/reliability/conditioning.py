@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
@@ -158,11 +159,6 @@ def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
         simulated = response.impact_pairs[scene.impact_pairs[0].name]["collision_rate"]
         assert isinstance(simulated, Estimate)
         rate, steps = simulated, response.cost.steps
-    estimate = Estimate(
-        value=mission * rate.value,
-        standard_error=mission * rate.standard_error,
-        bias=None if rate.bias is None else mission * rate.bias,
-        how=f"{mission:g} s times the rate: {rate.how}",
-    )
+    estimate = replace(rate * mission, how=f"{mission:g} s times the rate: {rate.how}")
     reach = normal_quantile(1.0 - jobs.confidence) * estimate.standard_error
     return Hits(estimate, (max(estimate.value - reach, 0.0), estimate.value + reach), steps)

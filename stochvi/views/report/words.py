@@ -6,7 +6,6 @@ import math
 
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import GAUSSIAN_95
 
 MM = 1e3
 """Millimetres in a metre."""
@@ -56,7 +55,7 @@ def with_interval(estimate: Estimate | None, factor: float) -> str:
         return UNKNOWN
     if estimate.upper_95 is not None:
         return f"0\nbelow {factor * estimate.upper_95:.2g}"
-    half = factor * GAUSSIAN_95 * estimate.standard_error
+    half = factor * estimate.half_width_95()
     value = factor * estimate.value
     if half == 0.0:
         return f"{value:.4g}"
