@@ -35,6 +35,9 @@ STOPPED_EARLY = "simulate stopped early"
 
 AGREES, DISAGREES, APPROXIMATE, TOO_RARE = "agrees", "DISAGREES", "approximate", "too rare"
 BIAS_UNKNOWN = "bias unknown"
+ZERO = "zero by construction"
+"""Verdict on a sampled number that is zero on every path, so that nothing was compared: the mean
+displacement where tables are synthesised, say, and the balance of force where nothing is hit."""
 
 RARE = 0.2
 """Relative standard error of a quantity of impacts from which they are too few to judge by."""
@@ -338,6 +341,11 @@ def _shared(
                 yield response, of, quantity, estimate
 
 
+def _vanish(size: float, *estimates: Estimate) -> bool:
+    """Whether estimates and their standard errors are zero but for rounding."""
+    return all(max(abs(each.value), each.standard_error) <= ROUNDING * size for each in estimates)
+
+
 ROUNDING = 1e-9
 """Relative error granted to any deterministic number: quadrature and root finding."""
 
@@ -374,6 +382,8 @@ def _row(
             verdict = TOO_RARE
         elif of != BALANCE and _untold(estimate, truth):
             tolerance, verdict = None, BIAS_UNKNOWN
+        elif response.cost.paths and _vanish(size, estimate, truth):
+            tolerance, score, verdict = None, None, ZERO
     return Comparison(
         of=of,
         quantity=quantity,

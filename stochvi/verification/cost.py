@@ -53,6 +53,12 @@ MOST_HALVINGS = 10
 LARGEST_BLOCK = 256
 """Paths at once: enough for the kernels' full speed, few enough to stop in time."""
 
+DAY, YEAR = 86400.0, 365.25 * 86400.0
+"""Seconds of a day and of a year."""
+
+LONG_SECONDS = DAY
+"""CPU seconds from which a price is given with the quantity that makes it high."""
+
 WINDOW = 2
 """Blocks per thread that may wait to be merged in order."""
 
@@ -217,9 +223,22 @@ class WorkPrecision:
                 parts.append(f"{100.0 * target:g} % out of known reach")
                 continue
             reckoned = "" if found.simulated else ", by the order"
-            price = f"{spoken_time(found.seconds)} (step {found.step:.3g} s{reckoned})"
+            reason = self._reason(found) if found.seconds > LONG_SECONDS else ""
+            price = f"{spoken_time(found.seconds)} (step {found.step:.3g} s{reckoned}{reason})"
             parts.append(f"{100.0 * target:g} % takes {price}")
         return ", ".join(parts)
+
+    def _reason(self, found: Prediction) -> str:
+        """The quantity that makes a price high, and how well it is known."""
+        of, quantity = found.governed_by
+        error = next(
+            row.standard_error
+            for row in self.errors
+            if (row.step, row.of, row.quantity) == (min(self.steps), of, quantity)
+        )
+        return (
+            f"; {quantity} of {of} takes longest, its standard error here is {100.0 * error:.2g} %"
+        )
 
     def __repr__(self) -> str:
         return f"<cost: {self.summary()}>"
@@ -266,12 +285,16 @@ class WorkPrecision:
 
 
 def spoken_time(seconds: float) -> str:
-    """A time to two digits, in the unit that reads best.
+    """A time to two digits, in the unit that reads best; beyond a century no digits are given.
 
     >>> spoken_time(0.0213), spoken_time(540.0), spoken_time(9000.0), spoken_time(1e6)
     ('0.021 s', '9 min', '2.5 h', '12 days')
+    >>> spoken_time(8.63e8), spoken_time(1e12)
+    ('27 years', 'more than 100 years')
     """
-    for unit, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s")):
+    if seconds > 100.0 * YEAR:
+        return "more than 100 years"
+    for unit, name in ((YEAR, "years"), (DAY, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s")):
         if seconds >= 2.0 * unit or name == "s":
             break
     amount = seconds / unit

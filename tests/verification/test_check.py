@@ -4,9 +4,29 @@ from dataclasses import replace
 
 import pytest
 
-from stochvi import Estimate, Response, check, exact, fokker_planck, load_scene, simulate
+from stochvi import (
+    Estimate,
+    ImpactPair,
+    Isolator,
+    Response,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    check,
+    exact,
+    fokker_planck,
+    load_scene,
+    simulate,
+)
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.verification.check import APPROXIMATE, BIAS_UNKNOWN, DISAGREES, TOO_RARE, compare
+from stochvi.verification.check import (
+    APPROXIMATE,
+    BIAS_UNKNOWN,
+    DISAGREES,
+    TOO_RARE,
+    ZERO,
+    compare,
+)
 from support.known import oscillator
 
 
@@ -116,3 +136,26 @@ def test_an_unfinished_simulation_is_no_pass_and_says_why() -> None:
     assert not found.passed
     assert found.summary().startswith("simulate stopped early")
     assert "raise budget" in found.summary()
+
+
+@pytest.mark.parametrize("gap", [None, 1.0])
+def test_a_number_that_is_zero_on_every_path_was_not_compared(gap: float | None) -> None:
+    """The synthesis of a table has no mean, whatever the method does: no evidence for it."""
+    pairs = [] if gap is None else [ImpactPair(upper=gap, law=Restitution(coefficient=0.8))]
+    scene = Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1),
+        impact_pairs=pairs,
+        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+    )
+    verdict = check(scene, rel_error=0.1)
+    rows = [row for row in verdict.comparisons if row.method == "simulate"]
+    (force,) = (row for row in rows if (row.of, row.quantity) == ("balance", "force"))
+    assert abs(force.value) < 1e-15
+    assert (force.verdict, force.tolerance, force.score) == (ZERO, None, None)
+    for row in rows:
+        assert (row.verdict == ZERO) == (row.quantity in ("force", "displacement_mean"))
+
+
+def test_a_mean_that_hits_push_away_is_compared() -> None:
+    verdict = check(oscillator(-1.0, 1.0, 1.0), rel_error=0.05)
+    assert ZERO not in {row.verdict for row in verdict.comparisons}

@@ -47,6 +47,20 @@ def bias(row: StepError) -> Estimate:
     return Estimate(value=row.step_bias, standard_error=row.step_bias_error)
 
 
+# Words ------------------------------------------------------------------------------------
+
+
+def test_a_price_of_years_is_given_in_years_and_with_its_reason(elastic: WorkPrecision) -> None:
+    rows = [replace(row, error_of_a_second=2.92) for row in elastic.errors]
+    told = replace(elastic, errors=rows).summary()
+    assert "0.01 % takes 27 years (step" in told and "0.1 % takes 99 days (step" in told
+    (row, *_) = (row for row in rows if row.step == min(elastic.steps))
+    assert f"takes longest, its standard error here is {100.0 * row.standard_error:.2g} %" in told
+    assert "takes longest" not in elastic.summary()  # minutes need no reason
+    rows = [replace(row, error_of_a_second=1e3) for row in elastic.errors]
+    assert "0.01 % takes more than 100 years" in replace(elastic, errors=rows).summary()
+
+
 # Biases -----------------------------------------------------------------------------------
 
 
