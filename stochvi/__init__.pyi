@@ -8,7 +8,8 @@ from .methods.fokker_planck import first_passage, fokker_planck, transient
 from .methods.linearisation import linearise
 from .methods.monte_carlo import simulate
 from .results.errors import Interrupted, NotApplicable, NotConverged, SceneError, StochviError
-from .results.estimates import Estimate, Response
+from .results.estimates import Estimate
+from .results.response import Response
 from .scenes.absorbers import Absorber
 from .scenes.excitations import (
     ConstantLoad,

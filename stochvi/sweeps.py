@@ -20,7 +20,8 @@ import numpy as np
 
 from stochvi.mathematics.units import plain_number
 from stochvi.results.errors import CheckpointError, NotApplicable, NotConverged, SceneError
-from stochvi.results.estimates import QUANTITY_UNITS, Response, format_with_error, provenance
+from stochvi.results.estimates import format_with_error, provenance
+from stochvi.results.response import QUANTITY_UNITS, Response
 from stochvi.scenes.scene import Scene, load_scene, scene_from
 from stochvi.views.files import to_json, write_picture, write_table, write_text
 from stochvi.views.tables import NEGLIGIBLE, QUANTITY_NAMES

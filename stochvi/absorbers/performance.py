@@ -15,8 +15,9 @@ from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.modal import linear_law
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Cost, Estimate, Response
+from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.intervals import mean_and_error
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from stochvi.results.estimates import Response
+    from stochvi.results.response import Response
 
 FAILED, BAD_INPUT = 1, 2
 """Exit codes."""

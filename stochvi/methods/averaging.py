@@ -7,7 +7,7 @@ import time
 from stochvi.model.energy_law import CONTINUOUS, FINITE_JUMPS, UNFOLDED, VARIANTS, energy_law
 from stochvi.model.responses import Answer
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Response
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 __all__ = ["CONTINUOUS", "FINITE_JUMPS", "UNFOLDED", "VARIANTS", "average", "unmet_conditions"]

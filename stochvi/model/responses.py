@@ -12,7 +12,8 @@ from stochvi.mathematics.spectra import response_moments
 from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
 from stochvi.model.cautions import scene_notes
-from stochvi.results.estimates import Cost, Estimate, Response, provenance
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene, System
 
 MOST_ENERGY_CHANGE = 0.1

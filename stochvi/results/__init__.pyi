@@ -7,7 +7,8 @@ from .errors import (
     SceneError,
     StochviError,
 )
-from .estimates import Cost, Estimate, Response
+from .estimates import Cost, Estimate
+from .response import Response
 
 __all__ = [
     "CheckpointError",

@@ -14,13 +14,14 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import (
     normal_quantile,
     normal_score,
     satterthwaite_degrees,
     student_quantile,
 )
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:

@@ -30,8 +30,9 @@ from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
 from stochvi.model.assembly import assemble
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate, Response, provenance
+from stochvi.results.estimates import Estimate, provenance
 from stochvi.results.machine import thread_seconds, usable_cores
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import ROUNDING, approximations
 

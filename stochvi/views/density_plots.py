@@ -16,7 +16,8 @@ from matplotlib.colors import LogNorm
 from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.impact_rates import corner_exponent
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.views.plots import COLOURS, draw_stops, length_unit
 

@@ -11,7 +11,8 @@ from rich.table import Table
 
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chances import spoken_places
-from stochvi.results.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
+from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.results.response import QUANTITY_UNITS, Response
 from stochvi.verification.check import (
     APPROXIMATE,
     BALANCE,

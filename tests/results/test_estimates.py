@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.monte_carlo import simulate
-from stochvi.results.estimates import QUANTITY_UNITS, Estimate, Response, format_with_error
+from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.results.response import QUANTITY_UNITS, Response
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
 from stochvi.views.files import to_json

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from stochvi.isolators.screening import Screening
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.results.estimates import Cost, Estimate, Response
+from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:

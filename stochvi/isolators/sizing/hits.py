@@ -11,7 +11,8 @@ from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.kernels.compliant_response import EXTREMES
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.statistics.bursts import UNFINISHED, WINDOW_RELAXATIONS, bursts
 from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, crossing_plan, deviations

@@ -12,7 +12,8 @@ from stochvi.methods.closed_form import one
 from stochvi.methods.closed_form.method import exact, unmet_conditions
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.results.errors import NoExactSolution
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]

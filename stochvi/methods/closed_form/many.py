@@ -26,7 +26,8 @@ from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.balances import residuals
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import linear_law
-from stochvi.results.estimates import Cost, Estimate, Response, provenance
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]

@@ -6,7 +6,7 @@ import time
 
 from stochvi.methods.closed_form import many, one
 from stochvi.results.errors import NoExactSolution
-from stochvi.results.estimates import Response
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 

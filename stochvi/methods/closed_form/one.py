@@ -15,7 +15,7 @@ from stochvi.mathematics.spectra import LinearMoments, response_moments
 from stochvi.model.gibbs_law import GibbsLaw, Spring
 from stochvi.model.responses import Answer, linear_acceleration
 from stochvi.results.errors import SceneError
-from stochvi.results.estimates import Response
+from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.scene import Scene, System
 from stochvi.scenes.structures import NonlinearOscillator

@@ -12,7 +12,8 @@ from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_expone
 from stochvi.methods.fokker_planck.accurate import SAFETY
 from stochvi.methods.fokker_planck.field import Field
 from stochvi.methods.fokker_planck.motion import Stop
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 
 Vector = NDArray[np.float64]
 

@@ -21,7 +21,8 @@ from stochvi.methods.fokker_planck.mesh import Array
 from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.model.responses import Answer
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import SpeedRestitution
 from stochvi.scenes.scene import Scene, System
 from stochvi.scenes.validation import check_oscillators

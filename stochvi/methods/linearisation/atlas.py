@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.scene import System
 

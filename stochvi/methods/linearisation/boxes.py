@@ -28,7 +28,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from stochvi.model.assembly import Assembly, Contact
 from stochvi.model.balances import residuals
-from stochvi.results.estimates import Cost, Estimate, Response, provenance
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.response import Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene

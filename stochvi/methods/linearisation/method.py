@@ -19,7 +19,7 @@ from stochvi.methods.linearisation.solver import solve
 from stochvi.methods.linearisation.told import answer_of
 from stochvi.methods.linearisation.trial import ROOT_TWO_PI, SIGNS, Trial, soft_stops
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Response
+from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Viscoelastic
 from stochvi.scenes.scene import Scene, System
 

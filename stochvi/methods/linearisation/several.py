@@ -30,7 +30,8 @@ from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear
 from stochvi.model.responses import Answer
 from stochvi.model.scales import PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.results.estimates import Cost, Estimate, Response, provenance
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene, System
 
 METHOD = "linearise:closure"

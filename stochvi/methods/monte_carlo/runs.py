@@ -33,8 +33,9 @@ from stochvi.model.assembly import Contact, assemble
 from stochvi.model.balances import residuals
 from stochvi.model.cautions import scene_notes
 from stochvi.results.errors import NotConverged
-from stochvi.results.estimates import Cost, Estimate, Response, provenance
+from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import upper_limit_unseen
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 Progress = Callable[[float, str], None]

@@ -29,8 +29,8 @@ from stochvi.methods.monte_carlo.runs import (
 )
 from stochvi.model.assembly import assemble
 from stochvi.results.errors import Interrupted, NotConverged
-from stochvi.results.estimates import Response
 from stochvi.results.machine import usable_cores
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:

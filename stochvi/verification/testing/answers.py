@@ -6,7 +6,8 @@ import csv
 from collections.abc import Mapping
 from functools import cache
 
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.scene import Scene
 from stochvi.verification.checks import zoo

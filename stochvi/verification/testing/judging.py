@@ -13,8 +13,9 @@ from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.results.errors import NoExactSolution
-from stochvi.results.estimates import QUANTITY_UNITS, Cost, Estimate, Response, format_with_error
+from stochvi.results.estimates import Cost, Estimate, format_with_error
 from stochvi.results.intervals import normal_score, student_quantile
+from stochvi.results.response import QUANTITY_UNITS, Response
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import (
     AGREES,

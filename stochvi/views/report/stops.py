@@ -12,7 +12,8 @@ from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_percent
 from stochvi.isolators.sizing.chances import probability_at, two_sided
 from stochvi.isolators.sizing.hits import at_clearance
 from stochvi.methods.monte_carlo import record_path
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.views.report.pages import Grid, Picture, Section, shown
 from stochvi.views.report.plots import plot_histogram, plot_impact_speeds, plot_transmissibility

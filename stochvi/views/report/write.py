@@ -12,7 +12,7 @@ from stochvi.isolators.screening import predicted_rates
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chances import probability_at, two_sided
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Response
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import DensityNoise
 from stochvi.views.files import write_sizing, write_table, write_text
 from stochvi.views.report.inputs import environment, gap, mount

@@ -15,7 +15,8 @@ from stochvi.methods.linearisation.atlas import ONE, QUANTITIES, TWO, Span, atla
 from stochvi.methods.linearisation.clumps import energy_weight
 from stochvi.methods.linearisation.method import method_name
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene

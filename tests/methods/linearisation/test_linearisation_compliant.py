@@ -20,7 +20,8 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.linearisation.forms import choose
 from stochvi.methods.linearisation.soft_force import inverse
 from stochvi.methods.linearisation.trial import Trial
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import (
     ConstantLoad,
     Excitation,

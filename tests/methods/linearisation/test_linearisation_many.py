@@ -13,7 +13,8 @@ from stochvi.methods.linearisation import linearise, linearise_many
 from stochvi.methods.linearisation.cut_laws import cut_laws
 from stochvi.methods.linearisation.many import Linearised
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Estimate, Response
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene

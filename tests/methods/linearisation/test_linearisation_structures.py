@@ -23,7 +23,7 @@ from stochvi import (
 from stochvi.methods.linearisation import linearise_all, linearised_structures
 from stochvi.model.assembly import assemble, modes_of
 from stochvi.model.scales import scales_of
-from stochvi.results.estimates import Response
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, Excitation, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Viscoelastic
 from stochvi.scenes.structures import Matrices

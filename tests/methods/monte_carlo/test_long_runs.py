@@ -36,7 +36,7 @@ from stochvi.methods.monte_carlo.blocks import (
 )
 from stochvi.methods.monte_carlo.checkpoints import Checkpoint
 from stochvi.results.errors import CheckpointError, Interrupted, NotConverged
-from stochvi.results.estimates import Response
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene

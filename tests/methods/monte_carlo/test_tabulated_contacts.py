@@ -44,7 +44,7 @@ from stochvi.methods.monte_carlo.kernels.flight import (
 from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
-from stochvi.results.estimates import QUANTITY_UNITS
+from stochvi.results.response import QUANTITY_UNITS
 from stochvi.scenes.excitations import FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, Law, Viscoelastic
 from stochvi.testing import assert_agrees

@@ -1,0 +1,125 @@
+"""The stationary response of a scene: the one form in which every method answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from stochvi.results.estimates import Cost, Estimate, format_with_error
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+QUANTITY_UNITS = {
+    "displacement_mean": "m",
+    "displacement_std": "m",
+    "displacement_mean_square": "m^2",
+    "velocity_std": "m/s",
+    "velocity_mean_square": "m^2/s^2",
+    "acceleration_std": "m/s^2",
+    "upcrossing_rate": "1/s",
+    "collision_rate": "1/s",
+    "collision_rate_lower": "1/s",
+    "collision_rate_upper": "1/s",
+    "impact_speed_mean": "m/s",
+    "impact_speed_rate": "m/s^2",
+    "impact_speed_square_rate": "m^2/s^3",
+    "peak_force": "N",
+    "contact_probability": "1",
+    "contact_force_lower": "N",
+    "contact_force_upper": "N",
+    "relative_displacement_mean": "m",
+    "relative_displacement_std": "m",
+    "relative_velocity_std": "m/s",
+}
+"""Units of every quantity: of a coordinate (accelerations are absolute, up-crossings are of the
+mean), then of an impact pair (the rates of w and w^2 are F1 and F2; of stops that give way, the
+mean over contacts of the largest force, the share of time in contact, the mean force; of a pair of
+two coordinates, the motion of the first relative to the second)."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Response:
+    """The stationary response of a scene by one method.
+
+    `coordinates` and `impact_pairs` map a name to its quantities (`QUANTITY_UNITS`); a quantity
+    that the method cannot give is None. `identities` holds the residuals of the energy, virial
+    and force balances, which are zero for a right answer. `interrupted` says that it holds what was
+    simulated until Ctrl-C.
+    """
+
+    method: str
+    coordinates: Mapping[str, Mapping[str, Estimate | None]]
+    impact_pairs: Mapping[str, Mapping[str, Estimate | float | None]]
+    effects: Sequence[str] = ()
+    assumptions: Sequence[str] = ()
+    cost: Cost = field(default_factory=Cost)
+    warnings: Sequence[str] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    identities: Mapping[str, Estimate] = field(default_factory=dict)
+    interrupted: bool = False
+
+    def estimates(self) -> dict[tuple[str, str], Estimate]:
+        """Every estimate that exists, keyed by (coordinate or pair, quantity)."""
+        found: dict[tuple[str, str], Estimate] = {}
+        for group in (self.coordinates, self.impact_pairs):
+            for owner, quantities in group.items():
+                for name, estimate in quantities.items():
+                    if isinstance(estimate, Estimate):
+                        found[owner, name] = estimate
+        return found
+
+    def to_frame(self) -> pd.DataFrame:
+        """A tidy table, one row per quantity."""
+        import pandas as pd
+
+        rows = [
+            {
+                "method": self.method,
+                "of": owner,
+                "quantity": name,
+                "unit": QUANTITY_UNITS[name],
+                **estimate.to_dict(),
+                "bias_error": estimate.bias_error,
+            }
+            for (owner, name), estimate in self.estimates().items()
+        ]
+        return pd.DataFrame(rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document: only plain types, never NaN or infinity."""
+
+        def group(entries: Mapping[str, Mapping[str, Estimate | float | None]]) -> dict[str, Any]:
+            return {
+                owner: {
+                    name: item.to_dict() if isinstance(item, Estimate) else item
+                    for name, item in quantities.items()
+                }
+                for owner, quantities in entries.items()
+            }
+
+        return {
+            "method": self.method,
+            "coordinates": group(self.coordinates),
+            "impact_pairs": group(self.impact_pairs),
+            "identities": {name: item.to_dict() for name, item in self.identities.items()},
+            "effects": list(self.effects),
+            "assumptions": list(self.assumptions),
+            "warnings": list(self.warnings),
+            "interrupted": self.interrupted,
+            "cost": asdict(self.cost),
+            "provenance": dict(self.provenance),
+        }
+
+    def __repr__(self) -> str:
+        lines = [
+            f"  {owner}.{name} = {format_with_error(estimate.value, estimate.standard_error)} "
+            f"{QUANTITY_UNITS[name]}"
+            for (owner, name), estimate in self.estimates().items()
+        ]
+        return "\n".join([f"<{self.method}", *lines]) + ">"
+
+    def _repr_html_(self) -> str:
+        frame = self.to_frame()
+        return f"<b>{self.method}</b>{frame.to_html(index=False)}"
