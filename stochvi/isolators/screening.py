@@ -16,6 +16,7 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.cautions import scene_notes
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
@@ -117,7 +118,7 @@ def screen(scene: Scene) -> Screening:
         if density > 0.0
         else None,
         input_acceleration_std=None if theta else math.sqrt(area),
-        notes=tuple(scene_notes(system)),
+        notes=tuple(scene_notes(model_of(scene))),
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.spectra import Table
 from stochvi.model.modal import ModalForm, modal_form
-from stochvi.model.model import Signal
+from stochvi.model.model import LOWER, UPPER, Pair, Signal, Stop
 from stochvi.scenes.excitations import (
     BASE,
     ConstantLoad,
@@ -71,8 +71,20 @@ class Assembly(NamedTuple):
     contacts: tuple[Contact, ...]
 
     @property
-    def pairs(self) -> tuple[Contact, ...]:
-        return self.contacts
+    def pairs(self) -> tuple[Pair, ...]:
+        return tuple(
+            Pair(
+                name=contact.name,
+                direction=contact.direction,
+                mass=contact.mass,
+                relative=int((contact.direction != 0.0).sum()) > 1,
+                stops=tuple(
+                    Stop(UPPER if side == "upper" else LOWER, position, law)
+                    for side, position, law in contact.stops
+                ),
+            )
+            for contact in self.contacts
+        )
 
     @property
     def constant_force(self) -> Vector:

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from stochvi.model.assembly import Assembly
+from stochvi.model.model import Model
 from stochvi.scenes.impact_laws import Restitution
 
 ENERGIES = ("kinetic", "potential", "dissipation")
@@ -30,14 +30,14 @@ ENERGIES = ("kinetic", "potential", "dissipation")
 
 
 def residuals(
-    assembly: Assembly, moments: Mapping[tuple[str, str], Any], origin: Sequence[float]
+    model: Model, moments: Mapping[tuple[str, str], Any], origin: Sequence[float]
 ) -> dict[str, Any]:
     """Left side less right side of each balance that applies, relative to its largest term.
 
     Parameters
     ----------
-    assembly
-        The scene as matrices.
+    model
+        The model of the scene.
     moments
         By (coordinate, name): `x`, `variance`, `vv`; by (impact pair, name): `f1_lower`,
         `f1_upper`, `f2_lower`, `f2_upper`, of stops that give way instead `force_lower`,
@@ -48,77 +48,73 @@ def residuals(
         o, about which the potential energy was taken (of a single coordinate: any position).
     """
     o = np.asarray(origin, float)
-    mean = [moments[name, "x"] for name in assembly.coordinates]
+    mean = [moments[name, "x"] for name in model.coordinates]
     found = {}
-    pushes = _pushes(assembly, moments)
-    for row, coordinate in enumerate(assembly.coordinates):
-        terms = [assembly.stiffness[row, k] * mean[k] for k in range(len(mean))]
+    pushes = _pushes(model, moments)
+    for row, coordinate in enumerate(model.coordinates):
+        terms = [model.stiffness[row, k] * mean[k] for k in range(len(mean))]
         terms += [-direction[row] * push for direction, _, push in pushes]
-        terms.append(-assembly.load[row] + 0.0 * mean[row])
+        terms.append(-model.constant_force[row] + 0.0 * mean[row])
         # all may vanish by symmetry: the rms force of the coordinate's own spring does not
         deviation = float(np.mean(moments[coordinate, "variance"])) ** 0.5
         name = "force" if len(mean) == 1 else f"force on {coordinate}"
-        found[name] = sum(terms) / _scale(terms, assembly.stiffness[row, row] * deviation)
-    if assembly.signals or assembly.tables:
+        found[name] = sum(terms) / _scale(terms, model.stiffness[row, row] * deviation)
+    if model.signals or model.tables:
         return found
-    energies = _energies(assembly, moments, o)
-    supply = float(np.trace(np.linalg.solve(assembly.mass, assembly.white))) / 2.0
+    energies = _energies(model, moments, o)
+    supply = float(np.trace(np.linalg.solve(model.mass, model.white))) / 2.0
     balances = {
-        "energy": [supply, -energies["dissipation"], *_losses(assembly, moments)],
+        "energy": [supply, -energies["dissipation"], *_losses(model, moments)],
         "virial": [
             energies["kinetic"],
             -energies["potential"],
-            *((o[k] - mean[k]) * force for k, force in enumerate(assembly.stiffness @ o)),
-            *((mean[k] - o[k]) * load for k, load in enumerate(assembly.load)),
+            *((o[k] - mean[k]) * force for k, force in enumerate(model.stiffness @ o)),
+            *((mean[k] - o[k]) * load for k, load in enumerate(model.constant_force)),
             *((stop - direction @ o) * push for direction, stop, push in pushes),
         ],
     }
-    if assembly.not_rigid():
+    if model.not_rigid():
         del balances["virial"]
     return {name: sum(terms) / _scale(terms) for name, terms in balances.items()} | found
 
 
-def _pushes(
-    assembly: Assembly, moments: Mapping[tuple[str, str], Any]
-) -> list[tuple[Any, float, Any]]:
+def _pushes(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[tuple[Any, float, Any]]:
     """(direction, stop, mean force on y) of every stop, the force positive upwards."""
     found = []
-    for contact in assembly.contacts:
-        for side, stop, law in contact.stops:
-            if isinstance(law, Restitution):
-                force = (1.0 + law.coefficient) * moments[contact.name, f"f1_{side}"]
+    for pair in model.pairs:
+        for stop in pair.stops:
+            if isinstance(stop.law, Restitution):
+                force = (1.0 + stop.law.coefficient) * moments[pair.name, f"f1_{stop.name}"]
             else:
-                force = moments[contact.name, f"force_{side}"]
-            force = contact.mass * force
-            found.append((contact.direction, stop, force if side == "lower" else -force))
+                force = moments[pair.name, f"force_{stop.name}"]
+            force = pair.mass * force
+            found.append((pair.direction, stop.position, -stop.side * force))
     return found
 
 
-def _losses(assembly: Assembly, moments: Mapping[tuple[str, str], Any]) -> list[Any]:
+def _losses(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[Any]:
     """Power lost at every stop, negative."""
     found = []
-    for contact in assembly.contacts:
-        for side, _, law in contact.stops:
-            if isinstance(law, Restitution):
-                square = moments[contact.name, f"f2_{side}"]
-                loss = (1.0 - law.coefficient**2) / 2.0 * square
+    for pair in model.pairs:
+        for stop in pair.stops:
+            if isinstance(stop.law, Restitution):
+                square = moments[pair.name, f"f2_{stop.name}"]
+                loss = (1.0 - stop.law.coefficient**2) / 2.0 * square
             else:
-                loss = moments[contact.name, f"loss_{side}"]
-            found.append(-contact.mass * loss)
+                loss = moments[pair.name, f"loss_{stop.name}"]
+            found.append(-pair.mass * loss)
     return found
 
 
-def _energies(
-    assembly: Assembly, moments: Mapping[tuple[str, str], Any], origin: Any
-) -> dict[str, Any]:
+def _energies(model: Model, moments: Mapping[tuple[str, str], Any], origin: Any) -> dict[str, Any]:
     if ("", "kinetic") in moments:
         return {name: moments["", name] for name in ENERGIES}
-    (coordinate,) = assembly.coordinates
+    (coordinate,) = model.coordinates
     square = moments[coordinate, "variance"] + (moments[coordinate, "x"] - origin[0]) ** 2
     return {
-        "kinetic": assembly.mass[0, 0] * moments[coordinate, "vv"],
-        "potential": assembly.stiffness[0, 0] * square,
-        "dissipation": assembly.damping[0, 0] * moments[coordinate, "vv"],
+        "kinetic": model.mass[0, 0] * moments[coordinate, "vv"],
+        "potential": model.stiffness[0, 0] * square,
+        "dissipation": model.damping[0, 0] * moments[coordinate, "vv"],
     }
 
 

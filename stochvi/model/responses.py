@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics
 from stochvi.mathematics.spectra import response_moments
-from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
 from stochvi.model.cautions import scene_notes
+from stochvi.model.model import model_of
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene, System
@@ -82,7 +82,7 @@ class Answer:
             effects=scene.effects(),
             assumptions=[*scene.assumptions(), *assumptions],
             cost=Cost(wall_time=time.perf_counter() - started),
-            warnings=scene_notes(system),
+            warnings=scene_notes(model_of(scene)),
             provenance=provenance(scene.document()),
             identities=self._identities(scene, how),
         )
@@ -189,12 +189,12 @@ class Answer:
         moments = self._moments(scene)
         if moments is None or scene.beyond_numbers():
             return {}
-        assembly = assemble(scene)
-        found = residuals(assembly, moments, (self.mean,))
+        model = model_of(scene)
+        found = residuals(model, moments, (self.mean,))
         bounds = dict.fromkeys(found, 0.0)
         errors = self.errors._moments(scene) if self.errors is not None else None
         for name, error in (errors or {}).items():
-            moved = residuals(assembly, {**moments, name: moments[name] + error}, (self.mean,))
+            moved = residuals(model, {**moments, name: moments[name] + error}, (self.mean,))
             for balance, value in moved.items():
                 bounds[balance] += abs(value - found[balance])
         return {

@@ -10,9 +10,9 @@ import numpy as np
 
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import gaussian_stop
-from stochvi.model.assembly import Assembly, Contact
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
+from stochvi.model.model import Model, Pair
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
@@ -35,7 +35,7 @@ class PairScale(NamedTuple):
 
 
 def scales_of(
-    assembly: Assembly, modes: ModalForm, method: str = "simulate", *, giving_way: bool = False
+    model: Model, modes: ModalForm, method: str = "simulate", *, giving_way: bool = False
 ) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
     """A linear law close to the stationary one, for a method; None where it finds none.
 
@@ -44,10 +44,10 @@ def scales_of(
     Rayleigh impact speeds; found by repetition. Stops that give way count as rigid ones of their
     restitution, or, `giving_way`, by the energy that they store.
     """
-    substitutes = [_first_guess(modes, contact) for contact in assembly.contacts]
+    substitutes = [_first_guess(modes, pair) for pair in model.pairs]
     scales: tuple[PairScale, ...] = ()
     law = following = linear_law(modes, substitutes)
-    for _ in range(ITERATIONS if assembly.contacts else 0):
+    for _ in range(ITERATIONS if model.pairs else 0):
         if following is None:  # a gap too wide for a spring to stand for: the last one will do
             break
         law = following
@@ -55,14 +55,14 @@ def scales_of(
             _substitute(
                 modes,
                 law,
-                contact,
+                pair,
                 modes.gaps[j],
                 old,
                 _without_own_spring(modes, substitutes, j),
                 method,
                 giving_way,
             )
-            for j, (contact, old) in enumerate(zip(assembly.contacts, substitutes, strict=True))
+            for j, (pair, old) in enumerate(zip(model.pairs, substitutes, strict=True))
         ]
         if None in found:
             return None
@@ -72,20 +72,19 @@ def scales_of(
     return None if law is None else (law, scales)
 
 
-def _first_guess(modes: ModalForm, contact: Contact) -> Substitute:
+def _first_guess(modes: ModalForm, pair: Pair) -> Substitute:
     frequency = modes.fastest
+    positions = [stop.position for stop in pair.stops]
     if frequency == 0.0:
         # no time but that in which noise brings the mass across the gap
-        noise = float(np.trace(modes.white)) / contact.mass
-        stops = [stop for _, stop, _ in contact.stops]
-        width = max(stops) - min(stops) or abs(stops[0]) or 1.0
+        noise = float(np.trace(modes.white)) / pair.mass
+        width = max(positions) - min(positions) or abs(positions[0]) or 1.0
         frequency = (noise / width**2) ** (1.0 / 3.0)
-    loss = max((1.0 - law.restitution**2 for _, _, law in contact.stops), default=0.0)
-    stops = [stop for _, stop, _ in contact.stops]
+    loss = max((1.0 - stop.law.restitution**2 for stop in pair.stops), default=0.0)
     return Substitute(
-        spring=contact.mass * frequency**2,
-        centre=sum(stops) / len(stops),
-        damper=loss * contact.mass * frequency,
+        spring=pair.mass * frequency**2,
+        centre=sum(positions) / len(positions),
+        damper=loss * pair.mass * frequency,
     )
 
 
@@ -112,7 +111,7 @@ def _without_own_spring(
 def _substitute(
     modes: ModalForm,
     law: LinearLaw,
-    contact: Contact,
+    pair: Pair,
     gap: Vector,
     old: Substitute,
     held: tuple[float, float],
@@ -124,20 +123,19 @@ def _substitute(
     square = law.variances(gap, modes.size)
     if not square > UNSHAKEN * law.largest_variance(modes.size):
         raise NotApplicable(
-            method, [f"no excitation reaches the impact pair {contact.name!r}: it is at rest"]
+            method, [f"no excitation reaches the impact pair {pair.name!r}: it is at rest"]
         )
-    energy = contact.mass * square
+    energy = pair.mass * square
     own, slope = held[0], held[1] / energy
     try:
-        cut = _law_of_gap(contact, square, slope, own / energy, giving_way)
+        cut = _law_of_gap(pair, square, slope, own / energy, giving_way)
     except ValueError:
         return None
     needed = energy / cut.variance
     spring = max(needed - own, SOFTEST * needed)
-    power = _power_of_stops(contact, cut, square)
+    power = _power_of_stops(pair, cut, square)
     pressing = max(
-        (1.0 if side == "upper" else -1.0) * square * (slope - own / energy * stop)
-        for side, stop, _ in contact.stops
+        stop.side * square * (slope - own / energy * stop.position) for stop in pair.stops
     )
     mixed = Substitute(
         spring=math.sqrt(old.spring * spring),
@@ -155,36 +153,39 @@ def _substitute(
 
 
 def _law_of_gap(
-    contact: Contact, square: float, slope: float, curvature: float, giving_way: bool
+    pair: Pair, square: float, slope: float, curvature: float, giving_way: bool
 ) -> CutNormal | GibbsLaw:
     """The normal law exp(slope y - curvature y^2 / 2) between the stops, and within those that
     give way times exp(-V / (mass square)), V the energy stored there."""
-    if not giving_way or not any(isinstance(law, CompliantLaw) for _, _, law in contact.stops):
-        return CutNormal(slope=slope, curvature=curvature, lower=contact.lower, upper=contact.upper)
-    laws = {side: law.per_unit_mass(contact.mass) for side, _, law in contact.stops}
+    lower, upper = (
+        None if stop is None else stop.per_unit_mass(pair.mass) for stop in (pair.lower, pair.upper)
+    )
+    low, high = (None if stop is None else stop.position for stop in (lower, upper))
+    if not giving_way or not any(isinstance(stop.law, CompliantLaw) for stop in pair.stops):
+        return CutNormal(slope=slope, curvature=curvature, lower=low, upper=high)
     return GibbsLaw(
         theta=square,
         omega=math.sqrt(curvature * square),
         load=slope * square,
-        stop_lower=contact.lower,
-        stop_upper=contact.upper,
-        law_lower=laws.get("lower"),
-        law_upper=laws.get("upper"),
+        stop_lower=low,
+        stop_upper=high,
+        law_lower=None if lower is None else lower.law,
+        law_upper=None if upper is None else upper.law,
     )
 
 
-def _power_of_stops(contact: Contact, law: CutNormal | GibbsLaw, square: float) -> float:
+def _power_of_stops(pair: Pair, law: CutNormal | GibbsLaw, square: float) -> float:
     """What stops take, W: (1 - R^2) / 2 F2 of Rayleigh speeds; c E y'^2 P(contact) of a damper."""
     power = 0.0
-    for side, stop, stop_law in contact.stops:
-        if isinstance(law, CutNormal) or stop_law.rigid:
-            hits = gaussian_stop(law.density_at(stop), square)
-            loss = (1.0 - stop_law.restitution**2) / 2.0
-            power += loss * contact.mass * hits.speed_square_rate
-        elif isinstance(stop_law, Viscoelastic):
-            touching = law.contact(side)
+    for stop in pair.stops:
+        if isinstance(law, CutNormal) or stop.rigid:
+            hits = gaussian_stop(law.density_at(stop.position), square)
+            loss = (1.0 - stop.law.restitution**2) / 2.0
+            power += loss * pair.mass * hits.speed_square_rate
+        elif isinstance(stop.law, Viscoelastic):
+            touching = law.contact(stop.name)
             assert touching is not None
-            power += stop_law.damping(contact.mass) * square * touching.probability
+            power += stop.law.damping(pair.mass) * square * touching.probability
     return power
 
 

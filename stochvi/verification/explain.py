@@ -12,6 +12,7 @@ from stochvi.methods.fokker_planck import unmet_conditions as unmet_by_fokker_pl
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import Prospect, prospect
 from stochvi.model.cautions import scene_notes
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.scenes.scene import Scene
 
@@ -86,7 +87,7 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         ),
         methods=methods,
         assumptions=scene.assumptions(),
-        notes=() if scene.beyond_one_oscillator() else tuple(scene_notes(scene.system())),
+        notes=() if scene.beyond_one_oscillator() else tuple(scene_notes(model_of(scene))),
         simulation=simulation,
     )
 

@@ -16,6 +16,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.model.cautions import scene_notes
+from stochvi.model.model import model_of
 from support.known import oscillator
 
 NAVMAT, TRUCK = "navmat-p-9492", "mil-std-810h-truck-vertical-5hz"
@@ -106,4 +107,4 @@ def test_damping_in_per_cent_is_noted() -> None:
     ],
 )
 def test_ordinary_scenes_draw_no_notes(scene: Scene) -> None:
-    assert scene_notes(scene.system()) == []
+    assert scene_notes(model_of(scene)) == []

@@ -23,6 +23,7 @@ from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.targets import check_laws, target_of, widening
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.cautions import scene_notes
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
@@ -536,7 +537,7 @@ class _Job:
         if scene.impact_pairs:
             scene = at_clearance(scene, clearance)
         if not scene.beyond_one_oscillator():
-            self.warnings += scene_notes(scene.system())
+            self.warnings += scene_notes(model_of(scene))
         if not self.scene.impact_pairs:
             self.warnings.append("the scene has no stops, so what a hit leads to is not known")
         for place in (3.0 * self.sigma, clearance):

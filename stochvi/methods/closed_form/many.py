@@ -26,6 +26,7 @@ from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.balances import residuals
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import linear_law
+from stochvi.model.model import model_of
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
@@ -139,7 +140,7 @@ def response(scene: Scene, started: float) -> Response:
         identities={
             name: Estimate(value=value, bias=10.0 * found.error, how=how)
             for name, value in residuals(
-                assembly, _moments(assembly, found), found.mean.tolist()
+                model_of(scene), _moments(assembly, found), found.mean.tolist()
             ).items()
         },
     )

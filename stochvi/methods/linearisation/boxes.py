@@ -28,6 +28,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from stochvi.model.assembly import Assembly, Contact
 from stochvi.model.balances import residuals
+from stochvi.model.model import model_of
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.response import Response
 from stochvi.scenes.datasets import data_folder
@@ -261,7 +262,7 @@ def response(scene: Scene, assembly: Assembly, box: Box, method: str) -> Respons
     }
     for name in ("relative_displacement", "relative_velocity"):
         pair[f"{name}_std"] = estimate(math.sqrt(found[name]), name)
-    balances = residuals(assembly, _balance(box, found), [0.0, 0.0])
+    balances = residuals(model_of(scene), _balance(box, found), [0.0, 0.0])
     return Response(
         method=method,
         coordinates=coordinates,

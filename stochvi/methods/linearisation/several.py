@@ -27,6 +27,7 @@ from stochvi.methods.linearisation.trial import soft_stops
 from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.balances import residuals
 from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
+from stochvi.model.model import model_of
 from stochvi.model.responses import Answer
 from stochvi.model.scales import PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -120,7 +121,7 @@ def solutions(assembly: Assembly, modes: ModalForm) -> list[_Solution]:
     NotApplicable, NotConverged
         Where there is no stationary response; where no law was found.
     """
-    rough = scales_of(assembly, modes, "linearise", giving_way=True)
+    rough = scales_of(assembly, modes, "linearise", giving_way=True)  # type: ignore[arg-type]
     if rough is None:
         raise NotApplicable(
             "linearise",
@@ -303,7 +304,7 @@ def _response(told: _Told, one: _Solution, warned: Sequence[str]) -> Response:
                     math.sqrt(one.law.variances(row, modes.size))
                 ),
             }
-    balances = residuals(assembly, moments, mean.tolist())
+    balances = residuals(model_of(scene), moments, mean.tolist())
     unknown = scene.absorber is not None and told.bias is None
     return Response(
         method=METHOD,

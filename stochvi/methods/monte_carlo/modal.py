@@ -449,7 +449,7 @@ def basis(assembly: Assembly, threshold: float | None, duration: float | None) -
             "simulate", ["excitation must contain noise or a sine, got a constant load alone"]
         )
     modes = modes_of(assembly)
-    found = scales_of(assembly, modes)
+    found = scales_of(assembly, modes)  # type: ignore[arg-type]
     if found is None:
         raise NotApplicable(
             "simulate",

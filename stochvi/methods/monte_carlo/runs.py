@@ -32,6 +32,7 @@ from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.assembly import Contact, assemble
 from stochvi.model.balances import residuals
 from stochvi.model.cautions import scene_notes
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import upper_limit_unseen
@@ -313,7 +314,7 @@ class Run:
         origin = [self.layout.origins[name] for name in self.assembly.coordinates]
 
         def of(means: Means) -> dict[str, float]:
-            return residuals(self.assembly, means, origin)
+            return residuals(model_of(self.scene), means, origin)
 
         names = of(self.fine.means())
         return {name: self.estimate(lambda means, name=name: of(means)[name]) for name in names}  # type: ignore[misc]
@@ -346,7 +347,7 @@ class Run:
                 + ")"
             )
         if not self.scene.beyond_one_oscillator():
-            yield from scene_notes(self.scene.system())
+            yield from scene_notes(model_of(self.scene))
         contacts = self.assembly.contacts
         if contacts and any(signal.amplitude for signal in self.assembly.signals):
             yield (
