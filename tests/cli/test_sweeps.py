@@ -1,5 +1,6 @@
 """Sweeps: rows that are right, kept, not done twice; keys that are not there."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -11,9 +12,11 @@ from click.testing import CliRunner
 import stochvi.methods.monte_carlo
 from stochvi.cli import main
 from stochvi.methods.closed_form import exact
+from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.results.errors import Interrupted, SceneError
 from stochvi.results.estimates import format_with_error
+from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -144,6 +147,26 @@ def test_a_key_that_was_left_out_can_be_varied() -> None:
     scene = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[table])
     louder = changed_scene(scene.document(), (("excitation.0.level_db", 6.0),))
     assert louder.excitations[0].level_db == 6.0
+
+
+def test_the_keys_of_an_absorber_can_be_varied() -> None:
+    """It stays an absorber in the scene, and is not rewritten as matrices."""
+    loose = Absorber(mass=0.1, play=3.0, law=Restitution(coefficient=0.5))
+    tower = Scene(
+        structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+        absorber=loose,
+        excitations=[WhiteNoise(intensity=0.04)],
+    )
+    vary = {"absorber.play": [2.0, 3.0], "absorber.law.coefficient": [0.3, 0.5]}
+    table = sweep(tower, vary, method="closure")
+    for row, (play, coefficient) in zip(
+        table.to_dict("records"), itertools.product(*vary.values()), strict=True
+    ):
+        other = Absorber(mass=0.1, play=play, law=Restitution(coefficient=coefficient))
+        found = linearise(tower.model_copy(update={"absorber": other}), form="closure")
+        expected = found.coordinates["structure"]["displacement_std"]
+        assert row["structure.displacement_std"] == expected.value
+    assert table["structure.displacement_std"].nunique() == 4
 
 
 def test_what_a_method_does_not_cover_is_noted() -> None:
