@@ -223,22 +223,24 @@ class Job:
     def row(
         self, folder: Path | None, executor: Executor | None, progress: Progress
     ) -> dict[str, Any]:
-        """Of the table; kept in the folder once it is known, and taken from there if it was."""
+        """The row of the table. A complete answer is kept in the folder, and is taken from there
+        if it was kept before."""
         kept = None if folder is None else folder / f"{self.name}.json"
         if kept is not None and kept.exists():
-            if found := _answer_in(kept):
+            if found := _kept_response(kept):
                 return self._columns(found, "")
             _again(kept, "holds no answer that can be read")
+        response: Response | None = None
         try:
-            document, note = self._answer(folder, executor, progress).to_dict(), ""
+            response, note = self._answer(folder, executor, progress), ""
         except NotApplicable as error:
-            document, note = {}, str(error)
+            note = str(error)
         except NotConverged as error:
-            document, note = error.response.to_dict() if error.response else {}, str(error)
-        if kept is not None and not note:
-            write_text(to_json(document) + "\n", kept)
+            response, note = error.response, str(error)
+        if kept is not None and response is not None and not note:
+            write_text(to_json(response.to_dict()) + "\n", kept)
             kept.with_suffix(".checkpoint").unlink(missing_ok=True)
-        return self._columns(document, note)
+        return self._columns(response, note)
 
     def _answer(
         self, folder: Path | None, executor: Executor | None, progress: Progress
@@ -280,21 +282,17 @@ class Job:
                 return simulate(self.scene, checkpoint=checkpoint, resume=checkpoint, **asked)
         return simulate(self.scene, checkpoint=checkpoint, **asked)
 
-    def _columns(self, document: Mapping[str, Any], note: str) -> dict[str, Any]:
+    def _columns(self, response: Response | None, note: str) -> dict[str, Any]:
         found: dict[str, Any] = dict(self.change)
-        for group in ("coordinates", "impact_pairs"):
-            for owner, quantities in document.get(group, {}).items():
-                for name, estimate in quantities.items():
-                    if isinstance(estimate, Mapping):
-                        found[f"{owner}.{name}"] = estimate["value"]
-                        found[f"{owner}.{name} {ERROR}"] = estimate["standard_error"]
-                        found[f"{owner}.{name} {BIAS}"] = estimate["bias"]
-        cost = document.get("cost", {})
+        for (owner, name), estimate in response.estimates().items() if response else ():
+            found[f"{owner}.{name}"] = estimate.value
+            found[f"{owner}.{name} {ERROR}"] = estimate.standard_error
+            found[f"{owner}.{name} {BIAS}"] = estimate.bias
         return found | {
             "method": self.method,
             "seed": self.seed if self.method == "simulate" else None,
-            "paths": cost.get("paths"),
-            "seconds": cost.get("wall_time"),
+            "paths": response and response.cost.paths,
+            "seconds": response and response.cost.wall_time,
             "note": note,
         }
 
@@ -316,30 +314,12 @@ def _goes_on(checkpoint: Path) -> bool:
     return True
 
 
-def _answer_in(kept: Path) -> dict[str, Any] | None:
-    """The document of a row, None if the file is not one."""
+def _kept_response(kept: Path) -> Response | None:
+    """The answer that the file of a row holds; None if it cannot be read."""
     try:
-        document = json.loads(kept.read_text("utf-8"))
-    except (OSError, ValueError):
+        return Response.from_dict(json.loads(kept.read_text("utf-8")))
+    except (OSError, TypeError, ValueError):
         return None
-    return document if _is_answer(document) else None
-
-
-def _is_answer(document: Any) -> bool:
-    """Whether a document holds what a row is made of."""
-    if not isinstance(document, dict) or not isinstance(document.get("cost"), dict):
-        return False
-    owners: list[Any] = []
-    for group in ("coordinates", "impact_pairs"):
-        if not isinstance(document.get(group), dict):
-            return False
-        owners += document[group].values()
-    parts = {"value", ERROR, BIAS}
-    return bool(document["coordinates"]) and all(
-        isinstance(owner, dict)
-        and all(parts <= each.keys() for each in owner.values() if isinstance(each, dict))
-        for owner in owners
-    )
 
 
 def _again(file: Path, reason: str) -> None:

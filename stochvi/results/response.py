@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from stochvi.results.estimates import Cost, Estimate, format_with_error
 
@@ -111,6 +111,25 @@ class Response:
             "cost": asdict(self.cost),
             "provenance": dict(self.provenance),
         }
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> Self:
+        """The response whose JSON document this is; a ValueError if it is not such a document."""
+
+        def estimates(entries: Mapping[str, Any]) -> dict[str, Any]:
+            return {
+                name: Estimate(**item) if isinstance(item, dict) else item
+                for name, item in entries.items()
+            }
+
+        parts = dict(document)
+        try:
+            for group in ("coordinates", "impact_pairs"):
+                parts[group] = {owner: estimates(part) for owner, part in parts[group].items()}
+            parts["identities"] = estimates(parts["identities"])
+            return cls(**parts | {"cost": Cost(**parts["cost"])})
+        except (AttributeError, KeyError, TypeError) as error:
+            raise ValueError(f"the document of a response lacks or misnames {error}") from error
 
     def __repr__(self) -> str:
         lines = [

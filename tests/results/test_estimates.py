@@ -146,10 +146,19 @@ def test_the_json_of_a_response_reads_back_and_holds_null_for_what_is_not_known(
     response = exact(oscillator(-1.0, 1.0))
     document = json.loads(to_json(response.to_dict()))
     assert document == response.to_dict()
+    assert Response.from_dict(document).to_dict() == document
     assert document["coordinates"]["x"]["acceleration_std"] is None
     assert document["impact_pairs"]["stops"]["peak_force"] is None
     assert document["impact_pairs"]["stops"]["speed_threshold"] == 0.0
     assert document["provenance"]["scene"]["structure"]["damping"] == 0.1
+
+
+@pytest.mark.parametrize("key", ["method", "coordinates", "cost", "identities"])
+def test_a_document_that_lacks_a_part_is_not_a_response(key: str):
+    document = simulate(oscillator(-1.0, 1.0, 1.0), paths=8, duration=5.0).to_dict()
+    del document[key]
+    with pytest.raises(ValueError, match="the document of a response"):
+        Response.from_dict(document)
 
 
 def test_the_json_refuses_what_is_not_a_number():
