@@ -1,4 +1,8 @@
-"""A scene over ranges of its keys: one row for each, kept as soon as it is known."""
+"""Sweeps: one method answers for a scene at every combination of values of some of its keys.
+
+Each combination is a row of a table. A row is written to the disk as soon as it is complete, so
+that a sweep that was stopped goes on where it was.
+"""
 
 from __future__ import annotations
 
@@ -32,17 +36,17 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float, str], None]
 Change = tuple[tuple[str, float], ...]
-"""Keys of a scene file, "impact_pair.0.law.coefficient", and what they are set to."""
+"""Keys of a scene file, such as "impact_pair.0.law.coefficient", each with its value."""
 
 METHODS = ("simulate", "exact", "closure", "fokker-planck", "average")
-"""What answers for a row; closure is a form of linearisation."""
+"""Methods that can answer for a row; "closure" is a form of linearisation."""
 
 ERROR, BIAS = "standard_error", "bias"
 MOST_IN_A_LEGEND = 12
-"""Lines of a picture that are named."""
+"""Largest number of lines of a picture that a legend names; more would cover the picture."""
 
 GOVERNED = ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate")
-"""Quantities of a table for people."""
+"""Quantities that the table on the terminal shows; the files hold all of them."""
 
 KEY_UNITS = {
     "lower": "m",
@@ -70,35 +74,37 @@ def sweep(
     progress: Progress | None = None,
     **arguments: Any,
 ) -> pd.DataFrame:
-    """One answer for each combination of values: a row for each scene.
+    """Answer for each combination of values of some keys of a scene: one row for each scene.
 
-    Columns are the keys, then for each quantity ("stops.collision_rate", SI units) its value and
-    its "... standard_error" and "... bias", the seed, the paths, seconds, and a note where there is
-    no answer or not as accurate as asked.
+    The columns are the keys; then for each quantity ("stops.collision_rate", in SI units) its
+    value, "... standard_error" and "... bias"; the method, the seed, the number of paths, and the
+    seconds that the row took. A column "note" says why a row holds no answer, or not the accuracy
+    that was asked for.
 
     Parameters
     ----------
     vary
-        Key of the scene file, with numbers for places in lists, to its values.
+        The values of each key of the scene file. In a key a number counts the entries of a list.
     method
         "simulate", "exact", "closure", "fokker-planck" or "average".
     out
-        Folder for rows as they come. Rows that are there, of the same scene, arguments and version,
-        are not computed again; one that was being simulated goes on from its checkpoint. What is
-        there and damaged is computed again, with a UserWarning that names the file.
+        Folder in which rows are kept. A row that is kept there already, of the same scene,
+        arguments and versions, is not computed again, and a row that was being simulated goes on
+        from its checkpoint. A damaged file leads to a UserWarning that names it, and its row is
+        computed again.
     common
-        Common random numbers: the same seed in each row, so that what differs between rows is the
-        scene. Else each row has a seed of its own, made of `seed` and its scene.
+        Whether all rows use the same seed, so that rows differ by their scenes and not by their
+        random numbers. Otherwise each row has a seed of its own, made of `seed` and its scene.
     arguments
         Passed to the method: rel_error, paths, duration, threads, budget for "simulate".
 
     Raises
     ------
     SceneError
-        For a key that the scene does not have, with the nearest that it has, before anything is
-        computed.
+        If the scene does not have a key. The message names the nearest key that the scene has;
+        nothing has been computed then.
     ValueError
-        For values that are no numbers, none at all, or a key that is named twice.
+        If a value is not a number, a key has no values, or a key is named twice.
 
     Examples
     --------
@@ -150,14 +156,14 @@ def _check_seed(seed: Any) -> None:
 
 
 def _ranges(vary: Mapping[str, Iterable[float]]) -> dict[str, list[float]]:
-    """Keys in the one way in which they are written, and their values as numbers of Python."""
+    """The keys as they are usually written, each with its values as plain Python numbers."""
     if not isinstance(vary, Mapping) or not vary:
         raise ValueError(f"vary must map at least one key of the scene to values, got {vary!r}")
     return dict(once([(_written(key), _values(key, values)) for key, values in vary.items()]))
 
 
 def once(ranges: Sequence[tuple[str, list[float]]]) -> Sequence[tuple[str, list[float]]]:
-    """The same, unless a key is there twice: a ValueError."""
+    """Return `ranges` unchanged; raise a ValueError if a key is named twice."""
     names = [key for key, _ in ranges]
     if repeated := [key for key in names if names.count(key) > 1]:
         raise ValueError(
@@ -167,7 +173,7 @@ def once(ranges: Sequence[tuple[str, list[float]]]) -> Sequence[tuple[str, list[
 
 
 def _written(key: str) -> str:
-    """A key with its places in lists as they are usually written, 0 for 00."""
+    """A key with plain numbers for the places in lists: 0 instead of 00."""
     words = str(key).split(".")
     return ".".join(str(int(word)) if _is_place(word) else word for word in words)
 
@@ -190,7 +196,7 @@ def _values(key: str, values: Any) -> list[float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """A row to be: its scene, how it is answered, and the name under which it is kept."""
+    """The work for one row: its scene, the method and its arguments, and the name of its files."""
 
     scene: Scene
     change: Change
@@ -204,7 +210,7 @@ class Job:
         cls, scene: Scene, change: Change, method: str, common: bool, seed: int,
         arguments: Mapping[str, Any],
     ) -> Job:  # fmt: skip
-        """The name is a digest of the scene, the tables in it, the arguments and the versions."""
+        """Make the job, named by a digest of scene, tables, arguments and versions."""
         document = scene.document()
         words = json.dumps(document, sort_keys=True)
         if not common:
@@ -298,7 +304,7 @@ class Job:
 
 
 def _goes_on(checkpoint: Path) -> bool:
-    """Whether there is a checkpoint to go on from; one that is damaged is removed."""
+    """Whether a checkpoint exists that can be resumed; a damaged one is removed."""
     from stochvi.methods.monte_carlo.checkpoints import Checkpoint
 
     if not checkpoint.exists():
@@ -327,11 +333,11 @@ def _again(file: Path, reason: str) -> None:
 
 
 FREE = ("threads", "budget", "checkpoint_interval")
-"""Arguments that do not change a row."""
+"""Arguments that do not change the numbers of a row, so that they are not part of its name."""
 
 
 def _versions(method: str) -> str:
-    """What the digits of a row hang on beside its scene."""
+    """The versions, and for `simulate` the processor, that the digits of a row depend on."""
     if method == "simulate":
         from stochvi.methods.monte_carlo.blocks import machine
 
@@ -340,7 +346,7 @@ def _versions(method: str) -> str:
 
 
 def _files(part: Any) -> Iterator[Path]:
-    """Every file that a document names and that is there."""
+    """Every file that the document of a scene names and that exists."""
     for key, value in part.items() if isinstance(part, dict) else enumerate(part):
         if isinstance(value, dict | list):
             yield from _files(value)
@@ -411,7 +417,7 @@ def quantities(table: pd.DataFrame) -> list[str]:
 
 
 def spoken(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
-    """For people: the keys, what governs a run with its standard errors, and seconds."""
+    """The table as a terminal shows it: keys, main quantities with standard errors, seconds."""
     import pandas as pd
 
     def cell(value: float, error: float) -> str:
@@ -426,7 +432,7 @@ def spoken(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
 
 
 def _named(table: pd.DataFrame, quantity: str) -> str:
-    """A quantity with its unit; of whom, where the scene has several coordinates or pairs."""
+    """The name of a quantity with its unit, and with its owner where there are several owners."""
     owner, name = quantity.rsplit(".", 1)
     several = sum(other.endswith(f".{name}") for other in quantities(table)) > 1
     whose = f"{owner}: " if several else ""
@@ -434,7 +440,7 @@ def _named(table: pd.DataFrame, quantity: str) -> str:
 
 
 def changes(table: pd.DataFrame, quantity: str) -> bool:
-    """Whether it is not the same in all rows but for rounding, which a mean that vanishes is."""
+    """Whether a quantity differs between rows by more than rounding."""
     owner, name = quantity.rsplit(".", 1)
     deviation = f"{owner}.{name.removesuffix('_mean')}_std"
     scale = table[deviation if deviation in table else quantity].abs().max()
@@ -442,8 +448,10 @@ def changes(table: pd.DataFrame, quantity: str) -> bool:
 
 
 def draw_sweep(table: pd.DataFrame, keys: Sequence[str], quantity: str, title: str = "") -> Axes:
-    """A quantity against the first key, a line for each combination of the others; bars are 95 %
-    intervals, of the statistical error alone."""
+    """Draw a quantity against the first key, with one line for each combination of the others.
+
+    Bars are 95 % intervals of the statistical error alone.
+    """
     import matplotlib.pyplot as plt
 
     _, ax = plt.subplots(figsize=(7.2, 4.4), layout="constrained")
@@ -471,7 +479,7 @@ def draw_sweep(table: pd.DataFrame, keys: Sequence[str], quantity: str, title: s
 
 
 def _last(key: str) -> str:
-    """The words at the end of a key that say enough: "law.coefficient"."""
+    """The last words of a key without its places in lists, such as "law.coefficient"."""
     words = [word for word in key.split(".") if not word.isdigit()]
     return ".".join(words[-2:])
 
@@ -479,8 +487,8 @@ def _last(key: str) -> str:
 def write_sweep(
     table: pd.DataFrame, keys: Sequence[str], folder: str | Path, title: str = ""
 ) -> None:
-    """`sweep.csv`, `sweep.parquet` where pyarrow is installed, and a picture of each quantity that
-    changes."""
+    """Write `sweep.csv`, `sweep.parquet` where pyarrow is installed, and a picture of each quantity
+    that changes."""
     folder = Path(folder)
     write_table(table, folder / "sweep.csv")
     if importlib.util.find_spec("pyarrow") is not None:
@@ -492,8 +500,8 @@ def write_sweep(
 
 
 def values_of(text: str) -> tuple[str, list[float]]:
-    """A key and its values from "key=0.3:1:8" (eight from 0.3 to 1), "key=1:100:5:log" or
-    "key=0.3,0.5,1".
+    """A key and its values from "key=0.3:1:8" (eight values from 0.3 to 1), "key=1:100:5:log"
+    (five values with equal ratios) or "key=0.3,0.5,1".
 
     Examples
     --------
