@@ -8,13 +8,14 @@ from pathlib import Path
 import pandas as pd
 from rich.console import Console
 
-from stochvi.isolators.screening import clearance_curve, screen
+from stochvi.isolators.screening import clearance_curve, predicted_curve, screen
 from stochvi.methods.linearisation import linearise
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import Scene, load_scene
+from stochvi.statistics.overview import overview
 from stochvi.verification.check import Check, check
 from stochvi.views.files import write_clearance, write_picture, write_table
-from stochvi.views.plots import draw_overview
+from stochvi.views.overview import draw_overview
 from stochvi.views.tables import (
     methods_table,
     print_check,
@@ -65,7 +66,7 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
         pd.concat([response.to_frame() for response in [*verdict.responses, *forms]]),
         out / "methods.csv",
     )
-    write_picture(draw_overview(scene, f"{scene.title}, {label}"), out / "overview.png")
+    write_picture(draw_overview(overview(scene), f"{scene.title}, {label}"), out / "overview.png")
 
 
 def _show_isolator(
@@ -84,5 +85,5 @@ def _show_isolator(
     )
     print_clearance(console, curve)
     report(0.92, "pictures")
-    write_clearance(scene, curve, out)
-    write_picture(draw_overview(scene, scene.title), out / "overview.png")
+    write_clearance(curve, predicted_curve(scene, curve), scene.title, out)
+    write_picture(draw_overview(overview(scene), scene.title), out / "overview.png")

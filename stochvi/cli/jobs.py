@@ -61,7 +61,7 @@ def clearance(
     quiet: bool,
 ) -> None:
     """Hit rate of an isolator against clearance: Rice, closure, Monte Carlo."""
-    from stochvi.isolators.screening import clearance_curve
+    from stochvi.isolators.screening import clearance_curve, predicted_curve
     from stochvi.isolators.screening import screen as solve
     from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_clearance
@@ -78,7 +78,7 @@ def clearance(
     if not quiet:
         print_clearance(console_for(None), curve)
     if out is not None:
-        write_clearance(loaded, curve, out)
+        write_clearance(curve, predicted_curve(loaded, curve), loaded.title, out)
 
 
 @main.command()
@@ -162,9 +162,10 @@ def size(
         changes = {} if table is None else {"sensitivity": table.to_dict("records")}
         write_json(found.to_dict() | changes, json_file)
     if out is not None:
-        from stochvi.views.report.write import write_report
+        from stochvi.isolators.sizing.review import review
+        from stochvi.views.report import write_report
 
-        write_report(found, out, table)
+        write_report(review(found, table), out)
 
 
 def _acceleration(text: str | None) -> float | None:

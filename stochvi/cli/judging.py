@@ -53,8 +53,8 @@ def check(
     from stochvi.verification.checks import Checks, check_many
     from stochvi.verification.checks import zoo as shipped
     from stochvi.views.files import write_json, write_picture, write_table
-    from stochvi.views.plots import draw_scores
     from stochvi.views.tables import print_check, print_checks
+    from stochvi.views.verification import draw_scores
 
     if not scenes and not zoo:
         raise ValueError("check needs a scene file, several, or --zoo, got none")
@@ -127,7 +127,7 @@ def cost(
         write_json(found.to_dict(), json_file)
     if out is not None:
         from stochvi.views.files import write_picture, write_table
-        from stochvi.views.plots import draw_work_precision
+        from stochvi.views.verification import draw_work_precision
 
         write_table(found.to_frame(), out / "cost.csv")
         write_picture(draw_work_precision(found, loaded.title), out / "cost.png")

@@ -167,7 +167,7 @@ def _finish_passage(
     if json_file is not None:
         write_json(found.to_dict(), json_file)
     if out is not None:
-        from stochvi.views.plots import plot_first_passage
+        from stochvi.views.first_passage import plot_first_passage
 
         write_table(found.to_frame(), out / "first_passage.csv")
         ax = plot_first_passage(found)
@@ -438,7 +438,8 @@ def simulate(
         stop(said + (f"; go on with --resume {kept}" if there else ""), FAILED)
     finish(response, json_file, out, quiet)
     if out is not None and not loaded.beyond_one_oscillator() and loaded.system().omega > 0.0:
+        from stochvi.statistics.overview import overview
         from stochvi.views.files import write_picture
-        from stochvi.views.plots import draw_overview
+        from stochvi.views.overview import draw_overview
 
-        write_picture(draw_overview(loaded, loaded.title), out / "overview.png")
+        write_picture(draw_overview(overview(loaded), loaded.title), out / "overview.png")

@@ -22,6 +22,9 @@ from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.scene import ImpactPair, Scene
 
+SMOOTH_POINTS = 61
+"""Clearances of a smooth curve of hit rates."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Screening:
@@ -88,27 +91,28 @@ def screen(scene: Scene) -> Screening:
     unmet = scene.beyond_one_oscillator()
     if unmet:
         raise NotApplicable("screening", unmet)
-    system = scene.system()
-    if not system.moving_base or system.noise_on_mass:
+    model = model_of(scene)
+    tables = model.acceleration_tables
+    if not model.moving_base or model.noise_on_mass:
         unmet.append("structure.kind must be 'isolator' with noise on its base only")
-    if system.damping_rate == 0.0 or system.omega == 0.0:
+    if model.damping_rate == 0.0 or model.omega == 0.0:
         unmet.append("damping and stiffness must be positive")
-    if system.intensity == 0.0 and not system.tables:
+    if model.intensity == 0.0 and not tables:
         unmet.append("excitation must contain noise")
     if unmet:
         raise NotApplicable("screening", unmet)
-    omega, b = system.omega, system.damping_rate
-    tables = response_moments(system.tables, omega, b)
-    theta = system.intensity / (2.0 * b)
+    omega, b = model.omega, model.damping_rate
+    shaken = response_moments(tables, omega, b)
+    theta = model.intensity / (2.0 * b)
     moments = LinearMoments(
-        displacement=tables.displacement + theta / omega**2,
-        velocity=tables.velocity + theta,
-        absolute_acceleration=tables.absolute_acceleration + theta * (b**2 + omega**2),
-        relative_acceleration=math.inf if theta else tables.relative_acceleration,
+        displacement=shaken.displacement + theta / omega**2,
+        velocity=shaken.velocity + theta,
+        absolute_acceleration=shaken.absolute_acceleration + theta * (b**2 + omega**2),
+        relative_acceleration=math.inf if theta else shaken.relative_acceleration,
     )
-    density = _density_at(system.tables, omega) + density_from_intensity(system.intensity)
+    density = _density_at(tables, omega) + density_from_intensity(model.intensity)
     deviation, velocity = math.sqrt(moments.displacement), math.sqrt(moments.velocity)
-    area = sum(table.mean_square() for table in system.tables)
+    area = sum(table.mean_square() for table in tables)
     return Screening(
         displacement_std=deviation,
         velocity_std=velocity,
@@ -118,7 +122,7 @@ def screen(scene: Scene) -> Screening:
         if density > 0.0
         else None,
         input_acceleration_std=None if theta else math.sqrt(area),
-        notes=tuple(scene_notes(model_of(scene))),
+        notes=tuple(scene_notes(model)),
     )
 
 
@@ -128,8 +132,7 @@ def _density_at(tables: Sequence[Table], omega: float) -> float:
 
 def with_clearance(scene: Scene, clearance: float, law: Law | None = None) -> Scene:
     """The same scene between stops at +-clearance from where its mean position would be."""
-    system = scene.system()
-    rest = system.load / system.omega**2
+    rest = model_of(scene).rest
     kept = (
         scene.impact_pairs[0].model_dump(include={"name", "law", "lower_law", "upper_law"})
         if (scene.impact_pairs)
@@ -216,6 +219,12 @@ def predicted_rates(scene: Scene, clearances: Sequence[float]) -> pd.DataFrame:
             "closure": [_closure_rate(with_clearance(scene, c)) for c in clearances],
         }
     )
+
+
+def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
+    """`predicted_rates` at many clearances in the range of a curve from `clearance_curve`."""
+    lowest, highest = curve["clearance"].min(), curve["clearance"].max()
+    return predicted_rates(scene, list(np.linspace(lowest, highest, SMOOTH_POINTS)))
 
 
 def _closure_rate(scene: Scene) -> float:

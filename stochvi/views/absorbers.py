@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from stochvi.results.estimates import Estimate, format_with_error
-from stochvi.views.plots import COLOURS, length_unit
+from stochvi.views.axes import COLOURS, axes_or_new, length_unit
 from stochvi.views.tables import print_frame
 
 if TYPE_CHECKING:
@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from stochvi.absorbers.performance import AbsorberReport, Performance
 
 SURE = 4.0
-"""Standard errors from which an absorber is said to make things worse."""
+"""Standard errors by which a ratio must exceed 1 for the verdict that an absorber does harm."""
+
+SIZE = (7.0, 4.2)
+"""Size of a figure, inches."""
 
 RATIO_LABEL = "rms displacement with / without absorber"
 
@@ -135,7 +138,7 @@ def print_design(console: Console, found: Design) -> None:
 
 def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:
     """rms ratio against level, with 95 % intervals."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax, SIZE)
     levels = [each.level_db for each in found.performances]
     ratios = np.array([each.ratio.value for each in found.performances])
     low, high = np.array([each.interval() for each in found.performances]).T
@@ -154,7 +157,7 @@ def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:
 
 def draw_design(found: Design, ax: Axes | None = None) -> Axes:
     """rms ratio against play for every candidate, and the best box with its interval."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax, SIZE)
     unit, name = length_unit(found.best.play)
     shades = plt.get_cmap("viridis")
     laws, splits = (sorted(found.curve[name].unique()) for name in ("restitution", "units"))
@@ -181,10 +184,3 @@ def draw_design(found: Design, ax: Axes | None = None) -> Axes:
     ax.set_ylim(0.0, 1.05)
     ax.legend(frameon=False)
     return ax
-
-
-def _axes(ax: Axes | None) -> Axes:
-    if ax is not None:
-        return ax
-    _, made = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
-    return made

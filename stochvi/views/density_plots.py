@@ -19,7 +19,7 @@ from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Restitution
-from stochvi.views.plots import COLOURS, draw_stops, length_unit
+from stochvi.views.axes import COLOURS, axes_or_new, draw_stops, length_unit
 
 if TYPE_CHECKING:
     from stochvi.scenes.scene import Scene
@@ -30,36 +30,39 @@ REACH = 3.5
 """Standard deviations of x and v that a picture shows, where no stop ends it before."""
 
 DECADES = 4.0
-"""Of the density that its plane shows."""
+"""Decades of the density that the picture of its plane spans."""
 
 PLANE_POINTS, CURVE_POINTS = 241, 401
-"""Of each side of a plane, and of a curve: odd, so that v = 0 is one of them."""
+"""Points along each side of a plane, and along a curve: odd numbers, so that v = 0 is a point."""
 
 SLIT = 0.04
-"""Half of the slit in a stop at v = 0, in units of the height of the picture."""
+"""Half the height of the slit in a stop at v = 0, relative to the height of the picture."""
 
-BESIDE = 1.4
-"""Of the line that shows an exponent, times the curve."""
+MARGIN = 1.4
+"""Factor by which the line that shows an exponent lies above the curve."""
+
+SIZE = (6.4, 4.6)
+"""Size of a figure of one picture, inches."""
 
 SLOWEST, FASTEST = 1e-3, 5.0
 """Impact speeds shown, in units of the rms velocity."""
 
 
 class Density(Protocol):
-    """What these pictures need of a density."""
+    """A stationary density that can be drawn."""
 
     @property
     def response(self) -> Response:
-        """The averages."""
+        """The stationary averages."""
 
     def density(self, x: ArrayLike, v: ArrayLike) -> Vector:
-        """Joint density."""
+        """Joint density of displacement and velocity, s/m^2."""
 
     def displacement_density(self, x: ArrayLike) -> Vector:
-        """Of x."""
+        """Density of the displacement, 1/m."""
 
     def velocity_density(self, v: ArrayLike) -> Vector:
-        """Of v."""
+        """Density of the velocity, s/m."""
 
     def impact_flux(self, side: str, w: ArrayLike) -> Vector:
         """Impacts per second and unit of incident speed."""
@@ -71,7 +74,7 @@ def plot_plane(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
     Stops are walls; the slit in a rigid one is at v = 0, where the density of a stop that loses
     energy is infinite: what comes at v > 0 goes back at -R v, nearer to it.
     """
-    ax = _axes(ax)
+    ax = axes_or_new(ax, SIZE)
     (x, v), (unit, name) = _range(scene, found), _unit(scene, found)
     p = found.density(x[None, :], v[:, None]) * unit
     finite = p[np.isfinite(p) & (p > 0.0)]
@@ -99,7 +102,7 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
     Towards w = 0 the density of impact speeds goes as w^(1 - beta) (`collisions.corner_exponent`),
     drawn as a dotted line at each rigid stop of a fixed restitution.
     """
-    ax = _axes(ax)
+    ax = axes_or_new(ax, SIZE)
     rms = _value(found, "velocity_std")
     w = rms * np.geomspace(SLOWEST, FASTEST, CURVE_POINTS)
     colours = {"lower": COLOURS["linearise:closure"], "upper": COLOURS["fokker-planck"]}
@@ -113,7 +116,7 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
         if isinstance(law, Restitution):
             beta = corner_exponent(law.coefficient)
             start, anchor = w[: CURVE_POINTS // 2], CURVE_POINTS // 4
-            line = BESIDE * flux[anchor] * (start / w[anchor]) ** (1.0 - beta)
+            line = MARGIN * flux[anchor] * (start / w[anchor]) ** (1.0 - beta)
             text = rf"$w^{{1-\beta}}$, $\beta$ = {beta:.3g} (R = {law.coefficient:g})"
             ax.plot(start, line, ":", color=colours[side], label=text)
     ax.set(xscale="log", yscale="log", ylim=(1e-6 * largest, 3.0 * largest))
@@ -150,7 +153,7 @@ def plot_marginals(
 
 
 def draw_density(scene: Scene, found: Density) -> Axes:
-    """All of it in one figure: the plane, the marginals and, where there are stops, the impacts."""
+    """The plane, the marginals and, where there are stops, the impact speeds in one figure."""
     stops = bool(scene.impact_pairs)
     figure, panels = plt.subplots(
         2, 2, figsize=(10.0, 7.6), layout="constrained", gridspec_kw={"height_ratios": (1.25, 1.0)}
@@ -164,12 +167,6 @@ def draw_density(scene: Scene, found: Density) -> Axes:
     figure.suptitle(scene.title)
     plane: Axes = panels[0, 0]
     return plane
-
-
-def _axes(ax: Axes | None) -> Axes:
-    if ax is not None:
-        return ax
-    return plt.subplots(figsize=(6.4, 4.6), layout="constrained")[1]
 
 
 def _stops(scene: Scene) -> list[tuple[str, float]]:

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-    from stochvi.isolators.sizing.answer import Sizing
-    from stochvi.scenes.scene import Scene
-
 
 def to_json(document: Mapping[str, Any]) -> str:
     """The text of a JSON document; refuses NaN and infinity."""
@@ -77,27 +74,12 @@ def write_picture(ax: Axes, path: Path) -> None:
     plt.close(figure)
 
 
-def write_clearance(scene: Scene, curve: pd.DataFrame, folder: Path) -> None:
-    """Hit rate against clearance as `clearance.csv` and `clearance.png`."""
-    import numpy as np
+def write_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str, folder: Path) -> None:
+    """Hit rate against clearance as `clearance.csv` and `clearance.png`.
 
-    from stochvi.isolators.screening import predicted_rates
-    from stochvi.views.plots import draw_clearance
+    `curve` comes from `clearance_curve`, `predicted` from `predicted_curve`.
+    """
+    from stochvi.views.clearance import draw_clearance
 
     write_table(curve, folder / "clearance.csv")
-    grid = np.linspace(curve["clearance"].min(), curve["clearance"].max(), 61)
-    ax = draw_clearance(curve, predicted_rates(scene, list(grid)), scene.title)
-    write_picture(ax, folder / "clearance.png")
-
-
-def write_sizing(sizing: Sizing, folder: Path, sensitivity: pd.DataFrame | None = None) -> None:
-    """The answer as `size.json` and `risk.png`, its tables as CSV."""
-    from stochvi.views.sizing import draw_sizing
-
-    write_text(to_json(sizing.to_dict()) + "\n", folder / "size.json")
-    write_table(sizing.curve, folder / "risk.csv")
-    write_table(sizing.required, folder / "required.csv")
-    write_table(sizing.simulated, folder / "hits.csv")
-    write_picture(draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
-    if sensitivity is not None:
-        write_table(sensitivity, folder / "sensitivity.csv")
+    write_picture(draw_clearance(curve, predicted, title), folder / "clearance.png")

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from stochvi.views.plots import COLOURS
+from stochvi.views.axes import COLOURS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

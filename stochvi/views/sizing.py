@@ -1,21 +1,57 @@
-"""Pictures of a sizing: the risk against clearance."""
+"""Pictures of a sizing and of its review: risk, hit rate, peaks, spectra, sensitivity.
+
+Pictures of the page of a report are drawn at half its width (`axes.PAGE`).
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import textwrap
+from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from scipy.stats import norm
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.views.plots import COLOURS, length_unit
+from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
+from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.views.axes import (
+    COLOURS,
+    PAGE,
+    add_grid,
+    add_title,
+    axes_or_new,
+    draw_stops,
+    label_for_page,
+    length_unit,
+)
+from stochvi.views.words import count_of
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from stochvi.isolators.environment import Environment
     from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.isolators.sizing.motion import MotionBetweenStops
+    from stochvi.isolators.sizing.review import Review
 
 LEAST_PROBABILITY = 1e-5
-"""Lower end of the picture, unless the target lies lower."""
+"""Lower end of the picture of the risk, unless the target lies lower."""
+
+FEW_BREAKPOINTS = 60
+"""Above this number of points a table is a measured density, and its points are not marked."""
+
+TOLERANCE_DB = 3.0
+"""Half width of the band around the input density: a usual tolerance of vibration tests."""
+
+LABEL_WIDTH = 30
+"""Letters in a line of a label."""
+
+GRAVITY_SQUARED = STANDARD_GRAVITY**2
+
+MARKS = {"three_sigma": ("#e0a030", "3 sigma"), "recommended": ("#3a8f5c", "recommended")}
+"""Colours and names of the two clearances that every picture may mark."""
 
 
 def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
@@ -23,8 +59,7 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
 
     The dashed line takes Rice's crossings for independent hits. The band is the 95 % interval.
     """
-    if ax is None:
-        ax = plt.subplots(figsize=(6.8, 4.6), layout="constrained")[1]
+    ax = axes_or_new(ax, (6.8, 4.6))
     unit, name = length_unit(sizing.clearance.value)
     curve, sigma = sizing.curve, sizing.sigma
     x = curve["clearance"] / unit
@@ -61,7 +96,7 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     ax.set_yscale("log")
     ax.set_xlabel(f"clearance per side ({name})")
     ax.set_ylabel(f"chance of any hit in {spoken_mission(sizing.mission)}")
-    ax.grid(which="major", color="#dddddd", linewidth=0.6)
+    add_grid(ax)
     ax.legend(frameon=False, loc="lower left")
     top = ax.secondary_xaxis(
         "top",
@@ -72,9 +107,215 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
 
 
 def draw_sizing(sizing: Sizing, title: str = "") -> Axes:
-    """The same as a figure with a title."""
-    ax = plot_risk(sizing)
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    figure.suptitle(title or "clearance and risk")
+    """The risk against clearance as a figure with a title."""
+    return add_title(plot_risk(sizing), title or "clearance and risk")
+
+
+def plot_input(review: Review, ax: Axes | None = None) -> Axes:
+    """Input density with its breakpoints and a band of +-3 dB."""
+    ax = axes_or_new(ax, PAGE)
+    spectra, breakpoints = _spectra(review.environment), review.environment.breakpoints
+    f, g2 = spectra["frequency_hz"], spectra["base_density"] / GRAVITY_SQUARED
+    ratio = power_ratio(TOLERANCE_DB)
+    ax.fill_between(f, g2 / ratio, g2 * ratio, color=COLOURS["simulate"], alpha=0.18,
+                    linewidth=0, label="±3 dB")  # fmt: skip
+    ax.loglog(f, g2, color=COLOURS["simulate"], linewidth=1.8, label="base acceleration")
+    if breakpoints is not None and len(breakpoints) <= FEW_BREAKPOINTS:
+        ax.plot(breakpoints["frequency_hz"], breakpoints["base_density"] / GRAVITY_SQUARED, "o",
+                markersize=5, color=COLOURS["simulate"], label="breakpoints")  # fmt: skip
+    _mark_natural(ax, review)
+    label_for_page(ax, "frequency (Hz)", "one-sided density (g²/Hz)")
     return ax
+
+
+def plot_response(review: Review, ax: Axes | None = None) -> Axes:
+    """Density of the absolute acceleration without stops, over that of the base."""
+    ax = axes_or_new(ax, PAGE)
+    spectra = _spectra(review.environment)
+    f, g2 = spectra["frequency_hz"], spectra["base_density"] / GRAVITY_SQUARED
+    ax.loglog(f, g2, color=COLOURS["stop"], linewidth=1.4, label="base")
+    ax.loglog(f, g2 * spectra["transmissibility"] ** 2, color=COLOURS["simulate"], linewidth=1.8,
+              label="mass, no stops")  # fmt: skip
+    _mark_natural(ax, review)
+    label_for_page(ax, "frequency (Hz)", "one-sided density (g²/Hz)")
+    return ax
+
+
+def plot_transmissibility(review: Review, ax: Axes | None = None) -> Axes:
+    """What the mount passes on: in theory without stops, and apparently in a path with stops.
+
+    Of the path, the density of -(b v + omega^2 x), the part of the acceleration that spring and
+    damper cause, over that of the base: with stops it is no property of the mount any more.
+    """
+    ax = axes_or_new(ax, PAGE)
+    spectra = _spectra(review.environment)
+    apparent = None if review.motion is None else review.motion.transmissibility
+    if apparent is not None:
+        ax.loglog(apparent["frequency_hz"], apparent["transmissibility"],
+                  color=MARKS["three_sigma"][0], linewidth=1.2,
+                  label="apparent, stops at 3 sigma")  # fmt: skip
+    ax.loglog(spectra["frequency_hz"], spectra["transmissibility"], color=COLOURS["exact"],
+              linewidth=1.6, label="no stops")  # fmt: skip
+    ax.axhline(1.0, color=COLOURS["stop"], linewidth=0.8)
+    _mark_natural(ax, review)
+    label_for_page(ax, "frequency (Hz)", "transmissibility (acceleration)")
+    return ax
+
+
+def plot_cumulative(review: Review, ax: Axes | None = None) -> Axes:
+    """Share of the mean square below each frequency, without stops."""
+    ax = axes_or_new(ax, PAGE)
+    spectra = _spectra(review.environment)
+    for quantity, name, colour in (
+        ("displacement", "relative displacement", COLOURS["simulate"]),
+        ("velocity", "relative velocity", COLOURS["fokker-planck"]),
+        ("acceleration", "absolute acceleration", COLOURS["exact"]),
+    ):
+        ax.semilogx(spectra["frequency_hz"], 100.0 * spectra[f"{quantity}_share"], color=colour,
+                    linewidth=1.6, label=name)  # fmt: skip
+    _mark_natural(ax, review)
+    label_for_page(ax, "frequency (Hz)", "mean square below it (%)")
+    return ax
+
+
+def plot_histogram(review: Review, ax: Axes | None = None) -> Axes:
+    """Histogram of a path between its stops, logarithmic, over the normal law without stops."""
+    ax = axes_or_new(ax, PAGE)
+    sizing, motion = review.sizing, _motion(review)
+    unit, name = length_unit(3.0 * sizing.sigma)
+    rest, deviation = motion.mean_position / unit, sizing.sigma / unit
+    edges = motion.displacement.edges / unit
+    ax.stairs(motion.displacement.density * unit, edges, fill=True, color=COLOURS["simulate"],
+              alpha=0.55, label="with stops")  # fmt: skip
+    x = np.linspace(edges[0], edges[-1], 401)
+    ax.plot(x, norm.pdf(x, rest, deviation), color=COLOURS["exact"], linestyle="--", linewidth=1.3,
+            label="normal law, no stops")  # fmt: skip
+    ax.set_yscale("log")
+    ax.set_xlim(edges[0], edges[-1])
+    peak = norm.pdf(0.0, 0.0, deviation)
+    ax.set_ylim(2e-6 * peak, 3.0 * peak)
+    draw_stops(ax, motion.scene, unit, vertical=True)
+    label_for_page(ax, f"relative displacement ({name})", f"probability density (1/{name})")
+    return ax
+
+
+def plot_hit_rate(review: Review, ax: Axes | None = None) -> Axes:
+    """Hits per second against clearance: Rice, first hits, closure, Monte Carlo with 95 %."""
+    ax = axes_or_new(ax, PAGE)
+    sizing, closure = review.sizing, review.closure
+    curve, mm = sizing.curve, 1e3
+    ax.plot(mm * curve["clearance"], curve["rice_rate"], color=COLOURS["exact"], linestyle="--",
+            linewidth=1.3, label="Rice, no impacts")  # fmt: skip
+    known = curve[curve["first_hit_rate_low"] > 0.0]
+    ax.plot(mm * known["clearance"], known["first_hit_rate"], color=COLOURS["fokker-planck"],
+            linewidth=1.6, label="first hits")  # fmt: skip
+    ax.fill_between(mm * known["clearance"], known["first_hit_rate_low"],
+                    known["first_hit_rate_high"], color=COLOURS["fokker-planck"], alpha=0.25,
+                    linewidth=0)  # fmt: skip
+    if closure is not None and closure["closure"].notna().any():
+        ax.plot(mm * closure["clearance"], closure["closure"], color=COLOURS["linearise:closure"],
+                linewidth=1.3, label="moment closure")  # fmt: skip
+    seen = sizing.simulated
+    if len(seen):
+        centre = seen["hit_rate"]
+        ax.errorbar(
+            mm * seen["clearance"], centre, color=COLOURS["simulate"], fmt="o", markersize=5,
+            yerr=[centre - seen["hit_rate_low"], seen["hit_rate_high"] - centre], capsize=3,
+            label="with stops, 95 %",
+        )  # fmt: skip
+    ax.set_yscale("log")
+    _mark_clearances(ax, sizing)
+    label_for_page(ax, "clearance per side (mm)", "hits per second")
+    return ax
+
+
+def plot_impact_speeds(review: Review, ax: Axes | None = None) -> Axes:
+    """Rate of impacts faster than w, counted, and Rice's with Rayleigh speeds."""
+    ax = axes_or_new(ax, PAGE)
+    sizing, motion = review.sizing, _motion(review)
+    assert motion.faster_hits is not None and sizing.screening is not None
+    speeds, faster = motion.faster_hits["impact_speed"], motion.faster_hits["rate"]
+    deviation = sizing.screening.velocity_std
+    rice = sizing.three_sigma.rice_hits / sizing.mission
+    w = np.linspace(0.0, 1.15 * max(speeds.max(), 2.5 * deviation), 301)
+    ax.semilogy(w, rice * np.exp(-0.5 * (w / deviation) ** 2), color=COLOURS["exact"],
+                linestyle="--", linewidth=1.3, label="Rice, no impacts")  # fmt: skip
+    ax.semilogy(speeds, faster, color=MARKS["three_sigma"][0], linewidth=1.6,
+                drawstyle="steps-post",
+                label=f"{count_of(motion.hits)} hits at 3 sigma")  # fmt: skip
+    ax.set_ylim(0.5 / motion.duration, 3.0 * max(faster.max(), rice))
+    label_for_page(ax, "impact speed w (m/s)", "impacts faster than w, per second")
+    return ax
+
+
+def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
+    """Largest acceleration against clearance, a line for each stiffness of the stops."""
+    ax = axes_or_new(ax, PAGE)
+    table = review.peaks
+    assert table is not None
+    own = table["stiffness_ratio"].isna()
+    ratios = sorted(table.loc[~own, "stiffness_ratio"].unique())
+    for number, ratio in enumerate(ratios):
+        rows = table[table["stiffness_ratio"] == ratio]
+        colour = plt.get_cmap("viridis")(0.85 - 0.7 * number / max(len(ratios) - 1, 1))
+        _error_bars(ax, rows, "o-", colour, f"stops {ratio:g} x the mount")
+    _error_bars(ax, table[own], "D", COLOURS["linearise:closure"], "stops of the scene")
+    free = (table["largest_acceleration"] / table["peak_amplification"]).mean() / STANDARD_GRAVITY
+    ax.axhline(free, color=COLOURS["exact"], linestyle="--", linewidth=1.2, label="no stops")
+    ax.set_yscale("log")
+    label_for_page(
+        ax, "clearance per side (mm)", f"largest acceleration in {review.peak_window:g} s (g)"
+    )
+    return ax
+
+
+def _error_bars(ax: Axes, rows: pd.DataFrame, form: str, colour: Any, label: str) -> None:
+    half = GAUSSIAN_95 * rows["largest_acceleration_error"] / STANDARD_GRAVITY
+    ax.errorbar(
+        1e3 * rows["clearance"], rows["largest_acceleration"] / STANDARD_GRAVITY, yerr=half,
+        fmt=form, color=colour, markersize=4.5, linewidth=1.3, capsize=2, label=label,
+    )  # fmt: skip
+
+
+def plot_sensitivity(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
+    """Change of the clearance, a bar for each row but the first, which changes nothing."""
+    ax = axes_or_new(ax, PAGE)
+    rows = table.iloc[1:][::-1]
+    change = 100.0 * rows["clearance_change"]
+    colours = [COLOURS["linearise:closure"] if c > 0.0 else COLOURS["simulate"] for c in change]
+    names = [textwrap.fill(name, LABEL_WIDTH) for name in rows["change"]]
+    ax.barh(names, change, color=colours, height=0.6)
+    ax.tick_params(axis="y", labelsize="small")
+    for place, value in enumerate(change):
+        ax.annotate(f"{value:+.0f} %", (value, place), xytext=(4 if value >= 0.0 else -4, 0),
+                    textcoords="offset points", va="center",
+                    ha="left" if value >= 0.0 else "right")  # fmt: skip
+    ax.axvline(0.0, color=COLOURS["exact"], linewidth=0.8)
+    ax.margins(x=0.3)
+    ax.set_xlabel("change of the clearance (%)")
+    return ax
+
+
+def _spectra(environment: Environment) -> pd.DataFrame:
+    assert environment.spectra is not None
+    return environment.spectra
+
+
+def _motion(review: Review) -> MotionBetweenStops:
+    assert review.motion is not None
+    return review.motion
+
+
+def _mark_natural(ax: Axes, review: Review) -> None:
+    natural = review.mount.natural_frequency_hz
+    ax.axvline(natural, color=COLOURS["linearise:closure"], linestyle=":", linewidth=1.2,
+               label=f"mount, {natural:.3g} Hz")  # fmt: skip
+
+
+def _mark_clearances(ax: Axes, sizing: Sizing) -> None:
+    for name, place in (
+        ("three_sigma", sizing.three_sigma.clearance),
+        ("recommended", sizing.clearance.value),
+    ):
+        colour, words = MARKS[name]
+        ax.axvline(1e3 * place, color=colour, linewidth=1.4, label=f"{words}, {1e3 * place:.3g} mm")

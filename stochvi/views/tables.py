@@ -10,7 +10,6 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
-from stochvi.isolators.sizing.chances import spoken_places
 from stochvi.results.estimates import Estimate, format_with_error
 from stochvi.results.response import QUANTITY_UNITS, Response
 from stochvi.verification.check import (
@@ -23,6 +22,7 @@ from stochvi.verification.check import (
 )
 from stochvi.verification.checks import BALANCES_ONLY
 from stochvi.verification.cost import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
+from stochvi.views.words import places_of_stops
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -292,7 +292,7 @@ def print_clearance(console: Console, curve: pd.DataFrame) -> None:
 def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
     """The clearance and what three sigma buys, first; then what both rest on."""
     console.print(sizing.verdict(), style="bold", highlight=False)
-    _say(console, spoken_places(sizing))
+    _say(console, places_of_stops(sizing))
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
     table = _table(
         f"at 3 sigma = {1e3 * three.clearance:.4g} mm, in {mission}", ["quantity", "value"]

@@ -8,8 +8,8 @@ import pandas as pd
 
 import stochvi
 from stochvi.isolators.screening import predicted_rates
+from stochvi.views.clearance import draw_clearance
 from stochvi.views.files import write_picture
-from stochvi.views.plots import draw_clearance
 
 TRUCK, SCREEN = "mil-std-810h-truck-vertical-5hz", "navmat-p-9492"
 CASES = [  # profile, natural frequency (Hz), restitution, clearances in sigma

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from stochvi.isolators.screening import Screening
+from stochvi.isolators.sizing.chances import Gap, gap_of
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import Response
@@ -152,6 +153,17 @@ class Sizing:
     cost: Cost = field(default_factory=Cost)
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def gap(self) -> Gap:
+        """Where the stops lie, and what those of the scene risk."""
+        return gap_of(self)
+
+    @property
+    def seed(self) -> int:
+        """The seed of the simulations."""
+        seed = self.provenance.get("seed")
+        return seed if isinstance(seed, int) else 0
+
     def verdict(self) -> str:
         """The answer in a sentence, then what three sigma would be."""
         three = self.three_sigma
@@ -205,13 +217,14 @@ class Sizing:
             "clearance_in_sigma": self.clearance.value / self.sigma,
             "kept_with": None if self.kept_with is None else self.kept_with.to_dict(),
             "sigma": self.sigma,
+            "gap": asdict(self.gap),
             "three_sigma": {
                 name: value.to_dict() if isinstance(value, Estimate) else value
                 for name, value in vars(three).items()
             },
-            "required": _records(self.required),
-            "curve": _records(self.curve),
-            "simulated": _records(self.simulated),
+            "required": records_of(self.required),
+            "curve": records_of(self.curve),
+            "simulated": records_of(self.simulated),
             "screening": None if self.screening is None else dict(vars(self.screening)),
             "evidence": {name: answer.to_dict() for name, answer in self.evidence.items()},
             "by": self.method,
@@ -228,7 +241,7 @@ class Sizing:
         return f"<b>{self.verdict()}</b>{self.required.to_html(index=False)}{notes}"
 
 
-def _records(frame: pd.DataFrame) -> list[dict[str, Any]]:
+def records_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows of a table as plain types, None for what is missing."""
     return [
         {str(name): None if _missing(value) else value for name, value in row.items()}

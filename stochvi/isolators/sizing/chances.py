@@ -1,17 +1,56 @@
-"""Chances of any hit read off the curve of a sizing."""
+"""Where stops lie, and the chance of any hit there, read off the curve of a sizing."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.model.model import model_of
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.scenes.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap:
+    """Where stops lie, m from the unloaded spring unless stated otherwise.
+
+    Parameters
+    ----------
+    mean_position
+        Mean position of the mass, by gravity and constant loads.
+    recommended
+        Place of the stop on each side, by "lower" and "upper", at the recommended clearance.
+    distances
+        Distance of each stop of the scene from the mean position.
+    probability
+        Chance of any hit in the mission with the stops of the scene; None where it is not known,
+        or there are none. It is 0 where a stop lies beyond the curve of the sizing.
+    """
+
+    mean_position: float
+    recommended: Mapping[str, float]
+    distances: Mapping[str, float]
+    probability: float | None
+
+
+def gap_of(sizing: Sizing) -> Gap:
+    """The stops of a sizing: as recommended, and as the scene has them."""
+    model = model_of(sizing.scene)
+    rest = model.rest
+    stops = {stop.name: abs(stop.position - rest) for stop in model.stops}
+    offsets = {"lower": -sizing.clearance.value, "upper": sizing.clearance.value}
+    return Gap(
+        mean_position=rest,
+        recommended={side: rest + offsets[side] for side in (stops or offsets)},
+        distances=stops,
+        probability=probability_of_stops(sizing),
+    )
 
 
 def probability_at(sizing: Sizing, clearance: float) -> float | None:
@@ -28,10 +67,8 @@ def probability_of_stops(sizing: Sizing) -> float | None:
     A response as often above its mean as below brings half the bursts of equal distances to each
     side; bursts on the two sides are taken for independent.
     """
-    scene = sizing.scene
-    system = scene.system()
-    rest = system.load / system.omega**2
-    places = [place for place in (system.lower, system.upper) if place is not None]
+    model = model_of(sizing.scene)
+    rest, places = model.rest, [stop.position for stop in model.stops]
     beyond = [place < rest for place in places] == [True, False]
     if not places or (len(places) == 2 and not beyond):
         return None
@@ -39,44 +76,6 @@ def probability_of_stops(sizing: Sizing) -> float | None:
     if any(bursts is None for bursts in found):
         return None
     return -math.expm1(-sum(bursts for bursts in found if bursts) / len(places))
-
-
-def spoken_chance_of_stops(sizing: Sizing) -> str:
-    """The same in words; beyond the curve it is under the chance at its end."""
-    chance = probability_of_stops(sizing)
-    if chance is None:
-        return "not known"
-    if chance == 0.0:
-        return f"under {spoken_percent(sizing.curve['probability'].iloc[-1])}"
-    return spoken_percent(chance)
-
-
-def spoken_places(sizing: Sizing) -> str:
-    """Where the clearance is sought, and what the stops of the scene risk where they are.
-
-    Clearances are equal distances from the mean position, which the stops of a scene need not be.
-    """
-    scene = sizing.scene
-    if not scene.impact_pairs:
-        return "clearance: equal distances of two stops from the mean position"
-    system = scene.system()
-    rest = system.load / system.omega**2
-    places = {"lower": system.lower, "upper": system.upper}
-    stops = {side: abs(place - rest) for side, place in places.items() if place is not None}
-    told = (
-        f"{' and '.join(f'{1e3 * distance:.4g}' for distance in stops.values())} mm from the mean: "
-        f"{spoken_chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any hit)"
-    )
-    if len(stops) == 1:
-        (side,) = stops
-        return (
-            f"clearance: distance of the stop from the mean position ({side} side only); "
-            f"stop of the scene, {told}"
-        )
-    return (
-        "clearance: equal distances of both stops from the mean position; "
-        f"stops of the scene, {told}"
-    )
 
 
 def _bursts_at(sizing: Sizing, clearance: float) -> float | None:

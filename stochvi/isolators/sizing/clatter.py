@@ -26,6 +26,7 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
 from stochvi.methods.monte_carlo.kernels.contact import CONTACT_LOWER, CONTACT_UPPER, LOSS
 from stochvi.methods.monte_carlo.kernels.flight import N_LOWER, N_UPPER, VV, XX
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.intervals import jackknife_ratio, mean_and_error
 from stochvi.results.machine import usable_cores
@@ -148,8 +149,8 @@ def _check(
         isinstance(law, Elastic | Viscoelastic) for law in laws
     ):
         unmet.append("stiffness_ratios need elastic or viscoelastic stops")
-    system = scene.system()
-    if not system.moving_base or system.noise_on_mass:
+    model = model_of(scene)
+    if not model.moving_base or model.noise_on_mass:
         unmet.append("structure.kind must be 'isolator' with noise on its base only")
     if unmet:
         raise NotApplicable("clatter", unmet)
@@ -165,9 +166,9 @@ def _variants(
     if stiffness_ratios is None:
         yield None, scene
         return
-    pair, system = scene.impact_pairs[0], scene.system()
+    pair, model = scene.impact_pairs[0], model_of(scene)
     for ratio in stiffness_ratios:
-        stiffness = ratio * system.mass * system.omega**2
+        stiffness = ratio * model.unit_mass * model.omega**2
         laws = {
             name: law.model_copy(update={"stiffness": stiffness})
             for name in ("law", "lower_law", "upper_law")

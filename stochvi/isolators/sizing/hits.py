@@ -10,6 +10,7 @@ import numpy as np
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.kernels.compliant_response import EXTREMES
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
@@ -20,8 +21,7 @@ from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, crossing_plan
 
 def at_clearance(scene: Scene, clearance: float) -> Scene:
     """The scene with its stops, and their laws, at a distance from the mean position."""
-    system = scene.system()
-    rest = system.load / system.omega**2
+    rest = model_of(scene).rest
     pair = scene.impact_pairs[0]
     kept = pair.model_dump(include={"name", "on", "law", "lower_law", "upper_law"})
     moved = ImpactPair(

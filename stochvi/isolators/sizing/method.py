@@ -308,16 +308,16 @@ class _Job:
 
     def _check_free_motion(self, exceedance: float) -> None:
         """Refuse an acceleration that the mount's own spring brings about, stops or not."""
-        system = self.scene.system()
+        spring = model_of(self.scene).omega ** 2
         needed = self.curve.clearance(exceedance).value
         if self.target.name != "peak_acceleration":
             return
-        if self.target.value <= system.omega**2 * needed:
+        if self.target.value <= spring * needed:
             raise NotApplicable(
                 "size",
                 [
                     f"peak_acceleration of {self.target.value:.4g} m/s^2 is exceeded without any "
-                    f"stop: the spring alone brings {system.omega**2 * needed:.4g} m/s^2 with a "
+                    f"stop: the spring alone brings {spring * needed:.4g} m/s^2 with a "
                     f"chance of {exceedance:g}"
                 ],
             )

@@ -14,6 +14,7 @@ from scipy.special import gammaln, roots_genlaguerre
 from stochvi.isolators.sizing.method import risk_curve, size
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.spectra import Table
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import Law, Restitution
 from stochvi.scenes.scene import Scene
@@ -296,16 +297,17 @@ def fast_peaks(
     NotApplicable
         If the scene has no tabulated noise.
     """
-    system = scene.system()
-    if not system.tables:
+    model = model_of(scene)
+    tables = model.acceleration_tables
+    if not tables:
         raise NotApplicable("fast_peaks", ["excitation must be tabulated (kind = 'psd')"])
     length = 2**RECORD_BITS
-    highest = max(float(table.frequency_hz[-1]) for table in system.tables)
+    highest = max(float(table.frequency_hz[-1]) for table in tables)
     frequency: Vector = np.fft.rfftfreq(length, 1.0 / (SAMPLES_PER_PERIOD * highest)).astype(float)
-    amplitude = np.sqrt(_density(system.tables, frequency))
+    amplitude = np.sqrt(_density(tables, frequency))
     gain = np.zeros(len(frequency), complex)
     w = 2.0 * math.pi * frequency[1:]
-    gain[1:] = 1.0 / (system.omega**2 - w**2 + 1j * system.damping_rate * w)
+    gain[1:] = 1.0 / (model.omega**2 - w**2 + 1j * model.damping_rate * w)
     random = np.random.default_rng([seed, length])
     ranks = np.sort(Hermite.of(kurtosis)(np.sort(random.standard_normal(length))))
     found = []

@@ -6,6 +6,7 @@ from scipy.optimize import brentq
 
 from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.risk_curve import CERTAIN
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import LARGEST_NUMBER, Scene
@@ -50,11 +51,13 @@ def target_of(
 
 def widening(scene: Scene, target: Target, velocity_std: float, clearance: float) -> float:
     """How much faster than usual first hits are to be drawn for the limit to be exceeded."""
-    system = scene.system()
+    model = model_of(scene)
     speed = target.value
     if target.name == "peak_acceleration":
-        left = max(target.value - system.omega**2 * clearance, 0.1 * target.value)
-        softest = next(law for law in system.laws if isinstance(law, CompliantLaw))
+        left = max(target.value - model.omega**2 * clearance, 0.1 * target.value)
+        softest = next(
+            stop.law for stop in model.stops_per_unit_mass if isinstance(stop.law, CompliantLaw)
+        )
         # forces are per unit mass here
         low = 1e-9 * velocity_std
         speed = float(

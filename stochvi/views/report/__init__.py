@@ -1,6 +1,6 @@
 """Reports: one page that holds a verdict, its evidence and its limits."""
 
 from stochvi.views.report.absorber import write_absorber_report
-from stochvi.views.report.write import write_report
+from stochvi.views.report.sizing import write_report
 
 __all__ = ["write_absorber_report", "write_report"]

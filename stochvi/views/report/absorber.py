@@ -11,7 +11,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.views.absorbers import draw_design, draw_levels, in_words, verdict
 from stochvi.views.files import write_text
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
-from stochvi.views.report.words import UNKNOWN, four_digits, with_interval
+from stochvi.views.words import UNKNOWN, four_digits, with_interval
 
 
 def write_absorber_report(found: AbsorberReport | Design, folder: str | Path) -> Path:

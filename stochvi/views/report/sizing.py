@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from stochvi.isolators.screening import predicted_rates
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.isolators.sizing.chances import probability_at, two_sided
-from stochvi.results.errors import NotApplicable
+from stochvi.isolators.sizing.chances import two_sided
 from stochvi.results.response import Response
-from stochvi.scenes.excitations import DensityNoise
-from stochvi.views.files import write_sizing, write_table, write_text
-from stochvi.views.report.inputs import environment, gap, mount
+from stochvi.views.axes import PAGE, axes_or_new
+from stochvi.views.files import to_json, write_picture, write_table, write_text
+from stochvi.views.report.environment import environment_section, gap_section, mount_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
-from stochvi.views.report.peaks import peaks_of, peaks_section
-from stochvi.views.report.plots import (
-    new_axes,
+from stochvi.views.report.stops import NAMES, peaks_section, stops_section
+from stochvi.views.sizing import (
+    draw_sizing,
     plot_cumulative,
     plot_hit_rate,
+    plot_risk,
     plot_sensitivity,
 )
-from stochvi.views.report.stops import NAMES, seed_of, with_stops
-from stochvi.views.report.tolerances import within_tolerances
-from stochvi.views.report.words import (
+from stochvi.views.words import (
     MM,
     UNKNOWN,
     G,
@@ -36,74 +30,79 @@ from stochvi.views.report.words import (
     millimetres,
     with_interval,
 )
-from stochvi.views.sizing import plot_risk
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.isolators.sizing.review import LinearMotion, Review
 
-CLOSURE_POINTS = 41
+NOTABLE_MILES_ERROR = 0.01
+"""Relative error of Miles' equation from which on the report states it."""
 
 
-def write_report(
-    sizing: Sizing, folder: str | Path, sensitivity: pd.DataFrame | None = None
-) -> Path:
-    """Write `report.html` beside what `write_sizing` writes; returns the path of the page.
+def write_report(review: Review, folder: str | Path) -> Path:
+    """Write `report.html` with its numbers and tables beside it; returns the path of the page.
 
     The page needs nothing beside it: pictures and style are embedded, and nothing is fetched.
+    `size.json` holds every number of the page, and the CSV files hold its tables, in SI units.
 
     Parameters
     ----------
-    sizing
-        From `size`.
-    sensitivity
-        From `sensitivity`; by default linear theory within the tolerances of the isolator.
+    review
+        From `review`.
     folder
-        Made if it is missing. `sensitivity.csv`, `peaks.csv` and `evidence.csv` hold the other
-        tables of the page, in SI units.
+        Made if it is missing.
     """
-    folder = Path(folder)
-    sensitivity = _sensitivity(sizing) if sensitivity is None else sensitivity
-    write_sizing(sizing, folder, sensitivity)
-    peaks = peaks_of(sizing, seed=seed_of(sizing))
-    if peaks is not None:
-        write_table(peaks, folder / "peaks.csv")
-    if sizing.evidence:
-        import pandas as pd
-
-        frames = [answer.to_frame().assign(at=name) for name, answer in sizing.evidence.items()]
-        write_table(pd.concat(frames), folder / "evidence.csv")
+    folder, sizing = Path(folder), review.sizing
+    write_text(to_json(review.to_dict()) + "\n", folder / "size.json")
+    tables = {
+        "risk": sizing.curve,
+        "required": sizing.required,
+        "hits": sizing.simulated,
+        "sensitivity": review.sensitivity,
+        "peaks": review.peaks,
+        "evidence": _evidence_table(sizing),
+    }
+    for name, table in tables.items():
+        if table is not None:
+            write_table(table, folder / f"{name}.csv")
+    write_picture(draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
     path = folder / "report.html"
-    write_text(clearance_page(sizing, sensitivity, peaks).html(), path)
+    write_text(clearance_page(review).html(), path)
     return path
 
 
-def clearance_page(
-    sizing: Sizing,
-    sensitivity: pd.DataFrame | None = None,
-    peaks: pd.DataFrame | None = None,
-) -> Page:
-    """The page of a sizing; `sensitivity` as for `write_report` and `peaks` from `peaks_of`, None
-    for no such section."""
+def _evidence_table(sizing: Sizing) -> pd.DataFrame | None:
+    """All estimates of the simulations, with the clearance that each belongs to."""
+    import pandas as pd
+
+    frames = [answer.to_frame().assign(at=name) for name, answer in sizing.evidence.items()]
+    return pd.concat(frames) if frames else None
+
+
+def clearance_page(review: Review) -> Page:
+    """The page of a sizing."""
+    sizing = review.sizing
     return Page(
         title=sizing.scene.title or "Clearance of an isolator",
         subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
         f"{spoken_mission(sizing.mission)}",
         verdict=f"Clearance: {sizing.verdict()}.",
-        cards=_cards(sizing),
-        warnings=_warnings(sizing),
+        cards=_cards(review),
+        warnings=review.warnings,
         sections=[
-            environment(sizing.scene),
-            mount(sizing.scene),
-            gap(sizing),
-            _screening(sizing),
-            _risk(sizing),
-            with_stops(sizing),
-            peaks_section(peaks),
-            _sensitivity_section(sensitivity),
+            environment_section(review),
+            mount_section(review),
+            gap_section(sizing),
+            _screening(review),
+            _risk(review),
+            stops_section(review),
+            peaks_section(review),
+            _sensitivity(review.sensitivity),
             _verification(sizing),
-            _limits(sizing),
+            _limits(review),
         ],
         footer=_footer(sizing),
     )
@@ -112,13 +111,14 @@ def clearance_page(
 # Verdict ----------------------------------------------------------------------------------
 
 
-def _cards(sizing: Sizing) -> list[Fact]:
+def _cards(review: Review) -> list[Fact]:
+    sizing = review.sizing
     three = sizing.three_sigma
     hits = "as if hits changed nothing" if three.hits is None else "with these stops"
     count = three.rice_hits if three.hits is None else three.hits.value
     return [
         _clearance_card(sizing),
-        _risk_card(sizing),
+        _risk_card(review),
         Fact(
             "3 sigma would be",
             millimetres(three.clearance),
@@ -142,11 +142,12 @@ def _clearance_card(sizing: Sizing) -> Fact:
     return Fact("Clearance per side", millimetres(c.value), f"{interval}, {place}")
 
 
-def _risk_card(sizing: Sizing) -> Fact:
-    """Of the limit that is to be kept, or of any hit."""
+def _risk_card(review: Review) -> Fact:
+    """The chance of exceeding the limit that is to be kept, or of any hit."""
+    sizing = review.sizing
     target, mission = sizing.target, spoken_mission(sizing.mission)
     if target.exceedance is None:
-        chance = _chance(probability_at(sizing, sizing.clearance.value))
+        chance = _chance(review.chances["recommended"].any_hit)
         return Fact(f"Chance of any hit in {mission}", chance, "at that clearance")
     limit = target.in_g if target.name == "peak_acceleration" else target.limit
     below = "below " if sizing.kept_with is not None else ""
@@ -161,29 +162,15 @@ def _chance(probability: float | None) -> str:
     return UNKNOWN if probability is None else spoken_percent(probability)
 
 
-def _warnings(sizing: Sizing) -> tuple[str, ...]:
-    """Of the sizing, of the screening and of measured records, each once."""
-    found = list(sizing.warnings)
-    if sizing.screening is not None:
-        found += sizing.screening.notes
-    system = sizing.scene.system()
-    for excitation in sizing.scene.excitations:
-        if isinstance(excitation, DensityNoise):
-            found += excitation.cautions(system.omega, system.damping_rate)
-    return tuple(dict.fromkeys(found))
-
-
 # Linear screening and risk ----------------------------------------------------------------
 
 
-def _screening(sizing: Sizing) -> Section:
-    linear = sizing.screening
-    if linear is None:
+def _screening(review: Review) -> Section:
+    sizing, linear, more = review.sizing, review.sizing.screening, review.linear
+    if linear is None or more is None:
         return Section(title="Linear screening")
-    three = sizing.three_sigma.clearance
+    three = sizing.three_sigma
     sides = "both sides" if two_sided(sizing.scene) else "one side"
-    natural = sizing.scene.system().omega / (2.0 * math.pi)
-    crossings = 2.0 * linear.zero_crossing_rate * sizing.mission
     facts = [
         Fact(
             "Relative displacement, s_x",
@@ -195,28 +182,29 @@ def _screening(sizing: Sizing) -> Section:
         Fact(
             "Zero up-crossings",
             f"{linear.zero_crossing_rate:.4g} Hz",
-            f"natural frequency {natural:.4g} Hz; far above it one hit starts a burst",
+            f"natural frequency {review.mount.natural_frequency_hz:.4g} Hz; far above it one hit "
+            "starts a burst",
         ),
-        _miles(sizing),
-        Fact("3 sigma", millimetres(three), "per side, three times s_x"),
+        _miles(linear, more),
+        Fact("3 sigma", millimetres(three.clearance), "per side, three times s_x"),
         Fact(
             "Hits at 3 sigma by Rice",
-            f"{count_of(sizing.three_sigma.rice_hits)}",
+            f"{count_of(three.rice_hits)}",
             f"in {spoken_mission(sizing.mission)}, {sides}, as if hits changed nothing; "
-            f"{sizing.three_sigma.rice_hits / sizing.mission:.4g} per second",
+            f"{more.rice_rate_at_three_sigma:.4g} per second",
         ),
         Fact(
             "Expected largest displacement",
-            millimetres(_largest(crossings) * sizing.sigma),
-            f"of {spoken_mission(sizing.mission)}, either side, {_largest(crossings):.3g} sigma "
+            millimetres(more.largest_displacement),
+            f"of {spoken_mission(sizing.mission)}, either side, {more.largest_in_sigma:.3g} sigma "
             "(Davenport)",
         ),
     ]
     pictures = []
-    if sizing.scene.system().moving_base:
+    if review.environment.spectra is not None:
         pictures = [
             shown(
-                plot_cumulative(sizing.scene),
+                plot_cumulative(review),
                 "Where the response comes from: share of its mean "
                 "square below each frequency, without stops.",
             ),
@@ -229,35 +217,23 @@ def _screening(sizing: Sizing) -> Section:
     )
 
 
-def _miles(sizing: Sizing) -> Fact:
-    linear = sizing.screening
-    assert linear is not None
+def _miles(linear: Screening, more: LinearMotion) -> Fact:
     name = "Miles' equation for it"
-    if linear.miles is None:
+    if linear.miles is None or more.miles_error is None:
         return Fact(
             name, "not valid", "the input is 0 at the natural frequency; the response is not"
         )
-    off = linear.miles / linear.acceleration_std - 1.0
     return Fact(
         name,
         f"{G * linear.miles:.4g} g rms",
-        f"{100.0 * off:+.2g} % off the integral: the input is not flat"
-        if abs(off) > 0.01
+        f"{100.0 * more.miles_error:+.2g} % off the integral: the input is not flat"
+        if abs(more.miles_error) > NOTABLE_MILES_ERROR
         else "agrees with the integral",
     )
 
 
-def _largest(count: float) -> float:
-    """Mean of the largest of `count` peaks in standard deviations (Davenport 1964).
-
-    >>> round(_largest(600.0), 6)
-    3.738226
-    """
-    root = math.sqrt(2.0 * math.log(max(count, math.e)))
-    return root + float(np.euler_gamma) / root
-
-
-def _risk(sizing: Sizing) -> Section:
+def _risk(review: Review) -> Section:
+    sizing = review.sizing
     rows = [
         [
             spoken_percent(row["probability"]),
@@ -274,12 +250,12 @@ def _risk(sizing: Sizing) -> Section:
     )
     pictures = [
         shown(
-            plot_risk(sizing, new_axes()),
+            plot_risk(sizing, axes_or_new(None, PAGE)),
             "Chance of any hit in the mission against clearance. "
             "Dashed: Rice's crossings taken for independent hits.",
         ),
         shown(
-            plot_hit_rate(sizing, _closure(sizing)),
+            plot_hit_rate(review),
             "Hits per second (of all stops) against "
             "clearance: by Rice, the rate of first hits, and simulated with the stops.",
         ),
@@ -294,31 +270,11 @@ def _risk(sizing: Sizing) -> Section:
     )
 
 
-def _closure(sizing: Sizing) -> pd.DataFrame | None:
-    """Hit rate by the moment closure, where the stops are rigid and no sine shakes."""
-    scene, x = sizing.scene, sizing.curve["clearance"]
-    pairs = scene.impact_pairs
-    if sizing.screening is None or not pairs or not two_sided(scene):
-        return None
-    if not all(law.rigid for _, law in pairs[0].stops()):
-        return None
-    try:
-        return predicted_rates(scene, list(np.linspace(x.min(), x.max(), CLOSURE_POINTS)))
-    except NotApplicable:
-        return None
-
-
 # Sensitivity, verification, limits --------------------------------------------------------
 
 
-def _sensitivity(sizing: Sizing) -> pd.DataFrame | None:
-    if sizing.screening is None:
-        return None
-    return within_tolerances(sizing.scene, sizing.clearance.value)
-
-
-def _sensitivity_section(table: pd.DataFrame | None) -> Section:
-    """From `sensitivity`, which tells chances, or from `within_tolerances`, which does not."""
+def _sensitivity(table: pd.DataFrame | None) -> Section:
+    """Changed scenes: from `sensitivity`, with chances, or from `within_tolerances`, without."""
     title = "Sensitivity"
     if table is None:
         return Section(title=title)
@@ -390,18 +346,12 @@ def _how(answer: Response) -> str:
     return "; ".join(text for text in answer.assumptions if "step" in text)
 
 
-def _limits(sizing: Sizing) -> Section:
-    above = _warnings(sizing)
-    own = [text for text in sizing.scene.assumptions() if text not in above]
-    for answer in sizing.evidence.values():
-        own += [
-            text for text in [*answer.assumptions, *answer.warnings] if text not in [*own, *above]
-        ]
+def _limits(review: Review) -> Section:
     return Section(
         title="Limits",
         lead="What this report takes for granted, and does not say.",
         notes=[
-            *(text[0].upper() + text[1:] for text in own),
+            *(text[0].upper() + text[1:] for text in review.assumptions),
             "One direction of motion; no rocking, and no coupling of directions.",
             "A linear spring and a viscous damper: an elastomer is stiffer at small amplitudes, "
             "and softer when warm.",
@@ -417,6 +367,6 @@ def _footer(sizing: Sizing) -> list[str]:
     libraries = made.get("libraries") or {}
     versions = [f"{name} {version}" for name, version in libraries.items()]
     return [
-        ", ".join([f"stochvi {made.get('version', '')}", f"seed {seed_of(sizing)}", *versions]),
+        ", ".join([f"stochvi {made.get('version', '')}", f"seed {sizing.seed}", *versions]),
         "Tables in SI units lie beside this page as CSV; size.json holds all numbers.",
     ]

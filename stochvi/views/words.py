@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
+from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.estimates import Estimate
+
+if TYPE_CHECKING:
+    from stochvi.isolators.sizing.answer import Sizing
 
 MM = 1e3
 """Millimetres in a metre."""
@@ -74,3 +79,38 @@ def count_of(number: float) -> str:
     if not 100.0 <= number < 1e6:
         return f"{number:.3g}"
     return f"{float(f'{number:.3g}'):,.0f}".replace(",", " ")
+
+
+def chance_of_stops(sizing: Sizing) -> str:
+    """Chance of any hit with the stops of the scene, in words; beyond the curve a limit of it."""
+    chance = sizing.gap.probability
+    if chance is None:
+        return "not known"
+    if chance == 0.0:
+        return f"under {spoken_percent(sizing.curve['probability'].iloc[-1])}"
+    return spoken_percent(chance)
+
+
+def places_of_stops(sizing: Sizing) -> str:
+    """Where the clearance is sought, and what the stops of the scene risk where they are.
+
+    Clearances are equal distances from the mean position, which the stops of a scene need not be.
+    """
+    stops = sizing.gap.distances
+    if not stops:
+        return "clearance: equal distances of two stops from the mean position"
+    distances = " and ".join(f"{1e3 * distance:.4g}" for distance in stops.values())
+    risk = (
+        f"{distances} mm from the mean: "
+        f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any hit)"
+    )
+    if len(stops) == 1:
+        (side,) = stops
+        return (
+            f"clearance: distance of the stop from the mean position ({side} side only); "
+            f"stop of the scene, {risk}"
+        )
+    return (
+        "clearance: equal distances of both stops from the mean position; "
+        f"stops of the scene, {risk}"
+    )

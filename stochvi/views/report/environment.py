@@ -1,17 +1,15 @@
-"""What a clearance report says of its inputs: environment, isolator, gap and stops."""
+"""Sections of a clearance report on its inputs: environment, isolator, gap and stops."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission
-from stochvi.isolators.sizing.chances import spoken_chance_of_stops
 from stochvi.scenes.datasets import profiles
 from stochvi.scenes.excitations import (
     ConstantLoad,
-    DensityNoise,
     Excitation,
     FilteredNoise,
     RecordedNoise,
@@ -23,50 +21,47 @@ from stochvi.scenes.excitations import (
 from stochvi.scenes.impact_laws import ForceTable, Law
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.report.pages import Fact, Section, shown
-from stochvi.views.report.plots import plot_input, plot_response
-from stochvi.views.report.words import G, millimetres
+from stochvi.views.sizing import plot_input, plot_response
+from stochvi.views.words import G, chance_of_stops, millimetres
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.isolators.sizing.review import Review
     from stochvi.scenes.scene import Scene
 
 LAW_UNITS = {"stiffness": "N/m", "coefficient": "N/m^1.5"}
 
 
-def environment(scene: Scene) -> Section:
+def environment_section(review: Review) -> Section:
+    """What shakes the mount."""
+    scene, found = review.sizing.scene, review.environment
     facts: list[Fact] = []
-    for excitation in scene.excitations:
-        facts += _excitation_facts(scene, excitation)
-    system = scene.system()
-    shaken_base = system.moving_base and not system.noise_on_mass
-    if shaken_base and system.tables and not system.intensity:
-        area = sum(table.mean_square() for table in system.tables)
-        per = (2.0 * math.pi) ** 2
-        velocity = sum(table.moment(-2.0) for table in system.tables) / per
-        shift = sum(table.moment(-4.0) for table in system.tables) / per**2
+    for excitation, numbers in zip(scene.excitations, found.excitations, strict=True):
+        facts += _excitation_facts(scene, excitation, numbers)
+    if found.base is not None:
         facts += [
             Fact(
                 "Base acceleration, recomputed",
-                f"{G * math.sqrt(area):.4g} g rms",
+                f"{G * found.base.acceleration_std:.4g} g rms",
                 "area under the density, log-log straight between breakpoints",
             ),
-            Fact("Base velocity", f"{math.sqrt(velocity):.4g} m/s rms"),
+            Fact("Base velocity", f"{found.base.velocity_std:.4g} m/s rms"),
             Fact(
                 "Base displacement",
-                f"{millimetres(math.sqrt(shift))} rms",
+                f"{millimetres(found.base.displacement_std)} rms",
                 "set by the lowest frequencies of the table",
             ),
         ]
     pictures = []
-    if shaken_base and (system.tables or system.intensity):
+    if found.spectra is not None:
         pictures = [
             shown(
-                plot_input(scene),
+                plot_input(review),
                 "Input: one-sided density of the base acceleration, with its "
                 "breakpoints and a band of ±3 dB.",
             ),
             shown(
-                plot_response(scene),
+                plot_response(review),
                 "Absolute acceleration of the mass without stops, over the input.",
             ),
         ]
@@ -79,20 +74,23 @@ def environment(scene: Scene) -> Section:
     )
 
 
-def _excitation_facts(scene: Scene, excitation: Excitation) -> list[Fact]:
+def _excitation_facts(
+    scene: Scene, excitation: Excitation, numbers: Mapping[str, float]
+) -> list[Fact]:
+    """One excitation; `numbers` as in `Environment.excitations`."""
     where = scene.place(excitation)
     level = getattr(excitation, "level_db", 0.0)
     raised = f", raised by {level:+g} dB" if level else ""
     match excitation:
         case TabulatedNoise() if excitation.profile is not None:
-            known = profiles()[excitation.profile]
+            source = profiles()[excitation.profile].source
             return [
                 Fact(
                     f"Tabulated noise on {where}",
                     excitation.profile + raised,
-                    f"source: {known.source}",
+                    f"source: {source}",
                 ),
-                Fact("Stated by its source", f"{known.stated_g_rms:.4g} g rms", "at 0 dB"),
+                Fact("Stated by its source", f"{numbers['stated_g_rms']:.4g} g rms", "at 0 dB"),
             ]
         case TabulatedNoise():
             source = "breakpoints in the scene" if excitation.file is None else excitation.file
@@ -100,8 +98,7 @@ def _excitation_facts(scene: Scene, excitation: Excitation) -> list[Fact]:
                 Fact(
                     f"Tabulated noise on {where}",
                     Path(source).name + raised,
-                    f"{len(excitation.table.frequency_hz)} points in "
-                    f"{excitation.density_unit}, {_band(excitation)}",
+                    f"{numbers['points']:g} points in {excitation.density_unit}, {_band(numbers)}",
                 )
             ]
         case RoadNoise():
@@ -114,12 +111,12 @@ def _excitation_facts(scene: Scene, excitation: Excitation) -> list[Fact]:
                 Fact(
                     "Road of ISO 8608",
                     which + raised,
-                    f"at {excitation.metres_per_second:.4g} m/s, {_band(excitation)}; no "
+                    f"at {excitation.metres_per_second:.4g} m/s, {_band(numbers)}; no "
                     "vehicle between road and mount",
                 )
             ]
         case RecordedNoise():
-            return _record_facts(excitation, where, raised)
+            return _record_facts(excitation, where, raised, numbers)
         case WhiteNoise() | FilteredNoise():
             words, remark = "White noise", "one-sided; intensity S0 is half of it"
             if isinstance(excitation, FilteredNoise):
@@ -129,7 +126,7 @@ def _excitation_facts(scene: Scene, excitation: Excitation) -> list[Fact]:
                     f"damping ratio of {excitation.zeta:.3g}"
                 )
             unit = "(m/s²)²/Hz" if where == "base" else "N²/Hz"
-            strength = f"{2.0 * excitation.si_intensity:.4g} {unit}"
+            strength = f"{numbers['density']:.4g} {unit}"
             return [Fact(f"{words} on {where}", strength, remark)]
         case Sine():
             unit = "m/s² peak" if where == "base" else "N peak"
@@ -146,51 +143,54 @@ def _excitation_facts(scene: Scene, excitation: Excitation) -> list[Fact]:
     return []
 
 
-def _record_facts(excitation: RecordedNoise, where: str, raised: str) -> list[Fact]:
-    record = excitation.record
-    kurtosis, error = record.kurtosis()
+def _record_facts(
+    excitation: RecordedNoise, where: str, raised: str, numbers: Mapping[str, float]
+) -> list[Fact]:
     scale, unit = (G, "g") if where == "base" else (1.0, "N")
     return [
         Fact(
             f"Measured record on {where}",
             Path(excitation.file).name + raised,
-            f"{record.duration:.4g} s at {record.fs:.4g} Hz; density by Welch's method",
+            f"{numbers['duration']:.4g} s at {numbers['sampling_rate_hz']:.4g} Hz; density by "
+            "Welch's method",
         ),
         Fact(
             "Rms of the record",
-            f"{scale * record.rms:.4g} {unit}",
-            f"largest value {scale * record.peak:.4g} {unit} peak",
+            f"{scale * numbers['rms']:.4g} {unit}",
+            f"largest value {scale * numbers['peak']:.4g} {unit} peak",
         ),
         Fact(
             "Kurtosis of the record",
-            f"{kurtosis:.2f} ± {error:.2f}",
+            f"{numbers['kurtosis']:.2f} ± {numbers['kurtosis_error']:.2f}",
             "3 for Gaussian noise, which is what is simulated",
         ),
     ]
 
 
-def _band(excitation: DensityNoise) -> str:
-    f = excitation.table.frequency_hz
-    return f"{f[0]:.4g} to {f[-1]:.4g} Hz"
+def _band(numbers: Mapping[str, float]) -> str:
+    return f"{numbers['lowest_frequency_hz']:.4g} to {numbers['highest_frequency_hz']:.4g} Hz"
 
 
-def mount(scene: Scene) -> Section:
-    structure = scene.structure
+def mount_section(review: Review) -> Section:
+    """The isolator itself."""
+    structure, found = review.sizing.scene.structure, review.mount
     assert isinstance(structure, Oscillator)
-    zeta = structure.damping_rate / (2.0 * structure.omega)
+    quality = "" if found.quality_factor is None else f"  (Q = {found.quality_factor:.3g})"
     facts = [
         Fact(
             "Natural frequency",
-            f"{structure.omega / (2.0 * math.pi):.4g} Hz",
+            f"{found.natural_frequency_hz:.4g} Hz",
             _tolerance(structure, "frequency"),
         ),
         Fact(
-            "Damping ratio", f"{zeta:.4g}  (Q = {0.5 / zeta:.3g})", _tolerance(structure, "damping")
+            "Damping ratio",
+            f"{found.damping_ratio:.4g}{quality}",
+            _tolerance(structure, "damping"),
         ),
     ]
     if structure.mass is not None:
         facts.append(Fact("Mass", f"{structure.mass:.4g} kg"))
-    if isinstance(structure, Isolator):
+    if isinstance(structure, Isolator) and found.static_sag is not None:
         if structure.mounts is not None:
             facts.append(
                 Fact(
@@ -207,7 +207,7 @@ def mount(scene: Scene) -> Section:
         facts.append(
             Fact(
                 "Static sag under 1 g",
-                millimetres(structure.sag),
+                millimetres(found.static_sag),
                 f"{counted}; g / ω², by the dynamic stiffness",
             )
         )
@@ -219,52 +219,50 @@ def _tolerance(structure: Oscillator, what: str) -> str:
     return "" if stated is None else f"± {100.0 * stated:.3g} %, see sensitivity"
 
 
-def gap(sizing: Sizing) -> Section:
-    scene, c = sizing.scene, sizing.clearance.value
-    system = scene.system()
-    rest = system.load / system.omega**2
-    sides = ["lower", "upper"]
-    if scene.impact_pairs:
-        sides = [side for side, _ in scene.impact_pairs[0].stops()]
-    places = {"lower": (rest - c, "below"), "upper": (rest + c, "above")}
+def gap_section(sizing: Sizing) -> Section:
+    """Where the stops go, and where the scene has them."""
+    scene, found = sizing.scene, sizing.gap
+    beyond = {"lower": "below", "upper": "above"}
     facts = [
         Fact(
             f"Recommended, {side} stop",
-            millimetres(places[side][0]),
-            f"{millimetres(c)} {places[side][1]} the mean position",
+            millimetres(place),
+            f"{millimetres(sizing.clearance.value)} {beyond[side]} the mean position",
         )
-        for side in sides
+        for side, place in found.recommended.items()
     ]
-    if rest:
+    if found.mean_position:
         facts.insert(
             0,
             Fact(
                 "Mean position",
-                millimetres(rest),
+                millimetres(found.mean_position),
                 "from the unloaded spring, by gravity and constant loads",
             ),
         )
     if scene.impact_pairs:
         pair = scene.impact_pairs[0]
         for side, law in pair.stops():
-            place = getattr(pair, side)
             facts.append(
                 Fact(
                     f"In the scene, {side} stop",
-                    millimetres(place),
-                    f"{millimetres(abs(place - rest))} from the mean position; {_law(law)}",
+                    millimetres(getattr(pair, side)),
+                    f"{millimetres(found.distances[side])} from the mean position; {_law(law)}",
                 )
             )
         facts.append(
             Fact(
                 "Any hit with the stops of the scene",
-                spoken_chance_of_stops(sizing),
+                chance_of_stops(sizing),
                 f"chance in {spoken_mission(sizing.mission)}, each side by its own distance",
             )
         )
-    lead = "Clearances are relative displacements of mass and base, per side. The clearance does "
-    lead += "not depend on the law of the stops as long as no hit is wanted; the hits do."
-    return Section(title="Gap and stops", lead=lead, facts=facts)
+    return Section(
+        title="Gap and stops",
+        lead="Clearances are relative displacements of mass and base, per side. The clearance does "
+        "not depend on the law of the stops as long as no hit is wanted; the hits do.",
+        facts=facts,
+    )
 
 
 def _law(law: Law) -> str:

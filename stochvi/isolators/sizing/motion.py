@@ -1,0 +1,213 @@
+"""The motion of an isolator between its stops at 3 sigma, from one long simulated path."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from stochvi.isolators.contact import contact_on_mount
+from stochvi.isolators.environment import (
+    columns_of,
+    frequencies,
+    input_density,
+    noise_on_base_alone,
+)
+from stochvi.isolators.sizing.hits import at_clearance
+from stochvi.methods.monte_carlo import record_path
+from stochvi.model.model import model_of
+from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.statistics.histograms import SampledDensity
+
+if TYPE_CHECKING:
+    from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.model.model import Model
+    from stochvi.scenes.scene import Scene
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathSettings:
+    """How long the path is and how it is looked at.
+
+    Parameters
+    ----------
+    periods
+        Natural periods of the path: seconds to make, and at 3 sigma of a light mount some hundred
+        hits.
+    burn_in_share
+        Share of the path that is left out at its start, where it is not stationary.
+    fewest_hits
+        Hits from which on percentiles of their speeds are given.
+    percentiles
+        Percentiles of the impact speed.
+    bins, reach
+        Bins of the histogram, and its half width in linear standard deviations, unless the path
+        itself reaches further.
+    segment_periods
+        Natural periods in a segment of Welch's method: they resolve a damping ratio of 2 %.
+    synthesised_share
+        Share of half the sampling rate up to which the density of a path is taken: above, a
+        synthesised path carries what was folded from beyond.
+    exact_ranks, rank_ratio
+        The fastest hits that the table of exceedances holds one by one, and the ratio of the
+        numbers of hits of the rows that follow: few rows show the same curve.
+    """
+
+    periods: float = 20_000.0
+    burn_in_share: float = 0.02
+    fewest_hits: int = 20
+    percentiles: tuple[float, ...] = (50.0, 95.0, 99.0)
+    bins: int = 120
+    reach: float = 4.5
+    segment_periods: float = 60.0
+    synthesised_share: float = 0.7
+    exact_ranks: int = 200
+    rank_ratio: float = 1.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionBetweenStops:
+    """What a long path between stops at 3 sigma shows (SI units).
+
+    Parameters
+    ----------
+    scene
+        The scene that was simulated, its stops at 3 sigma from the mean position.
+    duration, hits
+        Seconds of the path and number of its hits.
+    kurtosis
+        E x^4 / (E x^2)^2 of the displacement about its mean; 3 for a Gaussian motion.
+    mean_position
+        Mean position without stops, m.
+    displacement
+        Histogram of the displacement.
+    faster_hits
+        `impact_speed` (m/s) and the `rate` (1/s) of hits at least so fast; None for few hits.
+    impacts
+        One row per percentile of the impact speed: `percentile`, `impact_speed` and, for stops
+        that give way, `peak_acceleration` (m/s^2), `deflection` (m) and `contact_time` (s) of the
+        harder side, the base at rest meanwhile. None for few hits.
+    transmissibility
+        `frequency_hz` and the apparent `transmissibility`: root of the density of
+        -(b v + omega^2 x), the part of the acceleration that spring and damper cause, over that of
+        the base. None unless noise moves the base and nothing else shakes the mass.
+    """
+
+    scene: Scene
+    duration: float
+    hits: int
+    kurtosis: float
+    mean_position: float
+    displacement: SampledDensity
+    faster_hits: pd.DataFrame | None
+    impacts: pd.DataFrame | None
+    transmissibility: pd.DataFrame | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document; tables are columns."""
+        return {
+            "duration": self.duration,
+            "hits": self.hits,
+            "kurtosis": self.kurtosis,
+            "mean_position": self.mean_position,
+            "displacement": self.displacement.to_dict(),
+            "faster_hits": columns_of(self.faster_hits),
+            "impacts": columns_of(self.impacts),
+            "transmissibility": columns_of(self.transmissibility),
+        }
+
+
+def motion_between_stops(
+    sizing: Sizing, settings: PathSettings | None = None
+) -> MotionBetweenStops:
+    """Simulate one long path of a sized isolator, with its stops at 3 sigma and their laws."""
+    settings = settings or PathSettings()
+    scene = at_clearance(sizing.scene, sizing.three_sigma.clearance)
+    model = model_of(scene)
+    path = record_path(
+        scene,
+        duration=settings.periods * 2.0 * math.pi / model.omega,
+        seed=sizing.seed,
+    )
+    path = path.iloc[round(settings.burn_in_share * len(path)) :]
+    duration = float(path["time"].iloc[-1] - path["time"].iloc[0])
+    speeds = path["impact_speed"].abs().to_numpy()
+    speeds = np.sort(speeds[speeds > 0.0])
+    rest = model.rest
+    samples = path["displacement"].to_numpy()
+    reach = 1.05 * max(float(abs(samples - rest).max()), settings.reach * sizing.sigma)
+    many = len(speeds) >= settings.fewest_hits
+    noisy = noise_on_base_alone(model)
+    return MotionBetweenStops(
+        scene=scene,
+        duration=duration,
+        hits=len(speeds),
+        kurtosis=_kurtosis(samples),
+        mean_position=rest,
+        displacement=SampledDensity.of(samples, settings.bins, rest - reach, rest + reach),
+        faster_hits=_faster_hits(speeds, duration, settings) if many else None,
+        impacts=_impacts(scene, speeds, settings) if many else None,
+        transmissibility=_apparent_transmissibility(model, path, settings) if noisy else None,
+    )
+
+
+def _kurtosis(samples: Vector) -> float:
+    x = samples - samples.mean()
+    return float(np.mean(x**4) / np.mean(x**2) ** 2)
+
+
+def _faster_hits(speeds: Vector, duration: float, settings: PathSettings) -> pd.DataFrame:
+    """Rate of hits at least as fast as each of the sorted speeds, thinned where they are many."""
+    fastest = min(settings.exact_ranks, len(speeds))
+    steps = math.log(len(speeds) / fastest) / math.log(settings.rank_ratio)
+    more = np.geomspace(fastest, len(speeds), math.ceil(steps) + 1).round().astype(int)
+    ranks = np.unique(np.concatenate([np.arange(1, fastest + 1), more]))[::-1]
+    return pd.DataFrame({"impact_speed": speeds[-ranks], "rate": ranks / duration})
+
+
+def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> pd.DataFrame:
+    """Percentiles of impact speed and, of stops that give way, what the mass then feels."""
+    model = model_of(scene)
+    stops = [
+        (abs(stop.position - model.rest), stop.law)
+        for stop in model.stops_per_unit_mass
+        if isinstance(stop.law, CompliantLaw)
+    ]
+    rows = []
+    for percentile in settings.percentiles:
+        speed = float(np.percentile(speeds, percentile))
+        row = {"percentile": percentile, "impact_speed": speed}
+        if stops:
+            contacts = [contact_on_mount(model, law, place, speed) for place, law in stops]
+            row |= max(contacts, key=lambda contact: contact.peak_acceleration)._asdict()
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _apparent_transmissibility(
+    model: Model, path: pd.DataFrame, settings: PathSettings
+) -> pd.DataFrame:
+    step = float(path["time"].iloc[1] - path["time"].iloc[0])
+    period = 2.0 * math.pi / model.omega
+    length = min(round(settings.segment_periods * period / step), len(path))
+    acceleration = model.damping_rate * path["velocity"] + model.omega**2 * (
+        path["displacement"] - model.rest
+    )
+    frequency, density = welch(acceleration.to_numpy(), 1.0 / step, nperseg=length)
+    base = input_density(model, frequency)
+    highest = settings.synthesised_share / (2.0 * step)
+    seen = (frequency > 0.0) & (frequency < highest) & (base > 0.0)
+    seen &= frequency >= frequencies(model)[0]
+    return pd.DataFrame(
+        {
+            "frequency_hz": frequency[seen],
+            "transmissibility": np.sqrt(density[seen] / base[seen]),
+        }
+    )

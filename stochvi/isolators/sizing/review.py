@@ -1,0 +1,430 @@
+"""The review of a sizing: every number that a design review asks for beside the clearance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stochvi.isolators.environment import Environment, environment
+from stochvi.isolators.screening import Screening, predicted_rates
+from stochvi.isolators.sizing.answer import Sizing, records_of
+from stochvi.isolators.sizing.chances import probability_at, two_sided
+from stochvi.isolators.sizing.clatter import clatter
+from stochvi.isolators.sizing.motion import MotionBetweenStops, PathSettings, motion_between_stops
+from stochvi.isolators.tolerances import within_tolerances
+from stochvi.model.model import model_of
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
+from stochvi.scenes.excitations import DensityNoise
+from stochvi.scenes.structures import Oscillator
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PLACES = ("three_sigma", "recommended")
+"""The clearances that a review looks at closely: names of `Sizing.evidence`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeakSettings:
+    """What peak accelerations are simulated for.
+
+    Parameters
+    ----------
+    window
+        Seconds of which the largest acceleration is taken: some hundred cycles of a usual mount.
+    stiffness_ratios
+        Stiffness of the stops over that of the mount: soft rubber, hard rubber, metal.
+    multiples
+        Clearances for those stops, in linear standard deviations.
+    rel_error, seconds
+        Relative standard error of a peak, and the seconds that each may take.
+    """
+
+    window: float = 18.0
+    stiffness_ratios: tuple[float, ...] = (10.0, 100.0, 1000.0)
+    multiples: tuple[float, ...] = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0)
+    rel_error: float = 0.05
+    seconds: float = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReviewSettings:
+    """What a review simulates, and `closure_points`, the clearances of the closure's curve."""
+
+    path: PathSettings = field(default_factory=PathSettings)
+    peaks: PeakSettings = field(default_factory=PeakSettings)
+    closure_points: int = 41
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mount:
+    """An isolator's natural frequency, damping and, in m, sag under 1 g (None for an oscillator).
+
+    `quality_factor` is None without damping.
+    """
+
+    natural_frequency_hz: float
+    damping_ratio: float
+    quality_factor: float | None
+    static_sag: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chance:
+    """Chance of any hit in the mission and of none; None where they are not known."""
+
+    any_hit: float | None
+    no_hit: float | None
+
+    @classmethod
+    def of(cls, any_hit: float | None) -> Chance:
+        """From the chance of any hit."""
+        return cls(any_hit=any_hit, no_hit=None if any_hit is None else 1.0 - any_hit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearMotion:
+    """What linear theory adds to `Screening` for the mission.
+
+    Parameters
+    ----------
+    miles_error
+        Miles' equation over the integral of the response, less 1; None where it is not valid.
+    rice_rate_at_three_sigma
+        Hits per second at 3 sigma by Rice, as if hits changed nothing.
+    largest_displacement, largest_in_sigma
+        Expected largest distance from the mean position in the mission, m and standard deviations
+        (Davenport 1964).
+    """
+
+    miles_error: float | None
+    rice_rate_at_three_sigma: float
+    largest_displacement: float
+    largest_in_sigma: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HitsAt:
+    """Simulated hits at one clearance, on all stops; None is not known, as where no hit was seen.
+
+    `rate` is in 1/s and `expected` the number in the mission, each with its 95 % limits. `by` says
+    whether bursts or the whole motion was simulated.
+    """
+
+    rate: float | None
+    rate_low: float
+    rate_high: float
+    expected: float | None
+    expected_low: float
+    expected_high: float
+    hits_per_first_hit: float | None
+    impact_speed_mean: float | None
+    by: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """A quantity without stops by linear theory, and with stops at 3 sigma and as recommended.
+
+    SI units; None is not known. `quantity` is a name as in `Response`, "stop_acceleration" (mean
+    of the peak forces over the mass, m/s^2) or "lost_power" (W/kg, taken by the stops).
+    """
+
+    quantity: str
+    without_stops: float | None
+    three_sigma: Estimate | None
+    recommended: Estimate | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {
+            name: value.to_dict() if isinstance(value, Estimate) else value
+            for name, value in vars(self).items()
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Review:
+    """A sizing with everything that its report shows.
+
+    Parameters
+    ----------
+    sizing
+        The sizing under review.
+    environment, mount
+        What shakes the mount, and the mount itself.
+    linear
+        None where the sizing has no screening.
+    closure
+        Hit rates by the moment closure, as `predicted_rates`; None unless both stops are rigid.
+    chances
+        Of any hit, and of none, in the mission at each of `PLACES`.
+    hits
+        Hits at each of `PLACES`; None where they were not simulated.
+    comparisons
+        Quantities with and without stops.
+    motion
+        A long path between stops at 3 sigma; None for a scene without stops.
+    peaks
+        As from `clatter`, at 3 sigma and as recommended, then for other stiffnesses; None where
+        the stops have no stiffness. `peak_window` is its window, s.
+    sensitivity
+        As from `sensitivity`, or from `within_tolerances`; None where neither applies.
+    warnings, assumptions
+        In words: what must be known before any number is believed, and what is taken for granted.
+    """
+
+    sizing: Sizing
+    environment: Environment
+    mount: Mount
+    linear: LinearMotion | None
+    closure: pd.DataFrame | None
+    chances: Mapping[str, Chance]
+    hits: Mapping[str, HitsAt | None]
+    comparisons: tuple[Comparison, ...]
+    motion: MotionBetweenStops | None
+    peaks: pd.DataFrame | None
+    peak_window: float
+    sensitivity: pd.DataFrame | None
+    warnings: tuple[str, ...]
+    assumptions: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document of the sizing, and under "review" what the review adds to it."""
+        return self.sizing.to_dict() | {
+            "review": {
+                "environment": self.environment.to_dict(),
+                "mount": asdict(self.mount),
+                "linear": None if self.linear is None else asdict(self.linear),
+                "closure": None if self.closure is None else records_of(self.closure),
+                "chances": {place: asdict(chance) for place, chance in self.chances.items()},
+                "hits": {place: hits and asdict(hits) for place, hits in self.hits.items()},
+                "comparisons": [row.to_dict() for row in self.comparisons],
+                "motion": None if self.motion is None else self.motion.to_dict(),
+                "peaks": None if self.peaks is None else records_of(self.peaks),
+                "peak_window": self.peak_window,
+                "sensitivity": None if self.sensitivity is None else records_of(self.sensitivity),
+                "warnings": list(self.warnings),
+                "assumptions": list(self.assumptions),
+            }
+        }
+
+
+def review(
+    sizing: Sizing,
+    sensitivity: pd.DataFrame | None = None,
+    settings: ReviewSettings | None = None,
+) -> Review:
+    """Calculate and simulate everything that the report of a sizing shows.
+
+    Parameters
+    ----------
+    sizing
+        From `size`.
+    sensitivity
+        From `sensitivity`; by default linear theory within the tolerances of the isolator.
+    settings
+        Lengths of simulations.
+    """
+    settings = settings or ReviewSettings()
+    if sensitivity is None and sizing.screening is not None:
+        sensitivity = within_tolerances(sizing.scene, sizing.clearance.value)
+    stopped = bool(sizing.scene.impact_pairs)
+    return Review(
+        sizing=sizing,
+        environment=environment(sizing.scene),
+        mount=_mount(sizing),
+        linear=_linear(sizing),
+        closure=_closure(sizing, settings.closure_points),
+        chances=_chances(sizing),
+        hits=_hits(sizing),
+        comparisons=_comparisons(sizing),
+        motion=motion_between_stops(sizing, settings.path) if stopped else None,
+        peaks=peak_accelerations(sizing, settings.peaks),
+        peak_window=settings.peaks.window,
+        sensitivity=sensitivity,
+        warnings=_warnings(sizing),
+        assumptions=_assumptions(sizing),
+    )
+
+
+def peak_accelerations(sizing: Sizing, settings: PeakSettings) -> pd.DataFrame | None:
+    """`clatter` at 3 sigma and as recommended, then for other stiffnesses where that means
+    something; None where it does not apply, as for stops with a restitution alone."""
+    import pandas as pd
+
+    common: dict[str, Any] = {
+        "window": settings.window,
+        "rel_error": settings.rel_error,
+        "budget": settings.seconds,
+        "seed": sizing.seed,
+    }
+    places = [sizing.three_sigma.clearance, sizing.clearance.value]
+    try:
+        own = clatter(sizing.scene, places, **common)
+    except NotApplicable:
+        return None
+    try:
+        others = clatter(
+            sizing.scene,
+            [multiple * sizing.sigma for multiple in settings.multiples],
+            stiffness_ratios=settings.stiffness_ratios,
+            **common,
+        )
+    except NotApplicable:
+        return own
+    return pd.concat([own, others], ignore_index=True)
+
+
+def _mount(sizing: Sizing) -> Mount:
+    structure = sizing.scene.structure
+    assert isinstance(structure, Oscillator)
+    ratio = structure.damping_rate / (2.0 * structure.omega)
+    return Mount(
+        natural_frequency_hz=structure.omega / (2.0 * math.pi),
+        damping_ratio=ratio,
+        quality_factor=0.5 / ratio if ratio else None,
+        static_sag=getattr(structure, "sag", None),
+    )
+
+
+def _linear(sizing: Sizing) -> LinearMotion | None:
+    screening = sizing.screening
+    if screening is None:
+        return None
+    largest = largest_peak(2.0 * screening.zero_crossing_rate * sizing.mission)
+    return LinearMotion(
+        miles_error=_miles_error(screening),
+        rice_rate_at_three_sigma=sizing.three_sigma.rice_hits / sizing.mission,
+        largest_displacement=largest * sizing.sigma,
+        largest_in_sigma=largest,
+    )
+
+
+def _miles_error(screening: Screening) -> float | None:
+    return None if screening.miles is None else screening.miles / screening.acceleration_std - 1.0
+
+
+def largest_peak(count: float) -> float:
+    """Mean of the largest of `count` peaks in standard deviations (Davenport 1964).
+
+    >>> round(largest_peak(600.0), 6)
+    3.738226
+    """
+    root = math.sqrt(2.0 * math.log(max(count, math.e)))
+    return root + float(np.euler_gamma) / root
+
+
+def _closure(sizing: Sizing, points: int) -> pd.DataFrame | None:
+    """Hit rates by the moment closure, where both stops are rigid and it applies."""
+    scene, clearances = sizing.scene, sizing.curve["clearance"]
+    pairs = scene.impact_pairs
+    if sizing.screening is None or not pairs or not two_sided(scene):
+        return None
+    if not all(law.rigid for _, law in pairs[0].stops()):
+        return None
+    try:
+        return predicted_rates(scene, list(np.linspace(clearances.min(), clearances.max(), points)))
+    except NotApplicable:
+        return None
+
+
+def _chances(sizing: Sizing) -> dict[str, Chance]:
+    return {
+        "three_sigma": Chance.of(sizing.three_sigma.probability.value),
+        "recommended": Chance.of(probability_at(sizing, sizing.clearance.value)),
+    }
+
+
+def _hits(sizing: Sizing) -> dict[str, HitsAt | None]:
+    places = (sizing.three_sigma.clearance, sizing.clearance.value)
+    return {name: _hits_at(sizing, place) for name, place in zip(PLACES, places, strict=True)}
+
+
+def _hits_at(sizing: Sizing, clearance: float) -> HitsAt | None:
+    table = sizing.simulated
+    near = table[np.isclose(table["clearance"], clearance)] if len(table) else table
+    if not len(near):
+        return None
+    (row, *_) = records_of(near)
+    rate, mission = row["hit_rate"], sizing.mission
+    return HitsAt(
+        rate=rate,
+        rate_low=row["hit_rate_low"],
+        rate_high=row["hit_rate_high"],
+        expected=None if rate is None else mission * rate,
+        expected_low=mission * row["hit_rate_low"],
+        expected_high=mission * row["hit_rate_high"],
+        hits_per_first_hit=row["hits_per_first_hit"],
+        impact_speed_mean=row["impact_speed_mean"],
+        by=row["by"],
+    )
+
+
+def _comparisons(sizing: Sizing) -> tuple[Comparison, ...]:
+    """Quantities that at least one simulation knows."""
+    scene = sizing.scene
+    wanted = [
+        ("displacement_std", "displacement_std", 1.0),
+        ("velocity_std", "velocity_std", 1.0),
+        ("acceleration_std", "acceleration_std", 1.0),
+        ("peak_force", "peak_force", 1.0),
+        ("stop_acceleration", "peak_force", 1.0 / model_of(scene).unit_mass),
+        ("contact_probability", "contact_probability", 1.0),
+    ]
+    restitutions = {law.restitution for pair in scene.impact_pairs for _, law in pair.stops()}
+    if len(restitutions) == 1:  # F2 is that of both sides together
+        lost = (1.0 - restitutions.pop() ** 2) / 2.0
+        wanted.append(("lost_power", "impact_speed_square_rate", lost))
+    rows = []
+    for quantity, source, factor in wanted:
+        found = [
+            _estimate(sizing.evidence[place], source, factor) if place in sizing.evidence else None
+            for place in PLACES
+        ]
+        if any(estimate is not None for estimate in found):
+            rows.append(
+                Comparison(
+                    quantity=quantity,
+                    without_stops=getattr(sizing.screening, quantity, None),
+                    three_sigma=found[0],
+                    recommended=found[1],
+                )
+            )
+    return tuple(rows)
+
+
+def _estimate(answer: Response, quantity: str, factor: float) -> Estimate | None:
+    """An estimate of the mass, or of its one impact pair, times a factor."""
+    for (_, name), estimate in answer.estimates().items():
+        if name == quantity:
+            return estimate * factor
+    return None
+
+
+def _warnings(sizing: Sizing) -> tuple[str, ...]:
+    """Those of the sizing, of the screening and of measured records, each once."""
+    found = list(sizing.warnings)
+    if sizing.screening is not None:
+        found += sizing.screening.notes
+    model = model_of(sizing.scene)
+    for excitation in sizing.scene.excitations:
+        if isinstance(excitation, DensityNoise):
+            found += excitation.cautions(model.omega, model.damping_rate)
+    return tuple(dict.fromkeys(found))
+
+
+def _assumptions(sizing: Sizing) -> tuple[str, ...]:
+    """Those of the scene, then assumptions and warnings of the simulations, that no warning of the
+    review repeats."""
+    above = _warnings(sizing)
+    texts = list(sizing.scene.assumptions())
+    for answer in sizing.evidence.values():
+        texts += [*answer.assumptions, *answer.warnings]
+    return tuple(dict.fromkeys(text for text in texts if text not in above))

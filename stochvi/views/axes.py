@@ -1,0 +1,109 @@
+"""What all pictures share: axes, colours, units of length, the stops, the grid and the legend."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
+
+if TYPE_CHECKING:
+    from stochvi.scenes.scene import Scene
+
+COLOURS = {
+    "exact": "#1b1b1b",
+    "simulate": "#0b6fb8",
+    "linearise:closure": "#d1495b",
+    "linearise:motion": "#e0a030",
+    "linearise:force": "#3a8f5c",
+    "fokker-planck": "#7a4fa3",
+    "stop": "#8a8f98",
+}
+"""One colour per method, the same in every picture."""
+
+GRID_COLOUR = "#dddddd"
+"""Colour of the lines of a grid."""
+
+LENGTH_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"))
+"""Units of length that axes may have: metres in the unit, and its name."""
+
+SCREEN, PAGE = (6.4, 4.0), (5.2, 3.5)
+"""Sizes of figures in inches: for a screen, and for half the width of a page, where letters of 10
+points read well on a telephone too."""
+
+PLAIN_NUMBERS = (1e-4, 2e4)
+"""A logarithmic axis within these limits is labelled by numbers, another one by powers of ten."""
+
+FEW_DECADES = 300.0
+"""Ratio of the ends of an axis below which 2 and 5 are labelled too."""
+
+LEGEND_COLUMNS = 2
+"""Columns of a legend: more do not fit above a picture of half a page."""
+
+
+def axes_or_new(ax: Axes | None, size: tuple[float, float] = SCREEN) -> Axes:
+    """The axes that are given, or those of a new figure of this size in inches."""
+    if ax is not None:
+        return ax
+    made: Axes = plt.subplots(figsize=size, layout="constrained")[1]
+    return made
+
+
+def add_title(ax: Axes, title: str) -> Axes:
+    """Set the title of the figure that holds these axes."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.suptitle(title)
+    return ax
+
+
+def add_grid(ax: Axes) -> None:
+    """Draw thin lines at the labelled values."""
+    ax.grid(which="major", color=GRID_COLOUR, linewidth=0.6)
+
+
+def length_unit(size: float) -> tuple[float, str]:
+    """Unit in which lengths of this size read well: (metres, name)."""
+    return next((unit for unit in LENGTH_UNITS if size >= 0.2 * unit[0]), LENGTH_UNITS[-1])
+
+
+def draw_stops(ax: Axes, scene: Scene, unit: float, *, vertical: bool) -> None:
+    """The stops as grey walls; the view is widened where it does not reach them."""
+    limits, span, set_limits = (
+        (ax.get_xlim, ax.axvspan, ax.set_xlim)
+        if vertical
+        else (ax.get_ylim, ax.axhspan, ax.set_ylim)
+    )
+    stops = [
+        (position / unit, side)
+        for pair in scene.expanded.impact_pairs
+        for position, side in ((pair.lower, -1.0), (pair.upper, 1.0))
+        if position is not None
+    ]
+    low, high = limits()
+    margin = 0.08 * (high - low)
+    for place, side in stops:
+        low = min(low, place - margin) if side < 0.0 else low
+        high = max(high, place + margin) if side > 0.0 else high
+    for place, side in stops:
+        edges = (low, place) if side < 0.0 else (place, high)
+        span(*edges, color=COLOURS["stop"], alpha=0.35, linewidth=0)
+    set_limits(low, high)
+
+
+def label_for_page(ax: Axes, x: str, y: str) -> None:
+    """Label the axes of a picture on a page, with a grid and a legend above the picture."""
+    for axis in (ax.xaxis, ax.yaxis):
+        low, high = sorted(axis.get_view_interval())
+        if axis.get_scale() == "log" and low >= PLAIN_NUMBERS[0] and high <= PLAIN_NUMBERS[1]:
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
+            if high < FEW_DECADES * low:
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)
+    add_grid(ax)
+    ax.set_axisbelow(True)
+    ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
+              ncols=LEGEND_COLUMNS)  # fmt: skip
