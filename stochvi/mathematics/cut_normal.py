@@ -14,7 +14,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(64)
+from stochvi.mathematics.quadrature import gauss_legendre
+
+NODES, WEIGHTS = gauss_legendre(64)
+"""Gauss-Legendre rule in each panel of a density."""
+
 CUT = 50.0
 """Panels end where the density has fallen by e^-50, far below rounding."""
 

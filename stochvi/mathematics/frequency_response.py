@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.quadrature import gauss_legendre, gauss_panels
 from stochvi.mathematics.spectra import Table
 
 Vector = NDArray[np.float64]
@@ -55,9 +56,7 @@ def quadrature(table: Table, stiffness: Matrix, damping: Matrix) -> tuple[Vector
         edges += [np.array([resonance]), resonance + offsets, resonance - offsets]
     cuts = np.unique(np.concatenate(edges))
     cuts = cuts[(cuts >= low) & (cuts <= high)]
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    half, middle = np.diff(cuts)[:, None] / 2.0, (cuts[1:] + cuts[:-1])[:, None] / 2.0
-    return (middle + half * nodes).ravel(), (half * weights).ravel()
+    return gauss_panels(cuts, NODES)
 
 
 def eigenvalues(stiffness: Matrix, damping: Matrix) -> Waves:
@@ -118,7 +117,7 @@ def bin_amplitudes(
     phases, which tell modes from one another, are those of H in its middle. What lies below the
     first bin is added to it. Both (count - 1, n).
     """
-    nodes, weights = np.polynomial.legendre.leggauss(NODES_OF_BIN)
+    nodes, weights = gauss_legendre(NODES_OF_BIN)
     edges = (np.arange(count) + 0.5) / length
     low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
     cuts = np.unique(np.concatenate([edges, table.frequency_hz]))

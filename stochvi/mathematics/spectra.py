@@ -13,7 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+from stochvi.mathematics.quadrature import gauss_panels
+
+NODES = 16
+"""Gauss-Legendre nodes in each panel of a table."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -215,6 +218,4 @@ def _quadrature(
         ]
     )
     edges = np.unique(edges[(edges >= low) & (edges <= high)])
-    half = np.diff(edges)[:, None] / 2.0
-    middle = (edges[:-1, None] + edges[1:, None]) / 2.0
-    return (middle + half * NODES).ravel(), (half * WEIGHTS).ravel()
+    return gauss_panels(edges, NODES)

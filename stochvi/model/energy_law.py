@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
+from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import System
 
@@ -29,7 +30,9 @@ Matrix = NDArray[np.float64]
 CONTINUOUS, FINITE_JUMPS, UNFOLDED = "continuous", "finite jumps", "unfolded"
 VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+NODES, WEIGHTS = gauss_legendre(12)
+"""Gauss-Legendre rule of each panel of energies, and of each cycle of an orbit."""
+
 INTEGRATED = np.polynomial.legendre.Legendre.basis
 """Of a Legendre polynomial, by its degree."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, field_validator, model_validator
 
+from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.scenes.validation import (
     Checked,
@@ -350,7 +351,8 @@ class NonlinearOscillator(Checked):
 ABOUT_ZERO = np.array([-1e-9, 0.0, 1e-9])
 """Where functions are looked at once: no length is known that others could be measured by."""
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+NODES, WEIGHTS = gauss_legendre(16)
+"""Gauss-Legendre rule on each interval of an integral of a force."""
 
 MOST_HALVINGS = 60
 """Of an interval about a kink or a jump, until it holds nothing."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -202,17 +202,3 @@ def given(part: BaseModel, *names: str) -> str:
 def _short(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def check_oscillators(columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Arrays of oscillators between stops: ValueError that names the first column that is wrong."""
-    for name, column in columns.items():
-        if np.isnan(column).any():
-            raise ValueError(f"{name} must be numbers, got nan")
-        if name in ("omega", "damping_rate", "intensity") and (column < 0.0).any():
-            raise ValueError(f"{name} must be at least 0, got {column.min():g}")
-        outside = (column < 0.0) | (column > 1.0)
-        if name.startswith("restitution") and outside.any():
-            raise ValueError(f"{name} must be in [0, 1], got {column[outside][0]:g}")
-    if not (columns["lower"] < columns["upper"]).all():
-        raise ValueError("needs lower < upper in every scene")

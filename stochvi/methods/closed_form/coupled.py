@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.impact_rates import ContactStatistics
+from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.model.assembly import Contact
 from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
 
@@ -163,16 +164,14 @@ class CoupledLaw:
     def _rule(self, nodes: int, fixed: tuple[int, float] | None = None) -> Rule:
         """The product rule; with `fixed` = (pair, y) on the plane where one coordinate is y."""
         places, weights = [], []
-        root, share = np.polynomial.legendre.leggauss(nodes)
         for place in range(len(self.contacts)):
             if fixed is not None and fixed[0] == place:
                 places.append(np.array([fixed[1]]))
                 weights.append(np.ones(1))
                 continue
-            edges = np.array(self._panels(place))
-            half = np.diff(edges)[:, None] / 2.0
-            places.append(((edges[:-1, None] + edges[1:, None]) / 2.0 + half * root).ravel())
-            weights.append((half * share).ravel())
+            panel_nodes, panel_weights = gauss_panels(self._panels(place), nodes)
+            places.append(panel_nodes)
+            weights.append(panel_weights)
         if math.prod(map(len, places)) > MOST_POINTS:
             raise Intractable(f"the quadrature over {len(places)} coupled pairs is too large")
         grid = np.meshgrid(*places, indexing="ij", sparse=True)

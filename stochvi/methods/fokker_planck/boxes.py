@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.fokker_planck.mesh import Array, gauss
-
-Booleans = NDArray[np.bool_]
+from stochvi.mathematics.quadrature import gauss_panels
+from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.model.oscillator_arrays import Booleans, OscillatorArrays
 
 LAW_REACH = 6.0
 """The law exp(-energy / s^2) is cut at the energy LAW_REACH^2 / 2 in units of s^2, where it is
@@ -27,51 +27,6 @@ BISECTIONS = 24
 
 DOUBLINGS = 400
 """More than the range of speeds that a scene may have calls for."""
-
-
-class Scenes(NamedTuple):
-    """Scenes per unit mass in arrays of one length, SI units; a stop that is not there is infinite.
-
-    x'' + damping_rate x' + omega^2 x = white noise of intensity S0 + load.
-    """
-
-    omega: Array
-    damping_rate: Array
-    intensity: Array
-    load: Array
-    lower: Array
-    upper: Array
-    restitution_lower: Array
-    restitution_upper: Array
-
-    def elastic(self) -> Booleans:
-        """Whether no stop loses energy."""
-        kept_lower = (self.restitution_lower == 1.0) | np.isinf(self.lower)
-        kept: Booleans = kept_lower & ((self.restitution_upper == 1.0) | np.isinf(self.upper))
-        return kept
-
-    def force(self, x: Array) -> Array:
-        """Of spring and load at x, per unit mass."""
-        return self.load - self.omega**2 * x
-
-    def lowest(self) -> Array:
-        """Where the potential energy of spring and load is lowest between the stops."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rest = self.load / self.omega**2
-        # without spring and load every place is as low: nearest to 0
-        rest = np.where(np.isnan(rest), 0.0, rest)
-        place: Array = np.clip(rest, self.lower, self.upper)
-        return place
-
-    def climb(self, energy: Array) -> Array:
-        """How far from the lowest place the potential energy rises by `energy`; may be infinite."""
-        slope = np.abs(self.force(self.lowest()))
-        # clear of rounding where the lowest place is the rest position itself
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inside = self.load / self.omega**2 == self.lowest()
-            slope = np.where(inside, 0.0, slope)
-            away: Array = 2.0 * energy / (slope + np.sqrt(slope**2 + 2.0 * self.omega**2 * energy))
-        return away
 
 
 class Boxes(NamedTuple):
@@ -111,7 +66,7 @@ class Boxes(NamedTuple):
         return xi * (self.force[:, None] + self.stiffness[:, None] * xi / 2.0) - rise[:, None]
 
 
-def speed_scale(scenes: Scenes) -> Array:
+def speed_scale(scenes: OscillatorArrays) -> Array:
     """The speed s at which the law exp(-energy / s^2) takes up the power of the noise, m/s.
 
     b s^2 + sum over stops of (1 - R^2) p s^3 / sqrt(2 pi) = S0 / 2, with p the density at the
@@ -139,21 +94,21 @@ def speed_scale(scenes: Scenes) -> Array:
         middle = np.sqrt(low * high)
         above = _power_taken(scenes, middle) > power
         low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return np.where(scenes.elastic() & damped, free, np.sqrt(low * high))
+    return np.where(scenes.elastic & damped, free, np.sqrt(low * high))
 
 
-def _swing(scenes: Scenes, power: Array) -> Array:
+def _swing(scenes: OscillatorArrays, power: Array) -> Array:
     with np.errstate(divide="ignore"):
         return np.sqrt(power / scenes.omega)
 
 
-def _power_taken(scenes: Scenes, speed: Array) -> Array:
+def _power_taken(scenes: OscillatorArrays, speed: Array) -> Array:
     """By damping and by the stops, under the law exp(-energy / s^2)."""
     lowest, energy = scenes.lowest(), speed**2 * LAW_REACH**2 / 2.0
     climb = scenes.climb(energy)
     left = np.minimum(lowest - scenes.lower, climb)
     right = np.minimum(scenes.upper - lowest, climb)
-    y, weights = gauss(np.stack([-left, np.zeros_like(left), right], axis=1), LAW_NODES)
+    y, weights = gauss_panels(np.stack([-left, np.zeros_like(left), right], axis=1), LAW_NODES)
 
     def density(offset: Array) -> Array:
         slope = scenes.force(lowest) / speed**2
@@ -162,10 +117,7 @@ def _power_taken(scenes: Scenes, speed: Array) -> Array:
 
     mass = np.sum(weights * density(y.T).T, axis=1)
     taken = scenes.damping_rate * speed**2
-    for stop, restitution in (
-        (scenes.lower, scenes.restitution_lower),
-        (scenes.upper, scenes.restitution_upper),
-    ):
+    for stop, restitution in scenes.stops:
         there = np.isfinite(stop)
         at_stop = density(np.where(there, stop, lowest) - lowest) / mass
         loss = (1.0 - restitution**2) * at_stop * speed**3 / math.sqrt(2.0 * math.pi)
@@ -173,7 +125,7 @@ def _power_taken(scenes: Scenes, speed: Array) -> Array:
     return taken
 
 
-def boxes(scenes: Scenes, speed: Array, reach: float) -> Boxes:
+def boxes(scenes: OscillatorArrays, speed: Array, reach: float) -> Boxes:
     """The boxes that scenes are solved in: mirrored so that a single stop is on the right.
 
     `speed` is the scale s, in what follows widened where the law has a heavier tail. Where no
@@ -215,7 +167,7 @@ def boxes(scenes: Scenes, speed: Array, reach: float) -> Boxes:
     )
 
 
-def _widening(scenes: Scenes, speed: Array) -> Array:
+def _widening(scenes: OscillatorArrays, speed: Array) -> Array:
     """From 1 to 1 + LEANING, the more a mass leans on a stop and the more that stop takes.
 
     Such a mass lies near the stop most of the time, at a lower speed than s, with rare excursions

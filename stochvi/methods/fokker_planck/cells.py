@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, gauss, gauss_rule, lobatto
+from stochvi.mathematics.quadrature import gauss_legendre, gauss_panels
+from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, lobatto
 
 Indices = NDArray[np.intp]
 Law = Callable[[Array], Array]
@@ -40,11 +41,11 @@ class VelocityCells:
 
     def _tabulate(self) -> None:
         """g at the Gauss nodes of each cell (cell, node), and the functions there."""
-        u, weights = gauss(self.breaks, self.degree + EXTRA_NODES)
+        u, weights = gauss_panels(self.breaks, self.degree + EXTRA_NODES)
         shape = (self.cells, -1)
         self.u = u.reshape(shape)
         self.weights = (weights * np.exp(-(u**2) / 2.0)).reshape(shape)
-        points = gauss_rule(self.degree + EXTRA_NODES)[0]
+        points = gauss_legendre(self.degree + EXTRA_NODES)[0]
         values, slopes = lobatto(self.degree, points)
         self.local_values = values
         self.local_slopes = slopes[None] * (2.0 / np.diff(self.breaks))[:, None, None]
@@ -73,7 +74,7 @@ class VelocityCells:
         left, right = self.breaks[:-1], self.breaks[1:]
         middle = np.clip(kinks[:, None], left, right)
         edges = np.stack(np.broadcast_arrays(left, middle, right), axis=-1)
-        u, weights = gauss(edges, self.degree + EXTRA_NODES)
+        u, weights = gauss_panels(edges, self.degree + EXTRA_NODES)
         length = (right - left)[:, None]
         values, slopes = lobatto(self.degree, 2.0 * (u - left[:, None]) / length - 1.0)
         return u, weights * np.exp(-(u**2) / 2.0), values, slopes * (2.0 / length[..., None])
@@ -115,7 +116,7 @@ class VelocityCells:
     def above(self, slowest: float, power: int, side: int) -> Array:
         """Integrals of g |u|^power N_k over side * u > slowest."""
         edges = np.unique(np.maximum(side * self.breaks, slowest))
-        u, weights = gauss(edges, self.degree + EXTRA_NODES)
+        u, weights = gauss_panels(edges, self.degree + EXTRA_NODES)
         found: Array = (weights * u**power * np.exp(-(u**2) / 2.0)) @ self.values(side * u)
         return found
 
@@ -127,7 +128,7 @@ def passed_on(test: VelocityCells, trial: VelocityCells, side: int) -> Array:
     """
     edges = np.union1d(test.breaks, trial.breaks)
     edges = edges[side * edges >= 0.0]
-    u, weights = gauss(edges, max(test.degree, trial.degree) + EXTRA_NODES)
+    u, weights = gauss_panels(edges, max(test.degree, trial.degree) + EXTRA_NODES)
     weights = weights * np.abs(u) * np.exp(-(u**2) / 2.0)
     rows, columns = (test.plus, trial.plus) if side > 0 else (test.minus, trial.minus)
     found: Array = test.values(u)[:, rows].T @ (weights[:, None] * trial.values(u)[:, columns])
@@ -141,7 +142,7 @@ def given_back(cells: VelocityCells, leaving: Law, side: int) -> Array:
     functions that arrive, rows those that leave.
     """
     edges = _edges(side * cells.breaks, -side * cells.breaks, leaving)
-    w, weights = gauss(edges, cells.degree + EXTRA_NODES)
+    w, weights = gauss_panels(edges, cells.degree + EXTRA_NODES)
     weights = weights * w * np.exp(-(w**2) / 2.0)
     arriving, inward = (cells.plus, cells.minus) if side > 0 else (cells.minus, cells.plus)
     came = weights[:, None] * cells.values(side * w)[:, arriving]

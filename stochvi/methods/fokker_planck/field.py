@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.cells import Indices, VelocityCells
-from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, gauss, legendre
+from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, legendre
 from stochvi.methods.fokker_planck.motion import Frame, Stop
 from stochvi.methods.fokker_planck.strips import Solved, Strip
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
@@ -196,7 +197,7 @@ class Field:
         beyond = np.zeros(folded.shape)
         for k, (e, where) in enumerate(zip(strips, local, strict=True)):
             strip = self.solved.strips[e]
-            points, weights = gauss([where, 1.0], strip.degree + EXTRA_NODES)
+            points, weights = gauss_panels([where, 1.0], strip.degree + EXTRA_NODES)
             offset = strip.near + (points + 1.0) / 2.0 * strip.length
             place = self.frame.centre + self.frame.length * (strip.anchor + offset)
             weights = weights * strip.length / 2.0 * self.frame.length * self._weight(place)
@@ -323,7 +324,7 @@ class Field:
         folded, sign = self._folded(np.array([stop.position]))
         side = int(stop.side * sign[0])
         strip, q = self._leaving(folded, side)
-        u, weights = gauss(np.unique(np.maximum(side * strip.cells.breaks, 0.0)), NODES)
+        u, weights = gauss_panels(np.unique(np.maximum(side * strip.cells.breaks, 0.0)), NODES)
         w = self.frame.speed * u
         rate = self.frame.speed * weights * u * np.exp(-(u**2) / 2.0) * strip.cells.at(side * u, q)
         kept = stop.kept(w)

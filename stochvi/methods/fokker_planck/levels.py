@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.boxes import FARTHEST_STOP, Booleans, Boxes, Scenes, boxes
+from stochvi.methods.fokker_planck.boxes import FARTHEST_STOP, Boxes, boxes
 from stochvi.methods.fokker_planck.half_range import BoxMoments, box_moments
 from stochvi.methods.fokker_planck.mesh import Array, Mesh
+from stochvi.model.oscillator_arrays import Booleans, OscillatorArrays
 
 CHUNK = 64
 """Boxes solved together: enough to hide the price of a call, few enough to fit into memory."""
@@ -75,7 +76,7 @@ class Solution(NamedTuple):
     unresolved_upper: Array
 
 
-def solve(scenes: Scenes, speed: Array, level: Level, threshold: Array) -> Solution:
+def solve(scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array) -> Solution:
     """Averages on the meshes of a level; `speed` is the scale s, `threshold` in m/s."""
     scaled = boxes(scenes, speed, level.one_stop.reach)
     slowest = threshold / scaled.speed
@@ -113,7 +114,7 @@ def _in_si(scaled: Boxes, found: BoxMoments) -> Solution:
     return Solution(averages, *sides[-2:])
 
 
-def unreached(scenes: Scenes, speed: Array, upcrossing_rate: Array) -> Moments:
+def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) -> Moments:
     """Bounds on what stops see that no box reaches: exp(-energy / t) times the rate of crossing.
 
     That is Rice's rate with Rayleigh's law of speeds; 0 for the other quantities, and for the
@@ -141,7 +142,7 @@ def unreached(scenes: Scenes, speed: Array, upcrossing_rate: Array) -> Moments:
     )
 
 
-def _leans(scenes: Scenes) -> Booleans:
+def _leans(scenes: OscillatorArrays) -> Booleans:
     """Whether spring and load press the mass on a stop that loses energy."""
     lowest = scenes.lowest()
     lower = (lowest == scenes.lower) & (scenes.restitution_lower < 1.0)
@@ -149,7 +150,7 @@ def _leans(scenes: Scenes) -> Booleans:
     return np.asarray(lower | upper, dtype=np.bool_)
 
 
-def _damper_alone(scenes: Scenes) -> Array:
+def _damper_alone(scenes: OscillatorArrays) -> Array:
     """E v^2 without stops, S0 / (2 b); infinite without damping."""
     with np.errstate(divide="ignore"):
         return np.asarray(scenes.intensity / (2.0 * scenes.damping_rate), dtype=np.float64)
@@ -166,7 +167,7 @@ FLOOR = 1e-6
 """Relative error that every answer is granted: the ends of the box, and rounding."""
 
 
-def errors(scenes: Scenes, coarse: Moments, fine: Solution, far: Moments) -> Moments:
+def errors(scenes: OscillatorArrays, coarse: Moments, fine: Solution, far: Moments) -> Moments:
     """Bounds on the errors of `fine`, from a coarser answer and from stops out of reach.
 
     Of the impacts too slow for the mesh a part (1 - R)^2 is taken for wrong, as was found against

@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+
+from stochvi.mathematics.quadrature import gauss_panels
 
 Array = NDArray[np.float64]
 
@@ -85,23 +87,6 @@ def lobatto(degree: int, x: Array) -> tuple[Array, Array]:
     return values, slopes
 
 
-@cache
-def gauss_rule(nodes: int) -> tuple[Array, Array]:
-    """Nodes and weights of Gauss's rule from -1 to 1."""
-    points, weights = np.polynomial.legendre.leggauss(nodes)
-    return points, weights
-
-
-def gauss(breaks: ArrayLike, nodes: int) -> tuple[Array, Array]:
-    """Nodes and weights of Gauss's rule on each interval between breaks (last axis), joined."""
-    points, weights = gauss_rule(nodes)
-    ends = np.asarray(breaks, dtype=float)
-    half = np.diff(ends)[..., None] / 2.0
-    centre = (ends[..., 1:] + ends[..., :-1])[..., None] / 2.0
-    shape = (*ends.shape[:-1], -1)
-    return (centre + half * points).reshape(shape), (half * weights).reshape(shape)
-
-
 class VelocityBasis:
     """Continuous functions N_k(u) on [-U, U], a kink allowed at 0.
 
@@ -142,7 +127,7 @@ class VelocityBasis:
 
     def _tabulate(self) -> None:
         """Integrals of g N_l against N_k: u, N_k' N_l, N_k' N_l', u N_k' N_l over each half."""
-        u, weights = gauss(self.breaks, self.nodes)
+        u, weights = gauss_panels(self.breaks, self.nodes)
         weights = weights * np.exp(-(u**2) / 2.0)
         values, slopes = self.values(u)
 
@@ -180,7 +165,7 @@ class VelocityBasis:
     def flux_above(self, threshold: Array) -> Array:
         """Integrals of g u N_k over u > threshold, one row per threshold."""
         edges = np.maximum(self.breaks, threshold[:, None])
-        u, weights = gauss(edges, self.nodes)
+        u, weights = gauss_panels(edges, self.nodes)
         values, _ = self.values(u)
         flux: Array = np.einsum("bq,bqk->bk", weights * u * np.exp(-(u**2) / 2.0), values)
         return flux
@@ -195,7 +180,7 @@ class VelocityBasis:
             images = np.minimum(self.breaks[1:] / restitution[:, None], self.breaks[-1])
         mesh = np.broadcast_to(self.breaks, (len(restitution), len(self.breaks)))
         edges = np.sort(np.concatenate([mesh, images], axis=1), axis=1)
-        u, weights = gauss(edges, self.nodes)
+        u, weights = gauss_panels(edges, self.nodes)
         weights = weights * u * np.exp(-(u**2) / 2.0)
         arriving = weights[..., None] * self.values(u)[0]
         leaving, _ = self.values(restitution[:, None] * u)
@@ -209,7 +194,7 @@ class DisplacementElement:
     def __init__(self, left: float, right: float, degree: int) -> None:
         self.left, self.right, self.degree = left, right, degree
         self.size = degree + 1
-        self.xi, self.weights = gauss([left, right], degree + EXTRA_NODES)
+        self.xi, self.weights = gauss_panels([left, right], degree + EXTRA_NODES)
         values, slopes = legendre(degree, self.local(self.xi))
         slopes *= 2.0 / (right - left)
         self.values: Array = values

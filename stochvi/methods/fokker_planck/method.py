@@ -13,19 +13,19 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
 from stochvi.methods.fokker_planck.accurate import Answered, solve_accurately, vague, worst
-from stochvi.methods.fokker_planck.boxes import Scenes, speed_scale
+from stochvi.methods.fokker_planck.boxes import speed_scale
 from stochvi.methods.fokker_planck.density import StationaryDensity
 from stochvi.methods.fokker_planck.field import Averages
 from stochvi.methods.fokker_planck.levels import LEVELS, Level, Moments, errors, solve, unreached
 from stochvi.methods.fokker_planck.mesh import Array
 from stochvi.methods.fokker_planck.motion import Motion
+from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.model.responses import Answer
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import SpeedRestitution
 from stochvi.scenes.scene import Scene, System
-from stochvi.scenes.validation import check_oscillators
 
 SLOW_IMPACTS = 0.05
 """Impacts slower than this, in units of the speed scale, are left out of rates where a stop loses
@@ -238,7 +238,7 @@ def _collapses(system: System) -> list[str]:
 
 
 def _refine(
-    scenes: Scenes, speed: Array, level: Level, threshold: Array, coarse: Moments
+    scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array, coarse: Moments
 ) -> tuple[Moments, Moments]:
     """The averages on a level, and bounds on their errors."""
     fine = solve(scenes, speed, level, threshold)
@@ -298,15 +298,24 @@ def fokker_planck_many(
     >>> [f"{variance:.3f}" for variance in found.values.variance]
     ['0.291', '0.283']
     """
-    stops = (lower, upper, restitution_lower, restitution_upper)
-    columns = (omega, damping_rate, intensity, load, *stops)
-    whole = np.broadcast_arrays(*(np.asarray(column, dtype=float) for column in columns))
-    shape = whole[0].shape
-    scenes = Scenes(*(column.reshape(-1) for column in whole))
-    _check_arrays(scenes)
+    whole = OscillatorArrays.broadcast(
+        omega=omega,
+        damping_rate=damping_rate,
+        intensity=intensity,
+        load=load,
+        lower=lower,
+        upper=upper,
+        restitution_lower=restitution_lower,
+        restitution_upper=restitution_upper,
+    )
+    shape, scenes = whole.omega.shape, whole.flat()
+    scenes.check()
+    unmet = scenes.unmet()
+    if unmet:
+        raise NotApplicable("fokker-planck", unmet)
     speed = speed_scale(scenes)
     if speed_threshold is None:
-        threshold = np.where(scenes.elastic(), 0.0, SLOW_IMPACTS * speed)
+        threshold = np.where(scenes.elastic, 0.0, SLOW_IMPACTS * speed)
     else:
         threshold = np.broadcast_to(np.asarray(speed_threshold, dtype=float), shape).reshape(-1)
     coarse = solve(scenes, speed, LEVELS[0], threshold).moments
@@ -333,21 +342,6 @@ def _check_arguments(rtol: float, speed_threshold: float | None) -> None:
         raise ValueError(f"rtol must be greater than 0, got {rtol:g}")
     if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
         raise ValueError(f"speed_threshold must be finite and at least 0, got {speed_threshold:g}")
-
-
-def _check_arrays(scenes: Scenes) -> None:
-    check_oscillators(scenes._asdict())
-    unmet = []
-    if (scenes.intensity == 0.0).any():
-        unmet.append("intensity must be positive in every scene, got 0")
-    if (scenes.elastic() & (scenes.damping_rate == 0.0)).any():
-        unmet.append("damping_rate must be positive where no stop takes energy, got 0")
-    held_left = np.isfinite(scenes.lower) | (scenes.load > 0.0)
-    held_right = np.isfinite(scenes.upper) | (scenes.load < 0.0)
-    if ((scenes.omega == 0.0) & ~(held_left & held_right)).any():
-        unmet.append("omega must be positive where stops do not hold the mass, got 0")
-    if unmet:
-        raise NotApplicable("fokker-planck", unmet)
 
 
 def unmet_conditions(scene: Scene) -> list[str]:
@@ -382,7 +376,7 @@ def _held(system: System) -> bool:
     return True
 
 
-def _as_scenes(system: System) -> Scenes:
+def _as_scenes(system: System) -> OscillatorArrays:
     numbers = (
         system.omega,
         system.damping_rate,
@@ -393,7 +387,7 @@ def _as_scenes(system: System) -> Scenes:
         1.0 if system.restitution_lower is None else system.restitution_lower,
         1.0 if system.restitution_upper is None else system.restitution_upper,
     )
-    return Scenes(*(np.array([number]) for number in numbers))
+    return OscillatorArrays(*(np.array([number]) for number in numbers))
 
 
 def _endless(system: System, side: str, threshold: float) -> bool:

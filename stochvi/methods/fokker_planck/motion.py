@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
+from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.boxes import FARTHEST_STOP
-from stochvi.methods.fokker_planck.mesh import Array, gauss
+from stochvi.methods.fokker_planck.mesh import Array
 from stochvi.methods.fokker_planck.strips import Box, Grip
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Hertz, Law, Viscoelastic
@@ -46,7 +47,7 @@ SYMMETRIC = 1e-10
 """Part of the largest force by which those on both sides may differ in a symmetric scene."""
 
 SPEEDS, SPEED_WEIGHTS = (
-    part.ravel() for part in gauss(np.linspace(0.0, 8.0, 9), NODES)
+    part.ravel() for part in gauss_panels(np.linspace(0.0, 8.0, 9), NODES)
 )  # speeds of a law of unit width, of which 1e-14 lies beyond 8
 
 
@@ -277,7 +278,7 @@ class Motion:
         """Places, weights and energies above the lowest for integrals over x."""
         left, right = self.span(height)
         edges = np.union1d(np.linspace(left, right, PIECES), self.knots(left, right))
-        x, weights = gauss(edges, NODES)
+        x, weights = gauss_panels(edges, NODES)
         energy = self.energy(x)
         return x, weights, energy - energy.min()
 

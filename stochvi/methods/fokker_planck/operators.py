@@ -22,7 +22,8 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
-from stochvi.methods.fokker_planck.mesh import Array, Mesh, gauss, legendre
+from stochvi.mathematics.quadrature import gauss_panels
+from stochvi.methods.fokker_planck.mesh import Array, Mesh, legendre
 from stochvi.scenes.scene import System
 
 Density = Callable[[Array, Array], Array]
@@ -220,7 +221,7 @@ class Operator:
 
     def _velocity_mass(self) -> Array:
         velocity = self.mesh.velocity
-        u, weights = gauss(velocity.breaks, velocity.nodes)
+        u, weights = gauss_panels(velocity.breaks, velocity.nodes)
         values, _ = velocity.values(u)
         half = values.T @ ((weights * np.exp(-(u**2) / 2.0))[:, None] * values)
         return velocity.both(half, half)
@@ -272,10 +273,10 @@ class Operator:
         frame, velocity = self.frame, self.mesh.velocity
         ends = np.asarray(self.mesh.x_breaks)
         inside = frame.xi(x_grid)
-        xi, x_weights = gauss(np.union1d(ends, inside[np.abs(inside) < 1.0]), GRID_NODES)
+        xi, x_weights = gauss_panels(np.union1d(ends, inside[np.abs(inside) < 1.0]), GRID_NODES)
         reach = np.union1d(-velocity.breaks, velocity.breaks)
         slow = v_grid / frame.speed
-        u, u_weights = gauss(
+        u, u_weights = gauss_panels(
             np.union1d(reach, slow[np.abs(slow) < velocity.breaks[-1]]), GRID_NODES
         )
         values = density(frame.centre + frame.half_length * xi[:, None], frame.speed * u)

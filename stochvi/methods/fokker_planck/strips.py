@@ -21,8 +21,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
+from stochvi.mathematics.quadrature import gauss_legendre, gauss_panels
 from stochvi.methods.fokker_planck.cells import VelocityCells, given_back, passed_on
-from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, gauss, gauss_rule, legendre
+from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, legendre
 
 Law = Callable[[Array], Array]
 
@@ -85,8 +86,8 @@ class Strip:
     @cached_property
     def nodes(self) -> tuple[Array, Array, Array, Array]:
         """xi, weights, Legendre polynomials and their slopes at the Gauss nodes."""
-        offset, weights = gauss([self.near, self.far], self.degree + EXTRA_NODES)
-        local = gauss_rule(self.degree + EXTRA_NODES)[0]
+        offset, weights = gauss_panels([self.near, self.far], self.degree + EXTRA_NODES)
+        local = gauss_legendre(self.degree + EXTRA_NODES)[0]
         values, slopes = legendre(self.degree, local)
         return self.anchor + offset, weights, values, slopes * (2.0 / self.length)
 

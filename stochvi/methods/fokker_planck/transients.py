@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck.boxes import Scenes, boxes, speed_scale
+from stochvi.methods.fokker_planck.boxes import boxes, speed_scale
 from stochvi.methods.fokker_planck.evolution import projections, time_groups
 from stochvi.methods.fokker_planck.layout import (
     LEVELS,
@@ -33,6 +33,7 @@ from stochvi.methods.fokker_planck.method import SLOW_IMPACTS, unmet_conditions
 from stochvi.methods.fokker_planck.operators import Factors, LinearMotion, Operator, Walls
 from stochvi.methods.fokker_planck.passage import barriers
 from stochvi.methods.fokker_planck.starts import Gaussian, Given, Start, start_of
+from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.scene import Scene, System
@@ -282,7 +283,7 @@ def _problem(system: System, times: Array, given: Given, threshold: float | None
         1.0 if system.restitution_lower is None else system.restitution_lower,
         1.0 if system.restitution_upper is None else system.restitution_upper,
     )
-    scenes = Scenes(
+    scenes = OscillatorArrays(
         *(
             np.array([number])
             for number in (

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.cut_normal import CUT
+from stochvi.mathematics.quadrature import gauss_legendre
 
 Vector = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
@@ -26,7 +27,7 @@ class Rule(NamedTuple):
     @classmethod
     def of(cls, count: int) -> Rule:
         """The rule with this many nodes."""
-        nodes, weights = np.polynomial.legendre.leggauss(count)
+        nodes, weights = gauss_legendre(count)
         return cls(nodes, weights[:, None] * nodes[:, None] ** np.arange(5))
 
 

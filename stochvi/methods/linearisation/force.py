@@ -11,10 +11,12 @@ from scipy.optimize import brentq
 from scipy.special import log_ndtr, logsumexp, ndtr
 
 from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics, rice_rate
+from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.methods.linearisation.trial import ROOT_TWO_PI, Form, Trial, Unknowns, restitutions
 from stochvi.scenes.scene import System
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+NODES, WEIGHTS = gauss_legendre(16)
+"""Gauss-Legendre rule across a gap that is narrow in the law of the force."""
 
 
 def rigid_force(book: bool) -> Form:

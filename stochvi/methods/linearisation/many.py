@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.methods.linearisation.cut_laws import ROUGH, Booleans, CutLaws, Vector, cut_laws
+from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.validation import check_oscillators
 
 ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
 CHUNK = 8192
-"""Oscillators solved together: enough to hide the price of a call."""
+"""OscillatorArrays solved together: enough to hide the price of a call."""
 
 SPEED_STEPS, STEPS, HALVINGS = 60, 40, 12
 """Most Newton steps for the speed of the elastic law, and for the closure; halvings of a step."""
@@ -47,23 +47,6 @@ LARGEST_STEP = 2.0
 START_SPEEDS = (1.0, 2.0, 0.5, 1.4, 0.7, 4.0, 0.25, 3.0, 8.0)
 """Speeds of the elastic law to start from, relative to the one that balances its power, in turn
 where the one before led to no answer."""
-
-
-class Oscillators(NamedTuple):
-    """Arrays of one length: x'' + damping_rate x' + omega^2 x = white noise of S0 + load."""
-
-    omega: Vector
-    damping_rate: Vector
-    intensity: Vector
-    load: Vector
-    lower: Vector
-    upper: Vector
-    restitution_lower: Vector
-    restitution_upper: Vector
-
-    def take(self, places: Booleans) -> Oscillators:
-        """Some of them."""
-        return Oscillators._make(column[places] for column in self)
 
 
 class Linearised(NamedTuple):
@@ -131,39 +114,27 @@ def linearise_many(
     >>> [f"{math.sqrt(variance):.4f}" for variance in found.variance]
     ['0.5396', '0.5231']
     """
-    stops = (lower, upper, restitution_lower, restitution_upper)
-    columns = (omega, damping_rate, intensity, load, *stops)
-    whole = np.broadcast_arrays(*(np.asarray(column, dtype=float) for column in columns))
-    shape = whole[0].shape
-    oscillators = Oscillators(*(column.reshape(-1) for column in whole))
-    _check(oscillators)
+    whole = OscillatorArrays.broadcast(
+        omega=omega,
+        damping_rate=damping_rate,
+        intensity=intensity,
+        load=load,
+        lower=lower,
+        upper=upper,
+        restitution_lower=restitution_lower,
+        restitution_upper=restitution_upper,
+    )
+    shape, oscillators = whole.omega.shape, whole.flat()
+    oscillators.check()
+    unmet = oscillators.unmet()
+    if unmet:
+        raise NotApplicable("linearise", unmet)
     size = len(oscillators.omega)
     parts = [
-        _chunk(Oscillators._make(column[start : start + CHUNK] for column in oscillators))
-        for start in range(0, size, CHUNK)
+        _chunk(oscillators.take(slice(start, start + CHUNK))) for start in range(0, size, CHUNK)
     ] or [_chunk(oscillators)]
     joined = [np.concatenate(rows).reshape(shape) for rows in zip(*parts, strict=True)]
     return Linearised(*joined)
-
-
-def _check(oscillators: Oscillators) -> None:
-    check_oscillators(oscillators._asdict())
-    for name, column in oscillators._asdict().items():
-        if name not in ("lower", "upper") and np.isinf(column).any():
-            raise ValueError(f"{name} must be finite, got inf")
-    unmet = []
-    if (oscillators.intensity == 0.0).any():
-        unmet.append("intensity must be positive in every scene, got 0")
-    kept_lower = (oscillators.restitution_lower == 1.0) | np.isinf(oscillators.lower)
-    kept_upper = (oscillators.restitution_upper == 1.0) | np.isinf(oscillators.upper)
-    if (kept_lower & kept_upper & (oscillators.damping_rate == 0.0)).any():
-        unmet.append("damping_rate must be positive where no stop takes energy, got 0")
-    held_left = np.isfinite(oscillators.lower) | (oscillators.load > 0.0)
-    held_right = np.isfinite(oscillators.upper) | (oscillators.load < 0.0)
-    if ((oscillators.omega == 0.0) & ~(held_left & held_right)).any():
-        unmet.append("omega must be positive where stops do not hold the mass, got 0")
-    if unmet:
-        raise NotApplicable("linearise", unmet)
 
 
 # One chunk --------------------------------------------------------------------------------
@@ -175,7 +146,7 @@ class _Unit(NamedTuple):
     origin: Vector
     length: Vector
     speed: Vector
-    scaled: Oscillators
+    scaled: OscillatorArrays
     least: Vector
 
 
@@ -199,7 +170,7 @@ class _State(NamedTuple):
         )
 
 
-def _chunk(oscillators: Oscillators) -> Linearised:
+def _chunk(oscillators: OscillatorArrays) -> Linearised:
     speed = _elastic_speed(oscillators)
     found = _solved_from(oscillators, speed)
     for factor in START_SPEEDS[1:]:
@@ -212,7 +183,7 @@ def _chunk(oscillators: Oscillators) -> Linearised:
     return found
 
 
-def _solved_from(oscillators: Oscillators, speed: Vector) -> Linearised:
+def _solved_from(oscillators: OscillatorArrays, speed: Vector) -> Linearised:
     """Newton's method from the elastic law at a speed."""
     unit = _unit_of(oscillators, speed)
     start = np.array([unit.scaled.load, unit.scaled.omega**2, np.zeros_like(speed)])
@@ -240,7 +211,7 @@ def _size(imbalance: Vector) -> Vector:
     return np.where(np.isnan(largest), np.inf, largest)
 
 
-def _unit_of(oscillators: Oscillators, speed: Vector) -> _Unit:
+def _unit_of(oscillators: OscillatorArrays, speed: Vector) -> _Unit:
     with np.errstate(all="ignore"):
         law = cut_laws(
             oscillators.load / speed**2,
@@ -250,7 +221,7 @@ def _unit_of(oscillators: Oscillators, speed: Vector) -> _Unit:
         )
         length = np.sqrt(law.variance)
         time = length / speed
-        scaled = Oscillators(
+        scaled = OscillatorArrays(
             omega=oscillators.omega * time,
             damping_rate=oscillators.damping_rate * time,
             intensity=oscillators.intensity * time / speed**2,
@@ -263,7 +234,7 @@ def _unit_of(oscillators: Oscillators, speed: Vector) -> _Unit:
     return _Unit(law.mean, length, speed, scaled, _least_curvature(scaled))
 
 
-def _elastic_speed(oscillators: Oscillators) -> Vector:
+def _elastic_speed(oscillators: OscillatorArrays) -> Vector:
     """The speed at which the elastic law takes up the power that the noise supplies, m/s.
 
     b s^2 + sum 2 (1 - R_i) p_i s^3 / sqrt(2 pi) = S0 / 2, where 2 p / (1 + R) is the density at a
@@ -285,7 +256,7 @@ def _elastic_speed(oscillators: Oscillators) -> Vector:
     return np.exp(log_speed)
 
 
-def _rough_log_speed(o: Oscillators) -> Vector:
+def _rough_log_speed(o: OscillatorArrays) -> Vector:
     """Above the answer: the speed that the damper alone leaves; without one, the largest that
     springs, stops and noise have a scale for."""
     gap = o.upper - o.lower
@@ -305,7 +276,7 @@ def _rough_log_speed(o: Oscillators) -> Vector:
     return np.asarray(np.log(np.where(o.damping_rate > 0.0, damped, undamped)))
 
 
-def _speed_step(o: Oscillators, log_power: Vector, log_speed: Vector) -> Vector:
+def _speed_step(o: OscillatorArrays, log_power: Vector, log_speed: Vector) -> Vector:
     speed = np.exp(log_speed)
     slope, curvature = o.load / speed**2, (o.omega / speed) ** 2
     law = cut_laws(slope, curvature, o.lower, o.upper, ROUGH)
@@ -326,7 +297,7 @@ def _speed_step(o: Oscillators, log_power: Vector, log_speed: Vector) -> Vector:
     return np.asarray(surplus / (2.0 + growth / damping))
 
 
-def _least_curvature(o: Oscillators) -> Vector:
+def _least_curvature(o: OscillatorArrays) -> Vector:
     """The least kappa of each frame: `_floor` over the square of half a gap; 0 for one stop."""
     restitution = np.minimum(
         np.where(np.isfinite(o.lower), o.restitution_lower, 1.0),
@@ -385,7 +356,7 @@ def _loss(restitution: Vector, density: Vector, log_speed: Vector) -> Vector:
     return np.asarray(loss)
 
 
-def _sides(o: Oscillators, law: CutLaws) -> tuple[tuple[Vector, Vector, Vector, float], ...]:
+def _sides(o: OscillatorArrays, law: CutLaws) -> tuple[tuple[Vector, Vector, Vector, float], ...]:
     """Place (0 where there is none), density, R and outward direction of the stops."""
     lower = np.where(np.isfinite(o.lower), o.lower, 0.0)
     upper = np.where(np.isfinite(o.upper), o.upper, 0.0)
@@ -511,7 +482,7 @@ def _search(unit: _Unit, state: _State, step: Vector) -> tuple[_State, Booleans]
     return found, better
 
 
-def _in_si(oscillators: Oscillators, unit: _Unit, state: _State) -> Linearised:
+def _in_si(oscillators: OscillatorArrays, unit: _Unit, state: _State) -> Linearised:
     """Back in SI units; without stops the linear law itself is the elastic one."""
     law, rise, damping = state.law, state.rise, state.damping
     good = _accepted(state)

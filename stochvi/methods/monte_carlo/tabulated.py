@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.fft import ifft, next_fast_len
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
+from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
 from stochvi.methods.monte_carlo.compliant import _stop
@@ -560,7 +561,7 @@ def _bin_variances(
     What lies below the first bin is added to it. Bins are cut at the breakpoints of the tables,
     so that a jump of the density inside a bin does no harm.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(6)
+    nodes, weights = gauss_legendre(6)
     edges = (np.arange(count) + 0.5) / length
     edges[0] = 1e-6 / length
     variances, velocities = np.zeros((2, count - 1))

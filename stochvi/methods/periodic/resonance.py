@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.special import ndtri
 
+from stochvi.mathematics.quadrature import gauss_legendre
+
 Vector = NDArray[np.float64]
 
 SAMPLES = 400
@@ -346,7 +348,7 @@ class RandomResonance:
         return self.power_loss / (_quantile(probability) * float(self.harmonics[0]) / 2.0)
 
 
-_RULE = np.polynomial.legendre.leggauss(256)
+_RULE = gauss_legendre(256)
 """Exact for harmonics of the velocity up to `HARMONICS`."""
 
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.stats import norm
 
 from stochvi import first_passage
+from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck import Gaussian
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
-from stochvi.methods.fokker_planck.mesh import gauss
 from stochvi.methods.fokker_planck.operators import LinearMotion
 from stochvi.methods.fokker_planck.starts import Point
 from support.known import oscillator
@@ -21,7 +21,7 @@ from support.known import oscillator
 def mean_crossings(motion: LinearMotion, start: Point, barrier: float, duration: float) -> float:
     """Of an upper barrier from below before `duration`, by Rice's integral and Gauss's rule."""
     generator = np.array([[0.0, 1.0], [-(motion.omega**2), -motion.damping_rate]])
-    places, weights = gauss(np.linspace(0.0, duration, 41), 6)
+    places, weights = gauss_panels(np.linspace(0.0, duration, 41), 6)
     rest = np.array([motion.load / motion.omega**2, 0.0])
     total = 0.0
     for place, weight in zip(places, weights, strict=True):

@@ -26,10 +26,10 @@ from stochvi import (
     first_passage,
 )
 from stochvi.cli import main
+from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck import FirstPassage, Gaussian, evolution, layout, passage
 from stochvi.methods.fokker_planck.evolution import time_groups
-from stochvi.methods.fokker_planck.mesh import gauss
 from stochvi.methods.fokker_planck.operators import LinearMotion
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
@@ -149,7 +149,7 @@ def test_rates_keep_their_digits_however_rare_and_approach_rices() -> None:
 
 def test_the_mean_time_is_the_integral_of_survival() -> None:
     """By Gauss's rule up to 15 s, and from there at the decay rate."""
-    times, weights = gauss([0.0, 0.1, 1.0, 5.0, 15.0], 6)
+    times, weights = gauss_panels([0.0, 0.1, 1.0, 5.0, 15.0], 6)
     scene = lightly_damped(0.3)
     found = first_passage(scene, -1.5, 1.5, times=[*times, 15.0], rtol=3e-4, start="stationary")
     survival = np.array([1.0 - estimate.value for estimate in found.probability])

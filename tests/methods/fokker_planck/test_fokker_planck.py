@@ -27,7 +27,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.methods.fokker_planck import fokker_planck_many, half_range
-from stochvi.methods.fokker_planck.boxes import Scenes, boxes, speed_scale
+from stochvi.methods.fokker_planck.boxes import boxes, speed_scale
 from stochvi.methods.fokker_planck.levels import (
     LEVELS,
     Moments,
@@ -38,6 +38,7 @@ from stochvi.methods.fokker_planck.levels import (
     unreached,
 )
 from stochvi.methods.fokker_planck.mesh import Mesh, VelocityBasis
+from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.testing import assert_agrees
 from support.known import BENCH, ELASTIC_STOPS, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
 
@@ -248,15 +249,15 @@ def test_balances_hold_within_their_bounds(scene: Scene) -> None:
 # Bounds on the error ------------------------------------------------------------------------
 
 
-def one_scene(**changes: float) -> Scenes:
+def one_scene(**changes: float) -> OscillatorArrays:
     plain = {
         "omega": 1.0, "damping_rate": 0.1, "intensity": 0.2, "load": 0.0, "lower": -math.inf,
         "upper": math.inf, "restitution_lower": 1.0, "restitution_upper": 1.0,
     }  # fmt: skip
-    return Scenes(*(np.array([number]) for number in (plain | changes).values()))
+    return OscillatorArrays(*(np.array([number]) for number in (plain | changes).values()))
 
 
-def random_scenes(count: int, seed: int) -> Scenes:
+def random_scenes(count: int, seed: int) -> OscillatorArrays:
     """Damping ratios .002 to .6, gaps .2 to 5 and preloads to 2 standard deviations, R 0 to 1."""
     rng = np.random.default_rng(seed)
     damping = 2.0 * np.exp(rng.uniform(math.log(0.002), math.log(0.6), count))
@@ -265,7 +266,7 @@ def random_scenes(count: int, seed: int) -> Scenes:
     upper = np.where(kind < 3, gap, np.where(kind == 3, 7.0 * rng.random(count) - 2.0, -other / 3))
     lower = np.where(kind < 2, -gap, np.where(kind == 2, -other, -math.inf))
     r_lower, r_upper = rng.random((2, count))
-    return Scenes(
+    return OscillatorArrays(
         np.ones(count), damping, 2.0 * damping, np.zeros(count), lower, upper,
         np.where(kind < 2, r_upper, np.where(kind == 2, r_lower, 1.0)), r_upper,
     )  # fmt: skip

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from stochvi import Estimate, NotApplicable, NotConverged, Scene, fokker_planck, transient
+from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck import Gaussian, Transient, layout, transients
-from stochvi.methods.fokker_planck.mesh import VelocityBasis, gauss
+from stochvi.methods.fokker_planck.mesh import VelocityBasis
 from stochvi.methods.fokker_planck.transients import Moments
 from stochvi.testing import assert_agrees
 from support.known import BENCH, RIGID_STOPS, oscillator
@@ -163,7 +164,7 @@ def energy(group: Moments, index: int) -> float:
 @pytest.mark.parametrize("restitution", [0.3, pytest.param(0.8, marks=pytest.mark.verify)])
 def test_energy_is_gained_and_lost_as_noise_damping_and_impacts_say(restitution: float) -> None:
     """The balance of energy: d/dt E (v^2 + x^2) / 2 = S0 / 2 - b E v^2 - (1 - R^2) F2 / 2."""
-    inner, weights = gauss([1.0, 2.0, 4.0], 6)
+    inner, weights = gauss_panels([1.0, 2.0, 4.0], 6)
     scene = oscillator(-0.8, 1.2, restitution)
     found = transient(scene, [1.0, *inner, 4.0], (0.0, 0.5), rtol=5e-3)
     gained, bound = energy_gained(found, weights, restitution)
@@ -187,7 +188,7 @@ def test_the_density_holds_what_the_averages_say() -> None:
     found = transient(oscillator(-1.0, 1.0, 0.5), [2.0], (0.2, 0.6), rtol=2e-3)
     # elements meet with small jumps
     operator = found._states[0].operator
-    x, weights = gauss(operator.mesh.x_breaks, 12)
+    x, weights = gauss_panels(operator.mesh.x_breaks, 12)
     profile = found.displacement_density(x, 0)
     mean = float(weights @ (x * profile))
     assert float(weights @ profile) == pytest.approx(1.0, rel=1e-9)
@@ -196,7 +197,7 @@ def test_the_density_holds_what_the_averages_say() -> None:
         found.values.variance[0], rel=1e-9
     )
     half = operator.frame.speed * np.array(operator.mesh.u_breaks)
-    v, v_weights = gauss(np.union1d(-half, half), 12)
+    v, v_weights = gauss_panels(np.union1d(-half, half), 12)
     again = found.density(x[5::12, None], v, 0) @ v_weights
     assert again == pytest.approx(profile[5::12], rel=1e-9)
 
