@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,9 @@ from scipy.ndimage import maximum_filter1d
 from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.results.base import Result, total_cost
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import BASE, ConstantLoad
@@ -62,8 +63,8 @@ class BestBox:
     high: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class Design:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Design(Result):
     """What was found for a mass budget (SI units).
 
     Parameters
@@ -80,6 +81,8 @@ class Design:
         The best play and ratio of each restitution and number of units.
     """
 
+    not_in_document = ("warnings", "provenance")
+
     scene: Scene
     mass: float
     sigma: float
@@ -90,31 +93,21 @@ class Design:
     level_range_db: float
     curve: pd.DataFrame
     candidates: pd.DataFrame
-    cost: Cost
 
     def to_frame(self) -> pd.DataFrame:
         """The candidates, best first."""
         return self.candidates
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
-        return {
-            "method": "absorber design",
-            "mass": self.mass,
-            "restitution": self.restitution,
-            "units": self.units,
-            "sigma": self.sigma,
-            "level_range_db": self.level_range_db,
-            "best": asdict(self.best),
-            "robust": asdict(self.robust),
-            "candidates": self.candidates.to_dict("records"),
-            "curve": self.curve.to_dict("records"),
-            "scene": self.scene.document(),
-            "cost": asdict(self.cost),
-        }
+    def summary(self) -> str:
+        """The best candidate."""
+        return (
+            f"{self.units} box(es) with a play of {self.best.play:.4g} m and restitution "
+            f"{self.restitution:g}: {self.best.ratio.value:.3g} of the rms displacement without"
+        )
 
-    def _repr_html_(self) -> str:
-        return str(self.candidates.to_html(index=False))
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        return {"method": "absorber design", **found, "scene": self.scene.document()}
 
 
 def design_absorber(
@@ -238,15 +231,8 @@ def design_absorber(
         level_range_db=level_range_db,
         curve=pd.DataFrame(rows),
         candidates=candidates,
-        cost=replace(
-            costs[0],
-            wall_time=sum(cost.wall_time for cost in costs),
-            compile_time=sum(cost.compile_time for cost in costs),
-            steps=sum(cost.steps for cost in costs),
-            impacts=sum(cost.impacts for cost in costs),
-            paths=sum(cost.paths for cost in costs),
-            tenfold_wall_time=None,
-        ),
+        cost=total_cost(costs),
+        provenance=provenance(structure.document(), seed),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,9 @@ from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.modal import linear_law
+from stochvi.results.base import Result, total_cost
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.estimates import Estimate, format_with_error, provenance
 from stochvi.results.intervals import mean_and_error
 from stochvi.results.response import Response
 from stochvi.scenes.excitations import BASE, ConstantLoad
@@ -85,20 +86,20 @@ class Performance:
         return self.ratio.value - half, self.ratio.value + half
 
 
-@dataclass(frozen=True, kw_only=True)
-class AbsorberReport:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class AbsorberReport(Result):
     """An absorber over levels of the excitation: one `Performance` each, and what it cost.
 
     `warnings` are those of the level nearest to the scene's own.
     """
+
+    not_in_document = ("scene", "provenance")  # each response holds them
 
     scene: Scene
     carrier: str
     masses: Sequence[str]
     mass_ratio: float
     performances: Sequence[Performance]
-    warnings: Sequence[str]
-    cost: Cost
 
     @property
     def central(self) -> Performance:
@@ -124,28 +125,14 @@ class AbsorberReport:
             rows.append(row)
         return pd.DataFrame(rows)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
-        levels = []
-        for each in self.performances:
-            numbers = {
-                name: value.to_dict() if isinstance(value, Estimate) else value
-                for name, value in vars(each).items()
-                if name != "response"
-            }
-            levels.append(numbers | {"response": each.response.to_dict()})
-        return {
-            "method": "absorber",
-            "carrier": self.carrier,
-            "masses": list(self.masses),
-            "mass_ratio": self.mass_ratio,
-            "levels": levels,
-            "warnings": list(self.warnings),
-            "cost": asdict(self.cost),
-        }
+    def summary(self) -> str:
+        """What the absorber does at the level nearest to the scene's own."""
+        share = format_with_error(self.central.ratio.value, self.central.ratio.standard_error)
+        return f"rms displacement of {self.carrier}: {share} of that without the absorber"
 
-    def _repr_html_(self) -> str:
-        return str(self.to_frame().to_html(index=False))
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        return {"method": "absorber", "levels": found.pop("performances"), **found}
 
 
 def absorber(
@@ -222,7 +209,6 @@ def absorber(
         )
         report(1.0, "peaks of recorded paths")
         found.append(_performance(shaken, carrier, level, response, seed))
-    costs = [each.response.cost for each in found]
     mass = np.diag(full.structure.matrices[0])
     light = np.array([name in masses for name in full.structure.coordinates])
     return AbsorberReport(
@@ -232,14 +218,8 @@ def absorber(
         mass_ratio=float(mass[light].sum() / mass[~light].sum()),
         performances=found,
         warnings=min(found, key=lambda each: abs(each.level_db)).response.warnings,
-        cost=Cost(
-            wall_time=sum(cost.wall_time for cost in costs),
-            compile_time=sum(cost.compile_time for cost in costs),
-            steps=sum(cost.steps for cost in costs),
-            impacts=sum(cost.impacts for cost in costs),
-            paths=sum(cost.paths for cost in costs),
-            threads=max((cost.threads for cost in costs), default=1),
-        ),
+        cost=total_cost(each.response.cost for each in found),
+        provenance=provenance(scene.document(), seed),
     )
 
 

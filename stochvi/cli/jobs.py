@@ -37,7 +37,7 @@ def screen(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> 
     if not quiet:
         print_screening(console_for(json_file), linear)
     if json_file is not None:
-        write_json({"method": "screen", **vars(linear)}, json_file)
+        write_json({"method": "screen", **linear.to_dict()}, json_file)
     if out is not None:
         write_table(linear.to_frame(), out / "screening.csv")
 

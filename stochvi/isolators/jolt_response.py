@@ -15,7 +15,9 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.assembly import assemble
+from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene
@@ -34,8 +36,8 @@ CLATTER = 0.5
 resonant regime, on each of them: that regime has one on each, occasional hits are few."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Jolts:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Jolts(Result):
     """What became of jolted paths.
 
     Parameters
@@ -104,21 +106,19 @@ class Jolts:
             )
         return pd.DataFrame(rows)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
+    def _document(self) -> dict[str, Any]:
         rate, low, high = self.escape_rate()
         known = self.resonance
-        rows = self.to_frame().astype(object)
         return {
             "method": "jolt",
             "clearance": self.clearance,
             "paths": self.paths,
             "duration": self.duration,
-            "energy_boundary": None if known is None else _finite(known.energy_boundary),
-            "harmonic_boundary": None if known is None else _finite(known.harmonic_boundary),
+            "energy_boundary": None if known is None else known.energy_boundary,
+            "harmonic_boundary": None if known is None else known.harmonic_boundary,
             "free_amplitude": None if known is None else known.free_amplitude,
-            "jolts": rows.where(rows.notna(), None).to_dict("records"),
-            "escape_rate": {"value": _finite(rate), "lower": low, "upper": _finite(high)},
+            "jolts": self.to_frame(),
+            "escape_rate": {"value": rate, "lower": low, "upper": high},
         }
 
     def summary(self) -> str:
@@ -142,10 +142,6 @@ class Jolts:
         elif caught:
             found += f"; none left it: it lasts longer than {1.0 / high:.3g} s on average (95 %)"
         return found
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def jolts(
@@ -220,6 +216,7 @@ def jolts(
         duration=windows * window,
         resonance=_resonance(scene, sine),
         clearance=_clearance(scene),
+        provenance=provenance(scene.document(), seed),
     )
 
 

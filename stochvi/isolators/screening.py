@@ -17,8 +17,9 @@ from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.cautions import scene_notes
 from stochvi.model.model import model_of
+from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, provenance
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.scene import ImpactPair, Scene
 
@@ -26,13 +27,15 @@ SMOOTH_POINTS = 61
 """Clearances of a smooth curve of hit rates."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Screening:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Screening(Result):
     """What linear theory says of an isolator without stops (SI units; rates in 1/s).
 
     `miles` is None where Miles' equation does not apply: the natural frequency lies outside the
     table, and the density there is 0, which the response is not. `notes` are warnings in words.
     """
+
+    not_in_document = COMMON
 
     displacement_std: float
     velocity_std: float
@@ -68,9 +71,12 @@ class Screening:
             ]
         )
 
-    def _repr_html_(self) -> str:
-        notes = "".join(f"<br>{note}" for note in self.notes)
-        return f"{self.to_frame().to_html(index=False)}{notes}"
+    def summary(self) -> str:
+        """What the table holds."""
+        return "linear screening, stops left out"
+
+    def _remarks(self) -> Sequence[str]:
+        return (*self.notes, *self.warnings)
 
 
 def screen(scene: Scene) -> Screening:
@@ -123,6 +129,7 @@ def screen(scene: Scene) -> Screening:
         else None,
         input_acceleration_std=None if theta else math.sqrt(area),
         notes=tuple(scene_notes(model)),
+        provenance=provenance(scene.document()),
     )
 
 

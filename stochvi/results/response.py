@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
+from stochvi.results.base import Result
 from stochvi.results.estimates import Cost, Estimate, format_with_error
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ two coordinates, the motion of the first relative to the second)."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Response:
+class Response(Result):
     """The stationary response of a scene by one method.
 
     `coordinates` and `impact_pairs` map a name to its quantities (`QUANTITY_UNITS`); a quantity
@@ -52,12 +53,9 @@ class Response:
     method: str
     coordinates: Mapping[str, Mapping[str, Estimate | None]]
     impact_pairs: Mapping[str, Mapping[str, Estimate | float | None]]
+    identities: Mapping[str, Estimate] = field(default_factory=dict)
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
-    cost: Cost = field(default_factory=Cost)
-    warnings: Sequence[str] = ()
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-    identities: Mapping[str, Estimate] = field(default_factory=dict)
     interrupted: bool = False
 
     def estimates(self) -> dict[tuple[str, str], Estimate]:
@@ -87,31 +85,6 @@ class Response:
         ]
         return pd.DataFrame(rows)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document: only plain types, never NaN or infinity."""
-
-        def group(entries: Mapping[str, Mapping[str, Estimate | float | None]]) -> dict[str, Any]:
-            return {
-                owner: {
-                    name: item.to_dict() if isinstance(item, Estimate) else item
-                    for name, item in quantities.items()
-                }
-                for owner, quantities in entries.items()
-            }
-
-        return {
-            "method": self.method,
-            "coordinates": group(self.coordinates),
-            "impact_pairs": group(self.impact_pairs),
-            "identities": {name: item.to_dict() for name, item in self.identities.items()},
-            "effects": list(self.effects),
-            "assumptions": list(self.assumptions),
-            "warnings": list(self.warnings),
-            "interrupted": self.interrupted,
-            "cost": asdict(self.cost),
-            "provenance": dict(self.provenance),
-        }
-
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> Self:
         """The response whose JSON document this is; a ValueError if it is not such a document."""
@@ -138,7 +111,3 @@ class Response:
             for (owner, name), estimate in self.estimates().items()
         ]
         return "\n".join([f"<{self.method}", *lines]) + ">"
-
-    def _repr_html_(self) -> str:
-        frame = self.to_frame()
-        return f"<b>{self.method}</b>{frame.to_html(index=False)}"

@@ -13,6 +13,7 @@ from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.results.base import COMMON, Result, total_cost
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import (
@@ -71,13 +72,18 @@ class Comparison:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Check:
-    """The verdict on a scene, with every comparison and every response behind it."""
+class Check(Result):
+    """The verdict on a scene, with every comparison and every response behind it.
 
-    comparisons: Sequence[Comparison]
-    responses: Sequence[Response]
-    left_out: Sequence[str]
+    The warnings of the responses are its own, each once; the document holds them with each.
+    """
+
+    not_in_document = COMMON
+
     z: float
+    comparisons: Sequence[Comparison]
+    left_out: Sequence[str]
+    responses: Sequence[Response]
 
     @property
     def passed(self) -> bool:
@@ -113,25 +119,18 @@ class Check:
     def __repr__(self) -> str:
         return f"<check: {self.summary()}>"
 
-    def _repr_html_(self) -> str:
-        return f"<b>{self.summary()}</b>{self.to_frame().to_html(index=False)}"
-
     def to_frame(self) -> pd.DataFrame:
         """One row per comparison."""
         import pandas as pd
 
         return pd.DataFrame([vars(row) for row in self.comparisons])
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
+    def _document(self) -> dict[str, Any]:
         return {
             "method": "check",
             "passed": self.passed,
             "family_alarm_rate": FAMILY_ALARM_RATE,
-            "z": self.z,
-            "comparisons": [dict(vars(row)) for row in self.comparisons],
-            "left_out": list(self.left_out),
-            "responses": [response.to_dict() for response in self.responses],
+            **super()._document(),
         }
 
 
@@ -282,8 +281,23 @@ def compare(
     the residuals of their balances; at least one is needed. `family` is the number of comparisons
     that share one alarm rate, by default those that are judged here.
     """
-    if not responses:
-        return Check(comparisons=(), responses=approximations, left_out=left_out, z=0.0)
+    everything = (*responses, *approximations)
+    rows, z = _judged(responses, approximations, family) if responses else ([], 0.0)
+    return Check(
+        comparisons=tuple(rows),
+        responses=everything,
+        left_out=tuple(left_out),
+        z=z,
+        warnings=tuple(dict.fromkeys(each for found in everything for each in found.warnings)),
+        cost=total_cost(found.cost for found in everything),
+        provenance=responses[-1].provenance if responses else {},
+    )
+
+
+def _judged(
+    responses: Sequence[Response], approximations: Sequence[Response], family: int | None
+) -> tuple[list[Comparison], float]:
+    """All comparisons, and the standard errors that a comparison may differ by."""
     reference = responses[0]
     known = reference.estimates()
     judged = Answers(responses=responses).judged
@@ -295,12 +309,7 @@ def compare(
         for name, residual in response.identities.items()
     ]
     rows += [_row(*shown, known, reference, None) for shown in _shared(approximations, known)]
-    return Check(
-        comparisons=tuple(rows),
-        responses=(*responses, *approximations),
-        left_out=tuple(left_out),
-        z=normal_quantile(alarm_rate),
-    )
+    return rows, normal_quantile(alarm_rate)
 
 
 def single_alarm_rate(family: int, family_alarm_rate: float = FAMILY_ALARM_RATE) -> float:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.results.base import Result, total_cost
 from stochvi.results.intervals import normal_quantile
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.scene import Scene, load_scene
@@ -53,7 +54,7 @@ def zoo(*names: str) -> dict[str, Scene]:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Checks:
+class Checks(Result):
     """The verdict on many scenes, under one alarm rate.
 
     `z` is the number of standard errors that one of the `judged` comparisons may differ by.
@@ -102,9 +103,6 @@ class Checks:
     def __repr__(self) -> str:
         return f"<checks: {self.summary()}>"
 
-    def _repr_html_(self) -> str:
-        return f"<b>{self.summary()}</b>{self.overview().to_html(index=False)}"
-
     def to_frame(self) -> pd.DataFrame:
         """One row per comparison of every scene."""
         import pandas as pd
@@ -123,8 +121,10 @@ class Checks:
 
         return pd.DataFrame([_line(name, verdict) for name, verdict in self.checks.items()])
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document, with every comparison of every scene."""
+    def _shown(self) -> pd.DataFrame:
+        return self.overview()
+
+    def _document(self) -> dict[str, Any]:
         return {
             "method": "check",
             "passed": self.passed,
@@ -140,8 +140,8 @@ class Checks:
                     "summary": verdict.summary(),
                     "seed": self.seeds.get(name),
                     "methods": _methods(verdict),
-                    "comparisons": [dict(vars(row)) for row in verdict.comparisons],
-                    "left_out": list(verdict.left_out),
+                    "comparisons": verdict.comparisons,
+                    "left_out": verdict.left_out,
                 }
                 for name, verdict in self.checks.items()
             },
@@ -231,15 +231,18 @@ def compare_many(
 ) -> Checks:
     """Judge the answers to many scenes under one alarm rate; `check_many` finds them first."""
     judged = sum(each.judged for each in found.values())
+    checks = {
+        name: compare(each.responses, each.approximations, each.left_out, family=judged)
+        for name, each in found.items()
+    }
     return Checks(
-        checks={
-            name: compare(each.responses, each.approximations, each.left_out, family=judged)
-            for name, each in found.items()
-        },
+        checks=checks,
         seeds=seeds or {},
         judged=judged,
         z=normal_quantile(single_alarm_rate(max(judged, 1))),
         rel_error=rel_error,
+        warnings=tuple(f"{name}: {each}" for name in checks for each in checks[name].warnings),
+        cost=total_cost(verdict.cost for verdict in checks.values()),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -29,8 +29,9 @@ from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
 from stochvi.model.assembly import assemble
+from stochvi.results.base import Result
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate, provenance
+from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import thread_seconds, usable_cores
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
@@ -148,7 +149,7 @@ class Prediction:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class WorkPrecision:
+class WorkPrecision(Result):
     """Errors of the Monte Carlo of one scene at several steps, and what they cost.
 
     `reference` says what biases are measured against. Quantities in `left_out` were not seen in
@@ -163,10 +164,6 @@ class WorkPrecision:
     steps: Sequence[float]
     default_step: float
     left_out: Sequence[str]
-    paths: int
-    threads: int
-    wall_time: float
-    provenance: Mapping[str, Any]
 
     def of_step(self, step: float, *, rates: bool = False) -> list[StepError]:
         """The governed quantities at a step: rates, or moments, F1 and F2."""
@@ -244,9 +241,6 @@ class WorkPrecision:
     def __repr__(self) -> str:
         return f"<cost: {self.summary()}>"
 
-    def _repr_html_(self) -> str:
-        return f"<b>{self.summary()}</b>{self.to_frame().to_html(index=False)}"
-
     def to_frame(self) -> pd.DataFrame:
         """One row per step and quantity, then one per model and quantity; errors are relative.
 
@@ -261,27 +255,26 @@ class WorkPrecision:
         ]
         return pd.DataFrame([*rows, *(vars(row) for row in self.models)])
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
+    def _document(self) -> dict[str, Any]:
         predictions = {
-            name: [vars(found) for t in TARGETS if (found := self.cheapest(t, rates=rates))]
+            name: [found for t in TARGETS if (found := self.cheapest(t, rates=rates))]
             for name, rates in (("moments_F1_F2", False), ("hits", True))
         }
         return {
             "method": "cost",
             "summary": self.summary(),
             "simulated_by": self.method,
-            "steps": list(self.steps),
+            "steps": self.steps,
             "default_step": self.default_step,
             "free_of_bias": self.elastic,
             "reference": self.reference,
-            "targets": list(TARGETS),
-            "errors": [dict(vars(row)) for row in self.errors],
-            "models": [dict(vars(row)) for row in self.models],
+            "targets": TARGETS,
+            "errors": self.errors,
+            "models": self.models,
             "predictions": predictions,
-            "left_out": list(self.left_out),
-            "cost": {"wall_time": self.wall_time, "paths": self.paths, "threads": self.threads},
-            "provenance": dict(self.provenance),
+            "left_out": self.left_out,
+            "cost": {name: getattr(self.cost, name) for name in ("wall_time", "paths", "threads")},
+            "provenance": self.provenance,
         }
 
 
@@ -394,9 +387,7 @@ def cost(
         steps=tuple(rung.step for rung in plans),
         default_step=plan.step,
         left_out=tuple(left_out),
-        paths=statistics.count,
-        threads=workers,
-        wall_time=time.perf_counter() - started,
+        cost=Cost(wall_time=time.perf_counter() - started, paths=statistics.count, threads=workers),
         provenance=provenance(scene.document(), seed),
     )
 

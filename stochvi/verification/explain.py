@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from stochvi.methods.averaging import unmet_conditions as unmet_by_averaging
 from stochvi.methods.closed_form import unmet_conditions
@@ -13,8 +13,13 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import Prospect, prospect
 from stochvi.model.cautions import scene_notes
 from stochvi.model.model import model_of
+from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.estimates import provenance
 from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 KNOWN_EFFECTS = (
     "white noise",
@@ -30,9 +35,11 @@ KNOWN_EFFECTS = (
 APPLIES = "applies"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Explanation:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Explanation(Result):
     """What a scene calls for. `methods` maps each method to "applies" or to what it lacks."""
+
+    not_in_document = COMMON
 
     effects: Sequence[str]
     absent: Sequence[str]
@@ -41,9 +48,27 @@ class Explanation:
     notes: Sequence[str]
     simulation: Prospect | None
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
-        return {"method": "explain", **asdict(self)}
+    def summary(self) -> str:
+        """The effects that a simulation has in it."""
+        return f"simulated: {', '.join(self.effects)}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per method: whether it applies, and what it lacks."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "method": list(self.methods),
+                "applies": [found == APPLIES for found in self.methods.values()],
+                "lacks": ["" if found == APPLIES else found for found in self.methods.values()],
+            }
+        )
+
+    def _remarks(self) -> Sequence[str]:
+        return (*self.notes, *self.warnings)
+
+    def _document(self) -> dict[str, Any]:
+        return {"method": "explain", **super()._document()}
 
 
 def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
@@ -89,6 +114,7 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         assumptions=scene.assumptions(),
         notes=() if scene.beyond_one_oscillator() else tuple(scene_notes(model_of(scene))),
         simulation=simulation,
+        provenance=provenance(scene.document()),
     )
 
 

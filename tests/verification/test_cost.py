@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from stochvi import Estimate, NotConverged, cost, exact, load_scene, simulate
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.quantities import GOVERNED
+from stochvi.results.estimates import Cost
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.testing import assert_agrees
 from stochvi.verification.cost import (
@@ -160,7 +161,7 @@ def chi_square(found: WorkPrecision, target: float, length: float) -> dict[str, 
     predicted = found.cheapest(target)
     assert predicted is not None
     rows = found.of_step(predicted.step) + found.of_step(predicted.step, rates=True)
-    paths = round(length * predicted.seconds * found.paths / rows[0].cpu_seconds)
+    paths = round(length * predicted.seconds * found.cost.paths / rows[0].cpu_seconds)
     truth = exact(ELASTIC).estimates()
     runs = [
         simulate(ELASTIC, paths=paths, seed=1000 + run, threads=1).estimates()
@@ -237,10 +238,7 @@ def made(*errors: StepError) -> WorkPrecision:
         steps=tuple(sorted({one.step for one in errors}, reverse=True)),
         default_step=0.2,
         left_out=(),
-        paths=64,
-        threads=1,
-        wall_time=1.0,
-        provenance={},
+        cost=Cost(wall_time=1.0, paths=64, threads=1),
     )
 
 

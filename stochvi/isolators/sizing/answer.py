@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.chances import Gap, gap_of
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.base import Result
+from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
@@ -98,7 +98,7 @@ class ThreeSigma:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Sizing:
+class Sizing(Result):
     """The clearance that keeps a target, and what it rests on.
 
     Parameters
@@ -136,6 +136,8 @@ class Sizing:
         smallest that can be judged and keeps the target with a margin; else None.
     """
 
+    not_in_document = ("scene",)  # it is in the provenance
+
     scene: Scene
     target: Target
     mission: float
@@ -149,9 +151,6 @@ class Sizing:
     screening: Screening | None
     method: str
     kept_with: Estimate | None = None
-    warnings: Sequence[str] = ()
-    cost: Cost = field(default_factory=Cost)
-    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def gap(self) -> Gap:
@@ -205,52 +204,26 @@ class Sizing:
         """The curve of risk against clearance."""
         return self.curve
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document, SI units; what is not known is null."""
-        three = self.three_sigma
+    def summary(self) -> str:
+        """The verdict."""
+        return self.verdict()
+
+    def _shown(self) -> pd.DataFrame:
+        return self.required
+
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
         return {
             "method": "size",
             "verdict": self.verdict(),
-            "target": asdict(self.target),
-            "mission": self.mission,
-            "clearance": asdict(self.clearance),
             "clearance_in_sigma": self.clearance.value / self.sigma,
-            "kept_with": None if self.kept_with is None else self.kept_with.to_dict(),
-            "sigma": self.sigma,
-            "gap": asdict(self.gap),
-            "three_sigma": {
-                name: value.to_dict() if isinstance(value, Estimate) else value
-                for name, value in vars(three).items()
-            },
-            "required": records_of(self.required),
-            "curve": records_of(self.curve),
-            "simulated": records_of(self.simulated),
-            "screening": None if self.screening is None else dict(vars(self.screening)),
-            "evidence": {name: answer.to_dict() for name, answer in self.evidence.items()},
-            "by": self.method,
-            "warnings": list(self.warnings),
-            "cost": asdict(self.cost),
-            "provenance": dict(self.provenance),
+            "gap": self.gap,
+            "by": found.pop("method"),
+            **found,
         }
 
     def __repr__(self) -> str:
         return f"<size: {self.verdict()}>"
-
-    def _repr_html_(self) -> str:
-        notes = "".join(f"<br>{warning}" for warning in self.warnings)
-        return f"<b>{self.verdict()}</b>{self.required.to_html(index=False)}{notes}"
-
-
-def records_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows of a table as plain types, None for what is missing."""
-    return [
-        {str(name): None if _missing(value) else value for name, value in row.items()}
-        for row in frame.to_dict("records")
-    ]
-
-
-def _missing(value: object) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)
 
 
 def spoken_percent(probability: float) -> str:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stochvi.isolators.environment import Environment, environment
 from stochvi.isolators.screening import Screening, predicted_rates
-from stochvi.isolators.sizing.answer import Sizing, records_of
+from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.chances import probability_at, two_sided
 from stochvi.isolators.sizing.clatter import clatter
 from stochvi.isolators.sizing.motion import MotionBetweenStops, PathSettings, motion_between_stops
 from stochvi.isolators.tolerances import within_tolerances
 from stochvi.model.model import model_of
+from stochvi.results.base import plain
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
@@ -141,13 +142,6 @@ class Comparison:
     three_sigma: Estimate | None
     recommended: Estimate | None
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
-        return {
-            name: value.to_dict() if isinstance(value, Estimate) else value
-            for name, value in vars(self).items()
-        }
-
 
 @dataclass(frozen=True, kw_only=True)
 class Review:
@@ -197,23 +191,8 @@ class Review:
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON document of the sizing, and under "review" what the review adds to it."""
-        return self.sizing.to_dict() | {
-            "review": {
-                "environment": self.environment.to_dict(),
-                "mount": asdict(self.mount),
-                "linear": None if self.linear is None else asdict(self.linear),
-                "closure": None if self.closure is None else records_of(self.closure),
-                "chances": {place: asdict(chance) for place, chance in self.chances.items()},
-                "hits": {place: hits and asdict(hits) for place, hits in self.hits.items()},
-                "comparisons": [row.to_dict() for row in self.comparisons],
-                "motion": None if self.motion is None else self.motion.to_dict(),
-                "peaks": None if self.peaks is None else records_of(self.peaks),
-                "peak_window": self.peak_window,
-                "sensitivity": None if self.sensitivity is None else records_of(self.sensitivity),
-                "warnings": list(self.warnings),
-                "assumptions": list(self.assumptions),
-            }
-        }
+        added = {each.name: plain(getattr(self, each.name)) for each in fields(self)}
+        return {**added.pop("sizing"), "review": added}
 
 
 def review(
@@ -352,7 +331,7 @@ def _hits_at(sizing: Sizing, clearance: float) -> HitsAt | None:
     near = table[np.isclose(table["clearance"], clearance)] if len(table) else table
     if not len(near):
         return None
-    (row, *_) = records_of(near)
+    (row, *_) = plain(near)
     rate, mission = row["hit_rate"], sizing.mission
     return HitsAt(
         rate=rate,

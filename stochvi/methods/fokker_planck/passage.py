@@ -19,8 +19,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -45,6 +45,7 @@ from stochvi.methods.fokker_planck.layout import (
 from stochvi.methods.fokker_planck.mesh import Array
 from stochvi.methods.fokker_planck.operators import LinearMotion, Operator
 from stochvi.methods.fokker_planck.starts import Given, Point, Start, start_of
+from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, format_with_error, provenance
 from stochvi.scenes.scene import Scene, System
@@ -78,7 +79,7 @@ FLOOR = 3e-8
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class FirstPassage:
+class FirstPassage(Result):
     """When a barrier is first reached.
 
     Attributes
@@ -97,6 +98,8 @@ class FirstPassage:
         The barriers, m; None where there is none.
     """
 
+    not_in_document = ("warnings",)
+
     times: tuple[float, ...]
     probability: tuple[Estimate, ...]
     mean_time: Estimate
@@ -108,8 +111,6 @@ class FirstPassage:
     method: str = METHOD
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
-    cost: Cost
-    provenance: Mapping[str, Any]
 
     def to_frame(self) -> pd.DataFrame:
         """A row per time: seconds, probability, bound on its error."""
@@ -123,22 +124,9 @@ class FirstPassage:
             }
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document: only plain types, never NaN or infinity."""
-        return {
-            "method": self.method,
-            "barriers": {"lower": self.lower, "upper": self.upper},
-            "start": self.start,
-            "times": list(self.times),
-            "probability": [estimate.to_dict() for estimate in self.probability],
-            "mean_time": self.mean_time.to_dict(),
-            "decay_rate": self.decay_rate.to_dict(),
-            "rice_rate": None if self.rice_rate is None else self.rice_rate.to_dict(),
-            "effects": list(self.effects),
-            "assumptions": list(self.assumptions),
-            "cost": asdict(self.cost),
-            "provenance": dict(self.provenance),
-        }
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        return {"barriers": {side: found.pop(side) for side in ("lower", "upper")}, **found}
 
     def __repr__(self) -> str:
         lines = [

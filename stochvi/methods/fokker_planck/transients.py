@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -34,6 +34,7 @@ from stochvi.methods.fokker_planck.operators import Factors, LinearMotion, Opera
 from stochvi.methods.fokker_planck.passage import barriers
 from stochvi.methods.fokker_planck.starts import Gaussian, Given, Start, start_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
+from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.scene import Scene, System
@@ -87,7 +88,7 @@ class Moments(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Transient:
+class Transient(Result):
     """A density in time.
 
     Attributes
@@ -100,6 +101,8 @@ class Transient:
         Slowest impact that rates count, m/s.
     """
 
+    not_in_document = ("warnings", "_states")
+
     times: tuple[float, ...]
     values: Moments
     errors: Moments
@@ -107,8 +110,6 @@ class Transient:
     method: str = METHOD
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
-    cost: Cost
-    provenance: Mapping[str, Any]
     _states: tuple[_State, ...] = field(default=())
 
     def density(self, x: ArrayLike, v: ArrayLike, index: int) -> Array:
@@ -129,20 +130,6 @@ class Transient:
         columns: dict[str, Any] = {"time": self.times, **self.values._asdict()}
         columns |= {f"{name}_bias": column for name, column in self.errors._asdict().items()}
         return pd.DataFrame(columns)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document: only plain types, never NaN or infinity."""
-        return {
-            "method": self.method,
-            "times": list(self.times),
-            "values": {name: column.tolist() for name, column in self.values._asdict().items()},
-            "errors": {name: column.tolist() for name, column in self.errors._asdict().items()},
-            "speed_threshold": self.speed_threshold,
-            "effects": list(self.effects),
-            "assumptions": list(self.assumptions),
-            "cost": asdict(self.cost),
-            "provenance": dict(self.provenance),
-        }
 
     def __repr__(self) -> str:
         ends = ", ".join(f"{moment:g}" for moment in self.times[:3])

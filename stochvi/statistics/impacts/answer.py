@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.results.estimates import Cost, Estimate, format_with_error
+from stochvi.results.base import Result
+from stochvi.results.estimates import Estimate, format_with_error
 from stochvi.statistics.impacts.tallies import Histogram, Rate
 
 if TYPE_CHECKING:
@@ -73,8 +74,8 @@ class PairStatistics:
         return np.asarray(w / square * np.exp(-(w**2) / (2.0 * square)))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ImpactStatistics:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ImpactStatistics(Result):
     """Of every impact pair of a scene.
 
     `each` tells whether impacts were seen one by one however close, or those of one step of
@@ -87,9 +88,6 @@ class ImpactStatistics:
     step: float
     each: bool
     assumptions: Sequence[str] = ()
-    warnings: Sequence[str] = ()
-    cost: Cost = field(default_factory=Cost)
-    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def to_frame(self) -> pd.DataFrame:
         """A tidy table of all numbers: one row per pair and quantity."""
@@ -139,20 +137,12 @@ class ImpactStatistics:
         ]
         return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
-        return {
-            "method": "impacts",
-            "impact_pairs": {name: _plain(pair) for name, pair in self.pairs.items()},
-            "duration": self.duration,
-            "window": self.window,
-            "step": self.step,
-            "each": self.each,
-            "assumptions": list(self.assumptions),
-            "warnings": list(self.warnings),
-            "cost": asdict(self.cost),
-            "provenance": dict(self.provenance),
-        }
+    def _shown(self) -> pd.DataFrame:
+        return self.to_table()
+
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        return {"method": "impacts", "impact_pairs": found.pop("pairs"), **found}
 
     def summary(self) -> str:
         """How clustered the impacts are, in a sentence for each pair."""
@@ -203,16 +193,3 @@ def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
         if exponent.theory is not None:
             add(f"1 - beta by theory, {side}", "1", Estimate(value=exponent.theory))
     return rows
-
-
-def _plain(item: Any) -> Any:
-    """Dataclasses, mappings and arrays as what JSON knows."""
-    if isinstance(item, Estimate):
-        return item.to_dict()
-    if isinstance(item, np.ndarray):
-        return item.tolist()
-    if isinstance(item, Mapping):
-        return {key: _plain(value) for key, value in item.items()}
-    if hasattr(item, "__dataclass_fields__"):
-        return {key: _plain(getattr(item, key)) for key in item.__dataclass_fields__}
-    return item

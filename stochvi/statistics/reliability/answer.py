@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
-from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.base import Result, plain
+from stochvi.results.estimates import Estimate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,15 +67,12 @@ class Chance:
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON document: only plain types."""
-        return asdict(self) | {
-            "estimate": self.estimate.to_dict(),
-            "wilson": None if self.wilson is None else list(self.wilson),
-            "crude_seconds": self.crude_seconds,
-        }
+        known = {each.name: plain(getattr(self, each.name)) for each in fields(self)}
+        return known | {"crude_seconds": self.crude_seconds}
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Reliability:
+class Reliability(Result):
     """What a mission risks: `chances` by event, and `hits`, the expected number of impacts.
 
     `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says of
@@ -88,9 +86,6 @@ class Reliability:
     hits_interval: tuple[float, float] | None
     confidence: float
     assumptions: Sequence[str]
-    warnings: Sequence[str]
-    cost: Cost
-    provenance: Mapping[str, Any]
     missing: Mapping[str, str] = field(default_factory=dict)
     method: str = "reliability"
 
@@ -131,24 +126,13 @@ class Reliability:
             ]
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document: only plain types, never NaN or infinity."""
-        no_hit, interval = self.no_hit, self.hits_interval
-        return {
-            "method": self.method,
-            "mission": self.mission,
-            "start": self.start,
-            "confidence": self.confidence,
-            "no_hit": None if no_hit is None else no_hit.to_dict(),
-            "chances": {name: chance.to_dict() for name, chance in self.chances.items()},
-            "expected_hits": None if self.hits is None else self.hits.to_dict(),
-            "expected_hits_interval": None if interval is None else list(interval),
-            "missing": dict(self.missing),
-            "assumptions": list(self.assumptions),
-            "warnings": list(self.warnings),
-            "cost": asdict(self.cost),
-            "provenance": dict(self.provenance),
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        expected = {
+            "expected_hits": found.pop("hits"),
+            "expected_hits_interval": found.pop("hits_interval"),
         }
+        return {"no_hit": self.no_hit, **expected, **found}
 
     def __repr__(self) -> str:
         lines = [

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.results.estimates import Cost
+from stochvi.results.base import Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,8 +48,8 @@ class Curve:
         return np.asarray((self.lower <= truth) & (truth <= self.upper))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ResponseSpectrum:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ResponseSpectrum(Result):
     """Spectra of a scene with their errors.
 
     Parameters
@@ -68,6 +68,8 @@ class ResponseSpectrum:
         What a quantity is here, in words, or why it is left out.
     """
 
+    not_in_document = ("frequency_hz",)  # it is in every curve
+
     frequency_hz: Vector
     curves: Mapping[str, Mapping[str, Curve]]
     method: str
@@ -77,9 +79,6 @@ class ResponseSpectrum:
     degrees_of_freedom: float
     meanings: Mapping[str, str]
     assumptions: Sequence[str] = ()
-    warnings: Sequence[str] = ()
-    cost: Cost = field(default_factory=Cost)
-    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def relative_error(self) -> float:
@@ -135,30 +134,16 @@ class ResponseSpectrum:
                 )
         return pd.DataFrame(rows)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document."""
-        return {
-            "method": f"spectrum:{self.method}",
-            "spectra": {
-                owner: {
-                    name: {
-                        "unit": UNITS[name],
-                        **{part: values.tolist() for part, values in vars(curve).items()},
-                    }
-                    for name, curve in curves.items()
-                }
-                for owner, curves in self.curves.items()
-            },
-            "segment": self.segment,
-            "step": self.step,
-            "bandwidth": self.bandwidth,
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "meanings": dict(self.meanings),
-            "assumptions": list(self.assumptions),
-            "warnings": list(self.warnings),
-            "cost": vars(self.cost),
-            "provenance": dict(self.provenance),
+    def _shown(self) -> pd.DataFrame:
+        return self.peaks()
+
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        spectra = {
+            owner: {name: {"unit": UNITS[name], **vars(curve)} for name, curve in curves.items()}
+            for owner, curves in found.pop("curves").items()
         }
+        return found | {"method": f"spectrum:{self.method}", "spectra": spectra}
 
     def summary(self) -> str:
         """How it was estimated, in a sentence."""

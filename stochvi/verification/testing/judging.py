@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NoExactSolution
 from stochvi.results.estimates import Cost, Estimate, format_with_error
 from stochvi.results.intervals import normal_score, student_quantile
@@ -85,18 +85,20 @@ class Finding:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Judgement:
+class Judgement(Result):
     """The verdict on an integrator.
 
     `findings` are all comparisons, `hints` what a pattern of disagreements looks like, `left_out`
     what was not returned. `allowed_percent` is the bias that was declared harmless.
     """
 
-    findings: Sequence[Finding]
+    not_in_document = COMMON
+
     hints: Sequence[str]
     left_out: Sequence[str]
     z: float
     allowed_percent: float
+    findings: Sequence[Finding]
 
     @property
     def passed(self) -> bool:
@@ -155,10 +157,8 @@ class Judgement:
         lines += [f"  left out: {reason}" for reason in self.left_out]
         return "\n".join(lines) + ">"
 
-    def _repr_html_(self) -> str:
-        hints = "".join(f"<li>{html.escape(hint)}</li>" for hint in self.hints)
-        table = self.to_frame().to_html(index=False)
-        return f"<b>{html.escape(self.summary())}</b><ul>{hints}</ul>{table}"
+    def _remarks(self) -> Sequence[str]:
+        return [*(f"looks like: {hint}" for hint in self.hints), *self.warnings]
 
     def to_frame(self) -> pd.DataFrame:
         """One row per finding."""
@@ -166,18 +166,13 @@ class Judgement:
 
         return pd.DataFrame([vars(row) for row in self.findings])
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON document: plain types, never NaN."""
+    def _document(self) -> dict[str, Any]:
         return {
             "method": "judge",
             "passed": self.passed,
             "summary": self.summary(),
-            "hints": list(self.hints),
-            "left_out": list(self.left_out),
             "family_alarm_rate": FAMILY_ALARM_RATE,
-            "z": self.z,
-            "allowed_percent": self.allowed_percent,
-            "findings": [dict(vars(row)) for row in self.findings],
+            **super()._document(),
         }
 
 

@@ -1,0 +1,122 @@
+"""The base of every answer: a JSON document, a table, and a page for notebooks, made alike."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from stochvi.results.estimates import Cost
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COMMON = ("warnings", "cost", "provenance")
+"""What every answer has; it stands last in documents."""
+
+MOST_ROWS = 60
+"""Rows of a table that a notebook shows; longer ones are cut in the middle."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Result:
+    """What a calculation answers with.
+
+    A kind of answer is a frozen dataclass on this base. It says `to_frame` and, in `summary`, what
+    was found in a sentence; the rest follows from its fields.
+
+    Parameters
+    ----------
+    warnings
+        What a reader must know before believing the numbers, a sentence each.
+    cost
+        What the answer took.
+    provenance
+        What is needed to make it again: versions, processor, seed and the scene.
+    """
+
+    warnings: Sequence[str] = ()
+    cost: Cost = field(default_factory=Cost)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    not_in_document: ClassVar[tuple[str, ...]] = ()
+    """Fields that the JSON document of a kind of answer does not hold."""
+
+    def __repr__(self) -> str:
+        return f"<{self.summary()}>"
+
+    def summary(self) -> str:
+        """The answer in a sentence; where there is none, the name of the method."""
+        return str(getattr(self, "method", type(self).__name__))
+
+    def to_frame(self) -> pd.DataFrame:
+        """The answer as a tidy table."""
+        raise NotImplementedError(f"{type(self).__name__} has no table")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document: only plain types, never NaN or infinity."""
+        return {name: plain(value) for name, value in self._document().items()}
+
+    def _document(self) -> dict[str, Any]:
+        """The fields by name, those that are common to all answers last; a kind of answer whose
+        document has other names, or holds more, overrides this."""
+        names = [each.name for each in fields(self) if each.name not in self.not_in_document]
+        names.sort(key=COMMON.__contains__)
+        return {name: getattr(self, name) for name in names}
+
+    def _repr_html_(self) -> str:
+        remarks = "".join(f"<br>{html.escape(each, quote=False)}" for each in self._remarks())
+        table = self._shown().to_html(index=False, max_rows=MOST_ROWS)
+        return f"<b>{html.escape(self.summary(), quote=False)}</b>{table}{remarks}"
+
+    def _shown(self) -> pd.DataFrame:
+        """The table that a notebook shows."""
+        return self.to_frame()
+
+    def _remarks(self) -> Sequence[str]:
+        """Sentences below the table in a notebook."""
+        return self.warnings
+
+
+def plain(value: Any) -> Any:
+    """A value as what JSON knows; a number that is not finite as None.
+
+    >>> plain({"speeds": np.array([1.0, np.nan]), "seen": np.bool_(True), "by": ("x", 2)})
+    {'speeds': [1.0, None], 'seen': True, 'by': ['x', 2]}
+    """
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if is_dataclass(value) and not isinstance(value, type):
+        if hasattr(value, "to_dict"):
+            return value.to_dict()
+        return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if hasattr(value, "iloc"):  # a table
+        value = value.to_dict("records")
+    if isinstance(value, Mapping):
+        return {str(name): plain(each) for name, each in value.items()}
+    if isinstance(value, Iterable):
+        return [plain(each) for each in value]
+    raise TypeError(f"{type(value).__name__} has no form in JSON")
+
+
+def total_cost(costs: Iterable[Cost]) -> Cost:
+    """What several answers took together, one after the other."""
+    known = list(costs)
+    return Cost(
+        wall_time=sum(each.wall_time for each in known),
+        compile_time=sum(each.compile_time for each in known),
+        steps=sum(each.steps for each in known),
+        impacts=sum(each.impacts for each in known),
+        paths=sum(each.paths for each in known),
+        threads=max((each.threads for each in known), default=1),
+    )

@@ -1,0 +1,147 @@
+"""Every kind of answer: plain documents, tables, and pages that drop no warning."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+import pkgutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import stochvi
+from stochvi import Oscillator, Scene, WhiteNoise
+from stochvi.results.base import Result, plain, total_cost
+from stochvi.results.estimates import Cost, Estimate
+from stochvi.statistics.impacts.method import impacts
+from stochvi.statistics.spectra.method import spectrum
+from stochvi.verification.checks import check_many
+from stochvi.verification.cost import cost
+from support.known import oscillator
+from support.sized import scene_between_stops, sizing_of
+
+
+def lossy() -> Scene:
+    return oscillator(-1.0, 1.0, 0.8)
+
+
+def judged() -> Result:
+    return stochvi.testing.judge(lambda problem, seed: {"velocity_std": (1.0, 0.01)}, ["linear"])
+
+
+def calmed() -> Result:
+    tower = Scene(
+        structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+        absorber=stochvi.Absorber(
+            mass=0.1, play=3.0, law=stochvi.Restitution(coefficient=0.5)
+        ),
+        excitations=[WhiteNoise(intensity=0.04)],
+    )  # fmt: skip
+    return stochvi.absorber(tower, levels_db=[0.0], rel_error=0.2, threads=1)
+
+
+ANSWERS: dict[str, Callable[[], Result]] = {
+    "Response": lambda: stochvi.fokker_planck(lossy()),
+    "Check": lambda: stochvi.check(lossy(), rel_error=0.1, threads=1),
+    "Checks": lambda: check_many({"a": lossy()}, rel_error=0.1, threads=1),
+    "WorkPrecision": lambda: cost(lossy(), paths=64, threads=1),
+    "Explanation": lambda: stochvi.explain(lossy()),
+    "Judgement": judged,
+    "Screening": lambda: stochvi.screen(scene_between_stops()),
+    "Sizing": lambda: sizing_of(scene_between_stops(), paths=64),
+    "FirstPassage": lambda: stochvi.first_passage(lossy(), times=[1.0]),
+    "Transient": lambda: stochvi.transient(oscillator(), [1.0]),
+    "Reliability": lambda: stochvi.reliability(
+        oscillator(), mission=5.0, barrier=2.0, start="rest", rel_error=0.5, threads=1
+    ),
+    "ImpactStatistics": lambda: impacts(
+        lossy(), paths=16, duration=20.0, threads=1
+    ),
+    "ResponseSpectrum": lambda: spectrum(oscillator(), paths=16, threads=1),
+    "AbsorberReport": calmed,
+}  # fmt: skip
+"""A small answer of each kind. The best box and jolts take long, see their own tests."""
+
+
+@pytest.fixture(scope="module", params=ANSWERS)
+def answer(request: pytest.FixtureRequest) -> Result:
+    found = ANSWERS[request.param]()
+    assert type(found).__name__ == request.param
+    return found
+
+
+def kinds(kind: type[Result]) -> Iterator[type[Result]]:
+    for each in kind.__subclasses__():
+        yield each
+        yield from kinds(each)
+
+
+def test_every_kind_of_answer_is_tested_here_or_where_it_is_made() -> None:
+    for module in pkgutil.walk_packages(stochvi.__path__, "stochvi."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    names = {each.__name__ for each in kinds(Result) if each.__module__.startswith("stochvi.")}
+    assert names == {*ANSWERS, "Design", "Jolts"}
+
+
+def test_a_document_is_plain_json(answer: Result) -> None:
+    document = answer.to_dict()
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+def test_a_table_has_rows(answer: Result) -> None:
+    assert len(answer.to_frame()) > 0
+
+
+def test_a_page_shows_what_was_found_and_drops_no_warning(answer: Result) -> None:
+    page = replace(answer, warnings=("the bias is < 1 %",))._repr_html_()
+    assert "the bias is &lt; 1 %" in page
+    assert "<table" in page
+    assert answer.summary().split("<")[0] in page
+
+
+def test_an_answer_says_where_it_comes_from(answer: Result) -> None:
+    several = {"Checks", "Judgement"}  # of several scenes
+    if type(answer).__name__ not in several:
+        assert answer.provenance["scene"]["structure"]
+
+
+def test_a_document_of_a_check_holds_every_warning_of_its_responses() -> None:
+    found = stochvi.check(lossy(), rel_error=0.1, threads=1)
+    warned = {each for response in found.to_dict()["responses"] for each in response["warnings"]}
+    assert warned and set(found.warnings) == warned
+
+
+@dataclass(frozen=True)
+class Pair:
+    left: float
+    right: np.ndarray
+
+
+def test_what_is_not_finite_is_none_in_a_document() -> None:
+    found = plain(
+        {
+            "numbers": [math.inf, np.float64(1.0), np.array([math.nan])],
+            "pair": Pair(math.nan, np.arange(2)),
+            "table": pd.DataFrame({"a": [1.0, math.nan]}),
+            "estimate": Estimate(value=1.0),
+        }
+    )
+    assert found["numbers"] == [None, 1.0, [None]]
+    assert found["pair"] == {"left": None, "right": [0, 1]}
+    assert found["table"] == [{"a": 1.0}, {"a": None}]
+    assert found["estimate"]["value"] == 1.0
+
+
+def test_what_has_no_form_in_json_is_refused() -> None:
+    with pytest.raises(TypeError, match="object has no form in JSON"):
+        plain({"a": object()})
+
+
+def test_costs_add_up() -> None:
+    found = total_cost([Cost(wall_time=1.0, paths=2, threads=2), Cost(wall_time=2.0, steps=3)])
+    assert found == Cost(wall_time=3.0, paths=2, steps=3, threads=2)
