@@ -8,7 +8,7 @@ demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
 
 test: .venv/test-installed
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 verify: .venv/test-installed
 	$(BIN)/python -m pytest -m verify

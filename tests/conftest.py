@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+
+# The workers of pytest-xdist use every core already: threads of BLAS on top of them wait for each
+# other and triple the cost of the Fokker-Planck tests. numpy reads this when it is first imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 

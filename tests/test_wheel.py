@@ -24,10 +24,10 @@ def test_wheel_in_a_fresh_environment_finds_its_data(tmp_path: Path) -> None:
     subprocess.run([*build, "--wheel-dir", str(tmp_path), str(CHECKOUT)], check=True)
     (wheel,) = tmp_path.glob("stochvi-*.whl")
     fresh = tmp_path / "fresh"
-    venv.create(fresh, with_pip=True)
+    venv.create(fresh, with_pip=False)
     python = fresh / "bin" / "python"
-    install = [str(python), "-m", "pip", "install", "--quiet", "--no-deps", str(wheel)]
-    subprocess.run(install, check=True)
+    install = [sys.executable, "-m", "pip", f"--python={python}", "install", "--quiet", "--no-deps"]
+    subprocess.run([*install, str(wheel)], check=True)
     # the dependencies are borrowed; the package is not: a path entry ignores editable installs
     borrowed = os.environ | {"PYTHONPATH": sysconfig.get_path("purelib")}
     told = subprocess.run(

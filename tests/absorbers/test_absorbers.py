@@ -37,6 +37,7 @@ from stochvi.testing import assert_agrees
 from stochvi.verification.testing.agreement import Z
 from stochvi.views.absorbers import verdict
 from stochvi.views.report.absorber import design_page
+from support.accuracies import rel_errors
 
 LIGHTLY_DAMPED = Oscillator(mass=1.0, damping=0.02, stiffness=1.0)
 UNIT_RMS = WhiteNoise(intensity=0.04)
@@ -105,9 +106,10 @@ def test_units_that_differ_are_a_list_of_absorbers() -> None:
     assert Scene(**json.loads(json.dumps(scene.document()))) == scene
 
 
-def test_different_units_that_lose_nothing_share_energy() -> None:
+@rel_errors(0.06, 0.03)
+def test_different_units_that_lose_nothing_share_energy(rel_error: float) -> None:
     """Every unit has m E v^2 = theta, and free ones hit at sigma_rel sqrt(2 / pi) / d."""
-    response = simulate(two_different(1.0, 1), rel_error=0.03)
+    response = simulate(two_different(1.0, 1), rel_error=rel_error)
     assert_agrees(response.coordinates["structure"]["displacement_mean_square"], 1.0)
     for name, mass in (("absorber 1", 0.06), ("absorber 2", 0.08)):
         assert_agrees(response.coordinates[name]["velocity_mean_square"], 1.0 / mass)
@@ -118,8 +120,9 @@ def test_different_units_that_lose_nothing_share_energy() -> None:
         assert_agrees(response.impact_pairs["box 2"]["collision_rate"], rate)
 
 
-def test_different_units_that_lose_energy_keep_their_balances() -> None:
-    response = simulate(two_different(0.5, 1), rel_error=0.03)
+@rel_errors(0.1, 0.03)
+def test_different_units_that_lose_energy_keep_their_balances(rel_error: float) -> None:
+    response = simulate(two_different(0.5, 1), rel_error=rel_error)
     assert response.identities
     for residual in response.identities.values():
         assert abs(residual.value) <= Z * residual.standard_error + (residual.bias or 0.0)
@@ -265,14 +268,15 @@ def test_levels_raise_what_shakes_and_leave_loads() -> None:
     assert load.force == 1.0
 
 
-def test_an_absorber_that_loses_nothing_shares_energy_and_does_not_help() -> None:
+@rel_errors(0.03, 0.01)
+def test_an_absorber_that_loses_nothing_shares_energy_and_does_not_help(rel_error: float) -> None:
     """E v1^2 = theta / m1, m2 E v2^2 = theta; the relative position is uniform in the box."""
     scene = Scene(
         structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
         absorber=Absorber(mass=0.1, play=2.0, law=Restitution(coefficient=1.0)),
         excitations=[WhiteNoise(intensity=0.2)],
     )
-    (found,) = absorber(scene, levels_db=[0.0], rel_error=0.01).performances
+    (found,) = absorber(scene, levels_db=[0.0], rel_error=rel_error).performances
     assert_agrees(found.ratio, 1.0)
     box = found.response.impact_pairs["box"]
     assert_agrees(box["collision_rate"], 1.32314185710031)
@@ -281,7 +285,7 @@ def test_an_absorber_that_loses_nothing_shares_energy_and_does_not_help() -> Non
     assert_agrees(found.response.coordinates["absorber"]["velocity_mean_square"], 10.0)
     assert found.absorbed_share is not None and found.absorbed_share.value == 0.0
     # negative control: the same claim of a box that loses energy
-    (lossy,) = absorber(boxed(2.0, 0.8), levels_db=[0.0], rel_error=0.01).performances
+    (lossy,) = absorber(boxed(2.0, 0.8), levels_db=[0.0], rel_error=rel_error).performances
     with pytest.raises(AssertionError):
         assert_agrees(lossy.ratio, 1.0)
 
@@ -299,10 +303,11 @@ def test_the_exact_row_to_two_parts_in_a_thousand() -> None:
     assert_agrees(response.coordinates["absorber"]["velocity_mean_square"], 10.0)
 
 
-def test_what_impacts_absorb_is_what_dampers_do_not() -> None:
+@rel_errors(0.03, 0.01)
+def test_what_impacts_absorb_is_what_dampers_do_not(rel_error: float) -> None:
     """S / (2 m) = c E v^2 + loss, the supply of white noise being known."""
     scene = boxed(3.0, 0.5, stiffness=0.02, damping=0.004)
-    (found,) = absorber(scene, levels_db=[0.0], rel_error=0.01).performances
+    (found,) = absorber(scene, levels_db=[0.0], rel_error=rel_error).performances
     share = found.absorbed_share
     assert share is not None
     loss = found.response.impact_pairs["box"]["impact_speed_square_rate"]
@@ -325,7 +330,7 @@ def test_rubber_walls_take_what_white_noise_supplies() -> None:
         absorber=Absorber(mass=0.1, play=3.0, law=rubber),
         excitations=[UNIT_RMS],
     )
-    found = simulate(scene, paths=64, seed=1)
+    found = simulate(scene, paths=32, seed=1)
     speeds = found.coordinates["structure"]["velocity_mean_square"]
     losses = found.impact_pairs["box"]["impact_speed_square_rate"]
     taken = (0.1 / 1.1) * (1.0 - rubber.restitution**2) / 2.0
@@ -360,8 +365,8 @@ def random_absorber(number: int) -> Scene:
     )  # fmt: skip
 
 
-def assert_balanced(number: int) -> None:
-    response = simulate(random_absorber(number), rel_error=0.03, seed=number, budget=None)
+def assert_balanced(number: int, **work: float) -> None:
+    response = simulate(random_absorber(number), seed=number, budget=None, **work)
     assert response.identities
     for name, residual in response.identities.items():
         tolerance = Z * residual.standard_error + (residual.bias or 0.0)
@@ -370,20 +375,21 @@ def assert_balanced(number: int) -> None:
 
 @pytest.mark.parametrize("number", range(4))
 def test_random_absorbers_keep_their_balances(number: int) -> None:
-    assert_balanced(number)
+    assert_balanced(number, paths=64)
 
 
 @pytest.mark.verify
-@pytest.mark.parametrize("number", range(4, 50))
+@pytest.mark.parametrize("number", range(50))
 def test_more_random_absorbers_keep_their_balances(number: int) -> None:
-    assert_balanced(number)
+    assert_balanced(number, rel_error=0.03)
 
 
-def test_a_level_acts_like_the_size_of_the_box() -> None:
+@rel_errors(0.05, 0.02)
+def test_a_level_acts_like_the_size_of_the_box(rel_error: float) -> None:
     """Without a length of its own the system scales: +6.02 dB is half the play."""
     twice = 20.0 * math.log10(2.0)
-    (louder,) = absorber(boxed(3.0, 0.5), levels_db=[twice], rel_error=0.02).performances
-    (halved,) = absorber(boxed(1.5, 0.5), levels_db=[0.0], rel_error=0.02, seed=1).performances
+    (louder,) = absorber(boxed(3.0, 0.5), levels_db=[twice], rel_error=rel_error).performances
+    (halved,) = absorber(boxed(1.5, 0.5), levels_db=[0.0], rel_error=rel_error, seed=1).performances
     both = Estimate(
         value=louder.ratio.value,
         standard_error=math.hypot(louder.ratio.standard_error, halved.ratio.standard_error),
@@ -422,15 +428,18 @@ def test_the_robust_box_is_best_in_the_worst_case_of_a_known_curve() -> None:
     assert box.play > _best_box(points, 1.0, 0.0, 0).play
 
 
-def test_a_design_finds_the_broad_optimum() -> None:
+@rel_errors(0.08, 0.04)
+def test_a_design_finds_the_broad_optimum(rel_error: float) -> None:
     structure = Scene(structure=LIGHTLY_DAMPED, excitations=[UNIT_RMS])
     found = design_absorber(
         structure, mass_budget=0.1, restitutions=[0.5, 0.9], plays=[1, 1.7, 3, 5, 9],
-        level_range_db=3.0, rel_error=0.04,
+        level_range_db=3.0, rel_error=rel_error,
     )  # fmt: skip
     assert found.restitution == 0.5
     # the scene that it proposes, simulated with other random numbers
-    (again,) = absorber(found.scene, levels_db=[0.0], rel_error=0.02, seed=7).performances
+    (again,) = absorber(
+        found.scene, levels_db=[0.0], rel_error=rel_error / 2.0, seed=7
+    ).performances
     error = math.hypot(found.best.ratio.standard_error, again.ratio.standard_error)
     both = replace(again.ratio, standard_error=error)
     assert_agrees(both, found.best.ratio.value)
@@ -455,7 +464,7 @@ def test_a_design_takes_off_the_absorber_that_is_there() -> None:
 
 def test_noise_does_not_make_an_absorber_harmful() -> None:
     """A box that does nothing is said to be worse in one run of some 30 000."""
-    found = absorber(boxed(3.0, 1.0, mass=0.1), levels_db=[0.0], rel_error=0.05)
+    found = absorber(boxed(3.0, 1.0, mass=0.1), levels_db=[0.0], rel_error=0.1)
     for seed in range(200):
         random = np.random.default_rng(seed)
         central = found.performances[0]
@@ -529,7 +538,7 @@ def test_the_command_tells_the_verdict_first(tmp_path) -> None:
         """
     )
     runner = CliRunner()
-    common = ["--rel-error", "0.05", "--levels", "0,3"]
+    common = ["--rel-error", "0.1", "--levels", "0,3"]
     result = runner.invoke(main, ["absorber", str(file), *common, "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert "a mass of 10 % of the structure: rms displacement 0.4" in result.output

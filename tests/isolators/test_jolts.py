@@ -57,7 +57,7 @@ def test_below_the_energy_boundary_jolts_are_caught_and_stay() -> None:
     assert "none left it" in found.summary()
 
 
-@pytest.mark.parametrize("part", [1.005, 1.1])
+@pytest.mark.parametrize("part", [1.005, pytest.param(1.1, marks=pytest.mark.verify)])
 def test_beyond_the_energy_boundary_clatter_dies(part: float) -> None:
     """As transient chaos does: what is there at first is left again and again."""
     found = jolts(mount(part * BOUNDARY), [0.3], paths=64, duration=120.0)
@@ -71,7 +71,7 @@ def test_beyond_the_energy_boundary_clatter_dies(part: float) -> None:
 def brute_force(clearance: float, speed: float, paths: int, periods: int) -> float:
     """Share of paths that hit in the last `WINDOW_PERIODS`, by exact flight in small steps and
     impacts at their ends."""
-    steps = 800
+    steps = 400
     h = 2.0 * math.pi / DRIVE / steps
     decay, turn = math.exp(-DAMPING * h / 2.0), math.sqrt(OMEGA**2 - DAMPING**2 / 4.0) * h
     root = math.sqrt(OMEGA**2 - DAMPING**2 / 4.0)
@@ -101,14 +101,14 @@ def brute_force(clearance: float, speed: float, paths: int, periods: int) -> flo
 def test_the_share_of_captured_jolts_is_that_of_a_brute_force() -> None:
     """Both are shares of independent phases; 4.5 binomial standard errors."""
     clearance, speed = 0.9 * BOUNDARY, 0.2
-    found = jolts(mount(clearance), [speed], paths=512)
+    found = jolts(mount(clearance), [speed], paths=256)
     share = float(found.captured.mean())
-    expected = brute_force(clearance, speed, 512, 100)
+    expected = brute_force(clearance, speed, 256, 100)
     assert 0.1 < share < 0.9
-    error = math.sqrt(share * (1.0 - share) * 2.0 / 512)
+    error = math.sqrt(share * (1.0 - share) * 2.0 / 256)
     assert abs(share - expected) < 4.5 * error
     # negative control: another jolt has another share
-    other = brute_force(clearance, 0.02, 512, 100)
+    other = brute_force(clearance, 0.02, 256, 100)
     assert abs(share - other) > 4.5 * error
 
 

@@ -317,12 +317,12 @@ def test_scenes_whose_impacts_are_read_from_records(kind: str) -> None:
             excitations=[WhiteNoise(intensity=0.2)],
         ),
     }[kind]  # fmt: skip
-    found = impacts(given, paths=64, threads=1)
+    found = impacts(given, paths=16, threads=1)
     (pair,) = found.pairs.values()
-    (other,) = simulate(given, paths=64, seed=77, threads=1).impact_pairs.values()
+    (other,) = simulate(given, paths=16, seed=77, threads=1).impact_pairs.values()
     one, two = pair.rates["both"].estimate, other["collision_rate"]
     error = math.hypot(one.standard_error, two.standard_error)
-    # those of one step are one: of 64 paths that is lost in their error
+    # those of one step are one: of 16 paths that is lost in their error
     assert_agrees(Estimate(value=one.value, standard_error=error), two.value)
     assert not found.each and any("count as one" in each for each in found.warnings)
 

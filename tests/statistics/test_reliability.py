@@ -32,7 +32,9 @@ PRELOADED = oscillator(None, -0.5)
 
 
 def test_likely_events_are_counted_and_rare_ones_split() -> None:
-    near = reliability(FREE, mission=TEN_PERIODS, barrier=2.0, start="rest", seed=1, threads=1)
+    near = reliability(
+        FREE, mission=TEN_PERIODS, barrier=2.0, start="rest", seed=1, threads=1, rel_error=0.1
+    )
     assert near.chances["passage"].way == "crude"
     assert "missions suffice" in near.chances["passage"].why
     barrier, _, truth = RARE[0]

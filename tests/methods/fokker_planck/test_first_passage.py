@@ -132,7 +132,7 @@ def test_a_stationary_start_leaves_at_rices_rate_at_first_and_never_faster() -> 
 def test_rates_keep_their_digits_however_rare_and_approach_rices() -> None:
     """At 5.6 deviations the rate is 3e-8 of the frequency, at 7 it is 1e-12."""
     ratios = []
-    for barrier, rtol in ((2.0, 1e-4), (3.0, 1e-4), (5.6, 1e-2), (7.0, 1e-2)):
+    for barrier, rtol in ((2.0, 1e-4), (3.0, 1e-4), (5.6, 3e-2), (7.0, 3e-2)):
         found = first_passage(lightly_damped(), -barrier, barrier, times=[100.0], rtol=rtol)
         rate, rice, chance = found.decay_rate, found.rice_rate, found.probability[0]
         assert rate.bias is not None and rice is not None

@@ -21,6 +21,7 @@ from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.white import ENOUGH_STEPS, WhitePlan, _flow
 from stochvi.results.intervals import upper_limit_unseen
 from stochvi.testing import assert_agrees
+from support.accuracies import rel_errors
 from support.known import values
 
 HARD = importlib.import_module("studies.04_hard_cases.cases")
@@ -28,7 +29,7 @@ CASES: dict[str, Scene] = HARD.CASES
 
 FEW_PATHS = {
     "overdamped, zeta = 50, R = 0.5": {"paths": 24, "duration": 200.0},
-    "two modes, frequencies 1 : 1e4": {"paths": 16, "duration": 2.0},
+    "two modes, frequencies 1 : 1e4": {"paths": 16, "duration": 0.5},
     "filtered noise at 1000 times the resonance": {"paths": 24, "duration": 50.0},
     "sine alone, overdamped (zeta = 15)": {"paths": 24, "duration": 50.0},
     "static force 100 on a stop, R = 0": {"paths": 512, "duration": 0.002},
@@ -44,14 +45,15 @@ def no_warning() -> Iterator[None]:
         yield
 
 
-def answer(name: str, rel_error: float = 0.05) -> Response:
+def answer(name: str, rel_error: float = 0.1) -> Response:
     how = FEW_PATHS.get(name, {"rel_error": rel_error})
     return simulate(CASES[name], seed=21, threads=1, **how)  # type: ignore[arg-type]
 
 
+@rel_errors(0.1, 0.05)
 @pytest.mark.parametrize("name", CASES)
-def test_the_answer_is_finite_and_meets_the_balances(name: str) -> None:
-    response = answer(name)
+def test_the_answer_is_finite_and_meets_the_balances(name: str, rel_error: float) -> None:
+    response = answer(name, rel_error)
     # an Estimate refuses NaN and infinity by itself
     assert response.identities
     for residual in response.identities.values():
@@ -89,10 +91,11 @@ ELASTIC = ["R = 1", "static force 100 on a stop, R = 1", "gap 1e-6, R = 1", "pre
            "elastic stop, 1e8 times the spring"]  # fmt: skip
 
 
+@rel_errors(0.05, 0.02)
 @pytest.mark.parametrize("name", ELASTIC)
-def test_elastic_stops_agree_with_the_exact_law(name: str) -> None:
+def test_elastic_stops_agree_with_the_exact_law(name: str, rel_error: float) -> None:
     truth = values(exact(CASES[name]))
-    found = {key: item for (_, key), item in answer(name, 0.02).estimates().items()}
+    found = {key: item for (_, key), item in answer(name, rel_error).estimates().items()}
     for key in ("displacement_mean", "displacement_std", "velocity_std", "collision_rate"):
         assert_agrees(found[key], truth[key])
 
@@ -107,8 +110,9 @@ def test_a_narrow_elastic_gap_starts_in_its_law_and_stays_in_it() -> None:
     assert abs(sums[2].mean() - 1.0) < 4.5 * math.sqrt(2.0) * error
 
 
-def test_two_pairs_on_one_coordinate_are_one_pair_with_two_stops() -> None:
-    response = answer("two pairs on one coordinate", 0.02)
+@rel_errors(0.05, 0.02)
+def test_two_pairs_on_one_coordinate_are_one_pair_with_two_stops(rel_error: float) -> None:
+    response = answer("two pairs on one coordinate", rel_error)
     truth = values(exact(CASES["R = 1"]))
     assert_agrees(response.coordinates["a"]["displacement_std"], truth["displacement_std"])
     for name in ("floor", "ceiling"):
@@ -116,8 +120,9 @@ def test_two_pairs_on_one_coordinate_are_one_pair_with_two_stops() -> None:
         assert_agrees(rate, truth["collision_rate"] / 2.0)
 
 
-def test_free_absorber_between_elastic_stops() -> None:
-    response = answer("free absorber, R = 1", 0.02)
+@rel_errors(0.05, 0.02)
+def test_free_absorber_between_elastic_stops(rel_error: float) -> None:
+    response = answer("free absorber, R = 1", rel_error)
     # Gibbs law: rate sigma sqrt(2 / pi) / d, sigma^2 = theta (1 / m1 + 1 / m2), d the whole box
     assert_agrees(response.impact_pairs["box"]["collision_rate"], 1.32314185710031)
     assert_agrees(response.coordinates["a"]["displacement_std"], 1.0)
@@ -180,10 +185,10 @@ def test_rate_at_no_restitution_grows_with_the_root_of_the_threshold() -> None:
     for share in (0.05, 0.005):
         # steps as short as those in which noise brings a third of the threshold
         fine = replace(plan, threshold=share * plan.speed, burn_in=10.0, duration=20.0)
-        sums = fine.with_step(plan.step / 64.0).averages(5, 0, 512)
+        sums = fine.with_step(plan.step / 64.0).averages(5, 0, 128)
         rates.append(sums[3] + sums[6])
     ratio = rates[1].mean() / rates[0].mean()
-    error = ratio * math.hypot(*(rate.std() / rate.mean() / math.sqrt(512) for rate in rates))
+    error = ratio * math.hypot(*(rate.std() / rate.mean() / math.sqrt(128) for rate in rates))
     # w^(2 - beta), beta = 5/2, from w = 0.05 to 0.005 of the rms speed: a growth by sqrt 10, less
     # what faster impacts add, which do not follow the law of the corner
     assert 2.0 < ratio < math.sqrt(10.0) + 4.5 * error
@@ -212,7 +217,7 @@ def test_a_start_beyond_the_walls_of_two_masses_comes_back(monkeypatch: pytest.M
     start = ModalPlan.start
     monkeypatch.setattr(ModalPlan, "start", lambda plan, streams: 3.0 + start(plan, streams))
     scene = CASES["walls and a neighbour, R = 0.5"]
-    path = record_path(scene, duration=20.0)
+    path = record_path(scene, duration=12.0)
     assert np.isfinite(path.to_numpy()).all()
     later = path[path["time"] > 10.0]
     for name in "ab":

@@ -201,7 +201,7 @@ def chain(count: int, restitution: float) -> Scene:
 
 @pytest.mark.parametrize("count", [3, 8])
 def test_a_chain_keeps_its_balances(count: int) -> None:
-    response = simulate(chain(count, 0.7), paths=96, seed=5)
+    response = simulate(chain(count, 0.7), paths=48, seed=5)
     assert len(response.identities) == 2 + count
     for residual in response.identities.values():
         assert_agrees(residual, 0.0)
@@ -233,7 +233,7 @@ def test_a_chain_between_elastic_stops_obeys_the_gibbs_law() -> None:
     grid_b = grid_a - grid_y
     density = np.exp(-(grid_a**2 + grid_b**2 - grid_a * grid_b)) * np.outer(wa, wy)
     density /= density.sum()
-    response = simulate(scene, rel_error=0.01, seed=6)
+    response = simulate(scene, rel_error=0.02, seed=6)
     for name, grid in (("a", grid_a), ("b", grid_b)):
         found = response.coordinates[name]
         assert_agrees(found["displacement_mean"], float((grid * density).sum()))

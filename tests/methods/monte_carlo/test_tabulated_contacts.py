@@ -373,7 +373,11 @@ def test_filtered_noise_and_sines_need_no_table_beside_them() -> None:
 def test_a_sine_alone_may_keep_several_regimes_and_that_is_said() -> None:
     tone = Sine(amplitude=1.0, frequency_hz=0.3)
     alone = WHITE["linear"].model_copy(update={"excitations": (tone,)})
-    (said,) = (each for each in simulate(alone, paths=64).warnings if "several regimes" in each)
+    (said,) = (
+        each
+        for each in simulate(alone, paths=2, duration=10.0).warnings
+        if "several regimes" in each
+    )
     assert "compare with a longer duration" in said
 
 
