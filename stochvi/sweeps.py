@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import difflib
 import hashlib
-import importlib.util
 import itertools
 import json
 import math
@@ -24,15 +23,13 @@ import numpy as np
 
 from stochvi.mathematics.units import plain_number
 from stochvi.results.errors import CheckpointError, NotApplicable, NotConverged, SceneError
-from stochvi.results.estimates import format_with_error, provenance
-from stochvi.results.response import QUANTITY_UNITS, Response
+from stochvi.results.estimates import provenance
+from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene, load_scene, scene_from
-from stochvi.views.files import to_json, write_picture, write_table, write_text
-from stochvi.views.tables import NEGLIGIBLE, QUANTITY_NAMES
+from stochvi.views.files import to_json, write_text
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
 
 Progress = Callable[[float, str], None]
 Change = tuple[tuple[str, float], ...]
@@ -42,24 +39,7 @@ METHODS = ("simulate", "exact", "closure", "fokker-planck", "average")
 """Methods that can answer for a row; "closure" is a form of linearisation."""
 
 ERROR, BIAS = "standard_error", "bias"
-MOST_IN_A_LEGEND = 12
-"""Largest number of lines of a picture that a legend names; more would cover the picture."""
-
-GOVERNED = ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate")
-"""Quantities that the table on the terminal shows; the files hold all of them."""
-
-KEY_UNITS = {
-    "lower": "m",
-    "upper": "m",
-    "play": "m",
-    "mass": "kg",
-    "damping": "N s/m",
-    "stiffness": "N/m",
-    "frequency_hz": "Hz",
-    "level_db": "dB",
-    "speed_kmh": "km/h",
-}
-"""Units of keys that have one unit wherever they stand in a scene file."""
+"""Endings of the columns of a table that hold the errors of a quantity."""
 
 
 def sweep(
@@ -409,94 +389,6 @@ def _numbers(part: Any, key: str = "") -> Iterator[tuple[str, float]]:
             yield from _numbers(value, f"{key}.{name}".lstrip("."))
     elif isinstance(part, int | float) and not isinstance(part, bool):
         yield key, part
-
-
-def quantities(table: pd.DataFrame) -> list[str]:
-    """Columns of a table that are quantities, in its order."""
-    return [str(name) for name in table if f"{name} {ERROR}" in table]
-
-
-def spoken(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
-    """The table as a terminal shows it: keys, main quantities with standard errors, seconds."""
-    import pandas as pd
-
-    def cell(value: float, error: float) -> str:
-        return "-" if pd.isna(value) else format_with_error(value, error)
-
-    found = table[list(keys)].copy()
-    for quantity in quantities(table):
-        if quantity.rsplit(".", 1)[1] in GOVERNED:
-            pairs = zip(table[quantity], table[f"{quantity} {ERROR}"], strict=True)
-            found[_named(table, quantity)] = [cell(value, error) for value, error in pairs]
-    return found.assign(seconds=table["seconds"])
-
-
-def _named(table: pd.DataFrame, quantity: str) -> str:
-    """The name of a quantity with its unit, and with its owner where there are several owners."""
-    owner, name = quantity.rsplit(".", 1)
-    several = sum(other.endswith(f".{name}") for other in quantities(table)) > 1
-    whose = f"{owner}: " if several else ""
-    return f"{whose}{QUANTITY_NAMES[name]} ({QUANTITY_UNITS[name]})"
-
-
-def changes(table: pd.DataFrame, quantity: str) -> bool:
-    """Whether a quantity differs between rows by more than rounding."""
-    owner, name = quantity.rsplit(".", 1)
-    deviation = f"{owner}.{name.removesuffix('_mean')}_std"
-    scale = table[deviation if deviation in table else quantity].abs().max()
-    return bool(table[quantity].max() - table[quantity].min() > NEGLIGIBLE * scale)
-
-
-def draw_sweep(table: pd.DataFrame, keys: Sequence[str], quantity: str, title: str = "") -> Axes:
-    """Draw a quantity against the first key, with one line for each combination of the others.
-
-    Bars are 95 % intervals of the statistical error alone.
-    """
-    import matplotlib.pyplot as plt
-
-    _, ax = plt.subplots(figsize=(7.2, 4.4), layout="constrained")
-    groups = table.groupby(list(keys[1:]), sort=True) if keys[1:] else [((), table)]
-    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.88, len(groups)))
-    for colour, (values, group) in zip(colours, groups, strict=True):
-        pairs = zip(keys[1:], values, strict=True)
-        label = ", ".join(f"{_last(key)} {value:.4g}" for key, value in pairs)
-        ax.errorbar(
-            group[keys[0]], group[quantity], 1.96 * group[f"{quantity} {ERROR}"],
-            fmt="o-", markersize=4, capsize=2, color=colour, label=label,
-        )  # fmt: skip
-    if 1 < len(groups) <= MOST_IN_A_LEGEND:
-        ax.legend(frameon=False, fontsize="small")
-    unit = KEY_UNITS.get(_last(keys[0]).rsplit(".", 1)[-1])
-    ax.set_xlabel(f"{keys[0]} ({unit})" if unit else keys[0])
-    ax.set_ylabel(_named(table, quantity))
-    how = ", ".join(dict.fromkeys(table["method"]))
-    if (table[f"{quantity} {ERROR}"] > 0.0).any():
-        how += "; bars: 95 % intervals"
-    ax.set_title(f"{title}\n{how}" if title else how, fontsize="medium")
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-    return ax
-
-
-def _last(key: str) -> str:
-    """The last words of a key without its places in lists, such as "law.coefficient"."""
-    words = [word for word in key.split(".") if not word.isdigit()]
-    return ".".join(words[-2:])
-
-
-def write_sweep(
-    table: pd.DataFrame, keys: Sequence[str], folder: str | Path, title: str = ""
-) -> None:
-    """Write `sweep.csv`, `sweep.parquet` where pyarrow is installed, and a picture of each quantity
-    that changes."""
-    folder = Path(folder)
-    write_table(table, folder / "sweep.csv")
-    if importlib.util.find_spec("pyarrow") is not None:
-        table.to_parquet(folder / "sweep.parquet", index=False)
-    for quantity in quantities(table):
-        if changes(table, quantity):
-            ax = draw_sweep(table, keys, quantity, title)
-            write_picture(ax, folder / f"{quantity}.png")
 
 
 def values_of(text: str) -> tuple[str, list[float]]:

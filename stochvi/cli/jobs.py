@@ -347,8 +347,9 @@ def sweep(
     sweep.csv it writes sweep.parquet where pyarrow is installed (pip install pyarrow).
     """
     from stochvi.scenes.scene import load_scene
-    from stochvi.sweeps import once, spoken, values_of, write_sweep
+    from stochvi.sweeps import once, values_of
     from stochvi.sweeps import sweep as solve
+    from stochvi.views.sweep import terminal_table, write_sweep
     from stochvi.views.tables import LAST_DIGITS, print_frame
 
     ranges = dict(once([values_of(text) for text in vary]))
@@ -376,7 +377,7 @@ def sweep(
         kept = f"rows are kept in {out}: the same command goes on" if out else "nothing was kept"
         stop(f"interrupted by Ctrl-C; {kept}", FAILED)
     if not quiet:
-        print_frame(console_for(None), spoken(table, list(ranges)), method)
+        print_frame(console_for(None), terminal_table(table, list(ranges)), method)
         if method == "simulate":
             console_for(None).print(LAST_DIGITS, style="dim", highlight=False)
     if out is not None:

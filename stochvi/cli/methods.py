@@ -45,7 +45,7 @@ def exact(scene: str, json_file: str | None, out: Path | None, quiet: bool) -> N
     finish(solve(loaded), json_file, out, quiet)
     if out is not None and not loaded.beyond_one_oscillator() and not loaded.system().tables:
         from stochvi.methods.closed_form import exact_density
-        from stochvi.views.density_plots import draw_density
+        from stochvi.views.density import draw_density
         from stochvi.views.files import write_picture
 
         write_picture(draw_density(loaded, exact_density(loaded)), out / "density.png")
@@ -82,7 +82,7 @@ def fokker_planck(
     finish(response, json_file, out, quiet)
     if out is not None:
         from stochvi.methods.fokker_planck import fokker_planck_density
-        from stochvi.views.density_plots import draw_density
+        from stochvi.views.density import draw_density
         from stochvi.views.files import write_picture
 
         found = fokker_planck_density(loaded, rtol=rtol, speed_threshold=speed_threshold)
@@ -281,7 +281,7 @@ def _finish_spectrum(
     if json_file is not None:
         write_json(found.to_dict(), json_file)
     if out is not None:
-        from stochvi.views.record_plots import draw_spectrum
+        from stochvi.views.spectra import draw_spectrum
 
         write_table(found.to_frame(), out / "spectrum.csv")
         write_picture(draw_spectrum(found, title), out / "spectrum.png")
@@ -350,7 +350,7 @@ def _finish_impacts(
     if out is not None:
         write_table(found.to_frame(), out / "impacts.csv")
         write_table(found.histograms(), out / "histograms.csv")
-        from stochvi.views.record_plots import draw_impacts
+        from stochvi.views.impacts import draw_impacts
 
         if any(pair.speeds is not None for pair in found.pairs.values()):
             write_picture(draw_impacts(found, title), out / "impacts.png")

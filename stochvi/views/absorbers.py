@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stochvi.results.estimates import Estimate, format_with_error
 from stochvi.views.axes import COLOURS, axes_or_new, length_unit
 from stochvi.views.tables import print_frame
+from stochvi.views.words import with_error
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -78,13 +78,13 @@ def _level_row(each: Performance) -> dict[str, str]:
         "level (dB)": f"{each.level_db:+g}",
         "ratio": f"{each.ratio.value:.3f}",
         "95 % interval": f"{low:.3f} to {high:.3f}",
-        "rms (m)": in_words(each.displacement_std),
+        "rms (m)": with_error(each.displacement_std),
         "without": f"{each.displacement_std_without:.4g}",
-        "peak factor": in_words(each.peak_factor),
-        "without ": in_words(each.peak_factor_without),
+        "peak factor": with_error(each.peak_factor),
+        "without ": with_error(each.peak_factor_without),
     }
     if each.acceleration_std is not None:
-        row["abs. acc. (m/s^2)"] = in_words(each.acceleration_std)
+        row["abs. acc. (m/s^2)"] = with_error(each.acceleration_std)
         row[" without"] = f"{each.acceleration_std_without:.3g}"
     return row
 
@@ -92,16 +92,11 @@ def _level_row(each: Performance) -> dict[str, str]:
 def _impact_row(each: Performance) -> dict[str, str]:
     return {
         "level (dB)": f"{each.level_db:+g}",
-        "hits per period": in_words(each.impacts_per_period),
-        "wall force (N)": in_words(each.wall_force),
-        "impulse (N s)": in_words(each.impulse),
-        "absorbed": in_words(each.absorbed_share),
+        "hits per period": with_error(each.impacts_per_period),
+        "wall force (N)": with_error(each.wall_force),
+        "impulse (N s)": with_error(each.impulse),
+        "absorbed": with_error(each.absorbed_share),
     }
-
-
-def in_words(estimate: Estimate | None) -> str:
-    """A value with its standard error in brackets."""
-    return "-" if estimate is None else format_with_error(estimate.value, estimate.standard_error)
 
 
 def print_design(console: Console, found: Design) -> None:
@@ -111,13 +106,13 @@ def print_design(console: Console, found: Design) -> None:
     console.print(
         f"best: {units}, restitution {found.restitution:g}, play {best.play:.4g} m "
         f"(95 % interval {best.play_low:.4g} to {best.play_high:.4g}; as good within its error: "
-        f"{best.low:.4g} to {best.high:.4g}), rms ratio {in_words(best.ratio)}",
+        f"{best.low:.4g} to {best.high:.4g}), rms ratio {with_error(best.ratio)}",
         style="bold",
         highlight=False,
     )
     console.print(
         f"for levels from -{found.level_range_db:g} to +{found.level_range_db:g} dB: play "
-        f"{robust.play:.4g} m, rms ratio at worst {in_words(robust.ratio)}",
+        f"{robust.play:.4g} m, rms ratio at worst {with_error(robust.ratio)}",
         highlight=False,
     )
     columns = {

@@ -22,6 +22,12 @@ COLOURS = {
 }
 """One colour per method, the same in every picture."""
 
+OWNERS = ("#0b6fb8", "#d1495b", "#3a8f5c", "#e0a030", "#7a4fa3", "#1b1b1b")
+"""Colours of coordinates and impact pairs, in their order."""
+
+BAND_ALPHA = 0.3
+"""Opacity of a band of errors."""
+
 GRID_COLOUR = "#dddddd"
 """Colour of the lines of a grid."""
 

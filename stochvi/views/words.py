@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, format_with_error
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
@@ -68,6 +68,15 @@ def with_interval(estimate: Estimate | None, factor: float) -> str:
     if not 0 <= places <= MOST_PLACES:
         return f"{value:.3g}\n{value - half:.3g} to {value + half:.3g}"
     return f"{value:.{places}f}\n{value - half:.{places}f} to {value + half:.{places}f}"
+
+
+def with_error(estimate: Estimate | None) -> str:
+    """A value with its standard error in brackets, as on a terminal.
+
+    >>> with_error(Estimate(value=0.43774, standard_error=0.00094)), with_error(None)
+    ('0.43774(94)', '-')
+    """
+    return "-" if estimate is None else format_with_error(estimate.value, estimate.standard_error)
 
 
 def count_of(number: float) -> str:

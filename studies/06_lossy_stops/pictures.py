@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 import stochvi as sv
 from stochvi.mathematics.impact_rates import corner_exponent
-from stochvi.views.density_plots import plot_impact_speeds, plot_plane
+from stochvi.views.density import plot_impact_speeds, plot_plane
 
 STYLES = {"finite jumps": "o-", "continuous": "s--", "unfolded": "^:"}
 LABELS = {"velocity_std": "rms velocity", "impact_speed_rate": "F1"}

@@ -10,7 +10,8 @@ from cases import linear, linearised, oscillator
 
 import stochvi
 from stochvi.views.files import write_picture
-from stochvi.views.record_plots import plot_curve, plot_histogram
+from stochvi.views.impacts import plot_histogram
+from stochvi.views.spectra import plot_curve
 
 COLOURS = {None: "#3a8f5c", 1.0: "#0b6fb8", 0.8: "#d1495b"}
 parser = argparse.ArgumentParser(description=__doc__)

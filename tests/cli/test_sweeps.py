@@ -21,7 +21,8 @@ from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
-from stochvi.sweeps import changed_scene, changes, draw_sweep, quantities, spoken, sweep, values_of
+from stochvi.sweeps import changed_scene, sweep, values_of
+from stochvi.views.sweep import changes, draw_sweep, quantities, terminal_table
 
 R = "impact_pair.0.law.coefficient"
 GAP = "impact_pair.0.upper"
@@ -197,7 +198,9 @@ def test_a_line_for_each_combination_of_the_other_keys() -> None:
 def test_a_table_and_a_picture_tell_the_errors(tmp_path: Path) -> None:
     table = sweep(oscillator(), {GAP: [0.5, 1.0]}, paths=64, duration=20.0, threads=1)
     value, error = (table[f"stops.collision_rate{end}"][0] for end in ("", " standard_error"))
-    assert spoken(table, [GAP])["hits, all stops (1/s)"][0] == format_with_error(value, error)
+    assert terminal_table(table, [GAP])["hits, all stops (1/s)"][0] == format_with_error(
+        value, error
+    )
     told = draw_sweep(table, [GAP], "stops.collision_rate", "a box").get_title()
     assert told == "a box\nsimulate; bars: 95 % intervals"
 

@@ -8,10 +8,10 @@ from stochvi.absorbers.design import BestBox, Design
 from stochvi.absorbers.performance import AbsorberReport, Performance
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.scenes.scene import Scene
-from stochvi.views.absorbers import draw_design, draw_levels, in_words, verdict
+from stochvi.views.absorbers import draw_design, draw_levels, verdict
 from stochvi.views.files import write_text
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
-from stochvi.views.words import UNKNOWN, four_digits, with_interval
+from stochvi.views.words import UNKNOWN, four_digits, with_error, with_interval
 
 
 def write_absorber_report(found: AbsorberReport | Design, folder: str | Path) -> Path:
@@ -208,7 +208,7 @@ def _candidates(found: Design) -> Grid:
             f"{each['restitution']:g}",
             f"{each['units']:g}",
             f"{each['play']:.4g}",
-            in_words(Estimate(value=each["rms_ratio"], standard_error=each["rms_ratio_error"])),
+            with_error(Estimate(value=each["rms_ratio"], standard_error=each["rms_ratio_error"])),
         ]
         for each in found.candidates.to_dict("records")
     ]
@@ -223,7 +223,7 @@ def _candidates(found: Design) -> Grid:
 def _verification(found: AbsorberReport) -> Section:
     central = found.central.response
     facts = [
-        Fact(f"Balance of {name}", in_words(residual), "relative to its largest term; 0 is right")
+        Fact(f"Balance of {name}", with_error(residual), "relative to its largest term; 0 is right")
         for name, residual in central.identities.items()
     ]
     return Section(

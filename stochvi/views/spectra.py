@@ -1,4 +1,4 @@
-"""Pictures of what is made of records: spectra with their bands, impacts one by one."""
+"""Pictures of response spectra with their 95 % bands."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import COLOURS
+from stochvi.views.axes import BAND_ALPHA, COLOURS, OWNERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-    from stochvi.statistics.impacts import ImpactStatistics
-    from stochvi.statistics.impacts.tallies import Histogram
     from stochvi.statistics.spectra import Curve, ResponseSpectrum
 
 DENSITIES = {
@@ -24,23 +22,19 @@ DENSITIES = {
     "velocity": "velocity\nrelative to the base\n((m/s)²/Hz)",
     "acceleration": "acceleration\n{}\n((m/s²)²/Hz)",
 }
-"""Panels of spectra, with their labels; that of an acceleration says which."""
+"""Labels of the panels of densities, by quantity; the label of an acceleration is completed by the
+kind of acceleration."""
 
 TRANSFERS = {
     "transmissibility_h1": ("H1, the linear part", "#0b6fb8"),
     "transmissibility_ratio": ("root of the ratio of densities", "#d1495b"),
 }
-"""Lines of the panel of what refers to the excitation."""
+"""Names and colours of the transmissibilities in the panel that compares with the excitation."""
 
 COHERENCE = "#3a8f5c"
 """Colour of the coherence, which has an axis of its own."""
 
 TITLE = "spectra, one-sided per hertz, with 95 % bands"
-
-OWNERS = ("#0b6fb8", "#d1495b", "#3a8f5c", "#e0a030", "#7a4fa3", "#1b1b1b")
-"""Colours of coordinates and pairs."""
-
-BAND_ALPHA = 0.3
 
 
 def plot_curve(curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = "") -> Axes:
@@ -58,9 +52,9 @@ def plot_curve(curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = 
 def draw_spectrum(
     found: ResponseSpectrum, title: str = "", references: Mapping[str, NDArray[np.float64]] = {}
 ) -> Axes:
-    """All spectra, one panel a quantity; the last refers to the excitation.
+    """All spectra, one panel for each quantity; the last panel compares with the excitation.
 
-    `references` are displacement densities at `found.frequency_hz` to draw beside, by label.
+    `references` are displacement densities at `found.frequency_hz`, by label, that are drawn too.
     """
     present = [name for name in DENSITIES if any(name in c for c in found.curves.values())]
     transfer = next((c for c in found.curves.values() if "coherence" in c), None)
@@ -105,55 +99,3 @@ def _draw_transfer(transfer: Mapping[str, Curve], ax: Axes) -> None:
     right.tick_params(axis="y", colors=COHERENCE)
     lines = [*ax.get_lines(), *right.get_lines()]
     ax.legend(handles=lines, frameon=False, fontsize="small", ncols=3, loc="upper left")
-
-
-def plot_histogram(found: Histogram, ax: Axes, *, colour: str = OWNERS[0], label: str = "") -> Axes:
-    """A density on logarithmic bins, with its standard errors; empty bins are left out."""
-    seen = found.density > 0.0
-    ax.errorbar(
-        found.middles[seen], found.density[seen], found.standard_error[seen],
-        fmt="o", markersize=3, color=colour, linewidth=0.9, label=label,
-    )  # fmt: skip
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    return ax
-
-
-def draw_impacts(found: ImpactStatistics, title: str = "") -> Axes:
-    """Densities of impact speeds, with Rayleigh's of the same rms speed and the power law of slow
-    impacts, and of the times between impacts."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
-    for colour, (name, pair) in zip(OWNERS, found.pairs.items(), strict=False):
-        if pair.speeds is None:
-            continue
-        plot_histogram(pair.speeds, left, colour=colour, label=name)
-        w = pair.speeds.middles
-        left.plot(w, pair.rayleigh(w), "--", color=colour, linewidth=1.0, label="Rayleigh")
-        for side, exponent in pair.exponents.items():
-            if exponent.theory is None:
-                continue
-            seen = np.flatnonzero(pair.speeds.density > 0.0)
-            slow = w < 0.3 * pair.speed_rms.value if pair.speed_rms else w < 0.0
-            start = pair.speeds.density[seen][:8].mean(), w[seen][:8].mean()
-            power = start[0] * (w[slow] / start[1]) ** exponent.theory
-            label = f"w^{exponent.theory:.2g}" + (f", {side}" if side != "both" else "")
-            left.plot(w[slow], power, ":", color=colour, linewidth=1.6, label=label)
-        if pair.intervals is not None:
-            plot_histogram(pair.intervals, right, colour=colour, label=name)
-            t, rate = pair.intervals.middles, pair.rates["both"].estimate.value
-            with np.errstate(under="ignore"):
-                poisson = rate * np.exp(-rate * t)
-            right.plot(t, poisson, "--", color=colour, linewidth=1.0, label="Poisson")
-    for ax, labels in (
-        (left, ("impact speed (m/s)", "density (s/m)")),
-        (right, ("time between impacts (s)", "density (1/s)")),
-    ):
-        heights = [float(y) for each in ax.containers for y in each[0].get_ydata()]
-        ax.set_ylim(0.3 * min(heights, default=1e-3), 3.0 * max(heights, default=1.0))
-        ax.set_xlabel(labels[0])
-        ax.set_ylabel(labels[1])
-        ax.grid(alpha=0.25)
-        ax.legend(frameon=False, fontsize="small")
-    figure.suptitle(title or "impacts")
-    first: Axes = left
-    return first

@@ -17,7 +17,7 @@ from stochvi.scenes.excitations import WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
-from stochvi.views.density_plots import plot_impact_speeds, plot_marginals, plot_plane
+from stochvi.views.density import plot_impact_speeds, plot_marginals, plot_plane
 
 LOSSY = oscillator(-0.7, 1.0, 0.4, load=0.2)
 SOFT = Scene(
