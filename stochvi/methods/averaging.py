@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import time
 
+from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.energy_law import CONTINUOUS, FINITE_JUMPS, UNFOLDED, VARIANTS, energy_law
+from stochvi.model.gap import Gap
+from stochvi.model.model import Model, model_of
 from stochvi.model.responses import Answer
 from stochvi.results.errors import NotApplicable
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
-__all__ = ["CONTINUOUS", "FINITE_JUMPS", "UNFOLDED", "VARIANTS", "average", "unmet_conditions"]
+__all__ = ["CONTINUOUS", "FINITE_JUMPS", "UNFOLDED", "VARIANTS", "average", "unmet"]
 
 
 def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
@@ -66,12 +69,12 @@ def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
     started = time.perf_counter()
     if variant not in VARIANTS:
         raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
-    unmet = unmet_conditions(scene)
-    if unmet:
-        raise NotApplicable("average", unmet)
-    system = scene.system()
-    law = energy_law(system, variant)
-    if system.omega or system.load:
+    model = model_of(scene)
+    conditions = unmet(model)
+    if conditions:
+        raise NotApplicable("average", conditions)
+    law = energy_law(Gap.of(model), variant)
+    if model.omega or model.load:
         away = law.moment(lambda orbits: orbits.first)
     else:
         away = law.centre - law.well.place
@@ -88,24 +91,23 @@ def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
         scene,
         how="energy averaged over cycles",
         started=started,
-        bias=0.0 if system.elastic else None,
+        bias=0.0 if model.elastic else None,
         assumptions=["noise, damping and impacts change the energy little in one cycle"],
     )
 
 
-def unmet_conditions(scene: Scene) -> list[str]:
-    """What keeps a scene from being averaged; empty where nothing does."""
-    unmet = scene.beyond_one_oscillator()
-    if unmet:
-        return unmet
-    system = scene.system()
-    unmet = system.not_rigid()
-    if system.tables:
-        unmet.append("excitation must be white noise, got a tabulated density")
-    elif system.intensity == 0.0:
-        unmet.append("excitation must contain noise, got a constant load alone")
-    if system.damping_rate == 0.0 and system.elastic:
-        unmet.append("damping must be positive where no stop takes energy, got 0")
-    if not system.held:
-        unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
-    return unmet
+def unmet(model: Model) -> list[str]:
+    """The conditions of averaging that a model does not meet; empty where it meets all."""
+    found = beyond_one_oscillator(model)
+    if found:
+        return found
+    found = model.not_rigid()
+    if model.tables:
+        found.append("excitation must be white noise, got a tabulated density")
+    elif model.intensity == 0.0:
+        found.append("excitation must contain noise, got a constant load alone")
+    if model.damping_rate == 0.0 and model.elastic:
+        found.append("damping must be positive where no stop takes energy, got 0")
+    if not model.held:
+        found.append("stiffness must be positive where stops do not hold the mass, got 0")
+    return found

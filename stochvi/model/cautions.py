@@ -16,7 +16,7 @@ BROAD_VELOCITY = 1.5
 
 def scene_notes(model: Model) -> list[str]:
     """Warnings that concern every method: resonance off the table, stops out of reach."""
-    if model.omega == 0.0 or model.damping_rate == 0.0:
+    if model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0:
         return []
     found = []
     tables = model.acceleration_tables

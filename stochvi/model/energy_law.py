@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
 from stochvi.mathematics.quadrature import gauss_legendre
+from stochvi.model.gap import Gap
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.scene import System
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -151,8 +151,8 @@ class Well:
         )
 
 
-class Stop(NamedTuple):
-    """E_i and R_i of a stop."""
+class Barrier(NamedTuple):
+    """E_i and R_i of a stop that orbits of a higher energy reach."""
 
     energy: float
     restitution: float
@@ -168,7 +168,7 @@ class EnergyLaw:
     well: Well
     diffusion: float
     damping: float
-    stops: dict[str, Stop]
+    stops: dict[str, Barrier]
     span: float
     variant: str
     halvings: tuple[int, ...]
@@ -322,25 +322,29 @@ _TO_COEFFICIENTS = np.linalg.inv(np.polynomial.legendre.legvander(NODES, len(NOD
 """From values at the nodes to coefficients of Legendre polynomials."""
 
 
-def energy_law(system: System, variant: str = FINITE_JUMPS) -> EnergyLaw:
-    """The law, up to an energy beyond which nothing is left."""
+def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
+    """The law of the energy in a gap between rigid stops under white noise.
+
+    It reaches up to an energy beyond which nothing is left.
+
+    Raises
+    ------
+    NotApplicable
+        If no energy ends it.
+    """
+    lower, upper = gap.ends
     well = Well(
-        omega=system.omega,
-        load=system.load,
-        lower=-math.inf if system.lower is None else system.lower,
-        upper=math.inf if system.upper is None else system.upper,
+        omega=gap.omega,
+        load=gap.load,
+        lower=-math.inf if lower is None else lower,
+        upper=math.inf if upper is None else upper,
     )
-    sides = (
-        ("lower", system.lower, system.restitution_lower),
-        ("upper", system.upper, system.restitution_upper),
-    )
-    diffusion, damping = system.intensity / 2.0, system.damping_rate
+    diffusion, damping = gap.intensity / 2.0, gap.damping_rate
     stops = {
-        side: Stop(well.energy(place), restitution)
-        for side, place, restitution in sides
-        if place is not None
-        and restitution is not None
-        and damping * well.energy(place) <= UNREACHED * diffusion
+        stop.name: Barrier(well.energy(stop.position), stop.coefficient)
+        for stop in gap.stops
+        if stop.coefficient is not None
+        and damping * well.energy(stop.position) <= UNREACHED * diffusion
     }
     span = _span(diffusion, damping, well, stops)
     halvings = (0,) * len(_starts(stops))
@@ -358,12 +362,12 @@ def energy_law(system: System, variant: str = FINITE_JUMPS) -> EnergyLaw:
     raise NotApplicable("average", ["no energy was found that the mass does not exceed"])
 
 
-def _starts(stops: dict[str, Stop]) -> list[float]:
+def _starts(stops: dict[str, Barrier]) -> list[float]:
     """Energies from which on an orbit is another: the bottom, and those of the stops."""
     return sorted({0.0, *(stop.energy for stop in stops.values())})
 
 
-def _span(diffusion: float, damping: float, well: Well, stops: dict[str, Stop]) -> float:
+def _span(diffusion: float, damping: float, well: Well, stops: dict[str, Barrier]) -> float:
     """A first guess of the energy above the last stop: where the losses of a cycle exceed CUT
     times the gain, or a hundredth of where damping alone would end it."""
     top = max([0.0, *(stop.energy for stop in stops.values())])

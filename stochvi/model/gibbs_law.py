@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,9 @@ from scipy.optimize import brentq, minimize_scalar
 
 from stochvi.mathematics.cut_normal import CUT, NODES, WEIGHTS
 from stochvi.mathematics.impact_rates import ContactStatistics
-from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Law
+from stochvi.model.gap import Gap
+from stochvi.model.model import Stop
+from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
 
 Vector = NDArray[np.float64]
 
@@ -71,10 +73,9 @@ class GibbsLaw:
         E v^2, m^2/s^2.
     omega, load
         Natural frequency, rad/s, and constant load per unit mass, m/s^2.
-    stop_lower, stop_upper
-        Positions of the stops, m; None for none.
-    law_lower, law_upper
-        Their laws for forces per unit mass; of a viscoelastic stop the spring alone counts.
+    lower, upper
+        The stops, with laws for forces per unit mass; None for none. Of a viscoelastic stop the
+        spring alone counts.
     spring
         A function in the place of omega^2 x; omega is then 0. Its wells are looked for outwards
         from 0 until the energy has stayed 50 theta above the deepest one over an eightfold
@@ -87,8 +88,10 @@ class GibbsLaw:
 
     Examples
     --------
+    >>> from stochvi.model.model import UPPER
     >>> from stochvi.scenes.impact_laws import Elastic
-    >>> law = GibbsLaw(theta=1.0, omega=1.0, stop_upper=1.0, law_upper=Elastic(stiffness=100.0))
+    >>> stop = Stop(UPPER, 1.0, Elastic(stiffness=100.0))
+    >>> law = GibbsLaw(theta=1.0, omega=1.0, upper=stop)
     >>> round(law.mean, 12), round(law.contact("upper").probability, 12)
     (-0.243802368138, 0.032121450803)
     """
@@ -96,61 +99,64 @@ class GibbsLaw:
     theta: float
     omega: float
     load: float = 0.0
-    stop_lower: float | None = None
-    stop_upper: float | None = None
-    law_lower: Law | None = None
-    law_upper: Law | None = None
+    lower: Stop | None = None
+    upper: Stop | None = None
     spring: Spring | None = None
 
     def __post_init__(self) -> None:
         if not self.holds("lower") or not self.holds("upper"):
             raise ValueError("neither spring nor stops hold the mass")
 
-    @property
-    def lower(self) -> float | None:
-        """Where a rigid lower stop cuts the density."""
-        return None if self._compliant("lower") else self.stop_lower
+    @classmethod
+    def of(cls, gap: Gap, theta: float, spring: Spring | None = None) -> Self:
+        """The law of a gap at theta."""
+        return cls(
+            theta=theta,
+            omega=gap.omega,
+            load=gap.load,
+            lower=gap.lower,
+            upper=gap.upper,
+            spring=spring,
+        )
 
-    @property
-    def upper(self) -> float | None:
-        """Where a rigid upper stop cuts the density."""
-        return None if self._compliant("upper") else self.stop_upper
+    @cached_property
+    def _stops(self) -> dict[str, Stop]:
+        """The stops that there are, by "lower" and "upper"."""
+        return {stop.name: stop for stop in (self.lower, self.upper) if stop is not None}
 
-    def _compliant(self, side: str) -> CompliantLaw | None:
-        law = getattr(self, f"law_{side}")
-        return law if isinstance(law, CompliantLaw) else None
+    @cached_property
+    def _soft(self) -> tuple[tuple[Stop, CompliantLaw], ...]:
+        """The stops that give way, with their laws."""
+        stops = self._stops.values()
+        return tuple((stop, stop.law) for stop in stops if isinstance(stop.law, CompliantLaw))
+
+    @cached_property
+    def _walls(self) -> tuple[float, float]:
+        """Where rigid stops cut the density below and above; infinite where none does."""
+        walls = {name: stop.position for name, stop in self._stops.items() if stop.rigid}
+        return walls.get("lower", -math.inf), walls.get("upper", math.inf)
 
     def holds(self, side: str) -> bool:
-        """Whether the mass cannot be lost on this side."""
+        """Whether the mass cannot be lost on the "lower" or "upper" side."""
         if self.spring is not None:
             return math.isfinite(self._ends[0 if side == "lower" else 1])
         if self.omega > 0.0:
             return True
         outward = self.load if side == "upper" else -self.load
-        if getattr(self, f"stop_{side}") is None:
+        if side not in self._stops:
             return outward < 0.0
-        law = self._compliant(side)
+        law = self._stops[side].law
         if isinstance(law, ForceTable) and law.pieces[2, -1] == 0.0:
             return law.force[-1] > outward
         return True
 
     # The potential ------------------------------------------------------------------------
 
-    def _deflections(self, x: ArrayLike) -> list[tuple[CompliantLaw, float, Vector]]:
-        """(law, side, deflection) of each stop that gives way; side is +1 for the upper."""
-        x = np.asarray(x, dtype=float)
-        found = []
-        for side, sign in (("lower", -1.0), ("upper", 1.0)):
-            law, stop = self._compliant(side), getattr(self, f"stop_{side}")
-            if law is not None:
-                found.append((law, sign, sign * (x - stop)))
-        return found
-
     def _pull(self, x: ArrayLike) -> Vector:
         """U'(x)."""
         x = np.asarray(x, dtype=float)
         spring = (self.spring.force(x) if self.spring else self.omega**2 * x) - self.load
-        stops = [sign * law.force_at(y) for law, sign, y in self._deflections(x)]
+        stops = [stop.side * law.force_at(stop.deflection(x)) for stop, law in self._soft]
         return np.asarray(sum(stops, spring))
 
     def _rise(self, offset: ArrayLike, origin: float) -> Vector:
@@ -159,10 +165,10 @@ class GibbsLaw:
         spring = offset * (self.omega**2 * (origin + offset / 2.0) - self.load)
         if self.spring is not None:
             spring = spring + self.spring.energy(origin + offset) - self.spring.energy(origin)
-        there, here = self._deflections(origin + offset), self._deflections(origin)
         stops = [
-            law.potential_at(y) - law.potential_at(before)
-            for (law, _, y), (_, _, before) in zip(there, here, strict=True)
+            law.potential_at(stop.deflection(origin + offset))
+            - law.potential_at(stop.deflection(origin))
+            for stop, law in self._soft
         ]
         return np.asarray(sum(stops, spring))
 
@@ -170,13 +176,13 @@ class GibbsLaw:
     def _scale(self) -> float:
         """A length to start a search from: no larger than any on which the density changes."""
         speed = math.sqrt(self.theta)
-        lengths = [law.impact(speed, 1.0).peak_deflection for law, _, _ in self._deflections(0.0)]
+        lengths = [law.impact(speed, 1.0).peak_deflection for _, law in self._soft]
         if self.omega > 0.0:
             lengths.append(speed / self.omega)
         if self.load:
             lengths.append(self.theta / abs(self.load))
-        if self.stop_lower is not None and self.stop_upper is not None:
-            lengths.append(self.stop_upper - self.stop_lower)
+        if self.lower is not None and self.upper is not None:
+            lengths.append(self.upper.position - self.lower.position)
         return min(length for length in lengths if length > 0.0)
 
     @cached_property
@@ -185,11 +191,10 @@ class GibbsLaw:
         if self.spring is not None:
             return self._deepest_well()
         start = self.load / self.omega**2 if self.omega else 0.0
-        stops = [stop for stop in (self.stop_lower, self.stop_upper) if stop is not None]
+        stops = [stop.position for stop in self._stops.values()]
         if self.omega == 0.0 or any(float(self._pull(stop)) == 0.0 for stop in stops):
             start = stops[0]
-        low = -math.inf if self.lower is None else self.lower
-        high = math.inf if self.upper is None else self.upper
+        low, high = self._walls
         start = min(max(start, low), high)
         slope = float(self._pull(start))
         if slope == 0.0:
@@ -201,21 +206,22 @@ class GibbsLaw:
             return end
         return start + away * distance
 
+    def _wall(self, away: float) -> float:
+        """The rigid stop on one side, -1 or 1; infinite where there is none."""
+        return self._walls[1] if away > 0.0 else self._walls[0]
+
     def _within(self, x: ArrayLike) -> Vector:
         """x, on the near side of rigid stops."""
-        low = -math.inf if self.lower is None else self.lower
-        high = math.inf if self.upper is None else self.upper
-        return np.asarray(np.clip(np.asarray(x, dtype=float), low, high))
+        return np.asarray(np.clip(np.asarray(x, dtype=float), *self._walls))
 
     def _outer(self, origin: float, away: float) -> float:
         """Where, away from `origin`, a spring that is a function leaves no more of the density; a
         rigid stop, or infinity where nothing holds the mass."""
-        end = self.upper if away > 0.0 else self.lower
-        most = math.inf if end is None else (end - origin) * away
+        end = self._wall(away)
+        most = (end - origin) * away
         distance, lowest, high = self._near(origin, away, most), 0.0, 0
         for _ in range(MOST_DOUBLINGS):
             if distance >= most:
-                assert end is not None
                 return end
             ring = origin + away * distance * np.linspace(1.0, 2.0, LOOKED_AT)
             with np.errstate(over="ignore", invalid="ignore"):
@@ -265,8 +271,7 @@ class GibbsLaw:
 
     def _first(self, function: Callable[[float], float], origin: float, away: float) -> float:
         """Distance at which a function that starts below 0 comes to 0; up to a rigid stop."""
-        end = self.upper if away > 0.0 else self.lower
-        most = math.inf if end is None else abs(end - origin)
+        most = abs(self._wall(away) - origin)
         near, far = 0.0, self._scale
         for _ in range(MOST_DOUBLINGS):
             if far >= most:
@@ -284,11 +289,9 @@ class GibbsLaw:
     def _edges(self, start: float, end: float) -> list[float]:
         """Places from `start` to `end` between which the potential is smooth."""
         places = {start, end}
-        for law, sign, _ in self._deflections(0.0):
-            stop = self.stop_upper if sign > 0.0 else self.stop_lower
-            assert stop is not None
+        for stop, law in self._soft:
             knots = law.pieces[0] if isinstance(law, ForceTable) else np.zeros(1)
-            places |= {float(stop + sign * knot) for knot in knots}
+            places |= {float(stop.position + stop.side * knot) for knot in knots}
         return sorted(place for place in places if start <= place <= end)
 
     def _nodes(self, edges: list[float]) -> tuple[Vector, Vector]:
@@ -313,10 +316,9 @@ class GibbsLaw:
 
     def _origin(self, start: float, end: float) -> tuple[float | None, float]:
         """The stop within which a panel lies, and on which side that stop is."""
-        if self._compliant("upper") and self.stop_upper is not None and start >= self.stop_upper:
-            return self.stop_upper, 1.0
-        if self._compliant("lower") and self.stop_lower is not None and end <= self.stop_lower:
-            return self.stop_lower, -1.0
+        for stop, _ in reversed(self._soft):
+            if stop.deflection(start) >= 0.0 and stop.deflection(end) >= 0.0:
+                return stop.position, float(stop.side)
         return None, 1.0
 
     def _reach(self, origin: float, away: float) -> float:
@@ -395,8 +397,8 @@ class GibbsLaw:
         """Side of each end that is no rigid stop, its place, and n of p ~ |x - peak|^-n there."""
         return [
             (away, end, (end - self.peak) * float(self._pull(end)) / self.theta)
-            for away, stop in ((-1.0, self.lower), (1.0, self.upper))
-            if (end := self._outer(self.peak, away)) != stop
+            for away in (-1.0, 1.0)
+            if (end := self._outer(self.peak, away)) != self._wall(away)
         ]
 
     @property
@@ -449,16 +451,21 @@ class GibbsLaw:
 
     def contact(self, side: str) -> ContactStatistics | None:
         """Contact with one stop that gives way; None for one that does not, or is not there."""
-        law = self._compliant(side)
-        if law is None:
+        stop = self._stops.get(side)
+        if stop is None or not isinstance(stop.law, CompliantLaw):
             return None
-        sign = 1.0 if side == "upper" else -1.0
-        y = sign * (self.peak + self._quadrature[0] - getattr(self, f"stop_{side}"))
+        y = stop.deflection(self.peak + self._quadrature[0])
         return ContactStatistics(
             probability=self.expect(np.where(y > 0.0, 1.0, 0.0)),
-            force=self.expect(law.force_at(y)),
-            peak_force=self._peak_force(side, law, sign),
+            force=self.expect(stop.law.force_at(y)),
+            peak_force=self._peak_force(stop, stop.law),
         )
+
+    def _soft_stop(self, side: str) -> tuple[Stop, CompliantLaw]:
+        for stop, law in self._soft:
+            if stop.name == side:
+                return stop, law
+        raise ValueError(f"the {side} stop does not give way: its force has no law")
 
     def peak_force_exceedance(self, side: str, force: ArrayLike) -> Vector:
         """P(largest force of a contact > force), force per unit mass, noise and damping neglected.
@@ -467,29 +474,25 @@ class GibbsLaw:
         P = exp(-(U(y_f) - U(stop)) / theta), y_f the deflection of that force; 1 as long as it is
         reached without speed.
         """
-        law = self._compliant(side)
-        if law is None:
-            raise ValueError(f"the {side} stop does not give way: its force has no law")
-        sign, stop = (1.0 if side == "upper" else -1.0), getattr(self, f"stop_{side}")
+        stop, law = self._soft_stop(side)
         y = law.deflection_at(force)
         reached = np.isfinite(y)
-        rise = self._rise(sign * np.where(reached, y, 0.0), stop) / self.theta
+        rise = self._rise(stop.side * np.where(reached, y, 0.0), stop.position) / self.theta
         with np.errstate(under="ignore"):
             return np.where(reached, np.exp(-np.maximum(rise, 0.0)), 0.0)
 
     def peak_force_density(self, side: str, force: ArrayLike) -> Vector:
         """Minus the derivative of `peak_force_exceedance`, U'(y) P / (theta dF/dy)."""
-        law = self._compliant(side)
+        stop, law = self._soft_stop(side)
         exceedance = self.peak_force_exceedance(side, force)
-        assert law is not None
-        sign, stop = (1.0 if side == "upper" else -1.0), getattr(self, f"stop_{side}")
         y = law.deflection_at(force)
         y = np.where(exceedance > 0.0, y, 0.0)
         slope = np.where(y > 0.0, law.slope_at(y), math.inf)
-        density = sign * self._pull(stop + sign * y) * exceedance / slope / self.theta
+        pull = stop.side * self._pull(stop.position + stop.side * y)
+        density = pull * exceedance / slope / self.theta
         return np.where(exceedance < 1.0, density, 0.0)
 
-    def _peak_force(self, side: str, law: CompliantLaw, sign: float) -> float | None:
+    def _peak_force(self, bumper: Stop, law: CompliantLaw) -> float | None:
         """Mean of the largest force of a contact without noise and damping while it lasts.
 
         The force F turns a mass that came with the speed w where U = U(stop) + w^2 / 2. Over the
@@ -497,7 +500,7 @@ class GibbsLaw:
         where w = 0: the stop itself, unless the mass is pressed into it. None where a spring that
         is a function makes U fall again further in, so that a faster mass may turn elsewhere.
         """
-        stop = getattr(self, f"stop_{side}")
+        sign, stop = float(bumper.side), bumper.position
         start = stop
         if sign * float(self._pull(stop)) < 0.0:
             if sign * (self.peak - stop) < 0.0:

@@ -11,10 +11,11 @@ from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics
 from stochvi.mathematics.spectra import response_moments
 from stochvi.model.balances import residuals
 from stochvi.model.cautions import scene_notes
-from stochvi.model.model import model_of
+from stochvi.model.coverage import functions
+from stochvi.model.model import Model, Pair, Stop, model_of
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.response import Response
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.scene import Scene
 
 MOST_ENERGY_CHANGE = 0.1
 """Of a contact by noise and damping, relative, for a peak force from energy alone."""
@@ -52,9 +53,8 @@ class Answer:
         speed_threshold: float = 0.0,
     ) -> Response:
         """The answer in the form that every method returns; `bias` holds where `errors` do not."""
-
-        system = scene.system()
-        biases = self._biases(system)
+        model = model_of(scene)
+        biases = self._biases(model.unit_mass)
 
         def estimate(name: str, value: float | None) -> Estimate | None:
             if value is None:
@@ -74,34 +74,39 @@ class Answer:
         coordinate = {name: estimate(name, value) for name, value in values.items()}
         return Response(
             method=method,
-            coordinates={"x": coordinate},
+            coordinates={model.coordinates[0]: coordinate},
             impact_pairs={
-                entry.name: self.pair(system, how, bias, speed_threshold)
-                for entry in scene.impact_pairs
+                pair.name: self.pair(pair, model.damping_rate, how, bias, speed_threshold)
+                for pair in model.pairs
             },
             effects=scene.effects(),
             assumptions=[*scene.assumptions(), *assumptions],
             cost=Cost(wall_time=time.perf_counter() - started),
-            warnings=scene_notes(model_of(scene)),
+            warnings=scene_notes(model),
             provenance=provenance(scene.document()),
-            identities=self._identities(scene, how),
+            identities=self._identities(model, how),
         )
 
     def pair(
-        self, system: System, how: str, bias: float | None = 0.0, speed_threshold: float = 0.0
+        self,
+        pair: Pair,
+        damping_rate: float,
+        how: str,
+        bias: float | None = 0.0,
+        speed_threshold: float = 0.0,
     ) -> dict[str, Estimate | float | None]:
-        """The entries of the impact pair, by name."""
-        biases = self._biases(system)
+        """The entries of an impact pair, by name; `damping_rate` (1/s) acts during contacts."""
+        biases = self._biases(pair.mass)
         values = {
             "collision_rate": _total(self.lower.rate, self.upper.rate),
-            "collision_rate_lower": None if system.lower is None else self.lower.rate,
-            "collision_rate_upper": None if system.upper is None else self.upper.rate,
+            "collision_rate_lower": None if pair.lower is None else self.lower.rate,
+            "collision_rate_upper": None if pair.upper is None else self.upper.rate,
             "impact_speed_mean": self._speed_mean(),
             "impact_speed_rate": _total(self.lower.speed_rate, self.upper.speed_rate),
             "impact_speed_square_rate": _total(
                 self.lower.speed_square_rate, self.upper.speed_square_rate
             ),
-            **self._contacts(system),
+            **self._contacts(pair.mass),
         }
         found: dict[str, Estimate | float | None] = {
             name: None
@@ -109,13 +114,19 @@ class Answer:
             else Estimate(value=value, bias=biases.get(name, bias), how=how)
             for name, value in values.items()
         }
-        found["peak_force"] = self._peak_force(system, how)
+        found["peak_force"] = self._peak_force(pair, damping_rate, how)
         return found | {"speed_threshold": speed_threshold}
 
-    def _contacts(self, system: System) -> dict[str, float | None]:
+    def at(self, stop: Stop) -> tuple[StopStatistics, ContactStatistics | None]:
+        """What a stop sees: its impacts, and its contacts if it gives way."""
+        if stop.side > 0:
+            return self.upper, self.contact_upper
+        return self.lower, self.contact_lower
+
+    def _contacts(self, mass: float) -> dict[str, float | None]:
         """Share of time in contact with either stop, and the mean forces on them, N."""
         contacts = (self.contact_lower, self.contact_upper)
-        forces = [None if contact is None else system.mass * contact.force for contact in contacts]
+        forces = [None if contact is None else mass * contact.force for contact in contacts]
         shares = [contact.probability for contact in contacts if contact is not None]
         return {
             "contact_probability": sum(shares) if shares else None,
@@ -123,32 +134,28 @@ class Answer:
             "contact_force_upper": forces[1],
         }
 
-    def _peak_force(self, system: System, how: str) -> Estimate | None:
+    def _peak_force(self, pair: Pair, damping_rate: float, how: str) -> Estimate | None:
         """Mean over all contacts of their largest force, N, noise and damping in them neglected.
 
         A contact of the duration t gains and loses the part b t of its energy; where that is not
         small no number is given.
         """
-        ends = (
-            (system.lower, self.lower.rate, self.contact_lower),
-            (system.upper, self.upper.rate, self.contact_upper),
-        )
         found = []
-        for stop, stop_rate, contact in ends:
-            if stop is not None:
-                if stop_rate is None or contact is None or contact.peak_force is None:
-                    return None
-                found.append((stop_rate, contact.peak_force, contact.probability))
+        for stop in pair.stops:
+            hits, contact = self.at(stop)
+            if hits.rate is None or contact is None or contact.peak_force is None:
+                return None
+            found.append((hits.rate, contact.peak_force, contact.probability))
         rate = sum(each for each, _, _ in found)
         if not rate:
             return None
         peak = sum(each * force for each, force, _ in found) / rate
         duration = sum(share for _, _, share in found) / rate
-        change = system.damping_rate * duration
+        change = damping_rate * duration
         if change > MOST_ENERGY_CHANGE:
             return None
         return Estimate(
-            value=system.mass * peak, bias=system.mass * peak * change, how=f"{how}, brief contacts"
+            value=pair.mass * peak, bias=pair.mass * peak * change, how=f"{how}, brief contacts"
         )
 
     def _speed_mean(self) -> float | None:
@@ -156,7 +163,7 @@ class Answer:
         rate = _total(self.lower.rate, self.upper.rate)
         return speed_rate / rate if speed_rate is not None and rate else None
 
-    def _biases(self, system: System) -> dict[str, float]:
+    def _biases(self, mass: float) -> dict[str, float]:
         """Bounds on the errors of the quantities of a response, from those of this answer."""
         errors = self.errors
         if errors is None:
@@ -177,7 +184,7 @@ class Answer:
                 errors.lower.speed_square_rate, errors.upper.speed_square_rate
             ),
         }
-        found |= errors._contacts(system)
+        found |= errors._contacts(mass)
         speed = self._speed_mean()
         rate, speed_rate = found["collision_rate"], found["impact_speed_rate"]
         hits = _total(self.lower.rate, self.upper.rate)
@@ -185,14 +192,13 @@ class Answer:
             found["impact_speed_mean"] = (speed_rate + speed * rate) / hits
         return {name: error for name, error in found.items() if error is not None}
 
-    def _identities(self, scene: Scene, how: str) -> dict[str, Estimate]:
-        moments = self._moments(scene)
-        if moments is None or scene.beyond_numbers():
+    def _identities(self, model: Model, how: str) -> dict[str, Estimate]:
+        moments = self._moments(model)
+        if moments is None or functions(model):
             return {}
-        model = model_of(scene)
         found = residuals(model, moments, (self.mean,))
         bounds = dict.fromkeys(found, 0.0)
-        errors = self.errors._moments(scene) if self.errors is not None else None
+        errors = self.errors._moments(model) if self.errors is not None else None
         for name, error in (errors or {}).items():
             moved = residuals(model, {**moments, name: moments[name] + error}, (self.mean,))
             for balance, value in moved.items():
@@ -201,28 +207,24 @@ class Answer:
             name: Estimate(value=value, bias=bounds[name], how=how) for name, value in found.items()
         }
 
-    def _moments(self, scene: Scene) -> dict[tuple[str, str], float] | None:
+    def _moments(self, model: Model) -> dict[tuple[str, str], float] | None:
         """What the balances are about; None if a rate is missing."""
-        sums = (self.lower.speed_rate, self.upper.speed_rate)
-        squares = (self.lower.speed_square_rate, self.upper.speed_square_rate)
-        if None in sums or None in squares:
-            return None
+        (name,) = model.coordinates
         moments: dict[tuple[str, str], float] = {
-            ("x", "x"): self.mean,
-            ("x", "variance"): self.variance,
-            ("x", "vv"): self.velocity_mean_square,
+            (name, "x"): self.mean,
+            (name, "variance"): self.variance,
+            (name, "vv"): self.velocity_mean_square,
         }
-        for pair in scene.impact_pairs:
-            moments |= {
-                (pair.name, "f1_lower"): sums[0],
-                (pair.name, "f1_upper"): sums[1],
-                (pair.name, "f2_lower"): squares[0],
-                (pair.name, "f2_upper"): squares[1],
-            }
-            for side, contact in (("lower", self.contact_lower), ("upper", self.contact_upper)):
+        for pair in model.pairs:
+            for stop in pair.stops:
+                hits, contact = self.at(stop)
+                if hits.speed_rate is None or hits.speed_square_rate is None:
+                    return None
+                moments[pair.name, f"f1_{stop.name}"] = hits.speed_rate
+                moments[pair.name, f"f2_{stop.name}"] = hits.speed_square_rate
                 if contact is not None:
-                    moments[pair.name, f"force_{side}"] = contact.force
-                    moments[pair.name, f"loss_{side}"] = contact.power
+                    moments[pair.name, f"force_{stop.name}"] = contact.force
+                    moments[pair.name, f"loss_{stop.name}"] = contact.power
         return moments
 
 
@@ -230,21 +232,16 @@ def _total(lower: float | None, upper: float | None) -> float | None:
     return None if lower is None or upper is None else lower + upper
 
 
-def linear_acceleration(system: System) -> float | None:
+def linear_acceleration(model: Model) -> float | None:
     """Mean square absolute acceleration of the mass where it is finite: no rigid stops, no
     white noise on the mass itself (m^2/s^4)."""
-    if system.lower is not None or system.upper is not None:
+    if model.stops or not model.moving_base or model.noise_on_mass:
         return None
-    if system.moving_base and not system.noise_on_mass:
-        theta = system.intensity / (2.0 * system.damping_rate)
-        white = theta * (system.damping_rate**2 + system.omega**2)
-        for filtered in system.filters:
-            moments = filtered.response_moments(system.omega, system.damping_rate)
-            white += system.omega**4 * moments[0] + system.damping_rate**2 * moments[1]
-        return (
-            white
-            + response_moments(
-                system.tables, system.omega, system.damping_rate
-            ).absolute_acceleration
-        )
-    return None
+    omega, b = model.omega, model.damping_rate
+    theta = model.intensity / (2.0 * b)
+    white = theta * (b**2 + omega**2)
+    for filtered in model.filters:
+        moments = filtered.response_moments(omega, b)
+        white += omega**4 * moments[0] + b**2 * moments[1]
+    tables = response_moments(model.acceleration_tables, omega, b)
+    return white + tables.absolute_acceleration

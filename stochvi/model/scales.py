@@ -10,11 +10,12 @@ import numpy as np
 
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import gaussian_stop
+from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
 from stochvi.model.model import Model, Pair
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
+from stochvi.scenes.impact_laws import Viscoelastic
 
 UNSHAKEN = 1e-24
 """Share of the largest modal velocity variance below which that of a gap is rounding."""
@@ -74,16 +75,16 @@ def scales_of(
 
 def _first_guess(modes: ModalForm, pair: Pair) -> Substitute:
     frequency = modes.fastest
-    positions = [stop.position for stop in pair.stops]
+    stops = [stop.position for stop in pair.stops]
     if frequency == 0.0:
         # no time but that in which noise brings the mass across the gap
         noise = float(np.trace(modes.white)) / pair.mass
-        width = max(positions) - min(positions) or abs(positions[0]) or 1.0
+        width = max(stops) - min(stops) or abs(stops[0]) or 1.0
         frequency = (noise / width**2) ** (1.0 / 3.0)
     loss = max((1.0 - stop.law.restitution**2 for stop in pair.stops), default=0.0)
     return Substitute(
         spring=pair.mass * frequency**2,
-        centre=sum(positions) / len(positions),
+        centre=sum(stops) / len(stops),
         damper=loss * pair.mass * frequency,
     )
 
@@ -157,21 +158,13 @@ def _law_of_gap(
 ) -> CutNormal | GibbsLaw:
     """The normal law exp(slope y - curvature y^2 / 2) between the stops, and within those that
     give way times exp(-V / (mass square)), V the energy stored there."""
-    lower, upper = (
-        None if stop is None else stop.per_unit_mass(pair.mass) for stop in (pair.lower, pair.upper)
+    gap = Gap.of_pair(
+        pair, omega=math.sqrt(curvature * square), damping_rate=0.0, load=slope * square
     )
-    low, high = (None if stop is None else stop.position for stop in (lower, upper))
-    if not giving_way or not any(isinstance(stop.law, CompliantLaw) for stop in pair.stops):
-        return CutNormal(slope=slope, curvature=curvature, lower=low, upper=high)
-    return GibbsLaw(
-        theta=square,
-        omega=math.sqrt(curvature * square),
-        load=slope * square,
-        stop_lower=low,
-        stop_upper=high,
-        law_lower=None if lower is None else lower.law,
-        law_upper=None if upper is None else upper.law,
-    )
+    if giving_way and gap.soft:
+        return GibbsLaw.of(gap, theta=square)
+    lower, upper = gap.ends
+    return CutNormal(slope=slope, curvature=curvature, lower=lower, upper=upper)
 
 
 def _power_of_stops(pair: Pair, law: CutNormal | GibbsLaw, square: float) -> float:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stochvi.methods.averaging import unmet_conditions as unmet_by_averaging
-from stochvi.methods.closed_form import unmet_conditions
+from stochvi.methods.averaging import unmet as unmet_by_averaging
+from stochvi.methods.closed_form import unmet as unmet_by_closed_form
 from stochvi.methods.fokker_planck import unmet_conditions as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import Prospect, prospect
@@ -88,11 +88,11 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
     >>> explain(free).absent
     ('filtered noise', 'tabulated noise', 'sine', 'constant load', 'stop lower', 'stop upper')
     """
-    effects = scene.effects()
+    model, effects = model_of(scene), scene.effects()
     methods = {
-        "exact": "; ".join(unmet_conditions(scene)) or APPLIES,
+        "exact": "; ".join(unmet_by_closed_form(model)) or APPLIES,
         "fokker-planck": "; ".join(unmet_by_fokker_planck(scene)) or APPLIES,
-        "average": "; ".join(unmet_by_averaging(scene)) or APPLIES,
+        "average": "; ".join(unmet_by_averaging(model)) or APPLIES,
         "linearise": APPLIES,
     }
     try:
@@ -112,7 +112,7 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         ),
         methods=methods,
         assumptions=scene.assumptions(),
-        notes=() if scene.beyond_one_oscillator() else tuple(scene_notes(model_of(scene))),
+        notes=() if scene.beyond_one_oscillator() else tuple(scene_notes(model)),
         simulation=simulation,
         provenance=provenance(scene.document()),
     )

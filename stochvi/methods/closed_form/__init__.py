@@ -2,7 +2,7 @@
 
 from stochvi.methods.closed_form.autocorrelation import autocorrelation
 from stochvi.methods.closed_form.density import ExactDensity, displacement_density, exact_density
-from stochvi.methods.closed_form.method import exact, unmet_conditions
+from stochvi.methods.closed_form.method import exact, unmet
 
 __all__ = [
     "ExactDensity",
@@ -10,5 +10,5 @@ __all__ = [
     "displacement_density",
     "exact",
     "exact_density",
-    "unmet_conditions",
+    "unmet",
 ]

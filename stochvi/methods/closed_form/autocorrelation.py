@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import zeta
 
-from stochvi.methods.closed_form.method import unmet_conditions
+from stochvi.methods.closed_form.method import unmet
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NoExactSolution
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
 
@@ -56,27 +58,26 @@ def autocorrelation(scene: Scene, lag: ArrayLike) -> Vector:
     >>> autocorrelation(box, [0.0, 1.0]).round(9).tolist()
     [0.333333333, 0.099582601]
     """
-    unmet = unmet_conditions(scene)
-    if not unmet:
-        unmet = scene.beyond_one_oscillator() or _neither(scene.system())
-    if unmet:
-        raise NoExactSolution(unmet)
-    system = scene.system()
+    model = model_of(scene)
+    conditions = unmet(model) or beyond_one_oscillator(model) or _neither(model)
+    if conditions:
+        raise NoExactSolution(conditions)
     time = np.abs(np.asarray(lag, dtype=float))
-    theta = system.intensity / (2.0 * system.damping_rate)
-    if system.lower is None or system.upper is None:
-        return _linear(system, theta, time)
-    return _box((system.upper - system.lower) / 2.0, theta, system.damping_rate, time)
+    theta = model.intensity / (2.0 * model.damping_rate)
+    if model.lower is None or model.upper is None:
+        return _linear(model, theta, time)
+    width = model.upper.position - model.lower.position
+    return _box(width / 2.0, theta, model.damping_rate, time)
 
 
-def _neither(system: System) -> list[str]:
+def _neither(model: Model) -> list[str]:
     """Why the scene is neither a linear oscillator nor a box; empty if it is one."""
-    if system.tables:
+    if model.tables:
         return ["excitation must be white noise for an autocorrelation, got a tabulated density"]
-    if system.lower is None and system.upper is None:
+    if model.lower is None and model.upper is None:
         return []
-    box = system.lower is not None and system.upper is not None and not system.not_rigid()
-    if system.omega == 0.0 and system.load == 0.0 and box:
+    box = model.lower is not None and model.upper is not None and not model.not_rigid()
+    if model.omega == 0.0 and model.load == 0.0 and box:
         return []
     return [
         "an autocorrelation is known without stops, or between two rigid stops without a spring "
@@ -84,8 +85,8 @@ def _neither(system: System) -> list[str]:
     ]
 
 
-def _linear(system: System, theta: float, time: Vector) -> Vector:
-    omega, half = system.omega, system.damping_rate / 2.0
+def _linear(model: Model, theta: float, time: Vector) -> Vector:
+    omega, half = model.omega, model.damping_rate / 2.0
     # complex where damping is above critical; the limit sin(w t) / w = t where it is critical
     own = np.emath.sqrt(omega**2 - half**2)
     if np.iscomplexobj(own):

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.impact_rates import ContactStatistics
 from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.model.assembly import Contact
+from stochvi.model.model import LOWER, UPPER, Pair, Stop
 from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
 
 Vector = NDArray[np.float64]
@@ -62,7 +62,7 @@ class CoupledLaw:
         Energy, J.
     stiffness, load
         A (p, p), N/m, and h (p,), N.
-    contacts
+    pairs
         The pairs, with their stops.
 
     Raises
@@ -74,7 +74,7 @@ class CoupledLaw:
     theta: float
     stiffness: Matrix
     load: Vector
-    contacts: tuple[Contact, ...]
+    pairs: tuple[Pair, ...]
     error: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -82,25 +82,21 @@ class CoupledLaw:
 
     # The energy ---------------------------------------------------------------------------
 
-    def _compliant(self, place: int) -> list[tuple[float, float, CompliantLaw]]:
-        """(sign, position, law) of the stops of a pair that give way."""
-        return [
-            (1.0 if side == "upper" else -1.0, stop, law)
-            for side, stop, law in self.contacts[place].stops
-            if isinstance(law, CompliantLaw)
-        ]
+    def _soft(self, place: int) -> list[tuple[Stop, CompliantLaw]]:
+        """The stops of a pair that give way, with their laws."""
+        stops = self.pairs[place].stops
+        return [(stop, stop.law) for stop in stops if isinstance(stop.law, CompliantLaw)]
 
-    def _rigid(self, place: int) -> tuple[float, float]:
+    def _walls(self, place: int) -> tuple[float, float]:
         """Where rigid stops cut the density of a coordinate; infinite for none."""
-        contact = self.contacts[place]
-        held = {side: stop for side, stop, law in contact.stops if law.rigid}
-        return held.get("lower", -math.inf), held.get("upper", math.inf)
+        held = {stop.side: stop.position for stop in self.pairs[place].stops if stop.rigid}
+        return held.get(LOWER, -math.inf), held.get(UPPER, math.inf)
 
     def _stored(self, place: int, y: Vector) -> Vector:
         """Energy in the stops of a pair less that of the load, J."""
         energy = -self.load[place] * y
-        for sign, stop, law in self._compliant(place):
-            energy = energy + law.potential_at(sign * (y - stop))
+        for stop, law in self._soft(place):
+            energy = energy + law.potential_at(stop.deflection(y))
         return np.asarray(energy)
 
     def _energy_and_slope(self, y: Vector) -> tuple[float, Vector]:
@@ -109,14 +105,14 @@ class CoupledLaw:
         slope = pull - self.load
         for place, here in enumerate(y):
             energy += float(self._stored(place, here))
-            for sign, stop, law in self._compliant(place):
-                slope[place] += sign * float(law.force_at(sign * (here - stop)))
+            for stop, law in self._soft(place):
+                slope[place] += stop.side * float(law.force_at(stop.deflection(here)))
         return energy / self.theta, slope / self.theta
 
     @cached_property
     def _mode(self) -> Vector:
         """Where the density is largest."""
-        bounds = [self._rigid(place) for place in range(len(self.contacts))]
+        bounds = [self._walls(place) for place in range(len(self.pairs))]
         start = np.array([min(max(0.0, low), high) for low, high in bounds])
         found = minimize(
             self._energy_and_slope, start, jac=True, bounds=bounds, method="L-BFGS-B",
@@ -126,7 +122,7 @@ class CoupledLaw:
 
     def _ends(self, place: int) -> tuple[float, float]:
         """A range that leaves e^-CUT: the energy above its minimum is at least d' A d / 2."""
-        low, high = self._rigid(place)
+        low, high = self._walls(place)
         values, vectors = np.linalg.eigh(self.stiffness)
         reach = math.inf
         if values[0] > 1e-12 * values[-1]:
@@ -135,7 +131,7 @@ class CoupledLaw:
         low, high = max(low, self._mode[place] - reach), min(high, self._mode[place] + reach)
         if not math.isfinite(low) or not math.isfinite(high):
             raise Intractable(
-                f"springs or two rigid stops must hold the pair {self.contacts[place].name!r}"
+                f"springs or two rigid stops must hold the pair {self.pairs[place].name!r}"
             )
         return low, high
 
@@ -144,12 +140,12 @@ class CoupledLaw:
     def _panels(self, place: int) -> list[float]:
         low, high = self._ends(place)
         edges = {low, high, float(self._mode[place])}
-        speed = math.sqrt(self.theta / self.contacts[place].mass)
-        for sign, stop, law in self._compliant(place):
+        speed = math.sqrt(self.theta / self.pairs[place].mass)
+        for stop, law in self._soft(place):
             knots = law.pieces[0] if isinstance(law, ForceTable) else np.zeros(1)
-            depth = law.impact(speed, self.contacts[place].mass).peak_deflection
+            depth = law.impact(speed, self.pairs[place].mass).peak_deflection
             into = [*knots, *(step * depth for step in STEPS_INTO_A_STOP)]
-            edges |= {float(stop + sign * y) for y in into}
+            edges |= {float(stop.position + stop.side * y) for y in into}
         own = math.sqrt(self.theta / self.stiffness[place, place])
         whole = sorted(edge for edge in edges if low <= edge <= high)
         # no panel longer than a few deviations of the coordinate with the others held
@@ -164,7 +160,7 @@ class CoupledLaw:
     def _rule(self, nodes: int, fixed: tuple[int, float] | None = None) -> Rule:
         """The product rule; with `fixed` = (pair, y) on the plane where one coordinate is y."""
         places, weights = [], []
-        for place in range(len(self.contacts)):
+        for place in range(len(self.pairs)):
             if fixed is not None and fixed[0] == place:
                 places.append(np.array([fixed[1]]))
                 weights.append(np.ones(1))
@@ -196,7 +192,7 @@ class CoupledLaw:
 
     def _settled(self) -> float:
         """The error of the fine rule; Intractable where the two rules differ."""
-        coarse, fine = (self._rule(nodes) for nodes in NODES[len(self.contacts)])
+        coarse, fine = (self._rule(nodes) for nodes in NODES[len(self.pairs)])
         self.__dict__["_fine"] = fine
         one, two = _moments(coarse), _moments(fine)
         size = np.sqrt(np.diag(two[1]))
@@ -207,7 +203,7 @@ class CoupledLaw:
         )
         if not error <= ALLOWED:
             raise Intractable(
-                f"the quadrature over {len(self.contacts)} coupled pairs has not settled (error "
+                f"the quadrature over {len(self.pairs)} coupled pairs has not settled (error "
                 f"{error:.1g})"
             )
         return error
@@ -231,17 +227,16 @@ class CoupledLaw:
 
     def density_at(self, place: int, y: float) -> float:
         """Marginal density of one pair's coordinate, 1/m."""
-        plane = self._rule(NODES[len(self.contacts)][1], fixed=(place, y))
+        plane = self._rule(NODES[len(self.pairs)][1], fixed=(place, y))
         return math.exp(plane.log_mass - self._fine_rule.log_mass)
 
     def contact(self, place: int, side: str) -> ContactStatistics | None:
         """Contact with one stop that gives way, per unit of the reduced mass."""
-        contact = self.contacts[place]
         marginal = _marginal(self._fine_rule, place)
-        for sign, stop, law in self._compliant(place):
-            if (side == "upper") == (sign > 0.0):
-                y = sign * (self._fine_rule.nodes[place] - stop)
-                force = float(law.force_at(y) @ marginal) / contact.mass
+        for stop, law in self._soft(place):
+            if stop.name == side:
+                y = stop.deflection(self._fine_rule.nodes[place])
+                force = float(law.force_at(y) @ marginal) / self.pairs[place].mass
                 return ContactStatistics(float(marginal[y > 0.0].sum()), force, None)
         return None
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stochvi.methods.closed_form import one
-from stochvi.methods.closed_form.method import exact, unmet_conditions
+from stochvi.methods.closed_form.method import exact, one_oscillator, unmet
 from stochvi.model.gibbs_law import GibbsLaw
+from stochvi.model.model import model_of
 from stochvi.results.errors import NoExactSolution
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
@@ -63,7 +64,7 @@ class ExactDensity:
 
         Rayleigh's, (w / theta) exp(-w^2 / 2 theta): that of the flux v p(stop, v) (B 13.44).
         """
-        self._stop(side)
+        self._position(side)
         speed = np.maximum(np.asarray(w, dtype=float), 0.0)
         theta = self.law.theta
         return np.asarray(speed / theta * _exp(-(speed**2) / (2.0 * theta)))
@@ -80,7 +81,7 @@ class ExactDensity:
     def log_rate_above(self, side: str, speed: ArrayLike) -> Vector:
         """Logarithm of p(stop) sqrt(theta / 2 pi) exp(-speed^2 / 2 theta)."""
         theta = self.law.theta
-        rate = self.law.log_density(self._stop(side)) + 0.5 * math.log(theta / (2.0 * math.pi))
+        rate = self.law.log_density(self._position(side)) + 0.5 * math.log(theta / (2.0 * math.pi))
         above = np.maximum(np.asarray(speed, dtype=float), 0.0)
         return np.asarray(rate - above**2 / (2.0 * theta))
 
@@ -99,21 +100,21 @@ class ExactDensity:
         P = exp(-(U(y) - U(0)) / theta), y the deflection of that force. Noise and damping during
         the contact are neglected.
         """
-        self._stop(side)
+        self._position(side)
         return self.law.peak_force_exceedance(side, np.asarray(force, dtype=float) / self.mass)
 
     def peak_force_density(self, side: str, force: ArrayLike) -> Vector:
         """Density of the largest force of a contact, 1/N; a force at which the stop yields has
         a probability of its own, which the density leaves out."""
-        self._stop(side)
+        self._position(side)
         per_unit_mass = np.asarray(force, dtype=float) / self.mass
         return np.asarray(self.law.peak_force_density(side, per_unit_mass) / self.mass)
 
-    def _stop(self, side: str) -> float:
-        place = getattr(self.law, f"stop_{side}") if side in ("lower", "upper") else None
-        if place is None:
-            raise ValueError(f"side must be that of a stop of the scene, got {side!r}")
-        return float(place)
+    def _position(self, side: str) -> float:
+        for stop in (self.law.lower, self.law.upper):
+            if stop is not None and stop.name == side:
+                return stop.position
+        raise ValueError(f"side must be that of a stop of the scene, got {side!r}")
 
 
 def exact_density(scene: Scene) -> ExactDensity:
@@ -134,14 +135,14 @@ def exact_density(scene: Scene) -> ExactDensity:
     >>> law.log_tail([1.0, 40.0]).round(6).tolist()
     [-1.668268, -804.435688]
     """
-    unmet = unmet_conditions(scene)
-    if not unmet and len(scene.structure.coordinates) > 1:
-        unmet = ["the scene must have one coordinate for a joint density"]
-    if unmet:
-        raise NoExactSolution(unmet)
+    model = model_of(scene)
+    conditions = unmet(model)
+    if not conditions and len(model.coordinates) > 1:
+        conditions = ["the scene must have one coordinate for a joint density"]
+    if conditions:
+        raise NoExactSolution(conditions)
     response = exact(scene)
-    mass = float(scene.structure.matrices[0][0, 0])
-    return ExactDensity(response=response, law=_law(scene, response), mass=mass)
+    return ExactDensity(response=response, law=_law(scene, response), mass=model.unit_mass)
 
 
 def displacement_density(scene: Scene, x: ArrayLike) -> Vector:
@@ -151,7 +152,7 @@ def displacement_density(scene: Scene, x: ArrayLike) -> Vector:
 
 def _law(scene: Scene, response: Response) -> GibbsLaw:
     """The law of the displacement; of filtered noise the Gaussian one with its moments."""
-    if not scene.beyond_one_oscillator(functions=True):
+    if one_oscillator(model_of(scene)):
         return one.displacement_law(scene)
     (found,) = response.coordinates.values()
     values = {name: item.value for name, item in found.items() if item is not None}

@@ -22,11 +22,12 @@ from scipy.sparse.csgraph import connected_components
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, gaussian_stop
 from stochvi.methods.closed_form.coupled import MOST_PAIRS, CoupledLaw, Intractable
 from stochvi.methods.closed_form.one import lossy
-from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.balances import residuals
+from stochvi.model.coverage import functions
+from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import linear_law
-from stochvi.model.model import model_of
+from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
@@ -69,49 +70,48 @@ class Solution(NamedTuple):
     error: float
 
 
-def unmet_conditions(scene: Scene) -> list[str]:
-    """What keeps a scene of any structure from having a closed form here."""
-    unmet = scene.beyond_numbers()
-    if unmet:
-        return unmet
-    assembly = assemble(scene)
+def unmet(model: Model) -> list[str]:
+    """The conditions of a closed form that a model of any structure does not meet."""
+    found = functions(model)
+    if found:
+        return found
     where = " where there are several coordinates, filtered noise or a sine"
-    if assembly.tables:
-        unmet.append(f"excitation must not be a tabulated density{where}")
-    if any(signal.amplitude for signal in assembly.signals):
-        unmet.append("excitation must be noise, got a sine")
-    coloured = any(signal.intensity for signal in assembly.signals)
-    if not (np.any(assembly.white) or coloured or assembly.tables):
-        unmet.append("excitation must contain noise, got none")
-    if not assembly.contacts:
-        if not _settles(assembly):
-            unmet.append(
+    if model.tables:
+        found.append(f"excitation must not be a tabulated density{where}")
+    if model.sines:
+        found.append("excitation must be noise, got a sine")
+    coloured = any(signal.intensity for signal in model.signals)
+    if not (np.any(model.white) or coloured or model.tables):
+        found.append("excitation must contain noise, got none")
+    if not model.pairs:
+        if not _settles(model):
+            found.append(
                 "stiffness and damping must hold every coordinate where there are no stops"
             )
-        return unmet
+        return found
     if coloured:
-        unmet.append("excitation must be white noise where there are stops, got filtered noise")
-    for contact in assembly.contacts:
-        for side, _, law in contact.stops:
-            if sentence := lossy(law, f"the {side} stop of {contact.name}"):
-                unmet.append(sentence)
-    return unmet or _not_gibbs(assembly)
+        found.append("excitation must be white noise where there are stops, got filtered noise")
+    for pair in model.pairs:
+        for stop in pair.stops:
+            if sentence := lossy(stop.law, f"the {stop.name} stop of {pair.name}"):
+                found.append(sentence)
+    return found or _not_gibbs(model)
 
 
-def _not_gibbs(assembly: Assembly) -> list[str]:
+def _not_gibbs(model: Model) -> list[str]:
     """What stands in the way of the Gibbs law under white noise, with stops that lose nothing."""
-    if assembly.temperature is None:
+    if model.temperature is None:
         return [
             "white noise must match damping, S = 2 theta C with one theta for all coordinates "
             "(noise of the base, or on a part of what is damped, does not)"
         ]
-    if not _reached(assembly):
+    if not _reached(model):
         return ["damping and noise must reach every motion, directly or through springs and stops"]
-    directions = np.array([contact.direction for contact in assembly.contacts])
+    directions = np.array([pair.direction for pair in model.pairs])
     if np.linalg.matrix_rank(directions) < len(directions):
         return ["impact pairs must act on independent coordinates"]
     try:
-        solve(assembly)
+        solve(model)
     except (Intractable, ValueError) as reason:
         return [str(reason)]
     return []
@@ -119,19 +119,18 @@ def _not_gibbs(assembly: Assembly) -> list[str]:
 
 def response(scene: Scene, started: float) -> Response:
     """The answer for a scene without unmet conditions."""
-    assembly = assemble(scene)
-    found = solve(assembly) if assembly.contacts else _gaussian(assembly)
-    how = "closed form" if assembly.contacts else "closed form (Lyapunov)"
+    model = model_of(scene)
+    found = solve(model) if model.pairs else _gaussian(model)
+    how = "closed form" if model.pairs else "closed form (Lyapunov)"
     return Response(
         method="exact",
         coordinates={
-            name: _coordinate(found, row, how, alone=not assembly.contacts)
-            for row, name in enumerate(assembly.coordinates)
+            name: _coordinate(found, row, how, alone=not model.pairs)
+            for row, name in enumerate(model.coordinates)
         },
         impact_pairs={
-            contact.name: _pair(pair, contact.mass, found.error, how)
-            | _relative(found, contact, how)
-            for contact, pair in zip(assembly.contacts, found.pairs, strict=True)
+            pair.name: _pair(law, pair.mass, found.error, how) | _relative(found, pair, how)
+            for pair, law in zip(model.pairs, found.pairs, strict=True)
         },
         effects=scene.effects(),
         assumptions=scene.assumptions(),
@@ -139,9 +138,7 @@ def response(scene: Scene, started: float) -> Response:
         provenance=provenance(scene.document()),
         identities={
             name: Estimate(value=value, bias=10.0 * found.error, how=how)
-            for name, value in residuals(
-                model_of(scene), _moments(assembly, found), found.mean.tolist()
-            ).items()
+            for name, value in residuals(model, _moments(model, found), found.mean.tolist()).items()
         },
     )
 
@@ -165,10 +162,10 @@ def _coordinate(found: Solution, row: int, how: str, *, alone: bool) -> dict[str
     } | {"acceleration_std": None}
 
 
-def _relative(found: Solution, contact: Contact, how: str) -> dict[str, Estimate | None]:
+def _relative(found: Solution, pair: Pair, how: str) -> dict[str, Estimate | None]:
     """Motion of a pair of two coordinates relative to each other."""
-    d = contact.direction
-    if np.count_nonzero(d) < 2:
+    d = pair.direction
+    if not pair.relative:
         return {}
     deviation = float(np.sqrt(d @ found.covariance @ d))
     speed = float(np.sqrt(d @ found.velocity @ d))
@@ -183,14 +180,14 @@ def _relative(found: Solution, contact: Contact, how: str) -> dict[str, Estimate
     }
 
 
-def _pair(pair: PairLaw, mass: float, error: float, how: str) -> dict[str, Any]:
-    stops = [pair.stops[side] for side in pair.stops]
+def _pair(law: PairLaw, mass: float, error: float, how: str) -> dict[str, Any]:
+    stops = [law.stops[side] for side in law.stops]
     rate, speed, square = (sum(column) for column in zip(*stops, strict=True))
-    contacts = {side: contact for side, contact in pair.contacts.items() if contact is not None}
+    contacts = {side: contact for side, contact in law.contacts.items() if contact is not None}
     values: dict[str, float | None] = {
         "collision_rate": rate,
-        "collision_rate_lower": pair.stops["lower"].rate if "lower" in pair.stops else None,
-        "collision_rate_upper": pair.stops["upper"].rate if "upper" in pair.stops else None,
+        "collision_rate_lower": law.stops["lower"].rate if "lower" in law.stops else None,
+        "collision_rate_upper": law.stops["upper"].rate if "upper" in law.stops else None,
         "impact_speed_mean": speed / rate if rate else None,
         "impact_speed_rate": speed,
         "impact_speed_square_rate": square,
@@ -206,31 +203,30 @@ def _pair(pair: PairLaw, mass: float, error: float, how: str) -> dict[str, Any]:
     return found | {"speed_threshold": 0.0}
 
 
-def _moments(assembly: Assembly, found: Solution) -> dict[tuple[str, str], float]:
+def _moments(model: Model, found: Solution) -> dict[tuple[str, str], float]:
     """What the balances are about."""
     moments: dict[tuple[str, str], float] = {}
-    for row, name in enumerate(assembly.coordinates):
+    for row, name in enumerate(model.coordinates):
         moments[name, "x"] = float(found.mean[row])
         moments[name, "variance"] = float(found.covariance[row, row])
         moments[name, "vv"] = float(found.velocity[row, row])
-    for contact, pair in zip(assembly.contacts, found.pairs, strict=True):
-        for side in ("lower", "upper"):
-            stop = pair.stops.get(side, StopStatistics(0.0, 0.0, 0.0))
-            moments[contact.name, f"f1_{side}"] = stop.speed_rate
-            moments[contact.name, f"f2_{side}"] = stop.speed_square_rate
-            held = pair.contacts.get(side)
-            moments[contact.name, f"force_{side}"] = held.force if held else 0.0
-            moments[contact.name, f"loss_{side}"] = 0.0
-    moments["", "kinetic"] = float(np.trace(assembly.mass @ found.velocity))
-    moments["", "potential"] = float(np.trace(assembly.stiffness @ found.covariance))
-    moments["", "dissipation"] = float(np.trace(assembly.damping @ found.velocity))
+    for pair, law in zip(model.pairs, found.pairs, strict=True):
+        for side, hits in law.stops.items():
+            held = law.contacts[side]
+            moments[pair.name, f"f1_{side}"] = hits.speed_rate
+            moments[pair.name, f"f2_{side}"] = hits.speed_square_rate
+            moments[pair.name, f"force_{side}"] = held.force if held else 0.0
+            moments[pair.name, f"loss_{side}"] = 0.0
+    moments["", "kinetic"] = float(np.trace(model.mass @ found.velocity))
+    moments["", "potential"] = float(np.trace(model.stiffness @ found.covariance))
+    moments["", "dissipation"] = float(np.trace(model.damping @ found.velocity))
     return moments
 
 
 # The Gibbs law ----------------------------------------------------------------------------
 
 
-def solve(assembly: Assembly) -> Solution:
+def solve(model: Model) -> Solution:
     """Moments of exp(-H / theta).
 
     Raises
@@ -238,20 +234,20 @@ def solve(assembly: Assembly) -> Solution:
     ValueError, Intractable
         If a coordinate is held by nothing; if too many pairs depend on each other.
     """
-    theta = assembly.temperature
+    theta = model.temperature
     assert theta is not None
-    split = _split(assembly, theta)
+    split = _split(model, theta)
     size = np.sqrt(np.diag(split.stiffness))
     coupled = np.abs(split.stiffness) > ROUNDING * np.outer(size, size)
     _, labels = connected_components(coupled, directed=False)
-    count = len(assembly.contacts)
+    count = len(model.pairs)
     mean, covariance = np.zeros(count), np.zeros((count, count))
     pairs: list[PairLaw | None] = [None] * count
     error = 0.0
     for label in np.unique(labels):
         block = np.flatnonzero(labels == label)
         part = _one_pair if len(block) == 1 else _coupled_pairs
-        found = part(assembly, split, theta, block)
+        found = part(model, split, theta, block)
         mean[block] = found.mean
         covariance[np.ix_(block, block)] = found.covariance
         error = max(error, found.error)
@@ -260,17 +256,17 @@ def solve(assembly: Assembly) -> Solution:
     return Solution(
         mean=split.base + split.gain @ mean,
         covariance=split.spread + split.gain @ covariance @ split.gain.T,
-        velocity=np.asarray(theta * np.linalg.inv(assembly.mass), dtype=float),
+        velocity=np.asarray(theta * np.linalg.inv(model.mass), dtype=float),
         pairs=[pair for pair in pairs if pair is not None],
         error=error,
     )
 
 
-def _split(assembly: Assembly, theta: float) -> Split:
+def _split(model: Model, theta: float) -> Split:
     """q = along y + across z with D along = 1, D across = 0; z is Gaussian given y."""
-    directions = np.array([contact.direction for contact in assembly.contacts])
+    directions = np.array([pair.direction for pair in model.pairs])
     along, across = np.linalg.pinv(directions), null_space(directions)
-    stiffness, load = assembly.stiffness, assembly.load
+    stiffness, load = model.stiffness, model.constant_force
     held = across.T @ stiffness @ across
     if held.size and not _positive(held):
         raise ValueError("stiffness must hold every coordinate that stops do not hold")
@@ -283,37 +279,30 @@ def _split(assembly: Assembly, theta: float) -> Split:
     return Split(left, gain.T @ load, gain, inverse @ load, theta * inverse)
 
 
-def _one_pair(assembly: Assembly, split: Split, theta: float, block: NDArray[np.intp]) -> Solution:
+def _one_pair(model: Model, split: Split, theta: float, block: NDArray[np.intp]) -> Solution:
     """A pair of its own, like an oscillator of its reduced mass."""
     row = int(block[0])
-    contact = assembly.contacts[row]
+    pair = model.pairs[row]
+    omega = float(np.sqrt(max(split.stiffness[row, row], 0.0) / pair.mass))
+    load = float(split.load[row]) / pair.mass
+    gap = Gap.of_pair(pair, omega=omega, damping_rate=0.0, load=load)
     try:
-        law = GibbsLaw(
-            theta=theta / contact.mass,
-            omega=float(np.sqrt(max(split.stiffness[row, row], 0.0) / contact.mass)),
-            load=float(split.load[row]) / contact.mass,
-            stop_lower=contact.lower,
-            stop_upper=contact.upper,
-            law_lower=contact.law_lower and contact.law_lower.per_unit_mass(contact.mass),
-            law_upper=contact.law_upper and contact.law_upper.per_unit_mass(contact.mass),
-        )
+        law = GibbsLaw.of(gap, theta=theta / pair.mass)
     except ValueError:
-        raise ValueError(f"springs or stops must hold the pair {contact.name!r}") from None
-    pair = PairLaw(
-        {side: gaussian_stop(law.density_at(stop), law.theta) for side, stop, _ in contact.stops},
-        {side: law.contact(side) for side, _, _ in contact.stops},
+        raise ValueError(f"springs or stops must hold the pair {pair.name!r}") from None
+    found = PairLaw(
+        {stop.name: gaussian_stop(law.density_at(stop.position), law.theta) for stop in gap.stops},
+        {stop.name: law.contact(stop.name) for stop in gap.stops},
     )
     nothing = np.zeros((1, 1))
-    return Solution(np.array([law.mean]), np.array([[law.variance]]), nothing, [pair], 0.0)
+    return Solution(np.array([law.mean]), np.array([[law.variance]]), nothing, [found], 0.0)
 
 
-def _coupled_pairs(
-    assembly: Assembly, split: Split, theta: float, block: NDArray[np.intp]
-) -> Solution:
+def _coupled_pairs(model: Model, split: Split, theta: float, block: NDArray[np.intp]) -> Solution:
     """Pairs that springs couple, integrated together."""
-    contacts = [assembly.contacts[row] for row in block]
+    pairs = tuple(model.pairs[row] for row in block)
     if len(block) > MOST_PAIRS:
-        names = ", ".join(contact.name for contact in contacts)
+        names = ", ".join(pair.name for pair in pairs)
         raise Intractable(
             f"at most {MOST_PAIRS} impact pairs may depend on each other through springs, got "
             f"{len(block)} ({names})"
@@ -322,29 +311,27 @@ def _coupled_pairs(
         theta=theta,
         stiffness=split.stiffness[np.ix_(block, block)],
         load=split.load[block],
-        contacts=tuple(contacts),
+        pairs=pairs,
     )
-    pairs = []
-    for place, contact in enumerate(contacts):
-        velocity = theta / contact.mass
-        pairs.append(
-            PairLaw(
-                {
-                    side: gaussian_stop(law.density_at(place, stop), velocity)
-                    for side, stop, _ in contact.stops
-                },
-                {side: law.contact(place, side) for side, _, _ in contact.stops},
-            )
+    found = [
+        PairLaw(
+            {
+                stop.name: gaussian_stop(law.density_at(place, stop.position), theta / pair.mass)
+                for stop in pair.stops
+            },
+            {stop.name: law.contact(place, stop.name) for stop in pair.stops},
         )
-    return Solution(law.mean, law.covariance, np.zeros((0, 0)), pairs, law.error)
+        for place, pair in enumerate(pairs)
+    ]
+    return Solution(law.mean, law.covariance, np.zeros((0, 0)), found, law.error)
 
 
 # Without stops ----------------------------------------------------------------------------
 
 
-def _gaussian(assembly: Assembly) -> Solution:
+def _gaussian(model: Model) -> Solution:
     """Linear structure, white and filtered noise."""
-    modes = modes_of(assembly)
+    modes = model.modal
     law = linear_law(modes)
     assert law is not None
     n, shapes = modes.size, modes.shapes
@@ -360,9 +347,9 @@ def _gaussian(assembly: Assembly) -> Solution:
     )
 
 
-def _settles(assembly: Assembly) -> bool:
+def _settles(model: Model) -> bool:
     """Whether a linear structure forgets how it started."""
-    return linear_law(modes_of(assembly)) is not None
+    return linear_law(model.modal) is not None
 
 
 def _positive(matrix: Matrix) -> bool:
@@ -372,17 +359,17 @@ def _positive(matrix: Matrix) -> bool:
     return bool(np.linalg.eigvalsh(matrix / np.outer(size, size))[0] > ROUNDING)
 
 
-def _reached(assembly: Assembly) -> bool:
+def _reached(model: Model) -> bool:
     """Whether damping acts in every mode, with a spring of some stiffness in place of each stop.
 
     The stiffnesses are of the structure's size and have no simple ratio, so that no symmetry of
     the springs hides a motion that impacts would reach.
     """
-    stiffness = assembly.stiffness.copy()
+    stiffness = model.stiffness.copy()
     size = float(np.trace(stiffness)) or 1.0
-    for number, contact in enumerate(assembly.contacts, start=2):
-        stiffness += size * np.sqrt(number) * np.outer(contact.direction, contact.direction)
-    root = np.linalg.inv(np.linalg.cholesky(assembly.mass))
+    for number, pair in enumerate(model.pairs, start=2):
+        stiffness += size * np.sqrt(number) * np.outer(pair.direction, pair.direction)
+    root = np.linalg.inv(np.linalg.cholesky(model.mass))
     _, modes = np.linalg.eigh(root @ stiffness @ root.T)
-    damped = np.einsum("ij,ij->j", modes, (root @ assembly.damping @ root.T) @ modes)
+    damped = np.einsum("ij,ij->j", modes, (root @ model.damping @ root.T) @ modes)
     return bool(np.all(damped > ROUNDING * damped.max()))

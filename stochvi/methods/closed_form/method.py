@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 
 from stochvi.methods.closed_form import many, one
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NoExactSolution
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
@@ -46,16 +48,20 @@ def exact(scene: Scene) -> Response:
     0.539560094 [closed form]
     """
     started = time.perf_counter()
-    unmet = unmet_conditions(scene)
-    if unmet:
-        raise NoExactSolution(unmet)
-    if scene.beyond_one_oscillator(functions=True):
-        return many.response(scene, started)
-    return one.response(scene, started)
+    model = model_of(scene)
+    conditions = unmet(model)
+    if conditions:
+        raise NoExactSolution(conditions)
+    if one_oscillator(model):
+        return one.response(scene, started)
+    return many.response(scene, started)
 
 
-def unmet_conditions(scene: Scene) -> list[str]:
-    """What keeps this scene from having a closed form here; empty where it has one."""
-    if scene.beyond_one_oscillator(functions=True):
-        return many.unmet_conditions(scene)
-    return one.unmet_conditions(scene)
+def unmet(model: Model) -> list[str]:
+    """The conditions of a closed form that a model does not meet; empty where it meets all."""
+    return one.unmet(model) if one_oscillator(model) else many.unmet(model)
+
+
+def one_oscillator(model: Model) -> bool:
+    """Whether the law of one oscillator, which takes functions, is the one to use."""
+    return not beyond_one_oscillator(model, with_functions=True)

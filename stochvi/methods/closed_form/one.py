@@ -12,12 +12,14 @@ import numpy as np
 
 from stochvi.mathematics.impact_rates import gaussian_stop
 from stochvi.mathematics.spectra import LinearMoments, response_moments
+from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw, Spring
+from stochvi.model.model import Model, model_of
 from stochvi.model.responses import Answer, linear_acceleration
 from stochvi.results.errors import SceneError
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Law
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import NonlinearOscillator
 
 HEAVIEST = 3.0
@@ -26,57 +28,55 @@ HEAVIEST = 3.0
 
 def response(scene: Scene, started: float) -> Response:
     """The answer for a scene without unmet conditions."""
-    system = scene.system()
+    model = model_of(scene)
     law = displacement_law(scene)
     velocity = law.theta
+    lower, upper = Gap.of(model).ends
     return Answer(
         mean=law.mean,
         variance=law.variance,
         velocity_mean_square=velocity,
         upcrossing_rate=law.density_at(law.mean) * math.sqrt(velocity / (2.0 * math.pi)),
-        lower=gaussian_stop(law.density_at(system.lower), velocity),
-        upper=gaussian_stop(law.density_at(system.upper), velocity),
+        lower=gaussian_stop(law.density_at(lower), velocity),
+        upper=gaussian_stop(law.density_at(upper), velocity),
         contact_lower=law.contact("lower"),
         contact_upper=law.contact("upper"),
-        acceleration_mean_square=linear_acceleration(system),
+        acceleration_mean_square=linear_acceleration(model),
     ).response("exact", scene, how="closed form", started=started)
 
 
-def unmet_conditions(scene: Scene) -> list[str]:
-    """What keeps the scene of one oscillator from having a closed form here."""
-    system = scene.system()
-    unmet = [
-        sentence
-        for side, law in zip(("lower", "upper"), system.laws, strict=True)
-        if law is not None and (sentence := lossy(law, f"the {side} stop"))
+def unmet(model: Model) -> list[str]:
+    """The conditions of the closed form that a model of one oscillator does not meet."""
+    found = [
+        sentence for stop in model.stops if (sentence := lossy(stop.law, f"the {stop.name} stop"))
     ]
-    if system.damping_law is not None:
-        unmet.append("damping must be linear, got a function of velocity")
-    if system.tables and scene.impact_pairs:
-        unmet.append(
+    if model.drag is not None:
+        found.append("damping must be linear, got a function of velocity")
+    if model.tables and model.stops:
+        found.append(
             "excitation must be white noise where there are stops, got a tabulated density"
         )
-    if system.tables and system.restoring is not None:
-        unmet.append(
+    if model.tables and model.restoring is not None:
+        found.append(
             "excitation must be white noise where the spring is a function, got a tabulated density"
         )
-    if system.damping_rate == 0.0 and system.damping_law is None:
-        unmet.append("damping must be positive, got 0 (there would be no stationary state)")
-    if system.intensity == 0.0 and not system.tables:
-        unmet.append("excitation must contain noise, got a constant load alone")
-    if system.restoring is not None:
-        if not unmet and not _held(system, _white_theta(system)):
-            unmet.append("restoring_force must hold the mass where stops do not")
-        elif not unmet:
-            heaviest = _gibbs_law(system, _white_theta(system)).heaviest
+    if model.damping_rate == 0.0 and model.drag is None:
+        found.append("damping must be positive, got 0 (there would be no stationary state)")
+    if model.intensity == 0.0 and not model.tables:
+        found.append("excitation must contain noise, got a constant load alone")
+    if model.restoring is not None:
+        if not found and not _held(model, _white_theta(model)):
+            found.append("restoring_force must hold the mass where stops do not")
+        elif not found:
+            heaviest = _gibbs_law(model, _white_theta(model)).heaviest
             if heaviest <= HEAVIEST:
-                unmet.append(
+                found.append(
                     "restoring_force must leave a finite variance, got a density that falls as "
                     f"x^-{heaviest:.3g} far out, no faster than x^-3"
                 )
-    elif system.omega == 0.0 and not _held(system, theta=1.0):
-        unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
-    return unmet
+    elif model.omega == 0.0 and not _held(model, theta=1.0):
+        found.append("stiffness must be positive where stops do not hold the mass, got 0")
+    return found
 
 
 def lossy(law: Law, at: str) -> str:
@@ -97,52 +97,43 @@ def displacement_law(scene: Scene) -> GibbsLaw:
     SceneError
         If the potential that a spring was given is not that of its force.
     """
-    system = scene.system()
-    theta = _white_theta(system)
-    if system.tables:
-        tables = _table_moments(system)
+    model = model_of(scene)
+    theta = _white_theta(model)
+    if model.tables:
+        tables = _table_moments(model)
         velocity, variance = theta + tables.velocity, tables.displacement
-        variance += theta / system.omega**2
+        variance += theta / model.omega**2
         omega = math.sqrt(velocity / variance)
-        load = system.load / system.omega**2 * omega**2
+        load = model.rest * omega**2
         return GibbsLaw(theta=velocity, omega=omega, load=load)
-    law = _gibbs_law(system, theta)
+    law = _gibbs_law(model, theta)
     if isinstance(scene.structure, NonlinearOscillator):
         _check_potential(scene.structure, law)
     return law
 
 
-def _held(system: System, theta: float) -> bool:
+def _held(model: Model, theta: float) -> bool:
     try:
-        _gibbs_law(system, theta)
+        _gibbs_law(model, theta)
     except ValueError:
         return False
     return True
 
 
-def _gibbs_law(system: System, theta: float) -> GibbsLaw:
+def _gibbs_law(model: Model, theta: float) -> GibbsLaw:
     spring = None
-    if system.restoring is not None and system.potential is not None:
-        spring = Spring(system.restoring, system.potential)
-    return GibbsLaw(
-        theta=theta,
-        omega=system.omega,
-        load=system.load,
-        stop_lower=system.lower,
-        stop_upper=system.upper,
-        law_lower=system.law_lower,
-        law_upper=system.law_upper,
-        spring=spring,
-    )
+    if model.restoring is not None and model.potential is not None:
+        spring = Spring(model.restoring, model.potential)
+    return GibbsLaw.of(Gap.of(model), theta, spring)
 
 
-def _white_theta(system: System) -> float:
+def _white_theta(model: Model) -> float:
     """theta = E v^2 = S0 / (2 b) of the white noise."""
-    return system.intensity / (2.0 * system.damping_rate)
+    return model.intensity / (2.0 * model.damping_rate)
 
 
-def _table_moments(system: System) -> LinearMoments:
-    return response_moments(system.tables, system.omega, system.damping_rate)
+def _table_moments(model: Model) -> LinearMoments:
+    return response_moments(model.acceleration_tables, model.omega, model.damping_rate)
 
 
 POTENTIAL_ERROR = 1e-6

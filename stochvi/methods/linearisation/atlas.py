@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
+from stochvi.model.model import Model, Stop
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.datasets import data_folder
-from stochvi.scenes.scene import System
 
 QUANTITIES = ("mean", "sigma_x", "sigma_v", "upcrossing", "rate", "f1", "f2")
 """The mean in deviations, (answer - truth) / sigma_x; of the others ln(answer / truth)."""
@@ -150,27 +150,29 @@ class Place(NamedTuple):
         return same and self.restitution_lower == self.restitution_upper
 
 
-def place_of(system: System) -> Place | str:
+def place_of(model: Model) -> Place | str:
     """Where a scene lies, or the reason why it has no place."""
-    if system.tables or system.filters:
+    if model.tables or model.filters:
         return "the atlas knows white noise alone"
-    if system.not_rigid():
+    if model.not_rigid():
         return "the atlas knows rigid stops"
-    if system.omega == 0.0 or system.damping_rate == 0.0:
+    if model.omega == 0.0 or model.damping_rate == 0.0:
         return "the atlas knows no mass without a spring or a damper"
-    deviation = math.sqrt(system.intensity / (2.0 * system.damping_rate)) / system.omega
-    rest = system.load / system.omega**2
-    lower, upper = system.lower, system.upper
+    deviation = math.sqrt(model.intensity / (2.0 * model.damping_rate)) / model.omega
+
+    def outwards(stop: Stop | None) -> float | None:
+        return None if stop is None else stop.side * (stop.position - model.rest) / deviation
+
     return Place(
-        None if lower is None else (rest - lower) / deviation,
-        None if upper is None else (upper - rest) / deviation,
-        1.0 if system.restitution_lower is None else system.restitution_lower,
-        1.0 if system.restitution_upper is None else system.restitution_upper,
-        system.damping_rate / (2.0 * system.omega),
+        outwards(model.lower),
+        outwards(model.upper),
+        1.0 if model.lower is None else model.lower.law.restitution,
+        1.0 if model.upper is None else model.upper.law.restitution,
+        model.damping_rate / (2.0 * model.omega),
     )
 
 
-def spans(method: str, system: System) -> Mapping[str, Span] | str:
+def spans(method: str, model: Model) -> Mapping[str, Span] | str:
     """Where the errors of a method lie in a scene, by quantity; or the reason why nobody knows.
 
     A quantity is left out where its error is unknown: the rate at R <= exp(-pi / sqrt 3), where the
@@ -179,6 +181,7 @@ def spans(method: str, system: System) -> Mapping[str, Span] | str:
 
     Examples
     --------
+    >>> from stochvi.model.model import model_of
     >>> from stochvi.scenes.impact_laws import Restitution
     >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.scene import ImpactPair, Scene
@@ -188,11 +191,11 @@ def spans(method: str, system: System) -> Mapping[str, Span] | str:
     ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))],
     ...     excitations=[WhiteNoise(intensity=0.2)],
     ... )
-    >>> span = spans("linearise:closure", scene.system())["sigma_v"]
+    >>> span = spans("linearise:closure", model_of(scene))["sigma_v"]
     >>> span.low < -0.012 < span.high
     True
     """
-    grids, place = atlas(method), place_of(system)
+    grids, place = atlas(method), place_of(model)
     if grids is None:
         return "this form has no atlas"
     if isinstance(place, str):
@@ -278,12 +281,12 @@ def _relatives(
     return np.concatenate([corners, -corners])
 
 
-def with_bounds(response: Response, system: System) -> Response:
+def with_bounds(response: Response, model: Model) -> Response:
     """The response with the bounds of the atlas as `bias`, or the reason for none in `how`."""
-    known = spans(response.method, system)
+    known = spans(response.method, model)
     if isinstance(known, str):
         return _explained(response, {}, f"no error bound: {known}")
-    relative = _relative_bounds(known, one_rate=_one_rate(system))
+    relative = _relative_bounds(known, one_rate=_one_rate(model))
     bounds = {}
     for (_, name), estimate in response.estimates().items():
         if name in relative:
@@ -301,9 +304,9 @@ def with_bounds(response: Response, system: System) -> Response:
     return _explained(response, bounds, "error bound from the atlas")
 
 
-def _one_rate(system: System) -> bool:
+def _one_rate(model: Model) -> bool:
     """Whether the rate of a stop errs as that of both: for a single one, and for symmetric ones."""
-    place = place_of(system)
+    place = place_of(model)
     return isinstance(place, Place) and (place.like or None in place[:2])
 
 

@@ -26,13 +26,11 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.interpolate import RegularGridInterpolator
 
-from stochvi.model.assembly import Assembly, Contact
 from stochvi.model.balances import residuals
-from stochvi.model.model import model_of
+from stochvi.model.model import Model, Pair
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.response import Response
 from stochvi.scenes.datasets import data_folder
-from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
@@ -73,7 +71,7 @@ class Box:
     stiffness: float
     intensity: float
     loose_mass: float
-    contact: Contact
+    pair: Pair
     play: float
     restitution: float
 
@@ -97,44 +95,43 @@ class Box:
         }
 
 
-def box_of(assembly: Assembly) -> Box | None:
+def box_of(model: Model) -> Box | None:
     """The box of a scene that the atlas covers; None for any other scene."""
-    if len(assembly.coordinates) != 2 or len(assembly.contacts) != 1:
+    if len(model.coordinates) != 2 or len(model.pairs) != 1:
         return None
-    (contact,) = assembly.contacts
-    laws = {law.restitution for _, _, law in contact.stops if isinstance(law, Restitution)}
-    if contact.lower is None or contact.upper is None or len(laws) != 1:
+    (pair,) = model.pairs
+    if pair.lower is None or pair.upper is None:
         return None
-    if assembly.signals or assembly.tables or np.any(assembly.load):
+    restitution = pair.upper.coefficient
+    if restitution is None or pair.lower.coefficient != restitution:
         return None
-    (restitution,) = laws
+    if model.signals or model.tables or np.any(model.constant_force):
+        return None
     for carrier, loose in ((0, 1), (1, 0)):
         apart = [
             (matrix[carrier, loose], matrix[loose, loose])
-            for matrix in (assembly.damping, assembly.stiffness, assembly.white)
+            for matrix in (model.damping, model.stiffness, model.white)
         ]
         held = min(
-            matrix[carrier, carrier]
-            for matrix in (assembly.damping, assembly.stiffness, assembly.white)
+            matrix[carrier, carrier] for matrix in (model.damping, model.stiffness, model.white)
         )
-        if np.any(apart) or assembly.mass[carrier, loose] or held <= 0.0:
+        if np.any(apart) or model.mass[carrier, loose] or held <= 0.0:
             continue
         box = Box(
-            carrier=assembly.coordinates[carrier],
-            loose=assembly.coordinates[loose],
-            mass=float(assembly.mass[carrier, carrier]),
-            damping=float(assembly.damping[carrier, carrier]),
-            stiffness=float(assembly.stiffness[carrier, carrier]),
-            intensity=float(assembly.white[carrier, carrier]),
-            loose_mass=float(assembly.mass[loose, loose]),
-            contact=contact,
-            play=contact.upper - contact.lower,
+            carrier=model.coordinates[carrier],
+            loose=model.coordinates[loose],
+            mass=float(model.mass[carrier, carrier]),
+            damping=float(model.damping[carrier, carrier]),
+            stiffness=float(model.stiffness[carrier, carrier]),
+            intensity=float(model.white[carrier, carrier]),
+            loose_mass=float(model.mass[loose, loose]),
+            pair=pair,
+            play=pair.upper.position - pair.lower.position,
             restitution=restitution,
         )
         place = box.place
         inside = all(low <= place[name] <= high for name, (low, high) in RANGES.items())
-        relative = np.count_nonzero(contact.direction) == 2
-        return box if inside and relative and restitution <= LARGEST_RESTITUTION else None
+        return box if inside and pair.relative and restitution <= LARGEST_RESTITUTION else None
     return None
 
 
@@ -144,7 +141,7 @@ def moments(box: Box) -> dict[str, float]:
     omega, table = box.omega, shaken_box(box.restitution, box.play / a)
     energy = (omega * a) ** 2 / 2.0
     f2 = omega**3 * a**2 * table["speed_square_rate"]
-    power = box.contact.mass / box.mass * (1.0 - box.restitution**2) / 2.0 * f2
+    power = box.pair.mass / box.mass * (1.0 - box.restitution**2) / 2.0 * f2
     diffusion = box.intensity / box.mass**2
     fall = 2.0 / diffusion * (box.damping / box.mass + power / energy)
     density = np.exp(-cumulative_trapezoid(fall, energy, initial=0))
@@ -220,7 +217,7 @@ def _feature(gain_: float, play_in_sigma: float) -> tuple[float, float]:
     return math.log(max(gain_, 1e-3)), math.log(play_in_sigma)
 
 
-def response(scene: Scene, assembly: Assembly, box: Box, method: str) -> Response:
+def response(scene: Scene, model: Model, box: Box, method: str) -> Response:
     """The averaged response of a scene, with the errors that the atlas knows."""
     started = time.perf_counter()
     found = moments(box)
@@ -247,7 +244,7 @@ def response(scene: Scene, assembly: Assembly, box: Box, method: str) -> Respons
         name: coordinate("displacement", "velocity")
         if name == box.carrier
         else coordinate("loose_displacement", "loose_velocity")
-        for name in assembly.coordinates
+        for name in model.coordinates
     }
     pair: dict[str, Estimate | float | None] = {
         "collision_rate": None,
@@ -262,11 +259,11 @@ def response(scene: Scene, assembly: Assembly, box: Box, method: str) -> Respons
     }
     for name in ("relative_displacement", "relative_velocity"):
         pair[f"{name}_std"] = estimate(math.sqrt(found[name]), name)
-    balances = residuals(model_of(scene), _balance(box, found), [0.0, 0.0])
+    balances = residuals(model, _balance(box, found), [0.0, 0.0])
     return Response(
         method=method,
         coordinates=coordinates,
-        impact_pairs={box.contact.name: pair},
+        impact_pairs={box.pair.name: pair},
         effects=scene.effects(),
         assumptions=[
             *scene.assumptions(),
@@ -291,7 +288,7 @@ def _squared(root: Estimate) -> Estimate:
 
 def _balance(box: Box, found: dict[str, float]) -> dict[tuple[str, str], float]:
     """What the balances of energy, virial and force ask for."""
-    name, half = box.contact.name, 0.5
+    name, half = box.pair.name, 0.5
     known = {
         ("", "kinetic"): box.mass * found["velocity"] + box.loose_mass * found["loose_velocity"],
         ("", "potential"): box.stiffness * found["displacement"],

@@ -14,6 +14,7 @@ that of sigma_x in narrower gaps is .7 % (.4 %), on the grid of the atlas.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +23,9 @@ from scipy.optimize import brentq
 
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import StopStatistics, gaussian_stop
-from stochvi.methods.linearisation.trial import Form, Trial, Unknowns, restitutions
-from stochvi.scenes.scene import System
+from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
+from stochvi.model.gap import Gap
+from stochvi.model.model import Stop
 
 BOX_RESTITUTION = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 """Restitutions of the two tables below; between them they are interpolated by cubics (PCHIP)."""
@@ -45,19 +47,19 @@ _DENSITY = PchipInterpolator(BOX_RESTITUTION, BOX_DENSITY)
 _SPEED = PchipInterpolator(BOX_RESTITUTION, BOX_SPEED)
 
 
-def rigid_closure(system: System, box: bool = False) -> Form:
-    """The closure of a scene whose only stop, where it has one stop, is the upper one."""
-    if system.lower is None or system.upper is None:
-        return Form(_one_stop_start, _one_stop_trial)
-    floor = curvature_floor(system, box)
-    return Form(_closure_start, lambda system, x: _closure_trial(system, x, floor, box))
+def rigid_closure(gap: Gap, box: bool = False) -> Form:
+    """The closure of a gap whose only stop, where it has one stop, is the upper one."""
+    if len(gap.stops) == 1:
+        return Form(_one_stop_start, _one_stop_candidate)
+    floor = curvature_floor((stop.law.restitution for stop in gap.stops), box)
+    return Form(_closure_start, lambda gap, x: _closure_candidate(gap, x, floor, box))
 
 
-def _closure_start(system: System) -> Unknowns:
-    return np.array([system.load, system.omega**2, 0.0])
+def _closure_start(gap: Gap) -> Unknowns:
+    return np.array([gap.load, gap.omega**2, 0.0])
 
 
-def curvature_floor(system: System, box: bool = False) -> float:
+def curvature_floor(restitutions: Iterable[float], box: bool = False) -> float:
     """kappa D^2 of an evenly filled, very narrow gap of half width D, the least that is needed.
 
     There the balance of forces asks for a density 1 / ((1 + R) A D) at the stops, A = 1 but for
@@ -65,8 +67,7 @@ def curvature_floor(system: System, box: bool = False) -> float:
     nothing drives there.
     """
     wanted = max(
-        1.0 / ((1.0 + r) * (min(float(_DENSITY(r)), 1.0) if box else 1.0))
-        for r in restitutions(system)
+        1.0 / ((1.0 + r) * (min(float(_DENSITY(r)), 1.0) if box else 1.0)) for r in restitutions
     )
 
     def excess(curvature: float) -> float:
@@ -78,29 +79,23 @@ def curvature_floor(system: System, box: bool = False) -> float:
     return floor
 
 
-def _closure_trial(system: System, unknowns: Unknowns, floor: float, box: bool) -> Trial:
+def _closure_candidate(gap: Gap, unknowns: Unknowns, floor: float, box: bool) -> Candidate:
     """Unknowns lambda, kappa and log s_v; two stops.
 
     Below its floor kappa stays there, and the density right at the stops rises instead, as for
     a single stop.
     """
-    assert system.lower is not None and system.upper is not None
     slope, curvature, log_speed = unknowns.tolist()
-    least = floor / ((system.upper - system.lower) / 2.0) ** 2
+    least = floor / (gap.width / 2.0) ** 2
     rise = 1.0 + max(least - curvature, 0.0)
-    law = CutNormal(
-        slope=slope,
-        curvature=max(curvature, least),
-        lower=system.lower,
-        upper=system.upper,
-    )
+    lower, upper = gap.ends
+    law = CutNormal(slope=slope, curvature=max(curvature, least), lower=lower, upper=upper)
     return _closed(
-        system,
+        gap,
         mean=law.mean,
         variance=law.variance,
         speed=math.exp(log_speed),
-        density_lower=rise * law.density_at(system.lower),
-        density_upper=rise * law.density_at(system.upper),
+        densities=[rise * law.density_at(stop.position) for stop in gap.stops],
         density_at_mean=law.density_at(law.mean),
         rise=rise,
         box=box,
@@ -108,73 +103,65 @@ def _closure_trial(system: System, unknowns: Unknowns, floor: float, box: bool) 
 
 
 def _closed(
-    system: System,
+    gap: Gap,
     *,
     mean: float,
     variance: float,
     speed: float,
-    density_lower: float,
-    density_upper: float,
+    densities: list[float],
     density_at_mean: float,
     rise: float = 1.0,
     box: bool = False,
-) -> Trial:
+) -> Candidate:
     """m_F = mean stop force, k = its covariance with x / Var x, beta = impact loss / E v^2.
 
-    With F1 and F2 of the law: m_F = (1 + R_u) F1_u - (1 + R_l) F1_l, and so on. Together with
-    the exact variances of the linear system these are the balances of force, virial and energy.
+    With F1 and F2 of the law, whose `densities` at the stops are given: m_F = (1 + R_u) F1_u -
+    (1 + R_l) F1_l, and so on. Together with the exact variances of the linear system these are
+    the balances of force, virial and energy.
     """
-    r_lower, r_upper = restitutions(system)
-    lower = gaussian_stop(density_lower, speed**2)
-    upper = gaussian_stop(density_upper, speed**2)
+    hits = [gaussian_stop(density, speed**2) for density in densities]
     if box:
-        lower, upper = _boxed(system, lower, upper, speed)
-    push = (1.0 + r_lower) * lower.speed_rate
-    pull = (1.0 + r_upper) * upper.speed_rate
-    covariance = 0.0
-    if system.lower is not None:
-        covariance += push * (mean - system.lower)
-    if system.upper is not None:
-        covariance += pull * (system.upper - mean)
-    loss = (1.0 - r_lower**2) * lower.speed_square_rate
-    loss += (1.0 - r_upper**2) * upper.speed_square_rate
-    return Trial(
+        hits = _boxed(gap, hits, speed)
+    force = covariance = loss = 0.0
+    for stop, own in zip(gap.stops, hits, strict=True):
+        r = stop.law.restitution
+        push = (1.0 + r) * own.speed_rate
+        force += stop.side * push
+        covariance += push * (stop.side * (stop.position - mean))
+        loss += (1.0 - r**2) * own.speed_square_rate
+    return Candidate(
         mean=mean,
         variance=variance,
         velocity_mean_square=speed**2,
         density_at_mean=density_at_mean,
-        stop_force=pull - push,
+        stop_force=force,
         stiffness=covariance / variance,
         damping=loss / (2.0 * speed**2),
-        lower=lower,
-        upper=upper,
+        hits={stop.side: own for stop, own in zip(gap.stops, hits, strict=True)},
+        contacts={},
         rise=rise,
     )
 
 
-def _boxed(
-    system: System, lower: StopStatistics, upper: StopStatistics, speed: float
-) -> tuple[StopStatistics, StopStatistics]:
-    """What two stops see, by the law of a box as far as impacts take the energy."""
-    r_both = restitutions(system)
-    strengths = [float(_DENSITY(r)) for r in r_both]
+def _boxed(gap: Gap, hits: list[StopStatistics], speed: float) -> list[StopStatistics]:
+    """What the stops see, by the law of a box as far as impacts take the energy."""
+    strengths = [float(_DENSITY(stop.law.restitution)) for stop in gap.stops]
     loss = sum(
-        (1.0 - r * r) * strength * hits.speed_square_rate / (2.0 * speed**2)
-        for r, strength, hits in zip(r_both, strengths, (lower, upper), strict=True)
+        (1.0 - stop.law.restitution**2) * strength * own.speed_square_rate / (2.0 * speed**2)
+        for stop, strength, own in zip(gap.stops, strengths, hits, strict=True)
     )
-    share = loss / (system.damping_rate + loss) if loss > 0.0 else 0.0
+    share = loss / (gap.damping_rate + loss) if loss > 0.0 else 0.0
 
-    def boxed(restitution: float, strength: float, hits: StopStatistics) -> StopStatistics:
+    def boxed(stop: Stop, strength: float, own: StopStatistics) -> StopStatistics:
         number = strength ** math.sqrt(share)
-        speeds = float(_SPEED(restitution)) ** share
+        speeds = float(_SPEED(stop.law.restitution)) ** share
         return StopStatistics(
-            number * hits.rate,
-            number * hits.speed_rate,
-            number * speeds * hits.speed_square_rate,
+            number * own.rate,
+            number * own.speed_rate,
+            number * speeds * own.speed_square_rate,
         )
 
-    first, second = map(boxed, r_both, strengths, (lower, upper))
-    return first, second
+    return [boxed(*each) for each in zip(gap.stops, strengths, hits, strict=True)]
 
 
 class OneStopLaw(NamedTuple):
@@ -211,12 +198,12 @@ def _one_stop_law(shape: float) -> OneStopLaw:
     )
 
 
-def _one_stop_start(system: System) -> Unknowns:
+def _one_stop_start(gap: Gap) -> Unknowns:
     """Shape of the law of an elastic stop, of unit speed and deviation."""
-    assert system.upper is not None
+    (stop,) = gap.stops
     shape = -1.0
-    if system.omega > 0.0:
-        ratio = system.upper * system.omega - system.load / system.omega
+    if gap.omega > 0.0:
+        ratio = stop.position * gap.omega - gap.load / gap.omega
         if ratio >= 0.0:
             shape = math.log1p(ratio)
         else:
@@ -224,18 +211,17 @@ def _one_stop_start(system: System) -> Unknowns:
     return np.array([shape, 0.0, 0.0])
 
 
-def _one_stop_trial(system: System, unknowns: Unknowns) -> Trial:
+def _one_stop_candidate(gap: Gap, unknowns: Unknowns) -> Candidate:
     """Unknowns shape, log s_x and log s_v; an upper stop alone."""
-    assert system.upper is not None
+    (stop,) = gap.stops
     shape, log_deviation, log_speed = unknowns.tolist()
     law, deviation = _one_stop_law(shape), math.exp(log_deviation)
     return _closed(
-        system,
-        mean=system.upper - law.mean * deviation,
+        gap,
+        mean=stop.position - law.mean * deviation,
         variance=deviation**2,
         speed=math.exp(log_speed),
-        density_lower=0.0,
-        density_upper=law.density_at_stop / deviation,
+        densities=[law.density_at_stop / deviation],
         density_at_mean=law.density_at_mean / deviation,
         rise=law.rise,
     )

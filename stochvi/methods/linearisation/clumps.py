@@ -10,7 +10,7 @@ The stops of this form are what both call for together,
 for the mean forces, losses and moments alike; between two stops the closure is that of the variant
 "box"; gap is the distance of the nearest stop from rest in
 deviations without stops. Both obey the balance of energy, which is linear in them, so that it
-holds; so does the linear system with the m_F, k and beta that follow.
+holds; so does the linear model with the m_F, k and beta that follow.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from __future__ import annotations
 import math
 
 from stochvi.mathematics.impact_rates import StopStatistics
-from stochvi.methods.linearisation.trial import ROOT_TWO_PI, Trial
-from stochvi.model.energy_law import EnergyLaw, energy_law
-from stochvi.scenes.scene import System
+from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
+from stochvi.model.energy_law import energy_law
+from stochvi.model.gap import Gap
+from stochvi.model.model import Model
 
 CLUMPING = 50.0
 """A gap of one deviation is half closed, half energy at zeta = 1 / CLUMPING. Chosen on the grid of
@@ -32,39 +33,28 @@ UNSEEN = 1e-6
 """Weight below which the law of the energy is not computed."""
 
 
-def energy_weight(system: System) -> float:
+def energy_weight(model: Model) -> float:
     """w, between 0 (the closure; all of a preload) and 1.
 
     A mass without a spring or a damper has no deviation to measure by: its w is 0.
     """
-    if system.omega == 0.0 or system.damping_rate == 0.0:
+    if model.omega == 0.0 or model.damping_rate == 0.0:
         return 0.0
-    deviation = math.sqrt(system.intensity / (2.0 * system.damping_rate)) / system.omega
-    rest = system.load / system.omega**2
-    distances = []
-    if system.lower is not None:
-        distances.append(rest - system.lower)
-    if system.upper is not None:
-        distances.append(system.upper - rest)
+    deviation = math.sqrt(model.intensity / (2.0 * model.damping_rate)) / model.omega
+    distances = [stop.side * (stop.position - model.rest) for stop in model.stops]
     gap = max(min(distances), 0.0) / deviation
-    zeta = system.damping_rate / (2.0 * system.omega)
+    zeta = model.damping_rate / (2.0 * model.omega)
     return gap / (gap + CLUMPING * zeta)
 
 
-def clumped(system: System, closure: Trial) -> Trial:
+def clumped(model: Model, closure: Candidate) -> Candidate:
     """The answer of the closure, SI units, corrected."""
-    weight = energy_weight(system)
+    weight = energy_weight(model)
     if weight < UNSEEN:
         return closure
     # seen from the rest position, so that a large load costs no digits
-    rest = system.load / system.omega**2
-    law = energy_law(
-        system._replace(
-            load=0.0,
-            lower=None if system.lower is None else system.lower - rest,
-            upper=None if system.upper is None else system.upper - rest,
-        )
-    )
+    rest = model.rest
+    law = energy_law(Gap.of(model).from_rest(rest))
     first, second = law.moment(lambda o: o.first), law.moment(lambda o: o.second)
 
     def mixed(closed: float, energetic: float) -> float:
@@ -82,16 +72,17 @@ def clumped(system: System, closure: Trial) -> Trial:
         variance=variance,
         velocity_mean_square=velocity,
         density_at_mean=crossings * ROOT_TWO_PI / math.sqrt(velocity),
-        stop_force=-(system.omega**2) * away,
-        stiffness=velocity / variance - system.omega**2,
-        damping=system.intensity / (2.0 * velocity) - system.damping_rate,
-        lower=_mixed_stop(closure.lower, law, "lower", weight),
-        upper=_mixed_stop(closure.upper, law, "upper", weight),
+        stop_force=-(model.omega**2) * away,
+        stiffness=velocity / variance - model.omega**2,
+        damping=model.intensity / (2.0 * velocity) - model.damping_rate,
+        hits={
+            stop.side: _mixed_stop(closure.hits[stop.side], law.stop(stop.name), weight)
+            for stop in model.stops
+        },
     )
 
 
-def _mixed_stop(closed: StopStatistics, law: EnergyLaw, side: str, weight: float) -> StopStatistics:
-    energetic = law.stop(side)
+def _mixed_stop(closed: StopStatistics, energetic: StopStatistics, weight: float) -> StopStatistics:
     return StopStatistics(
         *((1.0 - weight) * a + weight * b for a, b in zip(closed, energetic, strict=True))
     )

@@ -1,34 +1,45 @@
-"""The form "force" between rigid stops: spring and stops together push with a Gaussian force."""
+"""The form "force": spring and stops together push with a Gaussian force.
+
+The force F of spring and stops is N(load, s_F^2), and x = X(F) the inverse of the characteristic
+F(x) = omega^2 x + Phi(x), which rigid stops cut off (B 8.79, 8.80):
+
+    E x = E X(F),        1 / k = E X'(F) = int p_F(F(x)) dx,
+
+the integral over all x that the mass can take. With rigid stops on both sides and no spring this
+is (B 7.76, 8.82, 8.83), 1 / k = (upper - lower) p_F(0); with a spring and one stop (B 7.77, 8.86,
+8.87); with two (B 7.78, 8.84, 8.85, 13.24-13.33). A stop of stiffness K adds
+P(F beyond it) / (omega^2 + K).
+"""
 
 from __future__ import annotations
 
 import math
-from typing import cast
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import log_ndtr, logsumexp, ndtr
+from scipy.special import ndtr
 
-from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics, rice_rate
-from stochvi.mathematics.quadrature import gauss_legendre
-from stochvi.methods.linearisation.trial import ROOT_TWO_PI, Form, Trial, Unknowns, restitutions
-from stochvi.scenes.scene import System
-
-NODES, WEIGHTS = gauss_legendre(16)
-"""Gauss-Legendre rule across a gap that is narrow in the law of the force."""
-
-
-def rigid_force(book: bool) -> Form:
-    """The form between rigid stops, with impact speeds of the book or Rayleigh ones."""
-    return Form(_force_start, lambda system, x: _force_trial(system, x, book))
+from stochvi.mathematics.cut_normal import CutNormal
+from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, rice_rate
+from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate, Form, Unknowns
+from stochvi.methods.linearisation.layers import Vector, layer
+from stochvi.methods.linearisation.motion import book_speeds
+from stochvi.model.gap import Gap
+from stochvi.scenes.impact_laws import CompliantLaw
 
 
-def _force_start(system: System) -> Unknowns:
-    """The deviation of the force that balances at unit speed without impact losses."""
+def force_form(book: bool) -> Form:
+    """The form with impact speeds of the book, or with Rayleigh ones."""
+    return Form(_start, lambda gap, x: _candidate(gap, x, book))
+
+
+def _start(gap: Gap) -> Unknowns:
+    """The deviation of the force that balances at unit speed without losses."""
 
     def imbalance(log_force: float) -> float:
-        return 2.0 * log_force + _saturated(system, math.exp(log_force))[0]
+        return 2.0 * log_force + inverse(gap, math.exp(log_force)).log_compliance
 
     low, high = -1.0, 1.0
     while imbalance(low) > 0.0:
@@ -38,75 +49,98 @@ def _force_start(system: System) -> Unknowns:
     return np.array([brentq(imbalance, low, high), 0.0])
 
 
-def _saturated(system: System, force_deviation: float) -> tuple[float, float]:
-    """Log of 1 / k = E dx/dF, and E x, for x = F / omega^2 held between the stops (B 8.79-8.87).
+@dataclass(frozen=True, kw_only=True)
+class Inverse:
+    """What the inverse characteristic does on average.
 
-    F is N(load, s_F^2), so that k = omega^2 / P(F between omega^2 lower and omega^2 upper).
+    Parameters
+    ----------
+    log_compliance
+        log 1 / k.
+    mean
+        E x.
+    contacts
+        By the side of a stop that gives way: share of time in contact, and mean force.
     """
-    stiffness = system.omega**2
-    low = -math.inf if system.lower is None else system.lower
-    high = math.inf if system.upper is None else system.upper
 
-    def reduced(x: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray((stiffness * x - system.load) / force_deviation)
-
-    if math.isfinite(high - low) and stiffness * (high - low) < force_deviation:
-        # a narrow gap in the law of F: the difference of two tails would lose digits
-        half = (high - low) / 2.0
-        z = reduced(low + half * (1.0 + NODES))
-        log_density = -0.5 * z * z - math.log(ROOT_TWO_PI * force_deviation)
-        compliance = float(logsumexp(log_density, b=half * WEIGHTS))
-        return compliance, high - half * float(WEIGHTS @ ndtr(z))
-    below, above = float(reduced(low)), float(reduced(high))
-    mean = system.load - force_deviation * (_mean_excess(above) - _mean_excess(-below))
-    return _log_between(below, above) - math.log(stiffness), mean / stiffness
+    log_compliance: float
+    mean: float
+    contacts: dict[int, tuple[float, float]]
 
 
-def _mean_excess(level: float) -> float:
-    """E max(z - level, 0) of a standard normal z."""
-    if math.isinf(level):
-        return 0.0
-    return math.exp(-0.5 * level**2) / ROOT_TWO_PI - level * float(ndtr(-level))
+def inverse(gap: Gap, deviation: float) -> Inverse:
+    """The averages over a force N(load, deviation^2)."""
+    spring = gap.omega**2
+    lower, upper = gap.ends
+    between = CutNormal(
+        slope=spring * gap.load / deviation**2,
+        curvature=(spring / deviation) ** 2,
+        lower=lower,
+        upper=upper,
+    )
+    z = (spring * between.peak - gap.load) / deviation
+    top = -0.5 * z * z - math.log(ROOT_TWO_PI * deviation)
+    logs = [top - between.log_density_at(between.peak)]
+    mean = spring * between.mean * math.exp(logs[0])
+    contacts = {}
+    for stop in gap.stops:
+        z = stop.side * (spring * stop.position - gap.load) / deviation
+        beyond = float(ndtr(-z))
+        if not isinstance(stop.law, CompliantLaw):
+            mean += stop.position * beyond
+            continue
+        inside = layer(_log_density(stop.law, spring, deviation, z), stop.law)
+        y = inside.deflection
+        log_weight = -0.5 * z * z - math.log(ROOT_TWO_PI * deviation) + inside.log_mass
+        slope = math.exp(log_weight) * (spring + stop.law.slope_at(y))
+        logs.append(log_weight)
+        mean += inside.expect((stop.position + stop.side * y) * slope)
+        contacts[stop.side] = beyond, inside.expect(stop.law.force_at(y) * slope)
+    return Inverse(log_compliance=float(np.logaddexp.reduce(logs)), mean=mean, contacts=contacts)
 
 
-def _log_between(low: float, high: float) -> float:
-    """Log of P(low < z < high) of a standard normal z, also far out in a tail."""
-    if low > 0.0:
-        low, high = -high, -low
-    upper, lower = float(log_ndtr(high)), float(log_ndtr(low))
-    return upper + math.log1p(-math.exp(lower - upper))
+def _log_density(
+    law: CompliantLaw, spring: float, deviation: float, z: float
+) -> Callable[[Vector], Vector]:
+    """log p_F within a stop less that at its surface, which lies z deviations outwards."""
+
+    def log_density(y: Vector) -> Vector:
+        more: Vector = (spring * y + law.force_at(y)) / deviation
+        return -more * (z + 0.5 * more)
+
+    return log_density
 
 
-def _force_trial(system: System, unknowns: Unknowns, book: bool) -> Trial:
+def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
     """Unknowns log s_F and log s_v; k is the total stiffness, s_F = k s_x (B 8.82-8.85, 13.24)."""
     log_force, log_speed = unknowns.tolist()
-    force_deviation, speed = math.exp(log_force), math.exp(log_speed)
-    log_compliance, mean = _saturated(system, force_deviation)
-    deviation = math.exp(log_force + log_compliance)
-    stiffness = math.exp(-log_compliance)
+    speed = math.exp(log_speed)
+    averages = inverse(gap, math.exp(log_force))
+    deviation = math.exp(log_force + averages.log_compliance)
+    stiffness = math.exp(-averages.log_compliance)
     damping = 0.0
-    stops = []
-    for stop, restitution in zip((system.lower, system.upper), restitutions(system), strict=True):
-        if stop is None:
-            stops.append(NO_STOP)
-            continue
+    hits: dict[int, StopStatistics] = {}
+    contacts: dict[int, ContactStatistics] = {}
+    for stop in gap.stops:
         # Rice's rate of F through omega^2 stop, in lengths of F / k (B 13.33)
-        distance = (system.omega**2 * stop - system.load) / stiffness
+        distance = (gap.omega**2 * stop.position - gap.load) / stiffness
         rate = rice_rate(distance, deviation, speed)
-        mean_square = speed**2 if book else 2.0 * speed**2
-        # the book has no law of impact speeds, so no F1
-        speed_rate = None if book else rate * math.sqrt(math.pi / 2.0) * speed
-        stops.append(StopStatistics(rate, cast(float, speed_rate), rate * mean_square))
-        damping += (1.0 - restitution**2) / 2.0 * rate * mean_square / speed**2
-    return Trial(
-        mean=mean,
+        own = StopStatistics(rate, rate * math.sqrt(math.pi / 2.0) * speed, 2.0 * rate * speed**2)
+        own = hits[stop.side] = book_speeds(own, speed) if book else own
+        power = (1.0 - stop.law.restitution**2) / 2.0 * own.speed_square_rate
+        damping += power / speed**2
+        if stop.side in averages.contacts:
+            share, force = averages.contacts[stop.side]
+            contacts[stop.side] = ContactStatistics(share, force, None, power)
+    return Candidate(
+        mean=averages.mean,
         variance=deviation**2,
         velocity_mean_square=speed**2,
         density_at_mean=1.0 / (ROOT_TWO_PI * deviation),
         # E F = load holds by construction
-        stop_force=system.load - system.omega**2 * mean,
-        stiffness=stiffness - system.omega**2,
+        stop_force=gap.load - gap.omega**2 * averages.mean,
+        stiffness=stiffness - gap.omega**2,
         damping=damping,
-        lower=stops[0],
-        upper=stops[1],
+        hits=hits,
+        contacts=contacts,
     )

@@ -9,19 +9,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from stochvi.mathematics.impact_rates import NO_STOP
 from stochvi.methods.linearisation.atlas import with_bounds
+from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
+from stochvi.methods.linearisation.closures import form_of
 from stochvi.methods.linearisation.clumps import clumped
-from stochvi.methods.linearisation.forms import choose
+from stochvi.methods.linearisation.outputs import answer_of
 from stochvi.methods.linearisation.scales import gibbs_law, linear_moments
 from stochvi.methods.linearisation.several import closure
 from stochvi.methods.linearisation.solver import solve
-from stochvi.methods.linearisation.told import answer_of
-from stochvi.methods.linearisation.trial import ROOT_TWO_PI, SIGNS, Trial, soft_stops
+from stochvi.model.coverage import beyond_one_oscillator, functions
+from stochvi.model.gap import Gap
+from stochvi.model.model import Model, Stop, model_of
+from stochvi.model.responses import linear_acceleration
 from stochvi.results.errors import NotApplicable
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Viscoelastic
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.scene import Scene
 
 FORMS = ("closure", "motion", "force", "clumps")
 VARIANTS = ("consistent", "book", "box")
@@ -106,29 +109,30 @@ def linearise_all(
     """
     started = time.perf_counter()
     _check_words(form, variant)
-    if form == "closure" and variant == "consistent" and _is_assembly(scene):
+    model = model_of(scene)
+    if form == "closure" and variant == "consistent" and _is_structure(model):
         return closure(scene)
-    system, trials = linear_oscillators(scene, form, variant)
-    free = system.lower is None and system.upper is None
-    white = not system.tables and not system.filters
-    exact = free or (form in ("closure", "clumps") and system.elastic and white)
+    model, candidates = linear_oscillators(scene, form, variant)
+    gap, free = Gap.of(model), not model.stops
+    exact = free or (form in ("closure", "clumps") and model.elastic and not gap.coloured)
+    acceleration = linear_acceleration(model)
     found = [
-        answer_of(system, trial).response(
+        answer_of(gap, candidate, acceleration).response(
             method_name(form, variant),
             scene,
             how="exact: linear and Gaussian" if free else _HOW[form],
             started=started,
             bias=0.0 if exact else None,
-            assumptions=() if free else _assumptions(form, variant, system),
+            assumptions=() if free else _assumptions(form, variant, model),
         )
-        for trial in trials
+        for candidate in candidates
     ]
-    several = _several(trials)
+    several = _several(candidates)
     warned = [
-        replace(one, warnings=[*one.warnings, *several, *_warnings(system, trial, form)])
-        for one, trial in zip(found, trials, strict=True)
+        replace(one, warnings=[*one.warnings, *several, *_warnings(model, candidate, form)])
+        for one, candidate in zip(found, candidates, strict=True)
     ]
-    return tuple(warned if exact else [with_bounds(one, system) for one in warned])
+    return tuple(warned if exact else [with_bounds(one, model) for one in warned])
 
 
 def method_name(form: str, variant: str) -> str:
@@ -136,24 +140,20 @@ def method_name(form: str, variant: str) -> str:
     return f"linearise:{form}" + ("" if variant == "consistent" else f":{variant}")
 
 
-def linear_oscillators(scene: Scene, form: str, variant: str) -> tuple[System, list[Trial]]:
-    """A scene of one oscillator per unit mass, and its solutions."""
+def linear_oscillators(scene: Scene, form: str, variant: str) -> tuple[Model, list[Candidate]]:
+    """The model of a scene of one oscillator, and its solutions per unit mass."""
     _check_words(form, variant)
-    unmet = scene.beyond_one_oscillator(filtered=True) or _unmet_conditions(scene.system(), form)
-    if variant == "box" and not unmet:
-        unmet = _unmet_by_box(scene.system())
-    if unmet:
-        raise NotApplicable("linearise", unmet)
-    system = scene.system()
-    if system.lower is None and system.upper is None:
-        return system, [_without_stops(system)]
+    model = model_of(scene)
+    if conditions := unmet(model, form, variant):
+        raise NotApplicable("linearise", conditions)
+    if not model.stops:
+        return model, [_without_stops(model)]
+    gap, name = Gap.of(model), method_name(form, variant)
     if form == "clumps":
         # the better closure of the two, where it applies
-        between = system.lower is not None and system.upper is not None
-        form_of = choose("closure", "box" if between else variant, system)
-        trials = solve(system, form_of, method_name(form, variant))
-        return system, [clumped(system, one) for one in trials]
-    return system, solve(system, choose(form, variant, system), method_name(form, variant))
+        better = form_of("closure", "box" if len(gap.stops) == 2 else variant, gap)
+        return model, [clumped(model, one) for one in solve(gap, better, name)]
+    return model, solve(gap, form_of(form, variant, gap), name)
 
 
 _HOW = {
@@ -207,14 +207,15 @@ _ASSUMPTIONS = {
 }
 
 
-def _is_assembly(scene: Scene) -> bool:
+def _is_structure(model: Model) -> bool:
     """Whether the closure for several coordinates, pairs or signals is the one to use.
 
     Of filtered noise on one oscillator that is so as long as no stop gives way.
     """
-    if scene.beyond_numbers() or not scene.beyond_one_oscillator():
+    if functions(model) or not beyond_one_oscillator(model):
         return False
-    return bool(scene.beyond_one_oscillator(filtered=True)) or not soft_stops(scene.system())
+    rigid = all(stop.rigid for stop in model.stops)
+    return bool(beyond_one_oscillator(model, with_filters=True)) or rigid
 
 
 _WITHIN = {
@@ -224,12 +225,12 @@ _WITHIN = {
 }
 
 
-def _assumptions(form: str, variant: str, system: System) -> tuple[str, ...]:
-    soft = soft_stops(system)
+def _assumptions(form: str, variant: str, model: Model) -> tuple[str, ...]:
+    soft = [stop.law for stop in model.stops if not stop.rigid]
     found = _ASSUMPTIONS[form, variant]
     if soft:
         found = (*found, _WITHIN[form])
-    if any(not law.conservative for law in soft.values()):
+    if any(not law.conservative for law in soft):
         found = (*found, "a contact of a viscoelastic stop loses what that of a free mass does")
     return found
 
@@ -250,73 +251,71 @@ def _check_words(form: str, variant: str) -> None:
         raise ValueError(f"variant must be {only} for form {form!r}, got 'box'")
 
 
-def _unmet_conditions(system: System, form: str) -> list[str]:
-    """What keeps a scene from being linearised in this form; empty where nothing does."""
-    unmet = []
-    if system.intensity == 0.0 and not system.tables and not system.filters:
-        unmet.append("excitation must contain noise, got a constant load alone")
+def unmet(model: Model, form: str = "closure", variant: str = "consistent") -> list[str]:
+    """The conditions of a form for one oscillator that a model does not meet."""
+    found = beyond_one_oscillator(model, with_filters=True)
+    if found:
+        return found
+    white = not model.tables and not model.filters
+    if model.intensity == 0.0 and white:
+        found.append("excitation must contain noise, got a constant load alone")
     if form == "clumps":
-        if system.tables or system.filters:
-            unmet.append("excitation must be white noise for form 'clumps', got a coloured one")
-        unmet.extend(system.not_rigid())
-    if system.damping_rate == 0.0 and system.elastic:
-        unmet.append("damping must be positive where no stop takes energy, got 0")
-    if system.omega == 0.0:
-        if not _held(system):
-            unmet.append("stiffness must be positive where stops do not hold the mass, got 0")
+        if not white:
+            found.append("excitation must be white noise for form 'clumps', got a coloured one")
+        found.extend(model.not_rigid())
+    if model.damping_rate == 0.0 and model.elastic:
+        found.append("damping must be positive where no stop takes energy, got 0")
+    if model.omega == 0.0:
+        if not _held(model):
+            found.append("stiffness must be positive where stops do not hold the mass, got 0")
         elif form == "motion":
-            unmet.append("stiffness must be positive for form 'motion', got 0")
-        elif form == "force" and (system.lower is None or system.upper is None):
-            unmet.append("stiffness must be positive for form 'force' with one stop, got 0")
-    return unmet
+            found.append("stiffness must be positive for form 'motion', got 0")
+        elif form == "force" and len(model.stops) < 2:
+            found.append("stiffness must be positive for form 'force' with one stop, got 0")
+    if variant == "box" and not found:
+        found.extend(model.not_rigid())
+        if len(model.stops) == 1:
+            found.append("variant 'box' needs stops on both sides, got one")
+    return found
 
 
-def _unmet_by_box(system: System) -> list[str]:
-    unmet = system.not_rigid()
-    if (system.lower is None) != (system.upper is None):
-        unmet.append("variant 'box' needs stops on both sides, got one")
-    return unmet
-
-
-def _held(system: System) -> bool:
+def _held(model: Model) -> bool:
     """Whether spring or stops keep the mass, also a table whose force no longer grows."""
-    if not system.held:
+    if not model.held:
         return False
-    if not soft_stops(system):
+    if all(stop.rigid for stop in model.stops):
         return True
     try:
-        gibbs_law(system, 1.0)
+        gibbs_law(Gap.of(model), 1.0)
     except ValueError:
         return False
     return True
 
 
-def _several(trials: Sequence[Trial]) -> list[str]:
-    if len(trials) == 1:
+def _several(candidates: Sequence[Candidate]) -> list[str]:
+    if len(candidates) == 1:
         return []
-    deviations = ", ".join(f"{math.sqrt(trial.variance):.4g}" for trial in trials)
+    deviations = ", ".join(f"{math.sqrt(one.variance):.4g}" for one in candidates)
     return [
-        f"this form has {len(trials)} solutions, of displacement_std {deviations} m: which one is "
-        "seen depends on how the motion began (linearise_all gives all of them)"
+        f"this form has {len(candidates)} solutions, of displacement_std {deviations} m: which one "
+        "is seen depends on how the motion began (linearise_all gives all of them)"
     ]
 
 
-def _warnings(system: System, trial: Trial, form: str) -> list[str]:
+def _warnings(model: Model, candidate: Candidate, form: str) -> list[str]:
     found = []
-    if trial.rise > 1.0:
+    if candidate.rise > 1.0:
         found.append(
             "the mass leans on a stop more closely than a density C exp(lambda x - kappa x^2 / 2) "
-            f"allows: this is kept at its limit, and raised {trial.rise:.3g}-fold at the stop"
+            f"allows: this is kept at its limit, and raised {candidate.rise:.3g}-fold at the stop"
         )
-    soft = soft_stops(system)
-    for side, sign in SIGNS.items():
-        stop = getattr(system, side)
-        if side in soft:
-            law = soft[side]
+    for stop in model.stops_per_unit_mass:
+        law = stop.law
+        if not law.rigid:
             if form == "closure" and isinstance(law, Viscoelastic) and law.damping_ratio >= LOSSY:
-                found.extend(_warnings_of_losses(system, law, side))
-        elif stop is not None and sign * (trial.mean - stop) > 0.0:
-            found.append(f"the mean that this form gives lies beyond the {side} stop")
+                found.extend(_warnings_of_losses(model, stop, law))
+        elif stop.deflection(candidate.mean) > 0.0:
+            found.append(f"the mean that this form gives lies beyond the {stop.name} stop")
     return found
 
 
@@ -339,18 +338,18 @@ LONG_CONTACT = 300.0
 """Stiffness of a stop over the spring's up to which P(contact) is warned of."""
 
 
-def _warnings_of_losses(system: System, law: Viscoelastic, side: str) -> list[str]:
+def _warnings_of_losses(model: Model, stop: Stop, law: Viscoelastic) -> list[str]:
     """What is known to be wrong of a stop that takes much energy in its contacts."""
-    ratio, stop = law.damping_ratio, getattr(system, side)
+    ratio, side = law.damping_ratio, stop.name
     # would a load alone, without noise, hold the mass on the stop?
-    if SIGNS[side] * (system.load - system.omega**2 * stop) > 0.0:
+    if stop.side * (model.load - model.omega**2 * stop.position) > 0.0:
         off = 100.0 * float(np.interp(ratio, MEASURED_RATIOS, PRESSED_ERROR))
         return [
             f"a load presses the mass onto the {side} stop, whose damping_ratio is {ratio:g}: "
             f"displacement_std may be off by {off:.0f} %, and what is said of impacts by far more; "
             "simulate this scene"
         ]
-    if law.stiffness <= LONG_CONTACT * system.omega**2:
+    if law.stiffness <= LONG_CONTACT * model.omega**2:
         off = 100.0 * float(np.interp(ratio, MEASURED_RATIOS, CONTACT_ERROR))
         return [
             f"contacts with the {side} stop, whose damping_ratio is {ratio:g}, are long: "
@@ -359,16 +358,16 @@ def _warnings_of_losses(system: System, law: Viscoelastic, side: str) -> list[st
     return []
 
 
-def _without_stops(system: System) -> Trial:
-    variance, velocity = linear_moments(system, 0.0, 0.0)
-    return Trial(
-        mean=system.load / system.omega**2,
+def _without_stops(model: Model) -> Candidate:
+    variance, velocity = linear_moments(Gap.of(model), 0.0, 0.0)
+    return Candidate(
+        mean=model.rest,
         variance=variance,
         velocity_mean_square=velocity,
         density_at_mean=1.0 / (ROOT_TWO_PI * math.sqrt(variance)),
         stop_force=0.0,
         stiffness=0.0,
         damping=0.0,
-        lower=NO_STOP,
-        upper=NO_STOP,
+        hits={},
+        contacts={},
     )

@@ -1,4 +1,22 @@
-"""The form "motion" between rigid stops: x has a normal law cut at the stops (B 8.58-8.77)."""
+"""The form "motion": x has a normal law, cut at rigid stops (B 8.58-8.77) and at no others.
+
+With the force Phi of a stop as a function of x (B 8.46, 8.47),
+
+    m_F = E Phi(x),        k = E Phi(x) (x - E x) / s^2,
+
+s the deviation of the normal law: where it is not cut, k = E Phi'(x). At a rigid stop the mean
+force is A p s_v^2 with the density p of the cut law at the stop and the factor A of
+`motion_factor`. For an elastic stop Phi = K (x - c)+ and u = (c - m) / s this is (B 8.48, 8.49)
+
+    m_F = K [s phi(u) - (c - m) Q(u)],        k = K Q(u),
+
+Q the upper tail of the normal law, and two stops add (B 8.50, 8.51); for a Hertz stop m_F =
+C s^(3/2) Gamma(5/2) / sqrt(2 pi) exp(-u^2 / 4) D_(-5/2)(u), D the parabolic cylinder function.
+Here all of them are quadratures relative to the density at the stop, which keep their digits in
+the tail. The loss is that of impacts with the restitution that a free mass sees, at the rate f at
+which x crosses the stop (B 8.54, 8.55): beta = (1 - R^2) f / 2 where the mean square impact speed
+is E v^2, as in the book, and twice that for Rayleigh speeds.
+"""
 
 from __future__ import annotations
 
@@ -8,64 +26,66 @@ import numpy as np
 from scipy.optimize import brentq
 
 from stochvi.mathematics.cut_normal import CutNormal
-from stochvi.mathematics.impact_rates import gaussian_stop
-from stochvi.methods.linearisation.trial import Form, Trial, Unknowns, restitutions
-from stochvi.scenes.scene import System
+from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, gaussian_stop
+from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
+from stochvi.methods.linearisation.layers import layer
+from stochvi.model.gap import Gap
+from stochvi.scenes.impact_laws import CompliantLaw
 
 STIFFENED = 2.0
 """Deviation of the mass on its spring alone, in those of the elastic law, from which the stops are
 taken to govern the motion: narrow gaps and deep preloads."""
 
 
-def rigid_motion(book: bool) -> Form:
-    """The form between rigid stops, with the factors of the book or consistent ones."""
+def motion_form(book: bool) -> Form:
+    """The form with the factors of the book, or with consistent ones."""
 
-    def trial(system: System, unknowns: Unknowns) -> Trial:
-        return _motion_trial(system, unknowns, book)
+    def candidate(gap: Gap, unknowns: Unknowns) -> Candidate:
+        return _candidate(gap, unknowns, book)
 
-    elastic = Form(_elastic_start, trial)
-    return Form(lambda system: _motion_start(system, book), trial, (elastic,))
+    elastic = Form(_elastic_start, candidate)
+    return Form(lambda gap: _start(gap, book), candidate, (elastic,))
 
 
-def _motion_start(system: System, book: bool) -> Unknowns:
-    """That of stops which govern the motion, or of the elastic law.
+def _start(gap: Gap, book: bool) -> Unknowns:
+    """That of rigid stops which govern the motion, or of the elastic law.
 
     In a narrow gap, and at a stop far inside the rest position r, the stop force has the slope
     k = A s_v^2 / s_x^2 and the mean k (m - c), A its factor and c the mean between the stops: of a
     narrow gap the cut law is even, of a deep preload exponential. The balances are then
     m = c + (1 - A) (r - c) and s_x^2 = (1 - A) s_v^2 / omega^2. Here c = 0 and s_v = 1.
     """
-    stops = zip((system.lower, system.upper), restitutions(system), strict=True)
-    factors = [motion_factor(r, book) for stop, r in stops if stop is not None]
+    if gap.soft:
+        return np.zeros(3)
+    factors = [motion_factor(stop.law.restitution, book) for stop in gap.stops]
     left = 1.0 - sum(factors) / len(factors)
-    if left > 0.0 and system.omega * STIFFENED < 1.0:
-        deviation = math.sqrt(left) / system.omega
-        mean = left * system.load / system.omega**2
+    if left > 0.0 and gap.omega * STIFFENED < 1.0:
+        deviation = math.sqrt(left) / gap.omega
+        mean = left * gap.load / gap.omega**2
         return np.array([math.asinh(mean / deviation), math.log(deviation), 0.0])
-    return _elastic_start(system)
+    return _elastic_start(gap)
 
 
-def _elastic_start(system: System) -> Unknowns:
+def _elastic_start(gap: Gap) -> Unknowns:
     """The deviation that balances at unit speed, with the mean of the elastic law."""
-    low = motion_factor(min(restitutions(system)), book=False)
+    if gap.soft:
+        return np.zeros(3)
+    low = motion_factor(min(stop.law.restitution for stop in gap.stops), book=False)
 
     def imbalance(log_deviation: float) -> float:
         deviation = math.exp(log_deviation)
-        law = normal_law(system, 0.0, deviation)
-        return (system.omega * deviation) ** 2 - 1.0 + low * (1.0 - law.variance / deviation**2)
+        law = normal_law(gap, 0.0, deviation)
+        return (gap.omega * deviation) ** 2 - 1.0 + low * (1.0 - law.variance / deviation**2)
 
     if imbalance(0.0) >= 0.0:
         return np.zeros(3)
-    return np.array([0.0, brentq(imbalance, 0.0, 1.0 - math.log(system.omega)), 0.0])
+    return np.array([0.0, brentq(imbalance, 0.0, 1.0 - math.log(gap.omega)), 0.0])
 
 
-def normal_law(system: System, mean: float, deviation: float) -> CutNormal:
-    return CutNormal(
-        slope=mean / deviation**2,
-        curvature=deviation**-2,
-        lower=system.lower,
-        upper=system.upper,
-    )
+def normal_law(gap: Gap, mean: float, deviation: float) -> CutNormal:
+    """The normal law of a mean and a deviation, cut at rigid stops."""
+    lower, upper = gap.walls
+    return CutNormal(slope=mean / deviation**2, curvature=deviation**-2, lower=lower, upper=upper)
 
 
 def motion_factor(restitution: float, book: bool) -> float:
@@ -73,37 +93,66 @@ def motion_factor(restitution: float, book: bool) -> float:
     return (1.0 + restitution**2) / 4.0 if book else (1.0 + restitution) / 2.0
 
 
-def _motion_trial(system: System, unknowns: Unknowns, book: bool) -> Trial:
+def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
     """Unknowns asinh(m / s_x), log s_x and log s_v: m may lie thousands of s_x beyond a stop.
 
-    m_F = s_v^2 (A_u p_u - A_l p_l), k = d m_F / d m, beta = sum (1 - R^2) p s_v / sqrt(2 pi), with
-    A the factor above and p the cut density at a stop. The derivative of p at a stop c is
-    p (c - mean of the cut law) / s_x^2.
+    Of a rigid stop k is d m_F / d m at fixed s_x: the derivative of the cut density p at a stop c
+    is p (c - mean of the cut law) / s_x^2.
     """
     bend, log_deviation, log_speed = unknowns.tolist()
     deviation, speed = math.exp(log_deviation), math.exp(log_speed)
     mean = deviation * math.sinh(bend)
-    law = normal_law(system, mean, deviation)
-    r_lower, r_upper = restitutions(system)
-    force = stiffness = damping = 0.0
-    stops = []
-    for stop, restitution, sign in ((system.lower, r_lower, -1.0), (system.upper, r_upper, 1.0)):
-        hits = gaussian_stop(law.density_at(stop), speed**2)
-        stops.append(hits)
-        if stop is not None:
-            push = 2.0 * motion_factor(restitution, book) * hits.speed_rate
-            force += sign * push
-            stiffness += push * sign * (stop - law.mean) / deviation**2
-            damping += (1.0 - restitution**2) * hits.rate
-    return Trial(
+    law = normal_law(gap, mean, deviation)
+    force = covariance = power = 0.0
+    hits: dict[int, StopStatistics] = {}
+    contacts: dict[int, ContactStatistics] = {}
+    for stop in gap.stops:
+        own = gaussian_stop(law.density_at(stop.position), speed**2)
+        arm = stop.side * (stop.position - law.mean)
+        if book and not stop.rigid:
+            own = book_speeds(own, speed)
+        lost = (1.0 - stop.law.restitution**2) / 2.0 * own.speed_square_rate
+        if isinstance(stop.law, CompliantLaw):
+            shape = stop.side * (mean - stop.position) / deviation**2, deviation**-2, arm
+            share, push, moment = _within(stop.law, law.log_density_at(stop.position), shape)
+            contacts[stop.side] = ContactStatistics(share, push, None, lost)
+        else:
+            push = 2.0 * motion_factor(stop.law.restitution, book) * own.speed_rate
+            moment = push * arm
+        hits[stop.side] = own
+        force += stop.side * push
+        covariance += moment
+        power += lost
+    return Candidate(
         mean=mean,
         variance=deviation**2,
         velocity_mean_square=speed**2,
         # of the cut law at its own mean, since m may lie beyond a stop (B 13.20 where m = 0)
         density_at_mean=law.density_at(law.mean),
         stop_force=force,
-        stiffness=stiffness,
-        damping=damping,
-        lower=stops[0],
-        upper=stops[1],
+        stiffness=covariance / deviation**2,
+        damping=power / speed**2,
+        hits=hits,
+        contacts=contacts,
     )
+
+
+def _within(
+    law: CompliantLaw, log_surface: float, shape: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Probability of contact, E Phi, and E Phi (x - mean) outwards, of one stop.
+
+    `shape` holds slope and curvature of the log density within the stop, and how far outwards of
+    the mean the stop lies.
+    """
+    slope, curvature, arm = shape
+    inside = layer(lambda y: y * (slope - curvature * y / 2.0), law)
+    share = math.exp(log_surface + inside.log_mass)
+    force = law.force_at(inside.deflection)
+    moment = inside.expect(force * (arm + inside.deflection))
+    return share, share * inside.expect(force), share * moment
+
+
+def book_speeds(hits: StopStatistics, speed: float) -> StopStatistics:
+    """Hits at the same rate whose mean square speed is E v^2 (B 8.52), of no known law."""
+    return StopStatistics(hits.rate, None, hits.rate * speed**2)  # type: ignore[arg-type]

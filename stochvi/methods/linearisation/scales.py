@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Self
 
@@ -12,11 +12,11 @@ from scipy.optimize import brentq
 
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics
-from stochvi.mathematics.spectra import Filter, Table, response_moments
-from stochvi.methods.linearisation.trial import ROOT_TWO_PI, Trial, restitutions, soft_stops
+from stochvi.mathematics.spectra import response_moments
+from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
+from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
-from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Viscoelastic
-from stochvi.scenes.scene import System
+from stochvi.scenes.impact_laws import Viscoelastic
 
 SCAN = (-6.9, 4.6)
 """Logarithms of speeds, relative to one that balances, among which others are looked for."""
@@ -25,19 +25,19 @@ LOOKED_AT = 75
 """Speeds looked at: some fifteen a decade."""
 
 
-def linear_moments(system: System, stiffness: float, damping: float) -> tuple[float, float]:
+def linear_moments(gap: Gap, stiffness: float, damping: float) -> tuple[float, float]:
     """Variances of x and v with stiffness and damping added (B 13.8-13.11)."""
-    total_stiffness = system.omega**2 + stiffness
-    total_damping = system.damping_rate + damping
+    total_stiffness = gap.omega**2 + stiffness
+    total_damping = gap.damping_rate + damping
     displacement = velocity = 0.0
-    if system.intensity > 0.0:
-        velocity = system.intensity / (2.0 * total_damping) if total_damping > 0.0 else math.inf
+    if gap.intensity > 0.0:
+        velocity = gap.intensity / (2.0 * total_damping) if total_damping > 0.0 else math.inf
         displacement = velocity / total_stiffness if total_stiffness > 0.0 else math.inf
-    if system.tables:
-        coloured = response_moments(system.tables, math.sqrt(total_stiffness), total_damping)
+    if gap.tables:
+        coloured = response_moments(gap.tables, math.sqrt(total_stiffness), total_damping)
         displacement += coloured.displacement
         velocity += coloured.velocity
-    for filtered in system.filters:
+    for filtered in gap.filters:
         moments = filtered.response_moments(math.sqrt(total_stiffness), total_damping)
         displacement += moments[0]
         velocity += moments[1]
@@ -57,157 +57,82 @@ class Frame:
     speed: float
 
     @classmethod
-    def of(cls, system: System, speed: float) -> Self:
-        """The frame of a scene at a speed, m/s."""
-        mirrored = system.upper is None
-        law = gibbs_law(_mirror(system) if mirrored else system, speed)
+    def of(cls, gap: Gap, speed: float) -> Self:
+        """The frame of a gap at a speed, m/s."""
+        mirrored = gap.upper is None
+        law = gibbs_law(gap.mirrored() if mirrored else gap, speed)
         return cls(mirrored=mirrored, origin=law.mean, length=math.sqrt(law.variance), speed=speed)
 
-    def shrink(self, system: System) -> System:
-        """The same scene in the units of the frame."""
+    def shrink(self, gap: Gap) -> Gap:
+        """The same gap in the units of the frame."""
         if self.mirrored:
-            system = _mirror(system)
-        time = self.length / self.speed
-        lower, upper = (
-            None if stop is None else (stop - self.origin) / self.length
-            for stop in (system.lower, system.upper)
-        )
-        return system._replace(
-            omega=system.omega * time,
-            damping_rate=system.damping_rate * time,
-            intensity=system.intensity * time / self.speed**2,
-            tables=tuple(
-                Table(
-                    frequency_hz=table.frequency_hz * time,
-                    density=table.density * time / self.speed**2,
-                )
-                for table in system.tables
-            ),
-            filters=tuple(
-                Filter(
-                    filtered.omega * time,
-                    filtered.damping_rate * time,
-                    filtered.intensity * time / self.speed**2,
-                )
-                for filtered in system.filters
-            ),
-            load=(system.load - system.omega**2 * self.origin) * time / self.speed,
-            lower=lower,
-            upper=upper,
-            law_lower=_shrunk(system.law_lower, self.length, time),
-            law_upper=_shrunk(system.law_upper, self.length, time),
-        )
+            gap = gap.mirrored()
+        return gap.scaled(origin=self.origin, length=self.length, speed=self.speed)
 
-    def grow(self, trial: Trial) -> Trial:
-        """A response back in SI units."""
+    def grow(self, candidate: Candidate) -> Candidate:
+        """A candidate back in SI units."""
         frequency = self.speed / self.length
-        sign = -1.0 if self.mirrored else 1.0
-        lower, upper = (
-            StopStatistics(
-                hits.rate * frequency,
-                # the book's form "force" has None here
-                hits.speed_rate and hits.speed_rate * frequency * self.speed,
-                hits.speed_square_rate * frequency * self.speed**2,
-            )
-            for hits in (trial.lower, trial.upper)
-        )
-        contacts = [
-            hits
-            and ContactStatistics(
-                probability=hits.probability,
-                force=hits.force * self.speed * frequency,
-                peak_force=None,
-                power=hits.power * self.speed**2 * frequency,
-            )
-            for hits in (trial.contact_lower, trial.contact_upper)
-        ]
-        if self.mirrored:
-            lower, upper = upper, lower
-            contacts.reverse()
-        return trial._replace(
-            mean=sign * (self.origin + self.length * trial.mean),
-            variance=trial.variance * self.length**2,
-            velocity_mean_square=trial.velocity_mean_square * self.speed**2,
-            density_at_mean=trial.density_at_mean / self.length,
-            stop_force=sign * trial.stop_force * self.speed * frequency,
-            stiffness=trial.stiffness * frequency**2,
-            damping=trial.damping * frequency,
-            lower=lower,
-            upper=upper,
-            contact_lower=contacts[0],
-            contact_upper=contacts[1],
+        sign = -1 if self.mirrored else 1
+        return candidate._replace(
+            mean=sign * (self.origin + self.length * candidate.mean),
+            variance=candidate.variance * self.length**2,
+            velocity_mean_square=candidate.velocity_mean_square * self.speed**2,
+            density_at_mean=candidate.density_at_mean / self.length,
+            stop_force=sign * candidate.stop_force * self.speed * frequency,
+            stiffness=candidate.stiffness * frequency**2,
+            damping=candidate.damping * frequency,
+            hits={
+                sign * side: StopStatistics(
+                    hits.rate * frequency,
+                    # the book's form "force" has None here
+                    hits.speed_rate and hits.speed_rate * frequency * self.speed,
+                    hits.speed_square_rate * frequency * self.speed**2,
+                )
+                for side, hits in candidate.hits.items()
+            },
+            contacts={
+                sign * side: ContactStatistics(
+                    probability=contact.probability,
+                    force=contact.force * self.speed * frequency,
+                    peak_force=None,
+                    power=contact.power * self.speed**2 * frequency,
+                )
+                for side, contact in candidate.contacts.items()
+            },
         )
 
 
-def _shrunk(law: Law | None, length: float, time: float) -> Law | None:
-    """The law of a stop, per unit mass, in other units of length and time."""
-    match law:
-        case Elastic() | Viscoelastic():
-            return law.model_copy(update={"stiffness": law.stiffness * time**2})
-        case Hertz():
-            coefficient = law.coefficient * time**2 * math.sqrt(length)
-            return law.model_copy(update={"coefficient": coefficient})
-        case ForceTable():
-            deflection = tuple(y / length for y in law.deflection)
-            force = tuple(push * time**2 / length for push in law.force)
-            return law.model_copy(update={"deflection": deflection, "force": force})
-    return law
-
-
-def _mirror(system: System) -> System:
-    return system._replace(
-        load=-system.load,
-        lower=None if system.upper is None else -system.upper,
-        upper=None if system.lower is None else -system.lower,
-        restitution_lower=system.restitution_upper,
-        restitution_upper=system.restitution_lower,
-        law_lower=system.law_upper,
-        law_upper=system.law_lower,
-    )
-
-
-def gibbs_law(system: System, speed: float) -> CutNormal | GibbsLaw:
+def gibbs_law(gap: Gap, speed: float) -> CutNormal | GibbsLaw:
     """exp(-U / speed^2), the exact law for stops that lose nothing (B 13.38)."""
-    if soft_stops(system):
-        return GibbsLaw(
-            theta=speed**2,
-            omega=system.omega,
-            load=system.load,
-            stop_lower=system.lower,
-            stop_upper=system.upper,
-            law_lower=system.law_lower,
-            law_upper=system.law_upper,
-        )
+    if gap.soft:
+        return GibbsLaw.of(gap, theta=speed**2)
+    lower, upper = gap.ends
     return CutNormal(
-        slope=system.load / speed**2,
-        curvature=(system.omega / speed) ** 2,
-        lower=system.lower,
-        upper=system.upper,
+        slope=gap.load / speed**2, curvature=(gap.omega / speed) ** 2, lower=lower, upper=upper
     )
 
 
-def _gibbs_stops(system: System, speed: float) -> tuple[float, float]:
+def _gibbs_stops(gap: Gap, speed: float) -> tuple[float, float]:
     """Stiffness and damping of stops under the elastic law at a speed s.
 
     s^2 = (omega^2 + k) Var x, and the loss of a stop is (1 - R^2) p_c s^3 / sqrt(2 pi) with
     p_c = 2 p / (1 + R), the density at the stop that the balance of forces then calls for; of a
     viscoelastic stop c s^2 P(contact).
     """
-    law = gibbs_law(system, speed)
-    stiffness = max(speed**2 / law.variance - system.omega**2, 0.0)
-    r_lower, r_upper = restitutions(system)
-    loss = (1.0 - r_lower) * law.density_at(system.lower)
-    loss += (1.0 - r_upper) * law.density_at(system.upper)
+    law = gibbs_law(gap, speed)
+    stiffness = max(speed**2 / law.variance - gap.omega**2, 0.0)
+    rigid = [stop for stop in gap.stops if stop.rigid]
+    loss = sum((1.0 - stop.law.restitution) * law.density_at(stop.position) for stop in rigid)
     damping = 2.0 * loss * speed / ROOT_TWO_PI
-    for side, contact in soft_stops(system).items():
-        if isinstance(contact, Viscoelastic) and isinstance(law, GibbsLaw):
-            touching = law.contact(side)
+    for stop in gap.stops:
+        if isinstance(stop.law, Viscoelastic) and isinstance(law, GibbsLaw):
+            touching = law.contact(stop.name)
             assert touching is not None
-            damping += contact.damping(1.0) * touching.probability
+            damping += stop.law.damping(1.0) * touching.probability
     return stiffness, damping
 
 
-def speed_scale(system: System) -> float:
+def speed_scale(gap: Gap) -> float:
     """The speed s at which the elastic law takes up the power that the noise supplies, m/s.
 
     Exact for elastic stops and white noise, where s^2 = S0 / (2 b); else near the answer. Of
@@ -215,10 +140,10 @@ def speed_scale(system: System) -> float:
     """
 
     def surplus(log_speed: float) -> float:
-        return _surplus(system, log_speed)
+        return _surplus(gap, log_speed)
 
     # half a step above, so that no end of the bracket is a root
-    high = math.log(_rough_speed(system)) + 0.5
+    high = math.log(_rough_speed(gap)) + 0.5
     ceiling, floor = high + 100.0, high - 25.0
     while surplus(high) > 0.0 and high < ceiling:
         high += 1.0
@@ -233,25 +158,25 @@ def speed_scale(system: System) -> float:
     return math.exp(log_speed)
 
 
-def balanced_speeds(system: System, near: float) -> list[float]:
+def balanced_speeds(gap: Gap, near: float) -> list[float]:
     """All speeds within three decades below and two above `near` at which the elastic law takes
     up the power supplied, m/s; in coloured noise there may be several, where the linearised
     resonance passes through a peak or an edge of the density."""
     logs = math.log(near) + np.linspace(*SCAN, LOOKED_AT)
-    values = [_surplus(system, log_speed) for log_speed in logs.tolist()]
+    values = [_surplus(gap, log_speed) for log_speed in logs.tolist()]
     return [
-        math.exp(brentq(lambda log_speed: _surplus(system, log_speed), low, high, xtol=1e-9))
+        math.exp(brentq(lambda log_speed: _surplus(gap, log_speed), low, high, xtol=1e-9))
         for (low, one), (high, two) in pairwise(zip(logs.tolist(), values, strict=True))
         if one * two < 0.0
     ]
 
 
-def _surplus(system: System, log_speed: float) -> float:
+def _surplus(gap: Gap, log_speed: float) -> float:
     """log of the mean square speed that the noise supplies to the elastic law of a speed, over
     that of the law."""
     speed = math.exp(log_speed)
     try:
-        supplied = linear_moments(system, *_gibbs_stops(system, speed))[1]
+        supplied = linear_moments(gap, *_gibbs_stops(gap, speed))[1]
     except ValueError:
         # so slow that the mass lies on a stop within rounding
         return -1e3
@@ -261,16 +186,14 @@ def _surplus(system: System, log_speed: float) -> float:
     return math.log(supplied) - 2.0 * log_speed
 
 
-def _rough_speed(system: System) -> float:
+def _rough_speed(gap: Gap) -> float:
     """Any speed that scales as it should, m/s."""
-    rate = system.damping_rate or system.omega
+    rate = gap.damping_rate or gap.omega
     if rate > 0.0:
-        return math.sqrt(linear_moments(system._replace(damping_rate=rate), 0.0, 0.0)[1])
-    assert system.lower is not None and system.upper is not None
-    gap = system.upper - system.lower
-    squares = [table.mean_square() for table in system.tables]
+        return math.sqrt(linear_moments(replace(gap, damping_rate=rate), 0.0, 0.0)[1])
+    squares = [table.mean_square() for table in gap.tables]
     squares += [
-        each.omega**2 * each.intensity / (2.0 * each.damping_rate) for each in system.filters
+        noise.omega**2 * noise.intensity / (2.0 * noise.damping_rate) for noise in gap.filters
     ]
     rms = math.sqrt(sum(squares))
-    return max(math.sqrt(gap * rms), math.cbrt(gap * system.intensity))
+    return max(math.sqrt(gap.width * rms), math.cbrt(gap.width * gap.intensity))

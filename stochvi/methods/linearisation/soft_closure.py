@@ -38,31 +38,24 @@ import numpy as np
 
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import (
-    NO_STOP,
     ContactStatistics,
     StopStatistics,
     gaussian_stop,
 )
 from stochvi.mathematics.kelvin_voigt import half_contact
+from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
 from stochvi.methods.linearisation.closure import curvature_floor
 from stochvi.methods.linearisation.layers import Layer, Vector, layer
-from stochvi.methods.linearisation.trial import (
-    SIGNS,
-    Form,
-    Trial,
-    Unknowns,
-    restitutions,
-    soft_stops,
-)
+from stochvi.model.gap import Gap
+from stochvi.model.model import Stop
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
-from stochvi.scenes.scene import System
 
 SOFTEST_CURVATURE = 1e-3
 """Least kappa of a law with one open side, in units of that of the elastic law: what is less calls
 for a density that is higher right at the stop."""
 
 
-def soft_closure(system: System, coloured: bool = False) -> Form:
+def soft_closure(gap: Gap, coloured: bool = False) -> Form:
     """The closure where at least one stop gives way; `coloured`: what shakes is not white, or
     reaches the mass through others.
 
@@ -70,66 +63,60 @@ def soft_closure(system: System, coloured: bool = False) -> Form:
     curvature of a single stop; where it stays within stops for most of the time, none but with
     the curvature of the elastic law and other tau.
     """
-    least = least_curvature(system, coloured)
-    one_stop = Form(_start, lambda system, x: _trial(system, x, math.inf))
+    least = least_curvature(gap, coloured)
+    one_stop = Form(_start, lambda gap, x: _candidate(gap, x, math.inf))
     stretched = Form(_start_stretched, _stretched)
     others = (stretched,) if math.isinf(least) else (one_stop, stretched)
-    return Form(_start, lambda system, x: _trial(system, x, least), others)
+    return Form(_start, lambda gap, x: _candidate(gap, x, least), others)
 
 
-def least_curvature(system: System, coloured: bool = False) -> float:
+def least_curvature(gap: Gap, coloured: bool = False) -> float:
     """Least kappa between two stops, below which the density at the stops rises instead."""
-    if system.lower is None or system.upper is None:
+    if len(gap.stops) < 2:
         return math.inf
-    half = (system.upper - system.lower) / 2.0
-    laws = soft_stops(system)
-    lower, upper = (
-        laws[side].restitution if side in laws else own
-        for side, own in zip(SIGNS, restitutions(system), strict=True)
-    )
-    if coloured or system.tables or system.filters:
+    restitutions = [stop.law.restitution for stop in gap.stops]
+    if coloured or gap.coloured:
         # a narrow band makes x dwell near its turning points, whatever the restitution
-        lower = upper = 0.0
-    hard = system._replace(restitution_lower=lower, restitution_upper=upper)
-    return curvature_floor(hard) / half**2
+        restitutions = [0.0, 0.0]
+    return curvature_floor(restitutions) / (gap.width / 2.0) ** 2
 
 
-def _start(system: System) -> Unknowns:
-    return np.array([system.load, 1.0 if system.omega > 0.0 else 0.0, 0.0])
+def _start(gap: Gap) -> Unknowns:
+    return np.array([gap.load, 1.0 if gap.omega > 0.0 else 0.0, 0.0])
 
 
-def _trial(system: System, unknowns: Unknowns, least: float) -> Trial:
+def _candidate(gap: Gap, unknowns: Unknowns, least: float) -> Candidate:
     """Unknowns lambda, kappa s^2 in units of omega^2 (of 1 without a spring), and log s."""
     slope, relative, log_speed = unknowns.tolist()
     speed = math.exp(log_speed)
-    unit = (system.omega**2 or 1.0) / speed**2
-    least = min(least / unit, SOFTEST_CURVATURE if system.omega > 0.0 else 0.0)
+    unit = (gap.omega**2 or 1.0) / speed**2
+    least = min(least / unit, SOFTEST_CURVATURE if gap.omega > 0.0 else 0.0)
     law = SoftLaw(
-        system=system,
+        gap=gap,
         slope=slope,
         curvature=unit * max(relative, least),
         speed=speed,
         rise=1.0 + max(least - relative, 0.0),
     )
-    return law.trial()
+    return law.candidate()
 
 
-def _start_stretched(system: System) -> Unknowns:
-    return np.array([system.load, 0.0, 0.0])
+def _start_stretched(gap: Gap) -> Unknowns:
+    return np.array([gap.load, 0.0, 0.0])
 
 
-def _stretched(system: System, unknowns: Unknowns) -> Trial:
+def _stretched(gap: Gap, unknowns: Unknowns) -> Candidate:
     """Unknowns lambda, log of a factor on every tau, and log s."""
     slope, log_stretch, log_speed = unknowns.tolist()
     speed = math.exp(log_speed)
     law = SoftLaw(
-        system=system,
+        gap=gap,
         slope=slope,
-        curvature=(system.omega / speed) ** 2,
+        curvature=(gap.omega / speed) ** 2,
         speed=speed,
         stretch=math.exp(log_stretch),
     )
-    return law.trial()
+    return law.candidate()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +125,7 @@ class SoftLaw:
 
     Parameters
     ----------
-    system
+    gap
         Stops and their laws.
     slope, curvature
         lambda and kappa, 1/m and 1/m^2.
@@ -150,7 +137,7 @@ class SoftLaw:
         Factor on every tau.
     """
 
-    system: System
+    gap: Gap
     slope: float
     curvature: float
     speed: float
@@ -163,23 +150,25 @@ class SoftLaw:
         return CutNormal(
             slope=self.slope,
             curvature=self.curvature,
-            lower=self.system.lower,
-            upper=self.system.upper,
+            lower=self.gap.ends[0],
+            upper=self.gap.ends[1],
         )
 
     @cached_property
-    def layers(self) -> dict[str, _Within]:
-        """What lies within each stop that gives way."""
-        return {side: self._layer(law, side) for side, law in soft_stops(self.system).items()}
+    def layers(self) -> dict[int, _Within]:
+        """What lies within each stop that gives way, by its side."""
+        return {
+            stop.side: self._layer(stop, stop.law)
+            for stop in self.gap.stops
+            if isinstance(stop.law, CompliantLaw)
+        }
 
-    def _rise_at(self, side: str) -> float:
+    def _rise_at(self, stop: Stop) -> float:
         """What does not bounce lies on stops that take energy, where there are any."""
-        law = getattr(self.system, f"law_{side}")
-        return 1.0 if law.conservative and not self.system.elastic else self.rise
+        return 1.0 if stop.law.conservative and not self.gap.elastic else self.rise
 
-    def _layer(self, law: CompliantLaw, side: str) -> _Within:
-        stop, sign = getattr(self.system, side), SIGNS[side]
-        push = sign * (self.slope - self.curvature * stop)
+    def _layer(self, stop: Stop, law: CompliantLaw) -> _Within:
+        push = stop.side * (self.slope - self.curvature * stop.position)
         square = self.stretch * self.speed**2
 
         def log_density(y: Vector, energy: float = square) -> Vector:
@@ -193,11 +182,11 @@ class SoftLaw:
             energy *= 1.0 - brief * (1.0 - law.restitution) / 2.0
             energy *= self.rise ** (1.0 - brief)
             inside = layer(lambda y: log_density(y, energy), law)
-        log_surface = brief * math.log(self._rise_at(side)) + self.between.log_density_at(stop)
+        log_surface = brief * math.log(self._rise_at(stop))
+        log_surface += self.between.log_density_at(stop.position)
         return _Within(
             law=law,
             stop=stop,
-            sign=sign,
             log_density=lambda y: log_surface + log_density(y, energy),
             inside=inside,
             log_weight=log_surface + inside.log_mass,
@@ -210,12 +199,12 @@ class SoftLaw:
         logs = [0.0, *(each.log_weight for each in self.layers.values())]
         return float(np.logaddexp.reduce(logs))
 
-    def density_at(self, side: str) -> float:
+    def density_at(self, stop: Stop) -> float:
         """Density at the surface of a stop, 1/m."""
-        rise = self._rise_at(side)
-        if side in self.layers:
-            rise **= self.layers[side].brief
-        log_density = self.between.log_density_at(getattr(self.system, side))
+        rise = self._rise_at(stop)
+        if stop.side in self.layers:
+            rise **= self.layers[stop.side].brief
+        log_density = self.between.log_density_at(stop.position)
         return rise * math.exp(log_density - self.log_total)
 
     @cached_property
@@ -227,7 +216,7 @@ class SoftLaw:
             mean = each.inside.expect(y)
             variance = each.inside.expect((y - mean) ** 2)
             share = math.exp(each.log_weight - self.log_total)
-            found.append((share, each.stop + each.sign * mean, variance))
+            found.append((share, each.stop.position + each.stop.side * mean, variance))
         return found
 
     @cached_property
@@ -244,7 +233,7 @@ class SoftLaw:
 
     def _density_at_mean(self) -> float:
         for each in self.layers.values():
-            y = each.sign * (self.mean - each.stop)
+            y = float(each.stop.deflection(self.mean))
             if y > 0.0:
                 return math.exp(float(each.log_density(np.asarray(y))) - self.log_total)
         return math.exp(self.between.log_density_at(self.mean) - self.log_total)
@@ -255,7 +244,7 @@ class SoftLaw:
         y = each.inside.deflection
         force = each.law.force_at(y)
         push = share * each.inside.expect(force)
-        away = each.sign * (each.stop - self.mean)
+        away = each.stop.side * (each.stop.position - self.mean)
         covariance = share * each.inside.expect(force * (away + y))
         power, touching = 0.0, share
         if isinstance(each.law, Viscoelastic):
@@ -265,29 +254,26 @@ class SoftLaw:
             touching *= 1.0 + each.brief * (time - 1.0)
         return ContactStatistics(touching, push, None, power), covariance
 
-    def trial(self) -> Trial:
+    def candidate(self) -> Candidate:
         """m_F = E F, k = E F (x - m) / Var x, beta = power of the stops / s^2."""
         force = covariance = power = 0.0
-        stops: dict[str, StopStatistics] = {}
-        contacts: dict[str, ContactStatistics | None] = {"lower": None, "upper": None}
-        for (side, sign), restitution in zip(SIGNS.items(), restitutions(self.system), strict=True):
-            stop = getattr(self.system, side)
-            if stop is None:
-                stops[side] = NO_STOP
-                continue
-            hits = stops[side] = gaussian_stop(self.density_at(side), self.speed**2)
-            if side in self.layers:
-                contact, product = self._contact(self.layers[side])
-                contacts[side] = contact
-                force += sign * contact.force
+        hits: dict[int, StopStatistics] = {}
+        contacts: dict[int, ContactStatistics] = {}
+        for stop in self.gap.stops:
+            own = hits[stop.side] = gaussian_stop(self.density_at(stop), self.speed**2)
+            if stop.side in self.layers:
+                contact, product = self._contact(self.layers[stop.side])
+                contacts[stop.side] = contact
+                force += stop.side * contact.force
                 covariance += product
                 power += contact.power
             else:
-                push = (1.0 + restitution) * hits.speed_rate
-                force += sign * push
-                covariance += push * sign * (stop - self.mean)
-                power += (1.0 - restitution**2) / 2.0 * hits.speed_square_rate
-        return Trial(
+                r = stop.law.restitution
+                push = (1.0 + r) * own.speed_rate
+                force += stop.side * push
+                covariance += push * stop.side * (stop.position - self.mean)
+                power += (1.0 - r**2) / 2.0 * own.speed_square_rate
+        return Candidate(
             mean=self.mean,
             variance=self.variance,
             velocity_mean_square=self.speed**2,
@@ -295,11 +281,9 @@ class SoftLaw:
             stop_force=force,
             stiffness=covariance / self.variance,
             damping=power / self.speed**2,
-            lower=stops["lower"],
-            upper=stops["upper"],
+            hits=hits,
+            contacts=contacts,
             rise=self.rise,
-            contact_lower=contacts["lower"],
-            contact_upper=contacts["upper"],
         )
 
 
@@ -312,8 +296,7 @@ class _Within:
     """
 
     law: CompliantLaw
-    stop: float
-    sign: float
+    stop: Stop
     log_density: Callable[[Vector], Vector]
     inside: Layer
     log_weight: float

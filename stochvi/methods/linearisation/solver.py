@@ -8,15 +8,15 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import fsolve, least_squares
 
-from stochvi.methods.linearisation.forms import Form, Trial, Unknowns
+from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
 from stochvi.methods.linearisation.scales import (
     Frame,
     balanced_speeds,
     linear_moments,
     speed_scale,
 )
+from stochvi.model.gap import Gap
 from stochvi.results.errors import NotConverged
-from stochvi.scenes.scene import System
 
 ACCEPTED = 1e-10
 """Largest relative imbalance of a solution. Roots are polished to rounding; this bound only
@@ -36,7 +36,7 @@ SAME = 1e-6
 """Relative difference of the mean squares up to which two solutions are one."""
 
 
-def solve(system: System, form: Form, method: str) -> list[Trial]:
+def solve(gap: Gap, form: Form, method: str) -> list[Candidate]:
     """The responses that are their own linearisation; the first is the one to believe first.
 
     Newton's method from the elastic law, at the speed that balances its power. In coloured noise
@@ -49,20 +49,19 @@ def solve(system: System, form: Form, method: str) -> list[Trial]:
     NotConverged
         If there is none.
     """
-    speed = speed_scale(system)
-    coloured = bool(system.tables or system.filters)
-    found: list[Trial] = []
+    speed = speed_scale(gap)
+    found: list[Candidate] = []
     for factor in START_SPEEDS:
-        trial = _from(system, form, factor * speed)
-        if trial is not None:
-            found.append(trial)
+        candidate = _from(gap, form, factor * speed)
+        if candidate is not None:
+            found.append(candidate)
             break
-    for other in balanced_speeds(system, speed) if coloured else []:
-        trial = _from(system, form, other)
-        if trial is not None and not any(_same(trial, one) for one in found):
-            found.append(trial)
+    for other in balanced_speeds(gap, speed) if gap.coloured else []:
+        candidate = _from(gap, form, other)
+        if candidate is not None and not any(_same(candidate, one) for one in found):
+            found.append(candidate)
     if not found and form.others:
-        return solve(system, form.others[0]._replace(others=form.others[1:]), method)
+        return solve(gap, form.others[0]._replace(others=form.others[1:]), method)
     if not found:
         raise NotConverged(
             f"{method} found no response that is its own linearisation, as where a preload "
@@ -71,34 +70,34 @@ def solve(system: System, form: Form, method: str) -> list[Trial]:
     return found
 
 
-def _from(system: System, form: Form, speed: float) -> Trial | None:
+def _from(gap: Gap, form: Form, speed: float) -> Candidate | None:
     """The solution near the elastic law of a speed, or None."""
-    frame = Frame.of(system, speed)
-    target = frame.shrink(system)
+    frame = Frame.of(gap, speed)
+    target = frame.shrink(gap)
     unknowns = root(_problem(form, target), form.start(target))
-    return None if unknowns is None else frame.grow(form.trial(target, unknowns))
+    return None if unknowns is None else frame.grow(form.candidate(target, unknowns))
 
 
-def _same(one: Trial, two: Trial) -> bool:
+def _same(one: Candidate, two: Candidate) -> bool:
     squares = ((one.variance, two.variance), (one.velocity_mean_square, two.velocity_mean_square))
     return all(abs(math.log(a / b)) < SAME for a, b in squares)
 
 
-def _problem(form: Form, system: System) -> Problem:
+def _problem(form: Form, gap: Gap) -> Problem:
     """The imbalances to be made zero: of the mean forces, and of the variances of x and v."""
 
     def imbalance(unknowns: Unknowns) -> Unknowns:
         try:
             with np.errstate(all="ignore"):
-                trial = form.trial(system, unknowns)
-                moments = linear_moments(system, trial.stiffness, trial.damping)
-            total_stiffness = system.omega**2 + trial.stiffness
-            force = system.omega**2 * trial.mean + trial.stop_force - system.load
+                candidate = form.candidate(gap, unknowns)
+                moments = linear_moments(gap, candidate.stiffness, candidate.damping)
+            total_stiffness = gap.omega**2 + candidate.stiffness
+            force = gap.omega**2 * candidate.mean + candidate.stop_force - gap.load
             found = np.array(
                 [
-                    force / (total_stiffness * math.sqrt(trial.variance)),
-                    math.log(trial.variance / moments[0]) / 2.0,
-                    math.log(trial.velocity_mean_square / moments[1]) / 2.0,
+                    force / (total_stiffness * math.sqrt(candidate.variance)),
+                    math.log(candidate.variance / moments[0]) / 2.0,
+                    math.log(candidate.velocity_mean_square / moments[1]) / 2.0,
                 ]
             )[3 - len(unknowns) :]
         except (ValueError, ZeroDivisionError, OverflowError):

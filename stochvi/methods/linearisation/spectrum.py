@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from stochvi.mathematics.spectra import Filter, squared_gain
+from stochvi.methods.linearisation.candidate import Candidate
 from stochvi.methods.linearisation.method import linear_oscillators
-from stochvi.methods.linearisation.trial import Trial
 from stochvi.scenes.excitations import (
     BASE,
     ConstantLoad,
@@ -162,18 +162,18 @@ def linearised_oscillators(
     >>> print(f"{found.resonance_hz:.4f} Hz, {area**0.5:.4f} m, {found.displacement_std:.4f} m")
     0.2354 Hz, 0.5231 m, 0.5231 m
     """
-    system, trials = linear_oscillators(scene, form, variant)
+    model, candidates = linear_oscillators(scene, form, variant)
     forces: list[Density] = []
     base: list[Density] = []
     for excitation in scene.excitations:
         if isinstance(excitation, ConstantLoad):
             continue
         on_base = scene.place(excitation) == BASE
-        scale = 1.0 if on_base else system.mass**-2
+        scale = 1.0 if on_base else model.unit_mass**-2
         (base if on_base else forces).append(_density(scene, excitation, scale))
     return tuple(
-        _oscillator(trial, system.omega**2, system.damping_rate, tuple(forces), tuple(base))
-        for trial in trials
+        _oscillator(each, model.omega**2, model.damping_rate, tuple(forces), tuple(base))
+        for each in candidates
     )
 
 
@@ -192,23 +192,23 @@ def _density(scene: Scene, excitation: Excitation, scale: float) -> Density:
 
 
 def _oscillator(
-    trial: Trial,
+    candidate: Candidate,
     own_stiffness: float,
     own_damping: float,
     forces: tuple[Density, ...],
     base: tuple[Density, ...],
 ) -> LinearisedOscillator:
-    speed = math.sqrt(trial.velocity_mean_square)
+    speed = math.sqrt(candidate.velocity_mean_square)
     return LinearisedOscillator(
-        mean=trial.mean,
-        displacement_std=math.sqrt(trial.variance),
+        mean=candidate.mean,
+        displacement_std=math.sqrt(candidate.variance),
         velocity_std=speed,
-        stiffness=trial.stiffness,
-        damping=trial.damping,
-        stop_force=trial.stop_force,
-        total_stiffness=own_stiffness + trial.stiffness,
-        total_damping=own_damping + trial.damping,
-        dominant_frequency_hz=trial.density_at_mean * speed / math.sqrt(2.0 * math.pi),
+        stiffness=candidate.stiffness,
+        damping=candidate.damping,
+        stop_force=candidate.stop_force,
+        total_stiffness=own_stiffness + candidate.stiffness,
+        total_damping=own_damping + candidate.damping,
+        dominant_frequency_hz=candidate.density_at_mean * speed / math.sqrt(2.0 * math.pi),
         forces=forces,
         base=base,
     )

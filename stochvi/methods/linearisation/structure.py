@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.frequency_response import gains
 from stochvi.mathematics.spectra import Filter
 from stochvi.methods.linearisation.several import solutions
-from stochvi.model.assembly import Assembly, assemble, modes_of
-from stochvi.model.modal import Matrix, ModalForm, Substitute, Vector
+from stochvi.model.coverage import functions
+from stochvi.model.modal import Matrix, Substitute, Vector
+from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 
@@ -109,23 +110,22 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     >>> print(f"{area**0.5 / rms:.4f}")
     1.0000
     """
-    unmet = scene.beyond_numbers()
-    if unmet:
-        raise NotApplicable("linearise", unmet)
-    assembly = assemble(scene)
-    modes = modes_of(assembly)
-    shaken = _shaken(assembly, modes)
+    model = model_of(scene)
+    if conditions := functions(model):
+        raise NotApplicable("linearise", conditions)
+    modes = model.modal
+    shaken = _shaken(model)
     found = []
-    for one in solutions(assembly, modes):
+    for one in solutions(model):
         stops = {
-            gap.contact.name: gap.substitute(trial)
-            for gap, trial in zip(one.gaps, one.trials, strict=True)
+            gap.pair.name: gap.substitute(candidate)
+            for gap, candidate in zip(one.gaps, one.candidates, strict=True)
         }
         springs = np.array([each.spring for each in stops.values()])
         dampers = np.array([each.damper for each in stops.values()])
         found.append(
             LinearisedStructure(
-                coordinates=assembly.coordinates,
+                coordinates=model.coordinates,
                 stops=stops,
                 shapes=modes.shapes,
                 stiffness=np.diag(modes.squares) + (modes.gaps.T * springs) @ modes.gaps,
@@ -136,10 +136,11 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     return tuple(found)
 
 
-def _shaken(assembly: Assembly, modes: ModalForm) -> tuple[tuple[Density, Vector], ...]:
+def _shaken(model: Model) -> tuple[tuple[Density, Vector], ...]:
     """All noise as densities and modal forces; white noise in independent parts of density 2."""
+    modes = model.modal
     found: list[tuple[Density, Vector]] = [(table, force) for table, force in modes.tables]
-    for signal in assembly.signals:
+    for signal in model.signals:
         if signal.intensity:
             noise = Filter(signal.omega, signal.damping_rate, signal.intensity)
             found.append((noise.__call__, modes.shapes.T @ signal.direction))

@@ -40,6 +40,7 @@ from stochvi.methods.monte_carlo.white import (
     pressing,
 )
 from stochvi.model.gibbs_law import GibbsLaw
+from stochvi.model.model import LOWER, UPPER, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Restitution, Viscoelastic
 from stochvi.scenes.scene import System
@@ -111,11 +112,14 @@ def _gibbs_law(system: System, speed: float, rest: float = 0.0) -> GibbsLaw:
         theta=speed**2,
         omega=system.omega,
         load=system.load - system.omega**2 * rest,
-        stop_lower=None if system.lower is None else system.lower - rest,
-        stop_upper=None if system.upper is None else system.upper - rest,
-        law_lower=system.law_lower,
-        law_upper=system.law_upper,
+        lower=_from_rest(LOWER, system.lower, system.law_lower, rest),
+        upper=_from_rest(UPPER, system.upper, system.law_upper, rest),
     )
+
+
+def _from_rest(side: int, position: float | None, law: Law | None, rest: float) -> Stop | None:
+    """A stop with its position taken from the rest position; None for none."""
+    return None if position is None or law is None else Stop(side, position - rest, law)
 
 
 def plan_compliant(

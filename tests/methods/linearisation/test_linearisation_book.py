@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from stochvi.methods.linearisation.forms import choose
 
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.linearisation.forms import choose
 from support.linearised import make_scene, summary, value
 
 

@@ -11,15 +11,15 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.stats import norm
+from stochvi.methods.linearisation.forms import choose
+from stochvi.methods.linearisation.soft_force import inverse
+from stochvi.methods.linearisation.trial import Trial
 
 from stochvi.mathematics.spectra import Filter
 from stochvi.mathematics.state_space import stationary_covariance
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.linearisation.forms import choose
-from stochvi.methods.linearisation.soft_force import inverse
-from stochvi.methods.linearisation.trial import Trial
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.excitations import (

@@ -1,0 +1,19 @@
+"""Which form linearises a gap: the one that its name, its variant and the stops call for."""
+
+from __future__ import annotations
+
+from stochvi.methods.linearisation.candidate import Form
+from stochvi.methods.linearisation.closure import rigid_closure
+from stochvi.methods.linearisation.force import force_form
+from stochvi.methods.linearisation.motion import motion_form
+from stochvi.methods.linearisation.soft_closure import soft_closure
+from stochvi.model.gap import Gap
+
+
+def form_of(name: str, variant: str, gap: Gap) -> Form:
+    """The form for a gap whose only stop, where it has one stop, is the upper one."""
+    if name == "motion":
+        return motion_form(book=variant == "book")
+    if name == "force":
+        return force_form(book=variant == "book")
+    return soft_closure(gap) if gap.soft else rigid_closure(gap, variant == "box")
