@@ -14,7 +14,7 @@ import pandas as pd
 from scipy.stats import qmc
 
 from stochvi.methods.linearisation import boxes
-from stochvi.model.assembly import assemble
+from stochvi.model.model import model_of
 
 POINTS, HELD_OUT = 64, 32
 SURE = 2.0
@@ -60,7 +60,7 @@ def simulated(part: str, cell: dict) -> dict:
 def compared(row: dict) -> dict:
     """Errors of the linearisation, enlarged by those of the simulation."""
     cell = {name: row[name] for name in cases.BASIC}
-    box = boxes.box_of(assemble(cases.boxed(cell)))
+    box = boxes.box_of(model_of(cases.boxed(cell)))
     if box is None:
         return {}
     own = boxes.moments(box)
@@ -79,7 +79,7 @@ def covered(errors: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for _, row in held_out.iterrows():
         cell = cases.BASIC | {name: row[name] for name in (*boxes.RANGES, "restitution")}
-        box = boxes.box_of(assemble(cases.boxed(cell)))
+        box = boxes.box_of(model_of(cases.boxed(cell)))
         bounds = boxes.errors(box, boxes.moments(box)["velocity"])
         rows.append({name: (row[f"{name}_off"], bounds[name]) for name in QUANTITIES})
     return pd.DataFrame(

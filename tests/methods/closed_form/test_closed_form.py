@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import quad
 
 from stochvi.methods.closed_form import displacement_density, exact
-from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
+from stochvi.model.model import model_of
 from stochvi.results.errors import NoExactSolution
 from stochvi.scenes.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
@@ -70,7 +70,7 @@ def test_the_reference_table_obeys_the_balances_to_its_printed_digits(row):
     r, (x, v, f1, f2) = row.restitution, [row.values[name] for name in ROW]
     off = [row.errors[name] for name in ROW]
     moments = symmetric_moments(x, v, f1, f2)
-    left = residuals(assemble(oscillator(-1.0, 1.0, r)), moments, (0.0,))
+    left = residuals(model_of(oscillator(-1.0, 1.0, r)), moments, (0.0,))
     # a residual is relative to its largest term, S0 / 2 = 0.1 and E v^2
     energy = (0.1 * 2.0 * v * off[1] + (1.0 - r * r) / 2.0 * off[3]) / 0.1
     virial = (2.0 * v * off[1] + 2.0 * x * off[0] + (1.0 + r) * off[2]) / (v * v)
@@ -87,7 +87,7 @@ def test_balances_do_not_vanish_for_the_wrong_restitution():
     row = next(row for row in RIGID_STOPS if row.restitution == 0.8)
     x, v, f1, f2 = (row.values[name] for name in ROW)
     moments = symmetric_moments(x, v, f1, f2)
-    wrong = residuals(assemble(oscillator(-1.0, 1.0, 0.9)), moments, (0.0,))
+    wrong = residuals(model_of(oscillator(-1.0, 1.0, 0.9)), moments, (0.0,))
     # (1 - R^2) F2 / 2 is too small by (.36 - .19) F2 / 2, in units of S0 / 2
     assert wrong["energy"] == pytest.approx(0.17 * f2 / 2.0 / 0.1, rel=1e-6)
     assert wrong["virial"] == pytest.approx(-0.1 * f1 / (v * v), rel=1e-5)
@@ -101,22 +101,22 @@ MOMENTS = ("displacement_mean", "displacement_mean_square", "velocity_mean_squar
 
 def gibbs(scene: Scene, count: int) -> dict[str, float]:
     """Moments and rates of exp(-(v^2 / 2 + U(x)) / theta) on a grid of x and v."""
-    system = scene.system()
-    theta = system.intensity / (2.0 * system.damping_rate)
+    model = model_of(scene)
+    theta = model.intensity / (2.0 * model.damping_rate)
     nodes, weights = np.polynomial.legendre.leggauss(count)
-    if system.omega > 0.0:
-        rest = system.load / system.omega**2
-        spread = 12.0 * math.sqrt(theta) / system.omega
+    if model.omega > 0.0:
+        rest = model.rest
+        spread = 12.0 * math.sqrt(theta) / model.omega
     else:
         rest, spread = 0.0, math.inf
-    low = rest - spread if system.lower is None else max(system.lower, rest - spread)
-    high = rest + spread if system.upper is None else min(system.upper, rest + spread)
+    low = max(model.lower_position, rest - spread)
+    high = min(model.upper_position, rest + spread)
     x, dx = (low + high) / 2.0 + (high - low) / 2.0 * nodes, (high - low) / 2.0 * weights
     speed = 12.0 * math.sqrt(theta)
     v, dv = speed / 2.0 * (1.0 + nodes), speed / 2.0 * weights
 
     def energy(place, velocity):
-        return velocity**2 / 2.0 + system.omega**2 * place**2 / 2.0 - system.load * place
+        return velocity**2 / 2.0 + model.omega**2 * place**2 / 2.0 - model.load * place
 
     bottom = energy(x, 0.0).min()
     p = np.exp(-(energy(x[:, None], v[None, :]) - bottom) / theta) * dx[:, None] * dv
@@ -126,10 +126,14 @@ def gibbs(scene: Scene, count: int) -> dict[str, float]:
         "displacement_mean_square": 2.0 * (p.sum(axis=1) @ x**2) / mass,
         "velocity_mean_square": 2.0 * (p.sum(axis=0) @ v**2) / mass,
     }
-    places = {"lower": system.lower, "upper": system.upper, "mean": found["displacement_mean"]}
+    places = {
+        "lower": model.lower_position,
+        "upper": model.upper_position,
+        "mean": found["displacement_mean"],
+    }
     for side, place in places.items():
         flux = 0.0
-        if place is not None:
+        if math.isfinite(place):
             flux = np.exp(-(energy(place, v) - bottom) / theta) * dv / mass
         for power, name in enumerate(("rate", "speed", "square"), start=1):
             found[f"{name}_{side}"] = float(np.sum(flux * v**power))

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from stochvi.methods.closed_form import autocorrelation, exact, exact_density, unmet_conditions
+from stochvi.methods.closed_form import autocorrelation, exact, exact_density, unmet
 from stochvi.methods.monte_carlo import record_path
+from stochvi.model.model import model_of
 from stochvi.results.errors import NoExactSolution, SceneError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, WhiteNoise
@@ -218,7 +219,7 @@ def by_sums(force, stop: bool, count: int) -> dict[tuple[str, str], float]:
 
 def test_what_a_spring_that_is_a_function_lacks_is_said():
     def words(*arguments, **pair):
-        return " ".join(unmet_conditions(scene(*arguments, **pair)))
+        return " ".join(unmet(model_of(scene(*arguments, **pair))))
 
     assert "must hold the mass" in words(spring(lambda x: -x))
     assert "must hold the mass" in words(spring(np.arctan), 4.0)

@@ -14,6 +14,7 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.linearisation.atlas import ONE, QUANTITIES, TWO, Span, atlas, spans
 from stochvi.methods.linearisation.clumps import energy_weight
 from stochvi.methods.linearisation.method import method_name
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
@@ -133,12 +134,12 @@ def test_covers_reference_numbers(form: str, variant: str, restitution: float) -
 
 
 def test_lookup_does_not_depend_on_units_or_side() -> None:
-    one = spans("linearise:closure", scene(-0.4, 1.3, restitution_lower=0.6, load=0.2).system())
+    one = spans("linearise:closure", model_of(scene(-0.4, 1.3, restitution_lower=0.6, load=0.2)))
     other = scene(-0.4, 1.3, restitution_lower=0.6, load=0.2, omega=75.0, deviation=2e-3)
     mirrored = scene(-1.3, 0.4, restitution=0.6, restitution_lower=0.8, load=-0.2)
     assert isinstance(one, dict)
     for scene_ in (other, mirrored):
-        same = spans("linearise:closure", scene_.system())
+        same = spans("linearise:closure", model_of(scene_))
         assert isinstance(same, dict)
         assert same.keys() == one.keys()
         for name, span in one.items():
@@ -296,7 +297,9 @@ def test_clumps_keep_the_balance_of_energy() -> None:
 
 
 def test_weight_of_the_energy_runs_from_preload_to_wide_gaps() -> None:
-    weights = [energy_weight(scene(None, gap, zeta=0.02).system()) for gap in (-1.0, 0.0, 1.0, 4.0)]
+    weights = [
+        energy_weight(model_of(scene(None, gap, zeta=0.02))) for gap in (-1.0, 0.0, 1.0, 4.0)
+    ]
     assert weights[:2] == [0.0, 0.0]
     assert weights[2:] == pytest.approx([1.0 / 2.0, 4.0 / 5.0], rel=1e-12)
     pressed = linearise(scene(None, -1.0, zeta=0.02), "clumps")

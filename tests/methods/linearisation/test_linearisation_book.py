@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from stochvi.methods.linearisation.forms import choose
 
 from stochvi.methods.linearisation import linearise
+from stochvi.methods.linearisation.closures import form_of
+from stochvi.model.gap import Gap
+from stochvi.model.model import model_of
 from support.linearised import make_scene, summary, value
 
 
@@ -42,13 +44,13 @@ def test_strong_noise_takes_the_force_form_to_its_own_limit() -> None:
 @pytest.mark.parametrize("variant", ["consistent", "book"])
 def test_motion_stiffness_is_the_slope_of_the_mean_force(variant: str) -> None:
     """k = d m_F / d m at fixed deviations."""
-    system = make_scene(-0.5, 1.2, restitution=0.6, restitution_lower=0.9).system()
-    form = choose("motion", variant, system)
+    gap = Gap.of(model_of(make_scene(-0.5, 1.2, restitution=0.6, restitution_lower=0.9)))
+    form = form_of("motion", variant, gap)
     step = 1e-5
     for mean, log_deviation, log_speed in [(0.0, 0.0, 0.0), (0.4, -1.0, 0.3), (2.0, -0.5, -1.0)]:
         ahead, here, behind = (
-            form.trial(
-                system,
+            form.candidate(
+                gap,
                 np.array(
                     [
                         math.asinh((mean + shift) / math.exp(log_deviation)),
@@ -67,13 +69,13 @@ def test_motion_stiffness_is_the_slope_of_the_mean_force(variant: str) -> None:
 
 def test_force_stiffness_is_the_slope_of_the_inverse_characteristic() -> None:
     """1 / k = E dx/dF, and E x, by adaptive quadrature over the Gaussian force."""
-    system = make_scene(-0.5, 1.2, load=0.3, stiffness=1.7).system()
-    form, deviation = choose("force", "consistent", system), 1.4
-    trial = form.trial(system, np.array([math.log(deviation), 0.0]))
+    gap = Gap.of(model_of(make_scene(-0.5, 1.2, load=0.3, stiffness=1.7)))
+    form, deviation = form_of("force", "consistent", gap), 1.4
+    candidate = form.candidate(gap, np.array([math.log(deviation), 0.0]))
     low, high = -0.5 * 1.7, 1.2 * 1.7
 
     def density(force: float) -> float:
-        z = (force - system.load) / deviation
+        z = (force - gap.load) / deviation
         return math.exp(-0.5 * z * z) / (deviation * math.sqrt(2.0 * math.pi))
 
     inside = quad(density, low, high, epsabs=0.0, epsrel=1e-13)[0]
@@ -84,8 +86,8 @@ def test_force_stiffness_is_the_slope_of_the_inverse_characteristic() -> None:
         points=[low, high],
         epsrel=1e-13,
     )[0]
-    assert trial.stiffness + 1.7 == pytest.approx(1.7 / inside, rel=1e-12)
-    assert trial.mean == pytest.approx(mean, rel=1e-11)
+    assert candidate.stiffness + 1.7 == pytest.approx(1.7 / inside, rel=1e-12)
+    assert candidate.mean == pytest.approx(mean, rel=1e-11)
 
 
 def test_motion_says_when_its_mean_lies_beyond_a_stop() -> None:

@@ -20,7 +20,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.methods.linearisation import boxes
-from stochvi.model.assembly import assemble
+from stochvi.model.model import model_of
 from stochvi.scenes.datasets import data_folder
 from stochvi.verification.testing.agreement import Z
 
@@ -109,7 +109,7 @@ def test_most_scenes_held_out_lie_within_the_bounds_of_their_neighbours() -> Non
     for row in rows:
         place = {name: float(row[name]) for name in ("restitution", "zeta")}
         cell = scene(float(row["mass_ratio"]), float(row["play_in_sigma"]), **place)
-        box = boxes.box_of(assemble(cell))
+        box = boxes.box_of(model_of(cell))
         bounds = boxes.errors(box, boxes.moments(box)["velocity"])
         inside += float(row["displacement_off"]) <= bounds["displacement"]
     # the largest of n draws covers the next one with probability n / (n + 1)

@@ -11,8 +11,8 @@ from scipy.integrate import quad
 
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
-from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 from support.linearised import WAYS, make_scene, random_scene, summary, value
@@ -20,12 +20,12 @@ from support.linearised import WAYS, make_scene, random_scene, summary, value
 
 def gibbs_moments(scene: Scene) -> dict[str, float]:
     """Moments and rates from exp(-U / theta) by adaptive quadrature."""
-    system = scene.system()
-    theta = system.intensity / (2.0 * system.damping_rate)
-    spread = math.sqrt(theta) / system.omega
-    rest = system.load / system.omega**2
-    low = -math.inf if system.lower is None else system.lower
-    high = math.inf if system.upper is None else system.upper
+    model = model_of(scene)
+    theta = model.intensity / (2.0 * model.damping_rate)
+    spread = math.sqrt(theta) / model.omega
+    rest = model.rest
+    low = model.lower_position
+    high = model.upper_position
     nearest = min(max(rest, low), high)
 
     def log_density(x: float) -> float:
@@ -51,15 +51,15 @@ def gibbs_moments(scene: Scene) -> dict[str, float]:
     rates = [
         0.0
         if stop is None
-        else math.exp(log_density(stop)) / mass * math.sqrt(theta / (2.0 * math.pi))
-        for stop in (system.lower, system.upper)
+        else math.exp(log_density(stop.position)) / mass * math.sqrt(theta / (2.0 * math.pi))
+        for stop in (model.lower, model.upper)
     ]
     return {
         "displacement_mean": nearest + shift,
         "displacement_std": math.sqrt(integral(2, nearest + shift) / mass),
         "velocity_std": math.sqrt(theta),
-        **({} if system.lower is None else {"collision_rate_lower": rates[0]}),
-        **({} if system.upper is None else {"collision_rate_upper": rates[1]}),
+        **({} if model.lower is None else {"collision_rate_lower": rates[0]}),
+        **({} if model.upper is None else {"collision_rate_upper": rates[1]}),
         "impact_speed_rate": sum(rates) * math.sqrt(math.pi * theta / 2.0),
         "impact_speed_square_rate": sum(rates) * 2.0 * theta,
     }
@@ -128,7 +128,7 @@ def test_balances_see_a_wrong_restitution() -> None:
     for side in ("lower", "upper"):
         moments["stops", f"f1_{side}"] = half[""]
         moments["stops", f"f2_{side}"] = half["square_"]
-    found = residuals(assemble(wrong), moments, (0.0,))
+    found = residuals(model_of(wrong), moments, (0.0,))
     assert abs(found["energy"]) > 0.01
     assert abs(found["virial"]) > 0.01
 

@@ -11,15 +11,17 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.stats import norm
-from stochvi.methods.linearisation.forms import choose
-from stochvi.methods.linearisation.soft_force import inverse
-from stochvi.methods.linearisation.trial import Trial
 
 from stochvi.mathematics.spectra import Filter
 from stochvi.mathematics.state_space import stationary_covariance
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
+from stochvi.methods.linearisation.candidate import Candidate
+from stochvi.methods.linearisation.closures import form_of
+from stochvi.methods.linearisation.force import inverse
+from stochvi.model.gap import Gap
+from stochvi.model.model import UPPER, model_of
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.excitations import (
@@ -80,9 +82,9 @@ def value(response: Response, name: str) -> float:
     return found.value
 
 
-def trial_of(scene: Scene, form: str, unknowns: list[float]) -> Trial:
-    system = scene.system()
-    return choose(form, "consistent", system).trial(system, np.array(unknowns))
+def candidate_of(scene: Scene, form: str, unknowns: list[float]) -> Candidate:
+    gap = Gap.of(model_of(scene))
+    return form_of(form, "consistent", gap).candidate(gap, np.array(unknowns))
 
 
 # The closure ------------------------------------------------------------------------------------
@@ -244,7 +246,7 @@ def test_motion_characteristics_in_closed_form(distance: float) -> None:
         return float(scale * shape / mpmath.sqrt(2 * mpmath.pi))
 
     def check(law: Law, force: float, slope: float) -> None:
-        found = trial_of(make_scene(law, None, 1.0), "motion", unknowns)
+        found = candidate_of(make_scene(law, None, 1.0), "motion", unknowns)
         assert found.stop_force == pytest.approx(force, rel=1e-11)
         assert found.stiffness == pytest.approx(slope, rel=1e-9)
 
@@ -267,7 +269,7 @@ def test_two_stops_add_in_the_form_motion() -> None:
     unknowns = [math.asinh(0.4), math.log(0.8), 0.2]
     law = Elastic(stiffness=9.0)
     both, low, high = (
-        trial_of(make_scene(law, lower, upper), "motion", unknowns)
+        candidate_of(make_scene(law, lower, upper), "motion", unknowns)
         for lower, upper in ((-0.5, 1.2), (-0.5, None), (None, 1.2))
     )
     assert both.stop_force == pytest.approx(low.stop_force + high.stop_force, rel=1e-12)
@@ -281,8 +283,10 @@ def test_motion_stiffness_is_the_slope_of_the_mean_force(other: Law | None) -> N
     scene = make_scene(Hertz(coefficient=20.0), None if other is None else -0.5, 1.2, **keys)
     deviation, step = 0.6, 1e-5
 
-    def at(mean: float) -> Trial:
-        return trial_of(scene, "motion", [math.asinh(mean / deviation), math.log(deviation), 0.1])
+    def at(mean: float) -> Candidate:
+        return candidate_of(
+            scene, "motion", [math.asinh(mean / deviation), math.log(deviation), 0.1]
+        )
 
     slope = (at(0.3 + step).stop_force - at(0.3 - step).stop_force) / (2.0 * step)
     # central differences: error of order (step / s)^2, and rounding / step
@@ -292,10 +296,11 @@ def test_motion_stiffness_is_the_slope_of_the_mean_force(other: Law | None) -> N
 @pytest.mark.parametrize("form", ["motion", "force"])
 def test_losses_of_the_book_are_half_those_of_rayleigh_speeds(form: str) -> None:
     """(B 8.54): beta = (1 - R^2) f / 2 per stop, f the rate of crossings (B 8.55)."""
-    system = make_scene(Viscoelastic(stiffness=30.0, damping_ratio=0.2), None, 0.7).system()
+    bumper = Viscoelastic(stiffness=30.0, damping_ratio=0.2)
+    gap = Gap.of(model_of(make_scene(bumper, None, 0.7)))
     unknowns = np.array([0.0, math.log(0.8), math.log(1.1)][-3 if form == "motion" else -2 :])
-    ours, book = (choose(form, v, system).trial(system, unknowns) for v in ("consistent", "book"))
-    restitution = Viscoelastic(stiffness=30.0, damping_ratio=0.2).restitution
+    ours, book = (form_of(form, v, gap).candidate(gap, unknowns) for v in ("consistent", "book"))
+    restitution = bumper.restitution
     assert book.damping == pytest.approx((1.0 - restitution**2) / 2.0 * book.upper.rate, rel=1e-12)
     assert ours.damping == pytest.approx(2.0 * book.damping, rel=1e-12)
     if form == "motion":
@@ -312,7 +317,7 @@ def test_inverse_characteristic_by_brute_force(law: Law, lower: float | None) ->
     """E X(F), E X'(F) = E X(F) (F - E F) / s_F^2, and E Phi, by quadrature over the force."""
     hard = Restitution(coefficient=0.5)
     keys = {} if lower is None else {"lower_law": hard}
-    system = make_scene(law, lower, 0.6, load=0.2, **keys).system()
+    gap = Gap.of(model_of(make_scene(law, lower, 0.6, load=0.2, **keys)))
     deviation = 1.3
 
     def force(x: float) -> float:
@@ -336,26 +341,26 @@ def test_inverse_characteristic_by_brute_force(law: Law, lower: float | None) ->
             limit=200,
         )[0]
 
-    found = inverse(system, deviation)
+    found = inverse(gap, deviation)
     mean = mean_of(position)
     slope = mean_of(lambda push: position(push) * (push - 0.2)) / deviation**2
     contact = mean_of(lambda push: push - position(push) if position(push) > 0.6 else 0.0)
     # a kink of the square-root kind, where a Hertz stop begins, is hard for the brute force
     assert found.mean == pytest.approx(mean, abs=1e-7)
     assert math.exp(found.log_compliance) == pytest.approx(slope, rel=1e-7)
-    assert found.contacts["upper"][0] == pytest.approx(norm.sf(0.6, 0.2, deviation), rel=1e-12)
-    assert found.contacts["upper"][1] == pytest.approx(contact, rel=1e-6)
+    assert found.contacts[UPPER][0] == pytest.approx(norm.sf(0.6, 0.2, deviation), rel=1e-12)
+    assert found.contacts[UPPER][1] == pytest.approx(contact, rel=1e-6)
 
 
 def test_inverse_characteristics_of_the_book() -> None:
     """(B 7.77, 7.78) with springs so stiff that they stand for rigid stops: (B 8.83, 8.85)."""
     stiff = Elastic(stiffness=1e12)
-    between = inverse(make_scene(stiff, -0.8, 0.8, load=0.1).system(), 0.9)
+    between = inverse(Gap.of(model_of(make_scene(stiff, -0.8, 0.8, load=0.1))), 0.9)
     inside = norm.cdf(0.8, 0.1, 0.9) - norm.cdf(-0.8, 0.1, 0.9)
     assert math.exp(between.log_compliance) == pytest.approx(inside, rel=1e-9)
     # (B 7.76): no spring, x = upper where F > 0 and lower where F < 0
     free = make_scene(stiff, -0.8, 0.8, stiffness=0.0, load=0.1)
-    found = inverse(free.system(), 0.9)
+    found = inverse(Gap.of(model_of(free)), 0.9)
     assert math.exp(found.log_compliance) == pytest.approx(1.6 * norm.pdf(0.0, 0.1, 0.9), rel=1e-9)
     assert found.mean == pytest.approx(0.8 * math.erf(0.1 / (0.9 * math.sqrt(2.0))), rel=1e-9)
 

@@ -15,6 +15,7 @@ from stochvi.methods.linearisation import (
     linearise_all,
     linearised_oscillators,
 )
+from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.excitations import Excitation, FilteredNoise, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Law, Restitution
@@ -102,13 +103,13 @@ def test_every_solution_is_its_own_linearisation() -> None:
     assert len(responses) == len(found) == 3
     for one in found:
         moments = response_moments(
-            scene.system().tables, math.sqrt(one.total_stiffness), one.total_damping
+            model_of(scene).acceleration_tables, math.sqrt(one.total_stiffness), one.total_damping
         )
         assert moments.displacement == pytest.approx(one.displacement_std**2, rel=1e-8)
         assert moments.velocity == pytest.approx(one.velocity_std**2, rel=1e-8)
     for response in responses:
         assert any("this form has 3 solutions" in warning for warning in response.warnings)
-    free = response_moments(scene.system().tables, 1.0, 0.02)
+    free = response_moments(model_of(scene).acceleration_tables, 1.0, 0.02)
     assert found[0].displacement_std == pytest.approx(math.sqrt(free.displacement), rel=1e-2)
     assert linearise(scene).to_dict()["coordinates"] == responses[0].to_dict()["coordinates"]
 

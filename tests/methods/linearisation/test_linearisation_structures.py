@@ -21,7 +21,7 @@ from stochvi import (
     linearise,
 )
 from stochvi.methods.linearisation import linearise_all, linearised_structures
-from stochvi.model.assembly import assemble, modes_of
+from stochvi.model.model import model_of
 from stochvi.model.scales import scales_of
 from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, Excitation, FilteredNoise, Sine
@@ -214,11 +214,10 @@ def test_one_elastic_pair_in_matching_noise_is_exact(law: Law, between: bool, lo
 def test_the_start_is_the_answer_where_it_is_exact() -> None:
     """And rigid stops in the place of soft ones, which the steps of paths go by, are not."""
     scene = matched(Elastic(stiffness=30.0), True, 0.0)
-    assembly = assemble(scene)
+    model = model_of(scene)
     truth = exact(scene).estimates()["stops", "relative_displacement_std"].value
     soft, hard = (
-        scales_of(assembly, modes_of(assembly), giving_way=giving_way)
-        for giving_way in (True, False)
+        scales_of(model, model.modal, giving_way=giving_way) for giving_way in (True, False)
     )
     assert soft is not None and hard is not None
     assert soft[1][0].deviation == pytest.approx(truth, rel=1e-9)

@@ -9,6 +9,7 @@ import pytest
 
 from stochvi.mathematics.spectra import response_moments
 from stochvi.methods.linearisation import linearise
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.scenes.excitations import Excitation, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
@@ -61,22 +62,24 @@ def test_closure_of_an_isolator_is_its_own_linearisation(
         ],
         excitations=[table, *extra],
     )
-    system, response = scene.system(), linearise(scene)
+    model, response = model_of(scene), linearise(scene)
     mean, speed = value(response, "displacement_mean"), value(response, "velocity_std")
     variance = value(response, "displacement_std") ** 2
     stiffness = damping = force = 0.0
     for side, sign, restitution in (("lower", -1.0, 0.9), ("upper", 1.0, 0.6)):
         rate = value(response, f"collision_rate_{side}")
         push = (1.0 + restitution) * rate * math.sqrt(math.pi / 2.0) * speed
-        stiffness += push * abs(getattr(system, side) - mean) / variance
+        stiffness += push * abs(getattr(model, side).position - mean) / variance
         force += sign * push
         damping += (1.0 - restitution**2) * rate
-    total = system.omega**2 + stiffness
-    coloured = response_moments(system.tables, math.sqrt(total), system.damping_rate + damping)
-    white = system.intensity / (2.0 * (system.damping_rate + damping))
+    total = model.omega**2 + stiffness
+    coloured = response_moments(
+        model.acceleration_tables, math.sqrt(total), model.damping_rate + damping
+    )
+    white = model.intensity / (2.0 * (model.damping_rate + damping))
     assert variance == pytest.approx(coloured.displacement + white / total, rel=1e-8)
     assert speed**2 == pytest.approx(coloured.velocity + white, rel=1e-8)
-    assert system.omega**2 * mean == pytest.approx(-force, rel=1e-8)
+    assert model.omega**2 * mean == pytest.approx(-force, rel=1e-8)
     assert all(entry.bias is None for entry in response.estimates().values())
 
 
