@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stochvi.methods.closed_form import displacement_density, exact, unmet_conditions
+from stochvi.methods.closed_form import displacement_density, exact, unmet
 from stochvi.methods.monte_carlo import record_path
 from stochvi.model.model import model_of
 from stochvi.scenes.scene import Scene
@@ -120,13 +120,13 @@ def overview(scene: Scene, settings: OverviewSettings = DEFAULTS) -> Overview:
     rms = float(np.sqrt(np.mean(v**2)))
     without_stops = scene.model_copy(update={"impact_pairs": ()})
     density, velocity_std = None, None
-    if not unmet_conditions(scene):
+    if not unmet(model_of(scene)):
         grid = np.linspace(x.min(), x.max(), settings.curve_points)
         values = displacement_density(scene, grid)
         density = pd.DataFrame({"displacement": grid, "density": values})
         velocity_std = exact(scene).estimates()["x", "velocity_std"].value
     linear = None
-    if not unmet_conditions(without_stops):
+    if not unmet(model_of(without_stops)):
         linear = exact(without_stops).estimates()["x", "displacement_std"].value
     reach = settings.velocity_reach * rms
     return Overview(

@@ -120,7 +120,7 @@ def brute(case: Scene, nodes: int, reach: float = 9.0) -> dict[tuple[str, str], 
     as many of the others as make it square. Panels end at every stop.
     """
     model = model_of(case)
-    rows = [contact.direction for contact in model.contacts]
+    rows = [pair.direction for pair in model.pairs]
     for row in np.eye(len(model.mass)):
         if np.linalg.matrix_rank(np.array([*rows, row])) > len(rows):
             rows.append(row)
@@ -129,11 +129,10 @@ def brute(case: Scene, nodes: int, reach: float = 9.0) -> dict[tuple[str, str], 
     axes, weights = [], []
     for number in range(len(rows)):
         edges = {-reach, reach}
-        if number < len(model.contacts):
-            contact = model.contacts[number]
-            for side, stop, law in contact.stops:
-                edges.add(stop)
-                edges -= {(-1.0 if side == "lower" else 1.0) * reach} if law.rigid else set()
+        if number < len(model.pairs):
+            for stop in model.pairs[number].stops:
+                edges.add(stop.position)
+                edges -= {stop.side * reach} if stop.rigid else set()
         ends = np.array(sorted(edges))
         half = np.diff(ends)[:, None] / 2.0
         axes.append(((ends[:-1, None] + ends[1:, None]) / 2.0 + half * root).ravel())
@@ -143,12 +142,11 @@ def brute(case: Scene, nodes: int, reach: float = 9.0) -> dict[tuple[str, str], 
         u = np.array(np.meshgrid(*places, indexing="ij"))
         q = np.einsum("ij,j...->i...", to_q, u)
         energy = 0.5 * np.einsum("i...,ij,j...->...", q, model.stiffness, q)
-        energy = energy - np.einsum("i,i...->...", model.load, q)
-        for number, contact in enumerate(model.contacts):
-            for side, stop, law in contact.stops:
-                if not law.rigid:
-                    sign = 1.0 if side == "upper" else -1.0
-                    energy = energy + law.potential_at(sign * (u[number] - stop))
+        energy = energy - np.einsum("i,i...->...", model.constant_force, q)
+        for number, pair in enumerate(model.pairs):
+            for stop in pair.stops:
+                if not stop.rigid:
+                    energy = energy + stop.law.potential_at(stop.deflection(u[number]))
         return q, np.exp(-energy / model.temperature)
 
     def total(of_weights, values):
@@ -162,13 +160,13 @@ def brute(case: Scene, nodes: int, reach: float = 9.0) -> dict[tuple[str, str], 
     for row, name in enumerate(model.coordinates):
         values[name, "displacement_mean"] = total(weights, p * q[row]) / mass
         values[name, "displacement_mean_square"] = total(weights, p * q[row] ** 2) / mass
-    for number, contact in enumerate(model.contacts):
-        speed = math.sqrt(model.temperature / contact.mass / (2.0 * math.pi))
-        for side, stop, _ in contact.stops:
-            plane = [*axes[:number], np.array([stop]), *axes[number + 1 :]]
+    for number, pair in enumerate(model.pairs):
+        speed = math.sqrt(model.temperature / pair.mass / (2.0 * math.pi))
+        for stop in pair.stops:
+            plane = [*axes[:number], np.array([stop.position]), *axes[number + 1 :]]
             thin = [*weights[:number], np.ones(1), *weights[number + 1 :]]
             hits = total(thin, density(plane)[1]) / mass * speed
-            values[contact.name, f"collision_rate_{side}"] = hits
+            values[pair.name, f"collision_rate_{stop.name}"] = hits
     return values
 
 
