@@ -1,7 +1,18 @@
 """The command line. Nothing heavy is imported before a command needs it."""
 
-# importing a room registers its commands, in the order of the help page
-from stochvi.cli import methods, judging, jobs, failing, starting  # isort: skip
-from stochvi.cli.shared import main
+# each module registers its commands, in the order of the help page
+from stochvi.cli import methods, statistics, verification  # isort: skip
+from stochvi.cli import isolators, absorbers, sweeps, demo, scenes  # isort: skip
+from stochvi.cli.program import main
 
-__all__ = ["failing", "jobs", "judging", "main", "methods", "starting"]
+__all__ = [
+    "absorbers",
+    "demo",
+    "isolators",
+    "main",
+    "methods",
+    "scenes",
+    "statistics",
+    "sweeps",
+    "verification",
+]

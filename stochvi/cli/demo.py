@@ -1,54 +1,75 @@
-"""The main job, start to end: a textbook oscillator and a real isolator, by all methods."""
+"""The command `demo`: a textbook oscillator and a real isolator, by all methods."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pandas as pd
-from rich.console import Console
+import click
 
-from stochvi.isolators.screening import clearance_curve, predicted_curve, screen
-from stochvi.methods.linearisation import linearise
-from stochvi.scenes.datasets import shipped_scene
-from stochvi.scenes.scene import Scene, load_scene
-from stochvi.statistics.overview import overview
-from stochvi.verification.check import Check, check
-from stochvi.views.files import write_clearance, write_picture, write_table
-from stochvi.views.overview import draw_overview
-from stochvi.views.tables import (
-    methods_table,
-    print_check,
-    print_clearance,
-    print_frame,
-    print_screening,
-)
+from stochvi.cli.options import Common, common
+from stochvi.cli.output import Report, console_for, progress_bar
+from stochvi.cli.program import FAILED, main, stop
 
-Report = Callable[[float, str], None]
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from stochvi.scenes.scene import Scene
+    from stochvi.verification.check import Check
 
 TEXTBOOK = {"oscillator-elastic": "R = 1", "oscillator-lossy": "R = 0.8"}
+"""Shipped scenes of the textbook case, with what tells them apart."""
+
 CLEARANCES_IN_SIGMA = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+"""Clearances of the isolator, in rms displacements without stops."""
 
 
-def run_demo(
-    out: Path, console: Console, report: Report, *, seed: int = 0, threads: int | None = None
-) -> bool:
+@main.command()
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
+    metavar="DIR", help="Where tables and pictures go.",
+)  # fmt: skip
+@common("seed", "threads", "quiet")
+def demo(options: Common, out: Path) -> None:
+    """A textbook oscillator and a truck isolator, by every method, with pictures."""
+    console = console_for(None)
+    console.quiet = options.quiet
+    with progress_bar(options.quiet, "demo", console) as report:
+        agreed = run_demo(options, out, console, report)
+    console.print(f"\ntables and pictures are in {out}/", highlight=False)
+    if not agreed:
+        stop("the methods disagree, see above", FAILED)
+
+
+def run_demo(options: Common, out: Path, console: Console, report: Report) -> bool:
     """Run the demo, print its tables, write them with pictures to `out`; True if all agree."""
+    from stochvi.scenes.datasets import shipped_scene
+    from stochvi.scenes.scene import load_scene
+    from stochvi.verification.check import check
+
     agreed = True
     for number, (name, label) in enumerate(TEXTBOOK.items()):
         report(0.15 * number, f"oscillator between stops, {label}")
         scene = load_scene(shipped_scene(name))
-        verdict = check(scene, rel_error=0.002, seed=seed, threads=threads)
+        verdict = check(scene, rel_error=0.002, seed=options.seed, threads=options.threads)
         agreed &= verdict.passed
         _show_textbook(scene, verdict, label, out / name, console)
     report(0.3, "isolator: linear screening")
     isolator = load_scene(shipped_scene("isolator-truck"))
-    _show_isolator(isolator, out / "isolator-truck", console, report, seed, threads)
+    _show_isolator(isolator, out / "isolator-truck", options, console, report)
     report(1.0, "done")
     return agreed
 
 
 def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console: Console) -> None:
+    import pandas as pd
+
+    from stochvi.methods.linearisation import linearise
+    from stochvi.statistics.overview import overview
+    from stochvi.views.files import write_picture, write_table
+    from stochvi.views.overview import draw_overview
+    from stochvi.views.tables import methods_table, print_check, print_frame
+
     console.print(f"\n[bold]Oscillator between stops at 1 sigma, {label}[/bold]")
     forms = [linearise(scene, form=form, variant="book") for form in ("motion", "force")]
     table = methods_table([*verdict.responses, *forms])
@@ -70,8 +91,14 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
 
 
 def _show_isolator(
-    scene: Scene, out: Path, console: Console, report: Report, seed: int, threads: int | None
+    scene: Scene, out: Path, options: Common, console: Console, report: Report
 ) -> None:
+    from stochvi.isolators.screening import clearance_curve, predicted_curve, screen
+    from stochvi.statistics.overview import overview
+    from stochvi.views.files import write_clearance, write_picture, write_table
+    from stochvi.views.overview import draw_overview
+    from stochvi.views.tables import print_clearance, print_screening
+
     console.print(f"\n[bold]{scene.title}[/bold]")
     linear = screen(scene)
     print_screening(console, linear)
@@ -79,8 +106,8 @@ def _show_isolator(
     curve = clearance_curve(
         scene,
         [multiple * linear.displacement_std for multiple in CLEARANCES_IN_SIGMA],
-        seed=seed,
-        threads=threads,
+        seed=options.seed,
+        threads=options.threads,
         progress=lambda done, text: report(0.35 + 0.55 * done, f"hit rate: {text}"),
     )
     print_clearance(console, curve)

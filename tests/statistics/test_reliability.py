@@ -18,12 +18,12 @@ from stochvi import (
     exact,
     reliability,
 )
-from stochvi.cli.failing import _spoken
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.bursts import bursts
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
+from stochvi.views.statistics import chance_in_words
 from support.commands import Run, one_document
 from support.known import DOCUMENT, P_AT_3, RARE, TEN_PERIODS, oscillator, to_toml
 
@@ -224,8 +224,8 @@ def test_what_does_not_apply_is_said() -> None:
 
 
 def test_chances_near_one_are_told_by_their_lower_end() -> None:
-    assert _spoken(1.0, 9.8e-7, 0.99812) == "over 0.998"
-    assert _spoken(0.9, 0.01, 0.88) == "0.900(10)"
+    assert chance_in_words(1.0, 9.8e-7, 0.99812) == "over 0.998"
+    assert chance_in_words(0.9, 0.01, 0.88) == "0.900(10)"
 
 
 def test_the_command(stochvi: Run, tmp_path: Any) -> None:

@@ -25,7 +25,7 @@ from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stochvi.cli import main, shared
+from stochvi.cli import main, output
 from stochvi.methods.monte_carlo import blocks, runs, simulate
 from stochvi.methods.monte_carlo.blocks import (
     SENDING_SECONDS,
@@ -522,7 +522,7 @@ def hears_control_c() -> None:
 
 def test_progress_is_told_in_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is no terminal."""
-    monkeypatch.setattr(shared, "LINE_SECONDS", 0.0)
+    monkeypatch.setattr(output, "LINE_SECONDS", 0.0)
     monkeypatch.setattr(runs, "REPORT_SECONDS", 0.0)
     told = invoked(tmp_path, "--paths", 4096, "--duration", 20).stderr
     assert any(

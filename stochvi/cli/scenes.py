@@ -1,24 +1,13 @@
-"""Commands to start from: a demonstration, shipped profiles, a scene file."""
+"""Commands to start from: a scene file, and the environments that ship."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from stochvi.cli.shared import (
-    BAD_INPUT,
-    FAILED,
-    console_for,
-    main,
-    options,
-    progress_bar,
-    stop,
-)
-
-if TYPE_CHECKING:
-    pass
+from stochvi.cli.output import console_for
+from stochvi.cli.program import BAD_INPUT, main, stop
 
 KINDS = {
     "bumper": "isolator-bumper",
@@ -26,7 +15,7 @@ KINDS = {
     "record": "isolator-record",
     "absorber": "absorber-on-a-tower",
 }
-"""Shipped scenes to start from."""
+"""Shipped scenes that `new` copies, by the kind that --kind names."""
 
 TEMPLATE = """\
 title = "isolated box on a truck"
@@ -68,25 +57,6 @@ level_db = 0.0
 # record: file = "run.csv" (time, acceleration) and unit = "g"
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
 """
-
-
-@main.command()
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("out"), show_default=True,
-    metavar="DIR", help="Where tables and pictures go.",
-)  # fmt: skip
-@options("seed", "threads", "quiet")
-def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
-    """A textbook oscillator and a truck isolator, by every method, with pictures."""
-    from stochvi.cli.demo import run_demo
-
-    console = console_for(None)
-    console.quiet = quiet
-    with progress_bar(quiet, "demo", console) as report:
-        agreed = run_demo(out, console, report, seed=seed, threads=threads)
-    console.print(f"\ntables and pictures are in {out}/", highlight=False)
-    if not agreed:
-        stop("the methods disagree, see above", FAILED)
 
 
 @main.command()

@@ -1,0 +1,85 @@
+"""The command of impact absorbers: what a loose mass in a box does, or which box is best."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from stochvi.cli.options import Common, common, numbers
+from stochvi.cli.program import main
+
+if TYPE_CHECKING:
+    from stochvi.absorbers import AbsorberReport, Design
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--levels", default="-6,-3,0,3,6", show_default=True, metavar="LIST",
+    help="Levels of the excitation, dB about the scene's own.",
+)  # fmt: skip
+@click.option("--mass-budget", type=float, metavar="KG", help="Instead: design the best box.")
+@click.option(
+    "--restitutions", default="0.3,0.5,0.7", show_default=True, metavar="LIST",
+    help="What a design may choose from.",
+)  # fmt: skip
+@click.option(
+    "--units", default="1", show_default=True, metavar="LIST",
+    help="Numbers of equal masses that a design may choose from.",
+)  # fmt: skip
+@click.option("--rel-error", type=float, default=0.01, show_default=True, help="Of Monte Carlo.")
+@common("budget", "seed", "threads", "json", "out", "quiet")
+def absorber(
+    options: Common, scene: str, levels: str, mass_budget: float | None, restitutions: str,
+    units: str, rel_error: float,
+) -> None:  # fmt: skip
+    """Does a loose mass in a box help: with, without, over levels; or the best box.
+
+    The scene needs an [absorber] with mass (kg), play (m, total, wall to wall) and law, beside an
+    oscillator or isolator of known mass: stochvi new tower.toml --kind absorber writes one. With
+    --mass-budget the box of the scene, if there is one, is left out and the best one found.
+    """
+    from stochvi.absorbers.design import design_absorber
+    from stochvi.absorbers.performance import absorber as perform
+    from stochvi.scenes.scene import load_scene
+
+    loaded = load_scene(scene)
+    asked = {"rel_error": rel_error} | options.sampling
+    with options.progress("absorber") as report:
+        if mass_budget is None:
+            found: Any = perform(
+                loaded, levels_db=numbers("--levels", levels), progress=report, **asked
+            )
+        else:
+            found = design_absorber(
+                loaded, mass_budget=mass_budget, progress=report,
+                restitutions=numbers("--restitutions", restitutions),
+                units=[round(n) for n in numbers("--units", units)], **asked,
+            )  # fmt: skip
+    if mass_budget is None:
+        _show_performance(options, found)
+    else:
+        _show_design(options, found)
+
+
+def _show_performance(options: Common, found: AbsorberReport) -> None:
+    from stochvi.views.absorbers import draw_levels, print_absorber
+    from stochvi.views.report.absorber import write_absorber_report
+
+    options.show(found, print_absorber, "absorber")
+    options.draw("absorber", lambda: draw_levels(found))
+    if options.out is not None:
+        write_absorber_report(found, options.out)
+
+
+def _show_design(options: Common, found: Design) -> None:
+    from stochvi.views.absorbers import draw_design, print_design
+    from stochvi.views.files import write_table
+    from stochvi.views.report.absorber import write_absorber_report
+
+    options.show(found, print_design)
+    options.draw("absorber-design", lambda: draw_design(found))
+    if options.out is not None:
+        write_table(found.curve, options.out / "absorber-design.csv")
+        write_absorber_report(found, options.out)

@@ -1,0 +1,152 @@
+"""Commands of isolators between stops: screening, clearance, sizing, jolts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from stochvi.cli.options import Common, acceleration, common, numbers
+from stochvi.cli.program import main
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from stochvi.isolators import Jolts
+
+
+@main.command()
+@click.argument("scene")
+@common("json", "out", "quiet")
+def screen(options: Common, scene: str) -> None:
+    """Linear screening of an isolator: rms, Miles, 3 sigma, Rice."""
+    from stochvi.isolators.screening import screen as solve
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.tables import print_screening
+
+    found = solve(load_scene(scene))
+    options.show(found, print_screening, "screening", {"method": "screen", **found.to_dict()})
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--gaps", default="1,1.5,2,2.5,3,3.5,4", show_default=True, metavar="LIST",
+    help="Clearances per side, in rms displacements without stops.",
+)  # fmt: skip
+@click.option("--rel-error", type=float, default=0.02, show_default=True, help="Of Monte Carlo.")
+@common("budget", "seed", "threads", "out", "quiet")
+def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
+    """Hit rate of an isolator against clearance: Rice, closure, Monte Carlo."""
+    from stochvi.isolators.screening import clearance_curve, predicted_curve
+    from stochvi.isolators.screening import screen as solve
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.files import write_clearance
+    from stochvi.views.tables import print_clearance
+
+    multiples = numbers("--gaps", gaps)
+    loaded = load_scene(scene)
+    sigma = solve(loaded).displacement_std
+    with options.progress("clearance") as report:
+        curve = clearance_curve(
+            loaded, [multiple * sigma for multiple in multiples], rel_error=rel_error,
+            progress=report, **options.sampling,
+        )  # fmt: skip
+    options.show(curve, print_clearance)
+    if options.out is not None:
+        write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--probability", type=float, metavar="P", help="Chance of any hit in the mission.")
+@click.option("--rate", type=float, metavar="F", help="Or: hits per second on all stops.")
+@click.option(
+    "--impact-speed", type=float, metavar="V", help="Or: largest impact speed of the mission, m/s."
+)
+@click.option(
+    "--peak-acceleration",
+    metavar="A[g]",
+    help="Or: largest absolute acceleration of the mission by a hit, m/s^2 or g (80g).",
+)
+@click.option(
+    "--exceedance",
+    type=float,
+    default=0.01,
+    show_default=True,
+    metavar="P",
+    help="Accepted chance that a speed or acceleration is exceeded.",
+)
+@click.option(
+    "--mission",
+    type=float,
+    default=3600.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time of exposure.",
+)
+@click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
+@click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")
+@common("budget", "seed", "threads", "json", "out", "quiet")
+def size(
+    options: Common, scene: str, peak_acceleration: str | None, sensitivity: bool, **asked: Any
+) -> None:
+    """The clearance that is really needed, with a stated risk."""
+    from stochvi.isolators.sizing.method import size as solve
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.tables import print_sizing
+
+    loaded = load_scene(scene)
+    with options.progress("sizing") as report:
+        found = solve(
+            loaded, peak_acceleration=acceleration(peak_acceleration), progress=report,
+            **options.sampling, **asked,
+        )  # fmt: skip
+    document, table = found.to_dict(), None
+    if sensitivity:
+        from stochvi.isolators.sizing.sensitivity import sensitivity as vary
+
+        table = vary(found, seed=options.seed, threads=options.threads)
+        document |= {"sensitivity": table.to_dict("records")}
+    options.show(found, lambda console, each: print_sizing(console, each, table), None, document)
+    if options.out is not None:
+        from stochvi.isolators.sizing.review import review
+        from stochvi.views.report import write_report
+
+        write_report(review(found, table), options.out)
+
+
+JOLT_COLUMNS = {
+    "jolt": "jolt (m/s)",
+    "captured_low": "95 % from",
+    "captured_high": "to",
+    "on_both_stops": "on both stops",
+    "left_later": "left later",
+}
+"""Headings of the columns of jolts as the terminal shows them."""
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--speeds", required=True, metavar="LIST",
+    help="Jolts: changes of the relative velocity, m/s, with commas.",
+)  # fmt: skip
+@click.option("--paths", type=int, default=64, show_default=True, help="For each jolt.")
+@click.option("--duration", type=float, help="Seconds after a jolt [1000 periods].")
+@common("seed", "json", "out", "quiet")
+def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
+    """Sine on a mount: can a jolt throw it into clatter, how long does it stay."""
+    from stochvi.isolators.jolt_response import jolts
+    from stochvi.scenes.scene import load_scene
+
+    found = jolts(load_scene(scene), numbers("--speeds", speeds), seed=options.seed, **asked)
+    options.show(found, _print_jolts, "jolts")
+
+
+def _print_jolts(console: Console, found: Jolts) -> None:
+    from stochvi.views.tables import print_frame
+
+    console.print(found.summary(), style="bold", highlight=False)
+    title = f"shares of {found.paths} paths, watched for {found.duration:.3g} s"
+    print_frame(console, found.to_frame().rename(columns=JOLT_COLUMNS), title)

@@ -1,0 +1,191 @@
+"""Options that several commands have in common, and what a command does with them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from stochvi.cli.output import Report, console_for, progress_bar
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from rich.console import Console
+
+BUDGET = 60.0
+"""Seconds of wall time that a command may take to reach an accuracy, unless --budget is given."""
+
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Common:
+    """Values of the common options; an option that a command does not have keeps its default."""
+
+    json_file: str | None = None
+    out: Path | None = None
+    seed: int = 0
+    threads: int | None = None
+    budget: float | None = None
+    quiet: bool = False
+
+    @property
+    def console(self) -> Console:
+        """Where tables go: standard output, or standard error if JSON has that to itself."""
+        return console_for(self.json_file)
+
+    @property
+    def sampling(self) -> dict[str, Any]:
+        """What every calculation that samples takes: seed, threads and budget."""
+        return {"seed": self.seed, "threads": self.threads, "budget": self.budget}
+
+    def progress(self, title: str) -> AbstractContextManager[Report]:
+        """Progress of a calculation on standard error, unless --quiet is given."""
+        return progress_bar(self.quiet, title)
+
+    def budget_unless(self, paths: int | None) -> float | None:
+        """The budget; where none is given `BUDGET`, unless a number of paths bounds the work."""
+        return BUDGET if self.budget is None and paths is None else self.budget
+
+    def show(
+        self, found: Any, tell: Callable[[Console, Any], None], table: str | None = None,
+        document: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Show an answer as the options ask: print it, write its JSON document, write its table.
+
+        Parameters
+        ----------
+        tell
+            Prints the answer on a console.
+        table
+            Name of the file of the table, without its ending; None for an answer that has none.
+        document
+            The JSON document, by default that of the answer.
+        """
+        from stochvi.views.files import write_json, write_table
+
+        if not self.quiet:
+            tell(self.console, found)
+        if self.json_file is not None:
+            write_json(document or found.to_dict(), self.json_file)
+        if self.out is not None and table is not None:
+            write_table(found.to_frame(), self.out / f"{table}.csv")
+
+    def draw(self, name: str, picture: Callable[[], Axes]) -> None:
+        """Write a picture, if there is a folder for it."""
+        from stochvi.views.files import write_picture
+
+        if self.out is not None:
+            write_picture(picture(), self.out / f"{name}.png")
+
+
+class Folder(click.Path):
+    """Name of a folder; an empty name is refused, because it would mean the current folder."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if value == "":
+            raise ValueError("--out must name a folder, got ''")
+        return super().convert(value, param, ctx)
+
+
+OPTIONS = {
+    "json": click.option(
+        "--json", "json_file", metavar="FILE|-", help="Write the answer as JSON (- : stdout)."
+    ),
+    "out": click.option(
+        "--out", type=Folder(path_type=Path), metavar="DIR", help="Write tables and pictures here."
+    ),
+    "seed": click.option("--seed", type=int, default=0, help="Same seed, same digits."),
+    "threads": click.option("--threads", type=int, help="Default: all cores."),
+    "budget": click.option(
+        "--budget", type=float, default=BUDGET, show_default=True, metavar="SECONDS",
+        help="Give up (exit 1) if the accuracy takes longer.",
+    ),
+    "open budget": click.option(
+        "--budget", type=float, metavar="SECONDS",
+        help=f"Give up (exit 1) after this [{BUDGET:g}; none with --paths].",
+    ),
+    "quiet": click.option("--quiet", is_flag=True, help="No tables, no progress."),
+}  # fmt: skip
+"""The common options by name; "open budget" is --budget without a default, for a command that can
+end by a number of paths as well."""
+
+FIELDS = {"json": "json_file", "open budget": "budget"}
+"""Fields of `Common` that are not called as the option that fills them."""
+
+
+def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command these options, whose values it gets as `Common`, its first argument."""
+    fields = [FIELDS.get(name, name) for name in names]
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def run(**given: Any) -> None:
+            values = {field: given.pop(field) for field in fields}
+            command(Common(**values), **given)
+
+        for name in reversed(names):
+            run = OPTIONS[name](run)
+        return run
+
+    return decorate
+
+
+def shown(solve: Callable[[], Found], show: Callable[[Found], None]) -> None:
+    """Show an answer; where its accuracy was not reached, show what was reached, then fail."""
+    from stochvi.results.errors import NotConverged
+
+    try:
+        found = solve()
+    except NotConverged as reason:
+        if reason.response is not None:
+            show(reason.response)
+        raise
+    show(found)
+
+
+def numbers(option: str, text: str) -> list[float]:
+    """A list of numbers with commas between them."""
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise ValueError(f"{option} must be numbers with commas, got {text!r}") from None
+
+
+def acceleration(text: str | None) -> float | None:
+    """An acceleration in m/s^2, from "150" (m/s^2) or "15.3g"."""
+    from stochvi.mathematics.units import STANDARD_GRAVITY
+
+    if text is None:
+        return None
+    number, factor = text.strip(), 1.0
+    if number.endswith("g"):
+        number, factor = number[:-1], STANDARD_GRAVITY
+    try:
+        return float(number) * factor
+    except ValueError:
+        raise ValueError(
+            f"--peak-acceleration must be a number of m/s^2 or of g (80g), got {text!r}"
+        ) from None
+
+
+def barriers(text: str | None) -> tuple[float | None, float | None]:
+    """Lower and upper barrier from "3", the same on both sides, or from "LO,HI"."""
+    if text is None:
+        return None, None
+    words = [word.strip() for word in text.split(",")]
+    if len(words) == 1 and words[0]:
+        (either,) = numbers("--barrier", words[0])
+        if not either > 0.0:
+            raise ValueError(f"--barrier must be positive, or LO,HI, got {text!r}")
+        return -either, either
+    if len(words) != 2 or not any(words):
+        raise ValueError(f"--barrier must be B, or LO,HI with at least one of them, got {text!r}")
+    lower, upper = (numbers("--barrier", word)[0] if word else None for word in words)
+    return lower, upper

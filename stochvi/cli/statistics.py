@@ -1,0 +1,153 @@
+"""Commands of the statistics: spectra, impacts one by one, and the reliability of missions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from stochvi.cli.options import Common, acceleration, barriers, common, shown
+from stochvi.cli.program import main
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from rich.console import Console
+
+    from stochvi.statistics.impacts import ImpactStatistics
+    from stochvi.statistics.spectra import ResponseSpectrum
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--rel-error", type=float, help="At a frequency [0.05].")
+@click.option("--paths", type=int, help="Instead: this many paths.")
+@click.option(
+    "--method", type=click.Choice(["welch", "multitaper"]), default="welch", show_default=True,
+    help="Overlapping segments, or several tapers over whole paths.",
+)  # fmt: skip
+@click.option("--highest", type=float, metavar="HZ", help="Highest frequency [4 times the mode's].")
+@click.option("--segment", type=float, metavar="SECONDS", help="Length [21 / bandwidth].")
+@common("open budget", "seed", "threads", "json", "out", "quiet")
+def spectrum(options: Common, scene: str, **asked: Any) -> None:
+    """Spectra of the response, transmissibility, coherence, with bands."""
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.spectra import spectrum as solve
+    from stochvi.views.statistics import print_spectrum
+
+    loaded = load_scene(scene)
+
+    def found() -> ResponseSpectrum:
+        with options.progress("simulating") as report:
+            return solve(
+                loaded, budget=options.budget_unless(asked["paths"]), seed=options.seed,
+                threads=options.threads, progress=report, **asked,
+            )  # fmt: skip
+
+    def show(answer: ResponseSpectrum) -> None:
+        def picture() -> Axes:
+            from stochvi.views.spectra import draw_spectrum
+
+            return draw_spectrum(answer, loaded.title)
+
+        options.show(answer, print_spectrum, "spectrum")
+        options.draw("spectrum", picture)
+
+    shown(found, show)
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--rel-error", type=float, help="Of the rate [0.02].")
+@click.option("--paths", type=int, help="Instead: this many paths ...")
+@click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
+@click.option("--speed-threshold", type=float, help="Slowest impact that counts, m/s.")
+@click.option("--slow-impacts", is_flag=True, help="Resolve impacts down to the threshold.")
+@click.option("--first-hits", is_flag=True, help="Simulate the rate of first hits, too.")
+@common("open budget", "seed", "threads", "json", "out", "quiet")
+def impacts(options: Common, scene: str, **asked: Any) -> None:
+    """Impacts one by one: rates, intervals, speeds, energy, clusters."""
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.impacts import impacts as solve
+    from stochvi.views.files import write_table
+    from stochvi.views.statistics import print_impacts
+
+    loaded = load_scene(scene)
+
+    def found() -> ImpactStatistics:
+        with options.progress("simulating") as report:
+            return solve(
+                loaded, budget=options.budget_unless(asked["paths"]), seed=options.seed,
+                threads=options.threads, progress=report, **asked,
+            )  # fmt: skip
+
+    def show(answer: ImpactStatistics) -> None:
+        def picture() -> Axes:
+            from stochvi.views.impacts import draw_impacts
+
+            return draw_impacts(answer, loaded.title)
+
+        options.show(answer, print_impacts, "impacts")
+        if options.out is not None:
+            write_table(answer.histograms(), options.out / "histograms.csv")
+        if any(pair.speeds is not None for pair in answer.pairs.values()):
+            options.draw("impacts", picture)
+
+    shown(found, show)
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--mission", type=float, required=True, metavar="SECONDS", help="Its duration.")
+@click.option(
+    "--barrier", metavar="B|LO,HI",
+    help="Without stops: metres from the unloaded spring; leave one empty for none.",
+)  # fmt: skip
+@click.option("--impact-speed", type=float, metavar="M/S", help="A hit must not be faster.")
+@click.option(
+    "--peak-acceleration", metavar="A|Ag",
+    help="No contact must bring more: m/s^2, or g (80g); stops that give way.",
+)  # fmt: skip
+@click.option(
+    "--start", type=click.Choice(["rest", "stationary"]), default="stationary", show_default=True,
+    help="At rest, or in the stationary motion.",
+)  # fmt: skip
+@click.option(
+    "--way", type=click.Choice(["crude", "splitting", "first-crossings"]),
+    help="Default: what a pilot finds cheapest.",
+)  # fmt: skip
+@click.option(
+    "--rel-error", type=float, default=0.05, show_default=True, help="Relative standard error."
+)
+@common("budget", "seed", "threads", "json", "out", "quiet")
+def reliability(
+    options: Common, scene: str, barrier: str | None, peak_acceleration: str | None,
+    way: str | None, **asked: Any,
+) -> None:  # fmt: skip
+    """P(any hit), P(too hard a hit) and expected hits in a mission, down to 1e-9.
+
+    Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
+    """
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.reliability import Reliability
+    from stochvi.statistics.reliability import reliability as solve
+    from stochvi.views.statistics import print_reliability
+
+    loaded = load_scene(scene)
+    limit_in_g = peak_acceleration if (peak_acceleration or "").endswith("g") else None
+
+    def found() -> Reliability:
+        with options.progress("reliability") as report:
+            return solve(
+                loaded,
+                barrier=None if barrier is None else barriers(barrier),
+                peak_acceleration=acceleration(peak_acceleration),
+                way=way and way.replace("-", " "),  # type: ignore[arg-type]
+                progress=report,
+                **options.sampling,
+                **asked,
+            )
+
+    def tell(console: Console, answer: Reliability) -> None:
+        print_reliability(console, answer, limit_in_g)
+
+    shown(found, lambda answer: options.show(answer, tell, "reliability"))

@@ -1,0 +1,84 @@
+"""The command that answers for a scene over ranges of its keys."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from stochvi.cli.options import Common, common
+from stochvi.cli.output import executor_at, notes_of_warnings
+from stochvi.cli.program import FAILED, main, stop
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--vary", required=True, multiple=True, metavar="KEY=FIRST:LAST:NUMBER",
+    help="As impact_pair.0.law.coefficient=0.3:1:8; also ...:log, or KEY=VALUE,VALUE. Several: "
+    "all combinations.",
+)  # fmt: skip
+@click.option(
+    "--method", default="simulate", show_default=True,
+    type=click.Choice(["simulate", "exact", "closure", "fokker-planck", "average"]),
+    help="What answers for each scene.",
+)  # fmt: skip
+@click.option("--rel-error", type=float, help="Of simulations [0.01].")
+@click.option("--paths", type=int, help="Instead: this many paths ...")
+@click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
+@click.option(
+    "--random-numbers", type=click.Choice(["common", "independent"]), default="common",
+    show_default=True, help="The same in each row, so that differences are the scenes', or not.",
+)  # fmt: skip
+@click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster.")
+@click.option("--budget", type=float, metavar="SECONDS", help="Of a row [60; none with --paths].")
+@common("seed", "threads", "out", "quiet")
+def sweep(
+    options: Common, scene: str, vary: tuple[str, ...], method: str, random_numbers: str,
+    dask: str | None, **asked: Any,
+) -> None:  # fmt: skip
+    """A scene over ranges of its keys: a table, a picture per quantity.
+
+    Rows are kept in --out as they come; the same command goes on where it was stopped. Beside
+    sweep.csv it writes sweep.parquet where pyarrow is installed (pip install pyarrow).
+    """
+    from stochvi.scenes.scene import load_scene
+    from stochvi.sweeps import once, values_of
+    from stochvi.sweeps import sweep as solve
+    from stochvi.views.sweep import terminal_table, write_sweep
+    from stochvi.views.tables import LAST_DIGITS, print_frame
+
+    ranges = dict(once([values_of(text) for text in vary]))
+    given = {"threads": options.threads, "dask": dask} | asked
+    given = {name: value for name, value in given.items() if value is not None}
+    loaded = load_scene(scene)
+    if method != "simulate" and given:
+        raise ValueError(f"--{min(given).replace('_', '-')} is for --method simulate alone")
+    given.pop("dask", None)
+    if "paths" in given:
+        given.setdefault("budget", None)
+    try:
+        with (
+            executor_at(dask) as executor,
+            notes_of_warnings(),
+            options.progress("sweep") as report,
+        ):
+            table = solve(
+                loaded, ranges, method=method, out=options.out, executor=executor, progress=report,
+                common=random_numbers == "common", seed=options.seed, **given,
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        kept = (
+            f"rows are kept in {options.out}: the same command goes on"
+            if options.out
+            else "nothing was kept"
+        )
+        stop(f"interrupted by Ctrl-C; {kept}", FAILED)
+    if not options.quiet:
+        print_frame(options.console, terminal_table(table, list(ranges)), method)
+        if method == "simulate":
+            options.console.print(LAST_DIGITS, style="dim", highlight=False)
+    if options.out is not None:
+        write_sweep(table, list(ranges), options.out, loaded.title)
+    if (noted := table[table["note"] != ""]).shape[0]:
+        stop(f"{len(noted)} of {len(table)} rows fell short: {noted['note'].iloc[0]}", FAILED)

@@ -1,0 +1,99 @@
+"""Spectra, statistics of impacts and reliability on a terminal."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from stochvi.results.estimates import format_with_error
+from stochvi.views.tables import _say, _show, _table, print_frame
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from stochvi.statistics.impacts import ImpactStatistics
+    from stochvi.statistics.reliability import Reliability
+    from stochvi.statistics.spectra import ResponseSpectrum
+
+LIMIT_UNITS = {"impact_speed": "m/s", "peak_acceleration": "m/s^2"}
+"""Units of the limits that a mission may have, by the event of exceeding them."""
+
+STARTS = {"rest": "rest", "stationary": "the stationary motion"}
+"""The starts of a mission in words."""
+
+NEAR_ONE = 0.999
+"""Probability from which the lower end of its interval is printed: its own digits would be 9s."""
+
+
+def print_spectrum(console: Console, found: ResponseSpectrum) -> None:
+    """Print the peak of each spectrum and what the spectra mean."""
+    print_frame(console, found.peaks(), "at the peak of each spectrum, one-sided per hertz")
+    for name, meaning in found.meanings.items():
+        console.print(f"{name}: {meaning}", style="dim", highlight=False)
+    console.print(found.summary(), highlight=False)
+    _print_limits(console, found.assumptions, found.warnings)
+
+
+def print_impacts(console: Console, found: ImpactStatistics) -> None:
+    """Print the rates of impacts with their intervals."""
+    print_frame(console, found.to_table(), "impacts, with 95 % intervals of the rates")
+    console.print(found.summary(), highlight=False)
+    _print_limits(console, found.assumptions, found.warnings)
+
+
+def _print_limits(console: Console, assumptions: Sequence[str], warnings: Sequence[str]) -> None:
+    console.print(f"assumptions: {'; '.join(assumptions)}", style="dim", highlight=False)
+    for warning in warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def chance_in_words(value: float, error: float, lower: float) -> str:
+    """A probability with its error; near 1, the number that it exceeds."""
+    if value < NEAR_ONE:
+        return format_with_error(value, error)
+    # rounded down, because the probability must exceed the number that is printed
+    return f"over {math.floor(1000.0 * lower) / 1000.0:g}"
+
+
+def print_reliability(console: Console, found: Reliability, limit_in_g: str | None = None) -> None:
+    """Print the chances with their intervals, how each was found, and the price.
+
+    `limit_in_g` is the limit of the acceleration as the user gave it, where that was in g.
+    """
+    title = f"in a mission of {found.mission:g} s from {STARTS[found.start]}"
+    percent = f"{100.0 * found.confidence:g} % interval"
+    table = _table(title, ["event", "probability", percent, "rel. bias", "way", "CPU s", "crude"])
+    for name, chance in found.chances.items():
+        estimate = chance.estimate
+        limit = "" if chance.limit is None else f" > {chance.limit:g} {LIMIT_UNITS[name]}"
+        if name == "peak_acceleration" and limit_in_g:
+            limit = f" > {limit_in_g.removesuffix('g').strip()} g"
+        known = estimate.bias is not None and estimate.value > 0.0
+        crude = chance.crude_seconds
+        table.add_row(
+            f"{name.replace('_', ' ')}{limit}",
+            chance_in_words(estimate.value, estimate.standard_error, chance.lower),
+            f"{chance.lower:.3g} to {chance.upper:.3g}",
+            f"{(estimate.bias or 0.0) / estimate.value:.1g}" if known else "unknown",
+            chance.way,
+            f"{chance.seconds:.2g}",
+            "" if crude is None else f"{crude:.2g}",
+        )
+    for name in found.missing:
+        if name != "expected_hits":
+            table.add_row(name.replace("_", " "), "not found", "", "", "", "", "")
+    _show(console, table)
+    if "expected_hits" in found.missing:
+        console.print("expected hits not found", highlight=False)
+    if found.hits is not None and found.hits_interval is not None:
+        lower, upper = found.hits_interval
+        value = format_with_error(found.hits.value, found.hits.standard_error)
+        console.print(f"expected hits {value}, {lower:.4g} to {upper:.4g}", highlight=False)
+    for chance in found.chances.values():
+        _say(console, f"{chance.event.replace('_', ' ')}: {chance.why}")
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+    _say(console, f"assumptions: {'; '.join(found.assumptions)}")
+    _say(console, f"cost: {found.cost.wall_time:.3g} s; crude: CPU seconds for the same error")
