@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics
@@ -14,11 +14,54 @@ from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model, Pair, Stop, model_of
 from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.results.response import Response
+from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
 
 MOST_ENERGY_CHANGE = 0.1
 """Of a contact by noise and damping, relative, for a peak force from energy alone."""
+
+
+def build_response(
+    scene: Scene,
+    method: str,
+    *,
+    coordinates: Mapping[str, CoordinateResponse],
+    impact_pairs: Mapping[str, PairResponse],
+    identities: Mapping[str, Estimate],
+    cost: Cost,
+    assumptions: Sequence[str] = (),
+    warnings: Sequence[str] = (),
+    interrupted: bool = False,
+    seed: int | None = None,
+    made_by: Mapping[str, str] | None = None,
+) -> Response:
+    """The response of a scene by a method, with everything that the scene itself says.
+
+    Effects, assumptions of the scene, notes on one oscillator (`scene_notes`) and the provenance
+    come from the scene, so that no method can leave them out.
+
+    Parameters
+    ----------
+    assumptions, warnings
+        Those of the method, which follow those of the scene.
+    seed, made_by
+        What else the provenance holds: the seed, and facts on the machine.
+    """
+    model = model_of(scene)
+    # the notes are about the response to noise, which a sine would add to
+    notes = scene_notes(model) if model.single and not model.sines else []
+    return Response(
+        method=method,
+        coordinates=coordinates,
+        impact_pairs=impact_pairs,
+        identities=identities,
+        effects=scene.effects(),
+        assumptions=[*scene.assumptions(), *assumptions],
+        warnings=[*notes, *warnings],
+        cost=cost,
+        provenance=provenance(scene.document(), seed) | dict(made_by or {}),
+        interrupted=interrupted,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,19 +114,19 @@ class Answer:
             "acceleration_std": None if acceleration is None else math.sqrt(acceleration),
             "upcrossing_rate": self.upcrossing_rate,
         }
-        coordinate = {name: estimate(name, value) for name, value in values.items()}
-        return Response(
-            method=method,
+        coordinate = CoordinateResponse(
+            **{name: estimate(name, value) for name, value in values.items()}
+        )
+        return build_response(
+            scene,
+            method,
             coordinates={model.coordinates[0]: coordinate},
             impact_pairs={
                 pair.name: self.pair(pair, model.damping_rate, how, bias, speed_threshold)
                 for pair in model.pairs
             },
-            effects=scene.effects(),
-            assumptions=[*scene.assumptions(), *assumptions],
+            assumptions=assumptions,
             cost=Cost(wall_time=time.perf_counter() - started),
-            warnings=scene_notes(model),
-            provenance=provenance(scene.document()),
             identities=self._identities(model, how),
         )
 
@@ -94,8 +137,8 @@ class Answer:
         how: str,
         bias: float | None = 0.0,
         speed_threshold: float = 0.0,
-    ) -> dict[str, Estimate | float | None]:
-        """The entries of an impact pair, by name; `damping_rate` (1/s) acts during contacts."""
+    ) -> PairResponse:
+        """The quantities of an impact pair; `damping_rate` (1/s) acts during contacts."""
         biases = self._biases(pair.mass)
         values = {
             "collision_rate": _total(self.lower.rate, self.upper.rate),
@@ -108,14 +151,17 @@ class Answer:
             ),
             **self._contacts(pair.mass),
         }
-        found: dict[str, Estimate | float | None] = {
+        found = {
             name: None
             if value is None
             else Estimate(value=value, bias=biases.get(name, bias), how=how)
             for name, value in values.items()
         }
-        found["peak_force"] = self._peak_force(pair, damping_rate, how)
-        return found | {"speed_threshold": speed_threshold}
+        return PairResponse(
+            **found,
+            peak_force=self._peak_force(pair, damping_rate, how),
+            speed_threshold=speed_threshold,
+        )
 
     def at(self, stop: Stop) -> tuple[StopStatistics, ContactStatistics | None]:
         """What a stop sees: its impacts, and its contacts if it gives way."""

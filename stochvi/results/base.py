@@ -94,7 +94,7 @@ def plain(value: Any) -> Any:
         return float(value) if math.isfinite(value) else None
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
-    if is_dataclass(value) and not isinstance(value, type):
+    if is_dataclass(value) and not isinstance(value, type | Mapping):
         if hasattr(value, "to_dict"):
             return value.to_dict()
         return {each.name: plain(getattr(value, each.name)) for each in fields(value)}

@@ -2,15 +2,111 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 from stochvi.results.base import Result
 from stochvi.results.estimates import Cost, Estimate, format_with_error
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Quantity = TypeVar("Quantity", covariant=True)
+
+
+class Quantities(Mapping[str, Quantity]):
+    """Quantities by name, as attributes and as a mapping; what a method does not give is None."""
+
+    def __getitem__(self, name: str) -> Quantity:
+        if name not in self._names():
+            raise KeyError(f"{name}; known: {', '.join(self._names())}")
+        return cast(Quantity, getattr(self, name))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names())
+
+    def __len__(self) -> int:
+        return len(self._names())
+
+    def _names(self) -> Sequence[str]:
+        return [each.name for each in fields(cast(Any, self))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoordinateResponse(Quantities[Estimate | None]):
+    """The stationary motion of one coordinate.
+
+    `response.coordinates["x"].displacement_std` and `response.coordinates["x"]["displacement_std"]`
+    are the same.
+
+    Parameters
+    ----------
+    displacement_mean, displacement_std, displacement_mean_square
+        m, m and m^2; positions are measured from the unloaded spring.
+    velocity_std, velocity_mean_square
+        m/s and m^2/s^2.
+    acceleration_std
+        Of the absolute acceleration, m/s^2; None where it is infinite, as at rigid stops.
+    upcrossing_rate
+        Of the mean, 1/s.
+    """
+
+    displacement_mean: Estimate | None = None
+    displacement_std: Estimate | None = None
+    displacement_mean_square: Estimate | None = None
+    velocity_std: Estimate | None = None
+    velocity_mean_square: Estimate | None = None
+    acceleration_std: Estimate | None = None
+    upcrossing_rate: Estimate | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairResponse(Quantities[Estimate | float | None]):
+    """The impacts of one impact pair.
+
+    Parameters
+    ----------
+    collision_rate, collision_rate_lower, collision_rate_upper
+        Impacts faster than `speed_threshold` per second: all, and those on either stop, 1/s; at
+        stops that give way the rate at which contacts begin.
+    impact_speed_mean
+        m/s.
+    impact_speed_rate, impact_speed_square_rate
+        Sums per second of the impact speeds, F1 in m/s^2, and of their squares, F2 in m^2/s^3.
+    peak_force
+        Of stops that give way: the mean over contacts of the largest force, N.
+    contact_probability, contact_force_lower, contact_force_upper
+        Of stops that give way: the share of time in contact, and the mean forces, N.
+    relative_displacement_mean, relative_displacement_std, relative_velocity_std
+        Of a pair of two coordinates, the motion of the first relative to the second, m and m/s.
+    speed_threshold
+        The slowest impact that the rates count, m/s.
+    """
+
+    collision_rate: Estimate | None = None
+    collision_rate_lower: Estimate | None = None
+    collision_rate_upper: Estimate | None = None
+    impact_speed_mean: Estimate | None = None
+    impact_speed_rate: Estimate | None = None
+    impact_speed_square_rate: Estimate | None = None
+    peak_force: Estimate | None = None
+    contact_probability: Estimate | None = None
+    contact_force_lower: Estimate | None = None
+    contact_force_upper: Estimate | None = None
+    relative_displacement_mean: Estimate | None = None
+    relative_displacement_std: Estimate | None = None
+    relative_velocity_std: Estimate | None = None
+    speed_threshold: float = 0.0
+
+    def _names(self) -> Sequence[str]:
+        """Without the relative motion where the pair acts on one coordinate."""
+        return [
+            name
+            for name in super()._names()
+            if not (name.startswith("relative_") and getattr(self, name) is None)
+        ]
+
 
 QUANTITY_UNITS = {
     "displacement_mean": "m",
@@ -34,39 +130,64 @@ QUANTITY_UNITS = {
     "relative_displacement_std": "m",
     "relative_velocity_std": "m/s",
 }
-"""Units of every quantity: of a coordinate (accelerations are absolute, up-crossings are of the
-mean), then of an impact pair (the rates of w and w^2 are F1 and F2; of stops that give way, the
-mean over contacts of the largest force, the share of time in contact, the mean force; of a pair of
-two coordinates, the motion of the first relative to the second)."""
+"""Units of every quantity of a coordinate, then of an impact pair."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Response(Result):
     """The stationary response of a scene by one method.
 
-    `coordinates` and `impact_pairs` map a name to its quantities (`QUANTITY_UNITS`); a quantity
-    that the method cannot give is None. `identities` holds the residuals of the energy, virial
+    `coordinates` and `impact_pairs` map a name to its quantities, which may be given as any mapping
+    from their names. `identities` holds the residuals of the energy, virial
     and force balances, which are zero for a right answer. `interrupted` says that it holds what was
     simulated until Ctrl-C.
     """
 
     method: str
-    coordinates: Mapping[str, Mapping[str, Estimate | None]]
-    impact_pairs: Mapping[str, Mapping[str, Estimate | float | None]]
+    coordinates: Mapping[str, CoordinateResponse]
+    impact_pairs: Mapping[str, PairResponse]
     identities: Mapping[str, Estimate] = field(default_factory=dict)
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
     interrupted: bool = False
 
+    def __post_init__(self) -> None:
+        for name, record in (("coordinates", CoordinateResponse), ("impact_pairs", PairResponse)):
+            group = {
+                owner: each if isinstance(each, record) else record(**each)
+                for owner, each in getattr(self, name).items()
+            }
+            object.__setattr__(self, name, group)
+
     def estimates(self) -> dict[tuple[str, str], Estimate]:
         """Every estimate that exists, keyed by (coordinate or pair, quantity)."""
         found: dict[tuple[str, str], Estimate] = {}
-        for group in (self.coordinates, self.impact_pairs):
-            for owner, quantities in group.items():
-                for name, estimate in quantities.items():
-                    if isinstance(estimate, Estimate):
-                        found[owner, name] = estimate
+        owners: list[tuple[str, Mapping[str, Any]]] = [
+            *self.coordinates.items(),
+            *self.impact_pairs.items(),
+        ]
+        for owner, quantities in owners:
+            for name, estimate in quantities.items():
+                if isinstance(estimate, Estimate):
+                    found[owner, name] = estimate
         return found
+
+    def changed(self, change: Callable[[str, Estimate], Estimate]) -> Self:
+        """The response with every estimate replaced by `change` of its quantity and itself."""
+
+        def record(known: Any) -> Any:
+            found = {
+                name: change(name, each)
+                for name, each in known.items()
+                if isinstance(each, Estimate)
+            }
+            return replace(known, **found)
+
+        return replace(
+            self,
+            coordinates={owner: record(each) for owner, each in self.coordinates.items()},
+            impact_pairs={owner: record(each) for owner, each in self.impact_pairs.items()},
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """A tidy table, one row per quantity."""

@@ -14,10 +14,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stochvi.methods.closed_form import exact
+from stochvi.methods.fokker_planck import fokker_planck
+from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.results.estimates import Estimate, format_with_error
-from stochvi.results.response import QUANTITY_UNITS, Response
+from stochvi.results.response import (
+    QUANTITY_UNITS,
+    CoordinateResponse,
+    PairResponse,
+    Response,
+)
 from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.excitations import FilteredNoise
 from stochvi.scenes.scene import load_scene
 from stochvi.views.files import to_json
 from support.known import oscillator
@@ -191,3 +199,66 @@ def test_every_quantity_has_a_unit_and_a_place_in_a_response():
     # those are of a pair between two coordinates
     box = simulate(load_scene(shipped_scene("absorber-in-a-box")), paths=2, duration=20.0)
     assert relative < set(box.impact_pairs["box"])
+
+
+# Records -----------------------------------------------------------------------------------
+
+
+def test_a_quantity_is_an_attribute_and_an_entry():
+    response = exact(oscillator(-1.0, 1.0))
+    motion, pair = response.coordinates["x"], response.impact_pairs["stops"]
+    assert motion.displacement_std is motion["displacement_std"]
+    assert dict(pair.items())["collision_rate"] is pair.collision_rate
+    assert pair.get("peak_force", 1.0) is None  # rigid stops have none
+    assert pair.get("relative_velocity_std", 1.0) == 1.0  # nor has a pair of one coordinate this
+    with pytest.raises(KeyError, match="displacement_sdt; known: displacement_mean"):
+        motion["displacement_sdt"]
+
+
+def test_a_response_takes_any_mapping_of_known_quantities():
+    speed = Estimate(value=1.0)
+    response = Response(
+        method="mine",
+        coordinates={"x": {"velocity_std": speed}},
+        impact_pairs={"stops": {"collision_rate": speed, "speed_threshold": 0.1}},
+    )
+    assert response.coordinates == {"x": CoordinateResponse(velocity_std=speed)}
+    pair = PairResponse(collision_rate=speed, speed_threshold=0.1)
+    assert response.impact_pairs == {"stops": pair}
+    with pytest.raises(TypeError, match="velocity_sdt"):
+        Response(method="mine", coordinates={"x": {"velocity_sdt": speed}}, impact_pairs={})
+
+
+def test_a_change_of_all_estimates_leaves_the_rest():
+    response = exact(oscillator(-1.0, 1.0))
+    doubled = response.changed(lambda name, estimate: estimate * 2.0)
+    assert doubled.coordinates["x"].velocity_std == response.coordinates["x"].velocity_std * 2.0
+    assert doubled.impact_pairs["stops"].peak_force is None
+    assert doubled.estimates().keys() == response.estimates().keys()
+    assert doubled.cost == response.cost
+
+
+def test_every_method_answers_with_the_same_quantities_and_the_notes_of_the_scene():
+    """An overdamped oscillator, of which every method must warn; filtered noise takes `exact` the
+    way of several coordinates."""
+    white = oscillator(-1.0, 1.0, damping=4.0)
+    filtered = white.model_copy(
+        update={
+            "impact_pairs": (),
+            "excitations": (FilteredNoise(intensity=0.2, frequency_hz=0.2, zeta=0.5),),
+        }
+    )
+    responses = [
+        exact(white), linearise(white), fokker_planck(white), exact(filtered),
+        simulate(white, paths=4, duration=5.0), simulate(filtered, paths=4, duration=5.0),
+    ]  # fmt: skip
+    for response in responses:
+        assert any("above critical" in warning for warning in response.warnings), response.method
+        assert response.effects and response.provenance["scene"]
+        assert list(response.coordinates["x"]) == list(responses[0].coordinates["x"])
+
+
+def test_the_box_of_a_loose_mass_says_what_it_does_not_know():
+    response = linearise(load_scene(shipped_scene("absorber-in-a-box")))
+    assert response.impact_pairs["box"].collision_rate is None
+    assert any("rates" in warning for warning in response.warnings)

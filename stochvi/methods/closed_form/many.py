@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,9 @@ from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.results.response import Response
+from stochvi.model.responses import build_response
+from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
@@ -122,20 +123,22 @@ def response(scene: Scene, started: float) -> Response:
     model = model_of(scene)
     found = solve(model) if model.pairs else _gaussian(model)
     how = "closed form" if model.pairs else "closed form (Lyapunov)"
-    return Response(
-        method="exact",
+    return build_response(
+        scene,
+        "exact",
         coordinates={
             name: _coordinate(found, row, how, alone=not model.pairs)
             for row, name in enumerate(model.coordinates)
         },
         impact_pairs={
-            pair.name: _pair(law, pair.mass, found.error, how) | _relative(found, pair, how)
+            pair.name: PairResponse(
+                **_pair(law, pair.mass, found.error, how),
+                **_relative(found, pair, how),
+                speed_threshold=0.0,
+            )
             for pair, law in zip(model.pairs, found.pairs, strict=True)
         },
-        effects=scene.effects(),
-        assumptions=scene.assumptions(),
         cost=Cost(wall_time=time.perf_counter() - started),
-        provenance=provenance(scene.document()),
         identities={
             name: Estimate(value=value, bias=10.0 * found.error, how=how)
             for name, value in residuals(model, _moments(model, found), found.mean.tolist()).items()
@@ -143,7 +146,7 @@ def response(scene: Scene, started: float) -> Response:
     )
 
 
-def _coordinate(found: Solution, row: int, how: str, *, alone: bool) -> dict[str, Estimate | None]:
+def _coordinate(found: Solution, row: int, how: str, *, alone: bool) -> CoordinateResponse:
     mean, velocity = found.mean[row], found.velocity[row, row]
     deviation = np.sqrt(found.covariance[row, row])
     values = {
@@ -156,13 +159,15 @@ def _coordinate(found: Solution, row: int, how: str, *, alone: bool) -> dict[str
     if alone:
         values["upcrossing_rate"] = np.sqrt(velocity) / deviation / (2.0 * np.pi)
     sizes = {**values, "displacement_mean": deviation}
-    return {
-        name: Estimate(value=float(value), bias=found.error * float(sizes[name]), how=how)
-        for name, value in values.items()
-    } | {"acceleration_std": None}
+    return CoordinateResponse(
+        **{
+            name: Estimate(value=float(value), bias=found.error * float(sizes[name]), how=how)
+            for name, value in values.items()
+        }
+    )
 
 
-def _relative(found: Solution, pair: Pair, how: str) -> dict[str, Estimate | None]:
+def _relative(found: Solution, pair: Pair, how: str) -> dict[str, Estimate]:
     """Motion of a pair of two coordinates relative to each other."""
     d = pair.direction
     if not pair.relative:
@@ -180,7 +185,7 @@ def _relative(found: Solution, pair: Pair, how: str) -> dict[str, Estimate | Non
     }
 
 
-def _pair(law: PairLaw, mass: float, error: float, how: str) -> dict[str, Any]:
+def _pair(law: PairLaw, mass: float, error: float, how: str) -> dict[str, Estimate | None]:
     stops = [law.stops[side] for side in law.stops]
     rate, speed, square = (sum(column) for column in zip(*stops, strict=True))
     contacts = {side: contact for side, contact in law.contacts.items() if contact is not None}
@@ -194,13 +199,11 @@ def _pair(law: PairLaw, mass: float, error: float, how: str) -> dict[str, Any]:
         "contact_probability": sum(item.probability for item in contacts.values()) or None,
         "contact_force_lower": mass * contacts["lower"].force if "lower" in contacts else None,
         "contact_force_upper": mass * contacts["upper"].force if "upper" in contacts else None,
-        "peak_force": None,
     }
-    found: dict[str, Any] = {
+    return {
         name: None if value is None else Estimate(value=value, bias=error * abs(value), how=how)
         for name, value in values.items()
     }
-    return found | {"speed_threshold": 0.0}
 
 
 def _moments(model: Model, found: Solution) -> dict[tuple[str, str], float]:

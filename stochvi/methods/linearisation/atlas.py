@@ -336,25 +336,8 @@ def _relative_bounds(known: Mapping[str, Span], *, one_rate: bool) -> dict[str, 
 def _explained(response: Response, bounds: Mapping[str, float], words: str) -> Response:
     """Every estimate with its bound where there is one, and the words after its `how`."""
 
-    def told(name: str, entry: Estimate | float | None) -> Estimate | float | None:
-        if not isinstance(entry, Estimate):
-            return entry
+    def explained(name: str, entry: Estimate) -> Estimate:
         says = words if name in bounds or not bounds else "no error bound: unknown to the atlas"
         return replace(entry, bias=bounds.get(name), how=f"{entry.how}; {says}")
 
-    def coordinate(name: str, entry: Estimate | None) -> Estimate | None:
-        found = told(name, entry)
-        assert found is None or isinstance(found, Estimate)
-        return found
-
-    return replace(
-        response,
-        coordinates={
-            owner: {name: coordinate(name, entry) for name, entry in group.items()}
-            for owner, group in response.coordinates.items()
-        },
-        impact_pairs={
-            owner: {name: told(name, entry) for name, entry in group.items()}
-            for owner, group in response.impact_pairs.items()
-        },
-    )
+    return response.changed(explained)

@@ -28,8 +28,9 @@ from scipy.interpolate import RegularGridInterpolator
 
 from stochvi.model.balances import residuals
 from stochvi.model.model import Model, Pair
-from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.results.response import Response
+from stochvi.model.responses import build_response
+from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.scene import Scene
 
@@ -52,6 +53,11 @@ AMPLITUDES = 1200
 SMALLEST, LARGEST = 0.003, 6.0
 """Amplitudes over which is averaged, in rms displacements without absorber: beyond the last one
 lies a share exp(-18) without a box, less with one."""
+
+NO_RATES = (
+    "rates and the mean speed of impacts are not known where a box is linearised at every "
+    "amplitude: simulate this scene for them"
+)
 
 NOT_IN_ATLAS = (
     "the error of the closure is not known here: its atlas holds one mode under a white force with "
@@ -228,17 +234,16 @@ def response(scene: Scene, model: Model, box: Box, method: str) -> Response:
         how = "amplitude averaging of a linearised box; largest error of near scenes in an atlas"
         return Estimate(value=value, bias=None if bound is None else value * bound, how=how)
 
-    def coordinate(displacement: str, velocity: str) -> dict[str, Estimate | None]:
-        x, v = math.sqrt(found[displacement]), math.sqrt(found[velocity])
-        return {
-            "displacement_mean": Estimate(value=0.0, bias=0.0, how="by symmetry"),
-            "displacement_std": estimate(x, displacement),
-            "displacement_mean_square": _squared(estimate(x, displacement)),
-            "velocity_std": estimate(v, velocity),
-            "velocity_mean_square": _squared(estimate(v, velocity)),
-            "acceleration_std": None,
-            "upcrossing_rate": None,
-        }
+    def coordinate(displacement: str, velocity: str) -> CoordinateResponse:
+        x = estimate(math.sqrt(found[displacement]), displacement)
+        v = estimate(math.sqrt(found[velocity]), velocity)
+        return CoordinateResponse(
+            displacement_mean=Estimate(value=0.0, bias=0.0, how="by symmetry"),
+            displacement_std=x,
+            displacement_mean_square=_squared(x),
+            velocity_std=v,
+            velocity_mean_square=_squared(v),
+        )
 
     coordinates = {
         name: coordinate("displacement", "velocity")
@@ -246,33 +251,27 @@ def response(scene: Scene, model: Model, box: Box, method: str) -> Response:
         else coordinate("loose_displacement", "loose_velocity")
         for name in model.coordinates
     }
-    pair: dict[str, Estimate | float | None] = {
-        "collision_rate": None,
-        "collision_rate_lower": None,
-        "collision_rate_upper": None,
-        "impact_speed_mean": None,
-        "impact_speed_rate": estimate(found["f1"], "f1"),
-        "impact_speed_square_rate": estimate(found["f2"], "f2"),
-        "peak_force": None,
-        "speed_threshold": 0.0,
-        "relative_displacement_mean": Estimate(value=0.0, bias=0.0, how="by symmetry"),
-    }
-    for name in ("relative_displacement", "relative_velocity"):
-        pair[f"{name}_std"] = estimate(math.sqrt(found[name]), name)
+    pair = PairResponse(
+        impact_speed_rate=estimate(found["f1"], "f1"),
+        impact_speed_square_rate=estimate(found["f2"], "f2"),
+        relative_displacement_mean=Estimate(value=0.0, bias=0.0, how="by symmetry"),
+        relative_displacement_std=estimate(
+            math.sqrt(found["relative_displacement"]), "relative_displacement"
+        ),
+        relative_velocity_std=estimate(math.sqrt(found["relative_velocity"]), "relative_velocity"),
+    )
     balances = residuals(model, _balance(box, found), [0.0, 0.0])
-    return Response(
-        method=method,
+    return build_response(
+        scene,
+        method,
         coordinates=coordinates,
         impact_pairs={box.pair.name: pair},
-        effects=scene.effects(),
         assumptions=[
-            *scene.assumptions(),
             "the structure swings at its own frequency with an amplitude that varies slowly; the "
             "loose mass does at every amplitude what it does in a box that moves as a sine",
         ],
         cost=Cost(wall_time=time.perf_counter() - started),
-        warnings=[],
-        provenance=provenance(scene.document()),
+        warnings=[NO_RATES],
         identities={
             name: Estimate(value=float(value), how="amplitude averaging")
             for name, value in balances.items()

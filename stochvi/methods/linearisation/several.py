@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,11 +29,11 @@ from stochvi.model.balances import residuals
 from stochvi.model.gap import Gap
 from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.model.responses import Answer
+from stochvi.model.responses import Answer, build_response
 from stochvi.model.scales import PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.results.response import Response
+from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
 
 METHOD = "linearise:closure"
@@ -272,36 +273,36 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
         square = one.law.variances(modes.shapes[row], modes.size)
         moments |= {(name, "x"): mean[row], (name, "variance"): variance, (name, "vv"): square}
         coordinates[name] = _coordinate(outline, float(mean[row]), variance, square)
-    pairs: dict[str, dict[str, Estimate | float | None]] = {}
+    pairs: dict[str, PairResponse] = {}
     for gap, candidate, row in zip(one.gaps, one.candidates, modes.gaps, strict=True):
         answer, name = answer_of(gap.gap, candidate), gap.pair.name
         moments |= _of_stops(gap.pair, answer)
         pairs[name] = answer.pair(gap.pair, gap.gap.damping_rate, outline.how, outline.bias)
         if gap.pair.relative:
-            pairs[name] |= {
-                "relative_displacement_mean": outline.estimate(
+            pairs[name] = replace(
+                pairs[name],
+                relative_displacement_mean=outline.estimate(
                     float(row @ (modes.rest + one.law.mean))
                 ),
-                "relative_displacement_std": outline.estimate(math.sqrt(one.law.variances(row, 0))),
-                "relative_velocity_std": outline.estimate(
+                relative_displacement_std=outline.estimate(math.sqrt(one.law.variances(row, 0))),
+                relative_velocity_std=outline.estimate(
                     math.sqrt(one.law.variances(row, modes.size))
                 ),
-            }
+            )
     balances = residuals(model, moments, mean.tolist())
     unknown = scene.absorber is not None and outline.bias is None
-    return Response(
-        method=METHOD,
+    return build_response(
+        scene,
+        METHOD,
         coordinates=coordinates,
         impact_pairs=pairs,
-        effects=scene.effects(),
-        assumptions=[*scene.assumptions(), *_assumptions(model)],
+        assumptions=_assumptions(model),
         cost=Cost(wall_time=time.perf_counter() - outline.started),
         warnings=[
             *warned,
             *_warnings(one.gaps, one.candidates),
             *([boxes.NOT_IN_ATLAS] if unknown else []),
         ],
-        provenance=provenance(scene.document()),
         identities={
             name: Estimate(value=float(value), how=outline.how) for name, value in balances.items()
         },
@@ -310,7 +311,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
 
 def _coordinate(
     outline: _Outline, mean: float, variance: float, square: float
-) -> dict[str, Estimate | None]:
+) -> CoordinateResponse:
     values = {
         "displacement_mean": mean,
         "displacement_std": math.sqrt(variance),
@@ -318,10 +319,7 @@ def _coordinate(
         "velocity_std": math.sqrt(square),
         "velocity_mean_square": square,
     }
-    found: dict[str, Estimate | None] = {
-        name: outline.estimate(value) for name, value in values.items()
-    }
-    return found | {"acceleration_std": None, "upcrossing_rate": None}
+    return CoordinateResponse(**{name: outline.estimate(value) for name, value in values.items()})
 
 
 def _of_stops(pair: Pair, answer: Answer) -> dict[tuple[str, str], float]:

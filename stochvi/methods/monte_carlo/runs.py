@@ -14,7 +14,6 @@ from stochvi.methods.monte_carlo.blocks import Crew, blocks_of, machine
 from stochvi.methods.monte_carlo.checkpoints import Keeper, State
 from stochvi.methods.monte_carlo.plans import Plan, layout_of
 from stochvi.methods.monte_carlo.quantities import (
-    CONTACT_QUANTITIES,
     RATES,
     Key,
     Means,
@@ -31,12 +30,12 @@ from stochvi.methods.monte_carlo.quantities import (
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.assembly import Contact, assemble
 from stochvi.model.balances import residuals
-from stochvi.model.cautions import scene_notes
 from stochvi.model.model import model_of
+from stochvi.model.responses import build_response
 from stochvi.results.errors import NotConverged
-from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.intervals import upper_limit_unseen
-from stochvi.results.response import Response
+from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
 
 Progress = Callable[[float, str], None]
@@ -235,21 +234,20 @@ class Run:
 
     def response(self, warnings: tuple[str, ...] = (), interrupted: bool = False) -> Response:
         """Everything that the paths so far say."""
-        coordinates: dict[str, dict[str, Estimate | None]] = {}
-        for coordinate in self.assembly.coordinates:
-            coordinates[coordinate] = {
-                "acceleration_std": self._acceleration(),
-                "upcrossing_rate": None,
-            }
-            for name, quantity in of_coordinate(coordinate).items():
-                coordinates[coordinate][name] = self.estimate(quantity)
+        coordinates = {
+            coordinate: CoordinateResponse(
+                acceleration_std=self._acceleration(),
+                **{name: self.estimate(each) for name, each in of_coordinate(coordinate).items()},
+            )
+            for coordinate in self.assembly.coordinates
+        }
         pairs = {contact.name: self._pair(contact) for contact in self.assembly.contacts}
-        return Response(
-            method="simulate",
+        return build_response(
+            self.scene,
+            "simulate",
             coordinates=coordinates,
             impact_pairs=pairs,
-            effects=self.scene.effects(),
-            assumptions=[*self.scene.assumptions(), *self._assumptions()],
+            assumptions=self._assumptions(),
             cost=Cost(
                 wall_time=self.seconds,
                 compile_time=self.compile_time,
@@ -260,14 +258,15 @@ class Run:
                 tenfold_wall_time=100.0 * self.seconds,
             ),
             warnings=[*warnings, *self._warnings()],
-            provenance=provenance(self.scene.document(), self.seed) | {"machine": machine()},
+            seed=self.seed,
+            made_by={"machine": machine()},
             identities=self._identities(),
             interrupted=interrupted,
         )
 
-    def _pair(self, contact: Contact) -> dict[str, Estimate | float | None]:
+    def _pair(self, contact: Contact) -> PairResponse:
         known, sides = of_pair(contact.name), [side for side, _, _ in contact.stops]
-        found: dict[str, Estimate | float | None] = {
+        found: dict[str, Estimate | None] = {
             name: None
             if name in ("collision_rate_lower", "collision_rate_upper")
             and name.removeprefix("collision_rate_") not in sides
@@ -279,19 +278,15 @@ class Run:
         if is_relative(contact):
             for name, quantity in of_gap(contact).items():
                 found[name] = self.estimate(quantity)
-        threshold = self.layout.thresholds[contact.name]
-        found |= dict.fromkeys(CONTACT_QUANTITIES)
         if hit and any(not law.rigid for _, _, law in contact.stops):
             pressed = {
                 name: self.estimate(quantity, name)
                 for name, quantity in of_compliant_pair(contact).items()
             }
             found |= _granted_alike(pressed)
-        return found | {"speed_threshold": threshold}
+        return PairResponse(**found, speed_threshold=self.layout.thresholds[contact.name])
 
-    def _speed_mean(
-        self, contact: Contact, known: Mapping[str, Estimate | float | None]
-    ) -> Estimate:
+    def _speed_mean(self, contact: Contact, known: Mapping[str, Estimate | None]) -> Estimate:
         """Mean impact speed, F1 over the rate. What the step leaves in these two may cancel in
         its difference to twice the step and still be there: their biases are added."""
         mean = self.estimate(speed_mean(contact.name), "impact_speed_mean")
@@ -346,8 +341,6 @@ class Run:
                 + "; ".join(self.state.machines)
                 + ")"
             )
-        if not self.scene.beyond_one_oscillator():
-            yield from scene_notes(model_of(self.scene))
         contacts = self.assembly.contacts
         if contacts and any(signal.amplitude for signal in self.assembly.signals):
             yield (

@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from functools import cache
+from typing import Any
 
 from stochvi.results.estimates import Estimate
-from stochvi.results.response import Response
+from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.scene import Scene
 from stochvi.verification.checks import zoo
@@ -61,10 +62,10 @@ def _shipped() -> Mapping[str, Response]:
 def _response(scene: Scene, rows: list[dict[str, str]]) -> Response:
     method = rows[0]["method"]
     how = "closed form" if method == "exact" else "Fokker-Planck equation, error from two meshes"
-    coordinates: dict[str, dict[str, Estimate | None]] = {
+    coordinates: dict[str, dict[str, Estimate]] = {
         name: {} for name in scene.expanded.structure.coordinates
     }
-    pairs: dict[str, dict[str, Estimate | float | None]] = {}
+    pairs: dict[str, dict[str, Any]] = {}
     for row in rows:
         estimate = Estimate(value=float(row["value"]), bias=float(row["bias"]), how=how)
         if row["of"] in coordinates:
@@ -74,8 +75,8 @@ def _response(scene: Scene, rows: list[dict[str, str]]) -> Response:
             pair[row["quantity"]] = estimate
     return Response(
         method=method,
-        coordinates=coordinates,
-        impact_pairs=pairs,
+        coordinates={name: CoordinateResponse(**each) for name, each in coordinates.items()},
+        impact_pairs={name: PairResponse(**each) for name, each in pairs.items()},
         effects=scene.effects(),
         assumptions=scene.assumptions(),
         provenance={"source": "data/known_answers/answers.csv", "scene": scene.document()},

@@ -15,7 +15,7 @@ from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NoExactSolution
 from stochvi.results.estimates import Cost, Estimate, format_with_error
 from stochvi.results.intervals import normal_score, student_quantile
-from stochvi.results.response import QUANTITY_UNITS, Response
+from stochvi.results.response import QUANTITY_UNITS, CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import (
     AGREES,
@@ -414,20 +414,17 @@ def as_response(problem: Problem, returned: Mapping[str, Any], method: str = "")
       x.velocity_std = 1.020(10) m/s>
     """
     sample = sample_of(problem, returned)
-    found: dict[str, Estimate | None] = {}
+    found: dict[str, Estimate] = {}
     for name in sample.names():
         value, error = sample.evaluate(lambda values, name=name: values[name])  # type: ignore[misc]
         found[name] = Estimate(value=value, standard_error=error, how="returned by an integrator")
     count = 0 if math.isinf(sample.degrees) else round(sample.degrees) + 1
     impacts = {name: found.pop(name) for name in IMPACTS if name in found}
-    pairs = {pair.name: impacts for pair in problem.scene.impact_pairs}
+    pair = PairResponse(**impacts, speed_threshold=problem.speed_threshold)
     return Response(
         method=method or "integrator",
-        coordinates={"x": found},
-        impact_pairs={
-            name: {**known, "speed_threshold": problem.speed_threshold}
-            for name, known in pairs.items()
-        },
+        coordinates={"x": CoordinateResponse(**found)},
+        impact_pairs={each.name: pair for each in problem.scene.impact_pairs},
         effects=problem.scene.effects(),
         cost=Cost(paths=count),
     )
