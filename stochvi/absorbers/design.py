@@ -24,7 +24,7 @@ from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
-from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 
 Vector = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ CLOSER = (0.7, 0.82, 0.93, 1.07, 1.22, 1.43)
 """Plays of the second look, relative to the best of the first."""
 
 COARSE = 2.0
-"""Error of the first look, in that of the second."""
+"""Relative error of the first look, as a multiple of that of the second look."""
 
 DRAWS = 400
 """Curves drawn within the errors of the points, for the uncertainty of the best play."""
@@ -254,7 +254,7 @@ def alone(scene: Scene) -> Scene:
     if scene.absorber is None:
         return scene
     bare = without_absorber(scene)
-    if len(bare.structure.coordinates) > 1:
+    if not isinstance(bare.structure, Matrices) or len(bare.structure.coordinates) > 1:
         return bare
     mass, damping, stiffness = (float(matrix[0, 0]) for matrix in bare.structure.matrices)
     moving = any(bare.place(each) == BASE for each in bare.excitations)

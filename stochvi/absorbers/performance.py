@@ -12,14 +12,14 @@ import pandas as pd
 
 from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.runs import Progress
-from stochvi.model.assembly import Assembly, Contact, assemble, modes_of
 from stochvi.model.modal import linear_law
+from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.base import Result, total_cost
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, format_with_error, provenance
 from stochvi.results.intervals import mean_and_error
 from stochvi.results.response import Response
-from stochvi.scenes.excitations import BASE, ConstantLoad
+from stochvi.scenes.excitations import BASE, ConstantLoad, Excitation
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
 
@@ -47,22 +47,23 @@ class Performance:
     ratio
         rms displacement of the carrier with the absorber over that without.
     displacement_std, displacement_std_without, velocity_std
-        Of the carrier; without the absorber from the linear response, exactly.
+        rms values of the carrier; without the absorber those of the linear response, exactly.
     peak_factor, peak_factor_without
         Mean over windows of `PEAK_PERIODS` periods of the largest abs(x - mean) / rms.
     acceleration_std, acceleration_std_without
         Absolute acceleration of the carrier between impacts, where its base alone shakes it.
     impacts_per_period
-        Of all units together, faster than the threshold, per period of the carrier's motion.
+        Impacts of all units together that are faster than the threshold, per period of the motion
+        of the carrier.
     wall_force
         Mean over time of the magnitude of the forces on all walls, N.
     impulse
         Mean impulse of an impact faster than the threshold, N s.
     absorbed_share
-        Of the power that the excitation supplies, what the impacts take; of walls that give way
-        what brief contacts do.
+        Share of the supplied power that impacts take; of walls that give way, the share that brief
+        contacts would take.
     response
-        The simulation behind it.
+        The simulation that these numbers come from.
     """
 
     level_db: float
@@ -103,7 +104,7 @@ class AbsorberReport(Result):
 
     @property
     def central(self) -> Performance:
-        """At the level nearest to the scene's own."""
+        """The performance at the level nearest to that of the scene."""
         return min(self.performances, key=lambda each: abs(each.level_db))
 
     def to_frame(self) -> pd.DataFrame:
@@ -203,9 +204,14 @@ def absorber(
             if progress:
                 progress((number + done) / len(levels_db), text)
 
-        shaken = full.at_level(level)
+        shaken = scene.at_level(level)
         response = simulate(
-            shaken, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=report
+            shaken.expanded,
+            rel_error=rel_error,
+            seed=seed,
+            threads=threads,
+            budget=budget,
+            progress=report,
         )
         report(1.0, "peaks of recorded paths")
         found.append(_performance(shaken, carrier, level, response, seed))
@@ -231,7 +237,10 @@ def without_absorber(scene: Scene) -> Scene:
     NotApplicable
         If nothing shakes what is left.
     """
-    gone, scene = set(scene.absorber_coordinates), scene.expanded
+    if not isinstance(scene.structure, Matrices):
+        _require_shaking(scene.excitations)
+        return scene.model_copy(update={"absorber": None})
+    gone = set(scene.absorber_coordinates)
     kept = [n for n, name in enumerate(scene.structure.coordinates) if name not in gone]
     lost = [n for n, name in enumerate(scene.structure.coordinates) if name in gone]
 
@@ -247,10 +256,16 @@ def without_absorber(scene: Scene) -> Scene:
         stiffness=alone(stiffness),
     )
     excitations = [each for each in scene.excitations if scene.place(each) not in gone]
+    _require_shaking(excitations)
+    pairs = [pair for pair in scene.impact_pairs if not gone & {pair.on, *(pair.between or ())}]
+    return Scene(
+        title=scene.title, structure=structure, excitations=excitations, impact_pairs=pairs
+    )
+
+
+def _require_shaking(excitations: Sequence[Excitation]) -> None:
     if all(isinstance(each, ConstantLoad) for each in excitations):
         raise NotApplicable("absorber", ["something must shake the structure that carries it"])
-    pairs = [pair for pair in scene.impact_pairs if not gone & {pair.on, *(pair.between or ())}]
-    return Scene(structure=structure, excitations=excitations, impact_pairs=pairs)
 
 
 def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
@@ -259,15 +274,15 @@ def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
     From the Lyapunov equation for white and filtered noise, frequency integrals of tables, and
     the amplitudes of sines.
     """
-    assembly = assemble(scene)
-    modes = modes_of(assembly)
+    model = model_of(scene)
+    modes = model.modal
     law = linear_law(modes)
     if law is None:
         raise NotApplicable("absorber", ["the structure alone must have a stationary state"])
     displacement, velocity = (
         {
             name: math.sqrt(law.variances(modes.shapes[row], first))
-            for row, name in enumerate(assembly.coordinates)
+            for row, name in enumerate(model.coordinates)
         }
         for first in (0, modes.size)
     )
@@ -278,21 +293,24 @@ def _performance(
     scene: Scene, carrier: str, level: float, response: Response, seed: int
 ) -> Performance:
     alone = without_absorber(scene)
-    rms, speed = (group[carrier] for group in linear_rms(alone))
+    # beside an absorber of mass, play and law the coordinate of an oscillator has another name
+    names = alone.structure.coordinates
+    own_name = carrier if carrier in names else names[0]
+    rms, speed = (group[own_name] for group in linear_rms(alone))
     moving = response.coordinates[carrier]
     deviation, velocity = moving["displacement_std"], moving["velocity_std"]
     assert deviation is not None and velocity is not None
     period = 2.0 * math.pi * rms / speed
-    with_it = _windows(scene, carrier, period, seed)
-    without = _windows(alone, carrier, period, seed)
-    assembly = assemble(scene)
-    pairs = [response.impact_pairs[contact.name] for contact in assembly.contacts]
+    with_it = _windows(scene.expanded, carrier, period, seed)
+    without = _windows(alone, own_name, period, seed)
+    model = model_of(scene)
+    pairs = [response.impact_pairs[pair.name] for pair in model.pairs]
     rate = _sum(pair["collision_rate"] for pair in pairs)
     own_period = 2.0 * math.pi * deviation.value / velocity.value
     pushes = _sum(
         push
-        for contact, pair in zip(assembly.contacts, pairs, strict=True)
-        for push in _pushes(contact, pair)
+        for pair, found in zip(model.pairs, pairs, strict=True)
+        for push in _pushes(pair, found)
     )
     return Performance(
         level_db=level,
@@ -309,7 +327,7 @@ def _performance(
         impacts_per_period=rate * own_period,
         wall_force=pushes,
         impulse=pushes * (1.0 / rate.value) if rate.value > 0.0 else None,
-        absorbed_share=_absorbed(assembly, response),
+        absorbed_share=_absorbed(model, response),
         response=response,
     )
 
@@ -367,28 +385,28 @@ def _absolute_acceleration(scene: Scene, carrier: str, record: pd.DataFrame) -> 
     return np.asarray(pushed[row])
 
 
-def _absorbed(assembly: Assembly, response: Response) -> Estimate | None:
+def _absorbed(model: Model, response: Response) -> Estimate | None:
     """Share of the supplied power that impacts take: loss / (loss + dissipation by dampers).
 
     The dampers between coordinates i and j take -C_ij E (v_i - v_j)^2; None where that is not
     known.
     """
     loss = _sum(
-        _known(response.impact_pairs[contact.name]["impact_speed_square_rate"])
-        * (contact.mass * (1.0 - _restitution(contact) ** 2) / 2.0)
-        for contact in assembly.contacts
+        _known(response.impact_pairs[pair.name]["impact_speed_square_rate"])
+        * (pair.mass * (1.0 - _restitution(pair) ** 2) / 2.0)
+        for pair in model.pairs
     )
-    damping = assembly.damping
+    damping = model.damping
     dissipation = [
         _square(_known(response.coordinates[name]["velocity_std"])) * float(own)
-        for name, own in zip(assembly.coordinates, damping.sum(axis=1), strict=True)
+        for name, own in zip(model.coordinates, damping.sum(axis=1), strict=True)
     ]
     for i, j in zip(*np.triu_indices(len(damping), 1), strict=True):
         if damping[i, j]:
             between = [
-                contact.name
-                for contact in assembly.contacts
-                if abs(contact.direction[i] * contact.direction[j]) == 1.0
+                pair.name
+                for pair in model.pairs
+                if abs(pair.direction[i] * pair.direction[j]) == 1.0
             ]
             if not between:
                 return None
@@ -408,16 +426,16 @@ def _absorbed(assembly: Assembly, response: Response) -> Estimate | None:
     )
 
 
-def _pushes(contact: Contact, pair: Mapping[str, Estimate | float | None]) -> list[Estimate]:
+def _pushes(pair: Pair, found: Mapping[str, Estimate | float | None]) -> list[Estimate]:
     """Mean forces on the walls of a box, N: those of contacts, or by impulses on rigid walls."""
-    if all(law.rigid for _, _, law in contact.stops):
-        return [_known(pair["impact_speed_rate"]) * (contact.mass * (1.0 + _restitution(contact)))]
-    return [_known(pair[f"contact_force_{side}"]) for side, _, _ in contact.stops]
+    if pair.rigid:
+        return [_known(found["impact_speed_rate"]) * (pair.mass * (1.0 + _restitution(pair)))]
+    return [_known(found[f"contact_force_{stop.name}"]) for stop in pair.stops]
 
 
-def _restitution(contact: Contact) -> float:
-    """Of the walls of a box, which have one law."""
-    (coefficient,) = {law.restitution for _, _, law in contact.stops}
+def _restitution(pair: Pair) -> float:
+    """Restitution of the walls of a box, which have one law."""
+    (coefficient,) = {stop.law.restitution for stop in pair.stops}
     return coefficient
 
 

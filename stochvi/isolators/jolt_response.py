@@ -15,6 +15,7 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.assembly import assemble
+from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
@@ -253,36 +254,28 @@ def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | 
     return sines[0]
 
 
-def _rest(scene: Scene) -> float:
-    assembly = assemble(scene)
-    stiffness = float(assembly.stiffness[0, 0])
-    return float(assembly.load[0]) / stiffness if stiffness else 0.0
-
-
 def _clearance(scene: Scene) -> float:
     """The smaller distance from the mean position to a stop, m."""
-    pair, rest = scene.impact_pairs[0], _rest(scene)
-    stops = [stop for stop in (pair.lower, pair.upper) if stop is not None]
-    return min(abs(stop - rest) for stop in stops)
+    model = model_of(scene)
+    return min(abs(stop.position - model.rest) for stop in model.stops)
 
 
 def _resonance(scene: Scene, sine: Sine) -> HarmonicResonance | None:
-    """Of the sine alone, where both stops are alike and lie evenly about the mean."""
-    assembly, rest = assemble(scene), _rest(scene)
-    (contact,) = assembly.contacts
-    if contact.lower is None or contact.upper is None:
+    """Regimes of the sine alone, where both stops are alike and lie evenly about the mean."""
+    model = model_of(scene)
+    if model.lower is None or model.upper is None:
         return None
-    laws = {law.restitution for _, _, law in contact.stops}
-    middle = (contact.lower + contact.upper) / 2.0 - rest
-    if len(laws) > 1 or abs(middle) > 1e-9 * (contact.upper - contact.lower):
+    laws = {stop.law.restitution for stop in model.stops}
+    low, high = model.lower.position, model.upper.position
+    middle = (low + high) / 2.0 - model.rest
+    if len(laws) > 1 or abs(middle) > 1e-9 * (high - low):
         return None
-    mass = float(assembly.mass[0, 0])
     on_base = scene.place(sine) == BASE
     try:
         return HarmonicResonance(
-            omega=math.sqrt(float(assembly.stiffness[0, 0]) / mass),
-            damping_rate=float(assembly.damping[0, 0]) / mass,
-            amplitude=sine.amplitude if on_base else sine.amplitude / mass,
+            omega=model.omega,
+            damping_rate=model.damping_rate,
+            amplitude=sine.amplitude if on_base else sine.amplitude / model.unit_mass,
             frequency=2.0 * math.pi * sine.frequency_hz,
             restitution=laws.pop(),
         )

@@ -233,11 +233,17 @@ def test_an_absorber_needs_the_mass_that_it_is_compared_with() -> None:
 
 def test_without_its_absorber_the_structure_is_itself() -> None:
     alone = without_absorber(boxed(2.0, 0.5, units=3, stiffness=0.4, damping=0.02))
-    mass, damping, stiffness = alone.structure.matrices
-    assert (mass, damping, stiffness) == pytest.approx((1.0, 0.02, 1.0))
+    assert alone.structure is LIGHTLY_DAMPED and alone.absorber is None
     displacement, velocity = linear_rms(alone)
-    assert displacement["structure"] == pytest.approx(1.0, rel=1e-12)
-    assert velocity["structure"] == pytest.approx(1.0, rel=1e-12)
+    assert displacement["x"] == pytest.approx(1.0, rel=1e-12)
+    assert velocity["x"] == pytest.approx(1.0, rel=1e-12)
+
+
+def test_without_its_masses_a_matrix_loses_their_springs_and_dampers() -> None:
+    alone = without_absorber(boxed(2.0, 0.5, units=3, stiffness=0.4, damping=0.02).expanded)
+    assert alone.structure.coordinates == ("structure",)
+    found = [float(matrix[0, 0]) for matrix in alone.structure.matrices]
+    assert found == pytest.approx([1.0, 0.02, 1.0])
 
 
 def test_linear_rms_of_filtered_noise_and_a_sine_by_quadrature() -> None:
@@ -454,7 +460,9 @@ def test_a_design_finds_the_broad_optimum(rel_error: float) -> None:
 
 
 def test_a_design_takes_off_the_absorber_that_is_there() -> None:
-    bare = alone(boxed(1.0, 0.5, stiffness=0.1, damping=0.01))
+    scene = boxed(1.0, 0.5, stiffness=0.1, damping=0.01)
+    assert alone(scene) == Scene(structure=LIGHTLY_DAMPED, excitations=[UNIT_RMS])
+    bare = alone(scene.expanded)
     assert bare.structure.kind == "oscillator"
     for found, matrix in zip(bare.structure.matrices, LIGHTLY_DAMPED.matrices, strict=True):
         assert found == pytest.approx(matrix, rel=1e-14)
