@@ -10,6 +10,7 @@ import pytest
 
 import stochvi
 from support import CHECKOUT
+from support.commands import ELASTIC
 
 ROOMS = (
     "absorbers", "isolators", "methods", "methods.periodic", "results", "scenes", "statistics",
@@ -64,3 +65,18 @@ def test_programs_find_the_names_that_were_at_the_top_once() -> None:
 def test_importing_the_package_imports_nothing_heavy() -> None:
     assert loaded_by("import stochvi") == set()
     assert loaded_by("from stochvi.methods import closed_form") > set()
+
+
+@pytest.mark.parametrize(
+    ("command", "needed"),
+    [
+        ("--help", set()),
+        ("exact", {"rich", "scipy.optimize"}),
+        ("linearise", {"rich", "scipy.optimize"}),
+        ("explain", {"rich", "scipy.optimize", "numba"}),
+    ],
+)
+def test_a_command_imports_what_it_needs_and_nothing_else(command: str, needed: set[str]) -> None:
+    words = [command] if command == "--help" else [command, ELASTIC]
+    start = f"from stochvi.cli import main\nmain({words}, standalone_mode=False)"
+    assert loaded_by(start) == needed

@@ -68,7 +68,8 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
     from stochvi.statistics.overview import overview
     from stochvi.views.files import write_picture, write_table
     from stochvi.views.overview import draw_overview
-    from stochvi.views.tables import methods_table, print_check, print_frame
+    from stochvi.views.tables import methods_table, print_frame
+    from stochvi.views.verification_tables import print_check
 
     console.print(f"\n[bold]Oscillator between stops at 1 sigma, {label}[/bold]")
     forms = [linearise(scene, form=form, variant="book") for form in ("motion", "force")]
@@ -96,8 +97,8 @@ def _show_isolator(
     from stochvi.isolators.screening import clearance_curve, predicted_curve, screen
     from stochvi.statistics.overview import overview
     from stochvi.views.files import write_clearance, write_picture, write_table
+    from stochvi.views.isolator_tables import print_clearance, print_screening
     from stochvi.views.overview import draw_overview
-    from stochvi.views.tables import print_clearance, print_screening
 
     console.print(f"\n[bold]{scene.title}[/bold]")
     linear = screen(scene)

@@ -22,7 +22,7 @@ def screen(options: Common, scene: str) -> None:
     """Linear screening of an isolator: rms, Miles, 3 sigma, Rice."""
     from stochvi.isolators.screening import screen as solve
     from stochvi.scenes.scene import load_scene
-    from stochvi.views.tables import print_screening
+    from stochvi.views.isolator_tables import print_screening
 
     found = solve(load_scene(scene))
     options.show(found, print_screening, "screening", {"method": "screen", **found.to_dict()})
@@ -42,7 +42,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     from stochvi.isolators.screening import screen as solve
     from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_clearance
-    from stochvi.views.tables import print_clearance
+    from stochvi.views.isolator_tables import print_clearance
 
     multiples = numbers("--gaps", gaps)
     loaded = load_scene(scene)
@@ -94,7 +94,7 @@ def size(
     """The clearance that is really needed, with a stated risk."""
     from stochvi.isolators.sizing.method import size as solve
     from stochvi.scenes.scene import load_scene
-    from stochvi.views.tables import print_sizing
+    from stochvi.views.isolator_tables import print_sizing
 
     loaded = load_scene(scene)
     with options.progress("sizing") as report:

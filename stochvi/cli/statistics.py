@@ -32,7 +32,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
     """Spectra of the response, transmissibility, coherence, with bands."""
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.spectra import spectrum as solve
-    from stochvi.views.statistics import print_spectrum
+    from stochvi.views.statistics_tables import print_spectrum
 
     loaded = load_scene(scene)
 
@@ -69,7 +69,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.impacts import impacts as solve
     from stochvi.views.files import write_table
-    from stochvi.views.statistics import print_impacts
+    from stochvi.views.statistics_tables import print_impacts
 
     loaded = load_scene(scene)
 
@@ -130,7 +130,7 @@ def reliability(
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.reliability import reliability as solve
-    from stochvi.views.statistics import print_reliability
+    from stochvi.views.statistics_tables import print_reliability
 
     loaded = load_scene(scene)
     limit_in_g = peak_acceleration if (peak_acceleration or "").endswith("g") else None

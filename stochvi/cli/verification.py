@@ -38,7 +38,7 @@ def check(options: Common, scenes: tuple[str, ...], zoo: bool, rel_error: float 
     from stochvi.verification.check import check as compare
     from stochvi.verification.checks import Checks, check_many
     from stochvi.verification.checks import zoo as shipped
-    from stochvi.views.tables import print_check, print_checks
+    from stochvi.views.verification_tables import print_check, print_checks
 
     if not scenes and not zoo:
         raise ValueError("check needs a scene file, several, or --zoo, got none")
@@ -83,7 +83,7 @@ def cost(options: Common, scene: str, budget: float) -> None:
     """What accuracy costs in time: errors of steps and of models."""
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.cost import cost as measure
-    from stochvi.views.tables import print_cost
+    from stochvi.views.verification_tables import print_cost
 
     loaded = load_scene(scene)
     with options.progress("cost") as report:
@@ -107,7 +107,7 @@ def explain(options: Common, scene: str) -> None:
     """What would be simulated, what not, which methods apply, at what price."""
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.explain import explain as explain_scene
-    from stochvi.views.tables import print_explanation
+    from stochvi.views.verification_tables import print_explanation
 
     found = explain_scene(load_scene(scene), threads=options.threads)
     options.show(found, print_explanation)

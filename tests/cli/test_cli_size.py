@@ -14,8 +14,8 @@ from stochvi.isolators.screening import screen
 from stochvi.isolators.sizing.answer import Sizing, spoken_percent
 from stochvi.isolators.sizing.method import size
 from stochvi.scenes.scene import load_scene
+from stochvi.views.isolator_tables import print_sizing
 from stochvi.views.sizing import plot_risk
-from stochvi.views.tables import print_sizing
 from support.commands import ISOLATOR, Run, one_document
 from support.sized import scene_between_stops, sizing_of
 

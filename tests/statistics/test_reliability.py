@@ -23,7 +23,7 @@ from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.bursts import bursts
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
-from stochvi.views.statistics import chance_in_words
+from stochvi.views.statistics_tables import chance_in_words
 from support.commands import Run, one_document
 from support.known import DOCUMENT, P_AT_3, RARE, TEN_PERIODS, oscillator, to_toml
 

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from stochvi.results.estimates import format_with_error
-from stochvi.views.tables import _say, _show, _table, print_frame
+from stochvi.views.tables import new_table, print_frame, print_line, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,7 +64,9 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
     """
     title = f"in a mission of {found.mission:g} s from {STARTS[found.start]}"
     percent = f"{100.0 * found.confidence:g} % interval"
-    table = _table(title, ["event", "probability", percent, "rel. bias", "way", "CPU s", "crude"])
+    table = new_table(
+        title, ["event", "probability", percent, "rel. bias", "way", "CPU s", "crude"]
+    )
     for name, chance in found.chances.items():
         estimate = chance.estimate
         limit = "" if chance.limit is None else f" > {chance.limit:g} {LIMIT_UNITS[name]}"
@@ -84,7 +86,7 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
     for name in found.missing:
         if name != "expected_hits":
             table.add_row(name.replace("_", " "), "not found", "", "", "", "", "")
-    _show(console, table)
+    print_table(console, table)
     if "expected_hits" in found.missing:
         console.print("expected hits not found", highlight=False)
     if found.hits is not None and found.hits_interval is not None:
@@ -92,8 +94,10 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
         value = format_with_error(found.hits.value, found.hits.standard_error)
         console.print(f"expected hits {value}, {lower:.4g} to {upper:.4g}", highlight=False)
     for chance in found.chances.values():
-        _say(console, f"{chance.event.replace('_', ' ')}: {chance.why}")
+        print_line(console, f"{chance.event.replace('_', ' ')}: {chance.why}")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
-    _say(console, f"assumptions: {'; '.join(found.assumptions)}")
-    _say(console, f"cost: {found.cost.wall_time:.3g} s; crude: CPU seconds for the same error")
+    print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
+    print_line(
+        console, f"cost: {found.cost.wall_time:.3g} s; crude: CPU seconds for the same error"
+    )

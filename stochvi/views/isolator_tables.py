@@ -1,0 +1,140 @@
+"""Screening, clearances and sizing of isolators on a terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
+from stochvi.views.tables import (
+    LAST_DIGITS,
+    new_table,
+    print_frame,
+    print_line,
+    print_table,
+    value_with_error,
+)
+from stochvi.views.words import places_of_stops
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+    from stochvi.isolators.screening import Screening
+    from stochvi.isolators.sizing.answer import Sizing
+
+
+def print_screening(console: Console, linear: Screening) -> None:
+    """The linear screening of an isolator, with its notes."""
+    print_frame(console, linear.to_frame(), "linear screening, stops left out")
+    for note in linear.notes:
+        console.print(f"note: {note}", style="yellow", highlight=False)
+
+
+CLEARANCE_COLUMNS = {
+    "clearance_in_sigma": "gap/sigma",
+    "gap": "gap (mm)",
+    "rice": "Rice (1/s)",
+    "closure": "closure",
+    "simulated": "Monte Carlo",
+    "interval": "95 % interval",
+    "impact_speed_mean": "speed (m/s)",
+}
+
+
+def print_clearance(console: Console, curve: pd.DataFrame) -> None:
+    """Hit rate against clearance, as `clearance_curve` returns it."""
+    limits = zip(curve["simulated_low"], curve["simulated_high"], strict=True)
+    shown = curve.assign(
+        gap=1e3 * curve["clearance"], interval=[f"{a:.3g} to {b:.3g}" for a, b in limits]
+    )
+    print_frame(
+        console,
+        shown[list(CLEARANCE_COLUMNS)].rename(columns=CLEARANCE_COLUMNS),
+        "hits per second on both stops, and mean impact speed",
+        {"gap/sigma": ".2f"},
+    )
+
+
+def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
+    """The clearance and what three sigma buys, first; then what both rest on."""
+    console.print(sizing.verdict(), style="bold", highlight=False)
+    print_line(console, places_of_stops(sizing))
+    three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
+    table = new_table(
+        f"at 3 sigma = {1e3 * three.clearance:.4g} mm, in {mission}", ["quantity", "value"]
+    )
+    table.add_row("chance of any hit", spoken_percent(three.probability.value))
+    table.add_row("hits by Rice", f"{three.rice_hits:.4g}")
+    table.add_row("first hits (bursts)", value_with_error(three.first_hits))
+    if three.hits is not None:
+        table.add_row("hits, simulated", value_with_error(three.hits))
+    if three.impact_speed_mean is not None:
+        table.add_row("mean impact speed (m/s)", value_with_error(three.impact_speed_mean))
+    print_table(console, table)
+    limits = zip(sizing.required["clearance_low"], sizing.required["clearance_high"], strict=True)
+    print_frame(
+        console,
+        sizing.required.assign(
+            probability=[spoken_percent(chance) for chance in sizing.required["probability"]],
+            clearance=1e3 * sizing.required["clearance"],
+            interval=[f"{1e3 * low:.4g} to {1e3 * high:.4g}" for low, high in limits],
+        )[list(REQUIRED_COLUMNS)].rename(columns=REQUIRED_COLUMNS),
+        f"chance of any hit in {mission}",
+    )
+    _print_hits(console, sizing)
+    if sensitivity is not None:
+        print_frame(
+            console,
+            sensitivity.assign(
+                clearance=1e3 * sensitivity["clearance"],
+                clearance_change=[f"{100.0 * c:+.1f} %" for c in sensitivity["clearance_change"]],
+                probability=[spoken_percent(chance) for chance in sensitivity["probability"]],
+            )[list(CHANGE_COLUMNS)].rename(columns=CHANGE_COLUMNS),
+            "for the same target, and at the old clearance",
+        )
+    print_line(console, f"method: {sizing.method}")
+    print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
+    for warning in sizing.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _print_hits(console: Console, sizing: Sizing) -> None:
+    """At 3 sigma and at the answer; what was tried on the way there answers nothing."""
+    if len(sizing.simulated):
+        places = [sizing.three_sigma.clearance, sizing.clearance.value]
+        table = sizing.simulated[sizing.simulated["clearance"].isin(places)]
+        print_frame(
+            console,
+            table.assign(clearance=1e3 * table["clearance"])[list(HIT_COLUMNS)].rename(
+                columns=HIT_COLUMNS
+            ),
+            "hits on all stops, with the stop law",
+        )
+        print_line(console, HITS_PER_FIRST_HIT)
+    print_line(console, LAST_DIGITS)
+
+
+REQUIRED_COLUMNS = {
+    "probability": "chance",
+    "clearance": "clearance (mm)",
+    "interval": "95 % interval",
+    "clearance_in_sigma": "in sigma",
+}
+
+
+CHANGE_COLUMNS = {
+    "change": "change",
+    "clearance": "clearance (mm)",
+    "clearance_change": "by",
+    "probability": "chance of any hit",
+}
+
+
+HIT_COLUMNS = {
+    "clearance": "clearance (mm)",
+    "clearance_in_sigma": "in sigma",
+    "hit_rate": "hits (1/s)",
+    "hits_per_first_hit": "hits per first hit",
+    "impact_speed_mean": "mean speed (m/s)",
+    "by": "by",
+}

@@ -1,0 +1,231 @@
+"""Verdicts, costs and explanations on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from stochvi.results.estimates import format_with_error
+from stochvi.verification.check import (
+    APPROXIMATE,
+    BALANCE,
+    DISAGREES,
+    ROUNDING,
+    Check,
+    Comparison,
+)
+from stochvi.verification.checks import BALANCES_ONLY
+from stochvi.verification.cost import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
+from stochvi.views.tables import (
+    QUANTITY_NAMES,
+    formatted_cell,
+    new_table,
+    print_line,
+    print_table,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from stochvi.verification.checks import Checks
+    from stochvi.verification.explain import Explanation
+
+
+def print_check(console: Console, verdict: Check) -> None:
+    """What was judged, what linearisation gets wrong, and the verdict in a sentence."""
+    judged = [row for row in verdict.comparisons if row.verdict != APPROXIMATE]
+    for method in dict.fromkeys(row.method for row in judged):
+        _print_judged(console, [row for row in judged if row.method == method])
+    _print_approximations(console, verdict)
+    for reason in verdict.left_out:
+        print_line(console, f"left out: {reason}")
+    for response in verdict.responses[:1]:
+        for warning in response.warnings:
+            console.print(f"note: {warning}", style="yellow", highlight=False)
+    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+
+
+def print_checks(console: Console, verdict: Checks) -> None:
+    """A line for each scene, every alarm, and the verdict in a sentence."""
+    overview = verdict.overview()
+    headings = [str(name) for name in overview.columns]
+    table = new_table("scenes, under one alarm rate", headings, ["scene", "methods", "verdict"])
+    for line in overview.itertuples(index=False):
+        cells = [formatted_cell(cell, ".2f" if isinstance(cell, float) else "") for cell in line]
+        cells = ["" if cell == "nan" else cell for cell in cells]
+        table.add_row(*cells, style="" if cells[-1] in ("passed", BALANCES_ONLY) else "bold red")
+    print_table(console, table)
+    for name, row in verdict.alarms:
+        print_line(
+            console,
+            f"alarm: {name}: {row.quantity} of {row.of}: {row.method} {row.value:.6g}, "
+            f"{row.reference} {row.reference_value:.6g}, allowed {row.tolerance:.1e}",
+        )
+    console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+
+
+def _print_judged(console: Console, judged: Sequence[Comparison]) -> None:
+    """The comparisons and balances of one method that claims to be right."""
+    against = [row.reference for row in judged if row.of != BALANCE]
+    title = f"judged: {judged[0].method}"
+    title += f" against {against[0]}, and its balances" if against else ", its balances"
+    headings = ["quantity", "reference", "value", "difference", "allowed", "verdict"]
+    table = new_table(title, headings)
+    for row in judged:
+        name = f"{row.quantity} balance" if row.of == BALANCE else QUANTITY_NAMES[row.quantity]
+        reference = "" if row.of == BALANCE else f"{row.reference_value:.6g}"
+        table.add_row(
+            name,
+            reference,
+            f"{row.value:.2e}" if row.of == BALANCE else f"{row.value:.6g}",
+            f"{row.difference:+.1e}",
+            "" if row.tolerance is None else f"{row.tolerance:.1e}",
+            row.verdict,
+            style="bold red" if row.verdict == DISAGREES else "",
+        )
+    print_table(console, table)
+
+
+def _print_approximations(console: Console, verdict: Check) -> None:
+    """Relative errors of the approximate methods against the reference, not judged."""
+    shown = [row for row in verdict.comparisons if row.verdict == APPROXIMATE]
+    if not shown:
+        return
+    methods = list(dict.fromkeys(row.method for row in shown))
+    title = f"error of linearisation against {shown[0].reference} (%), not judged"
+    headings = ["quantity", *(method.removeprefix("linearise:") for method in methods)]
+    table = new_table(title, headings)
+    for quantity in dict.fromkeys(row.quantity for row in shown):
+        if quantity == "displacement_mean":
+            continue
+        errors = {row.method: row.relative for row in shown if row.quantity == quantity}
+        cells = [f"{100.0 * errors[m]:+.2f}" if m in errors else "" for m in methods]
+        table.add_row(QUANTITY_NAMES[quantity], *cells)
+    print_table(console, table)
+
+
+def print_explanation(console: Console, told: Explanation) -> None:
+    """What would be simulated, by what, at which price."""
+    console.print("simulated:     " + "; ".join(told.effects), highlight=False)
+    console.print("not simulated: " + ("; ".join(told.absent) or "-"), highlight=False)
+    for method, verdict in told.methods.items():
+        console.print(f"{method}: {verdict}", highlight=False)
+    plan = told.simulation
+    if plan is not None:
+        console.print(
+            f"{plan.method}: {plan.states} states, step {plan.step:.3g} s, "
+            f"{plan.steps_per_path} steps a path "
+            f"({plan.burn_in:.3g} s of burn-in, {plan.duration:.3g} s counted), "
+            f"{plan.nanoseconds_per_step:.2g} ns a step here",
+            highlight=False,
+        )
+        for target, seconds in plan.seconds.items():
+            cost = "unknown"
+            if seconds is not None:
+                cost = f"about {seconds:.1g} s" if seconds < 10.0 else f"about {seconds:.0f} s"
+            console.print(
+                f"relative error {target:g}: {cost} ({plan.governed_by})", highlight=False
+            )
+    print_line(console, f"assumptions: {'; '.join(told.assumptions)}")
+    for note in told.notes:
+        console.print(f"note: {note}", style="yellow", highlight=False)
+
+
+def print_cost(console: Console, found: WorkPrecision) -> None:
+    """Bias and statistical error at each step, the prices that follow, and errors of models."""
+    steps = [f"{step:.3g} s" for step in found.steps]
+    bias = new_table("bias of the step (%)", ["quantity", *steps])
+    noise = new_table("standard error of one CPU second (%)", ["quantity", *steps])
+    for key in dict.fromkeys((row.of, row.quantity) for row in found.errors):
+        rows = [row for row in found.errors if (row.of, row.quantity) == key]
+        bias.add_row(_whose(found, *key), *(_step_bias(found, row) for row in rows))
+        noise.add_row(
+            _whose(found, *key), *(f"{100.0 * row.error_of_a_second:.2g}" for row in rows)
+        )
+    console.print(bias)
+    console.print(noise)
+    _print_prices(console, found)
+    _print_models(console, found)
+    against = f"biases are measured against: {found.reference}"
+    if found.elastic:
+        against += "; with elastic stops there is none at any step, in theory"
+    print_line(console, against)
+    print_line(
+        console,
+        f"{found.method}, {found.cost.paths} paths at every step, {found.cost.wall_time:.3g} s on "
+        f"{found.cost.threads} threads; errors of a mean are relative to the rms displacement",
+    )
+    for reason in found.left_out:
+        console.print(f"note: {reason}", style="yellow", highlight=False)
+    console.print(found.summary(), style="green" if not found.left_out else "yellow")
+
+
+def _whose(found: WorkPrecision, owner: str, quantity: str) -> str:
+    """A quantity in words; of whom, where the scene has several coordinates or pairs."""
+    hits = [row.of for row in found.errors if row.quantity == "impact_speed_rate"]
+    moments = [row.of for row in found.errors if row.quantity == "velocity_mean_square"]
+    alone = len(set(hits)) < 2 and len(set(moments)) < 2
+    return QUANTITY_NAMES[quantity] if alone else f"{owner}: {QUANTITY_NAMES[quantity]}"
+
+
+def _step_bias(found: WorkPrecision, row: StepError) -> str:
+    """In per cent with its standard error; an upper limit where it may be nothing but noise."""
+    if row.step_bias_limit is None:
+        return "unknown"
+    if row.bias_is_seen:
+        return format_with_error(100.0 * row.step_bias, 100.0 * row.step_bias_error)
+    if row.step_bias_error == 0.0:
+        return "reference"
+    return f"< {100.0 * (row.largest_bias if found.elastic else row.step_bias_limit):.2g}"
+
+
+def _print_prices(console: Console, found: WorkPrecision) -> None:
+    """CPU seconds to bring statistical error and bias below each target, by step."""
+    targets = [f"{100.0 * target:g} %" for target in TARGETS]
+    groups = [("", False), ("hits ", True)]
+    groups = [group for group in groups if found.of_step(found.steps[0], rates=group[1])]
+    headings = [name + target for name, _ in groups for target in targets]
+    table = new_table("CPU time until both are below (-: bias is not)", ["step", *headings])
+    for step in found.steps:
+        cells = []
+        for _, rates in groups:
+            for target in TARGETS:
+                prices = [row.seconds(target) for row in found.of_step(step, rates=rates)]
+                known = [price for price in prices if price is not None]
+                complete = bool(known) and len(known) == len(prices)
+                cells.append(spoken_time(max(known)) if complete else "-")
+        table.add_row(f"{step:.3g} s{' *' if step == found.default_step else ''}", *cells)
+    print_table(console, table)
+    usual = "* the step that simulate takes"
+    print_line(
+        console, usual if found.elastic else f"{usual}, and twice it: half as much time on top"
+    )
+
+
+def _print_models(console: Console, found: WorkPrecision) -> None:
+    """Errors that no time makes smaller."""
+    if not found.models:
+        return
+    methods = list(dict.fromkeys(row.method for row in found.models))
+    bounded = [row.method for row in found.models if row.stated_bias]
+    short = {"fokker-planck": "Fokker-P."}
+    names = [short.get(method, method.removeprefix("linearise:")) for method in methods]
+    title = "error of the model (%), free and to stay"
+    title += "; bound: stated by Fokker-Planck" if bounded else ""
+    table = new_table(title, ["quantity", *names, *(["bound"] if bounded else [])])
+    for key in dict.fromkeys((row.of, row.quantity) for row in found.models):
+        errors = {row.method: row for row in found.models if (row.of, row.quantity) == key}
+        cells = [_model_error(errors[m]) if m in errors else "" for m in methods]
+        for method in bounded[:1]:
+            bound = errors[method].stated_bias if method in errors else None
+            cells.append("" if bound is None else f"{100.0 * bound:.2g}")
+        table.add_row(_whose(found, *key), *cells)
+    print_table(console, table)
+
+
+def _model_error(row: ModelError) -> str:
+    if abs(row.model_error) < ROUNDING:
+        return "0"
+    if row.model_error_error == 0.0:
+        return f"{100.0 * row.model_error:.3g}"
+    return format_with_error(100.0 * row.model_error, 100.0 * row.model_error_error)
