@@ -25,9 +25,13 @@ NO_STOP = StopStatistics(0.0, 0.0, 0.0)
 
 
 class ContactStatistics(NamedTuple):
-    """What a stop that gives way sees beyond its onsets: the share of time in contact, the mean
-    force over all time, the mean over contacts of their largest force (None where a method has no
-    law for it), and the mean power that the stop takes."""
+    """What a stop that gives way sees beyond the onsets of its contacts.
+
+    `probability` is the share of time in contact: the mass is beyond the stop, and the damper of
+    the stop, if it has one, has not brought the force back to zero. `force` is the mean force over
+    all time, `peak_force` the mean over contacts of their largest force (None where a method has
+    no law for it), `power` the mean power that the stop takes.
+    """
 
     probability: float
     force: float

@@ -77,7 +77,9 @@ class PairResponse(Quantities[Estimate | float | None]):
     peak_force
         Of stops that give way: the mean over contacts of the largest force, N.
     contact_probability, contact_force_lower, contact_force_upper
-        Of stops that give way: the share of time in contact, and the mean forces, N.
+        Of stops that give way: the share of time in contact, and the mean forces, N. A mass is in
+        contact while it is beyond the stop, whether the stop pushes yet or not; contact with a stop
+        that has a damper ends when its force returns to zero.
     relative_displacement_mean, relative_displacement_std, relative_velocity_std
         Of a pair of two coordinates, the motion of the first relative to the second, m and m/s.
     speed_threshold

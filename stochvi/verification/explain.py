@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from stochvi.methods.averaging import unmet as unmet_by_averaging
 from stochvi.methods.closed_form import unmet as unmet_by_closed_form
-from stochvi.methods.fokker_planck import unmet_conditions as unmet_by_fokker_planck
+from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import Prospect, prospect
 from stochvi.model.cautions import scene_notes
@@ -91,7 +91,7 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
     model, effects = model_of(scene), scene.effects()
     methods = {
         "exact": "; ".join(unmet_by_closed_form(model)) or APPLIES,
-        "fokker-planck": "; ".join(unmet_by_fokker_planck(scene)) or APPLIES,
+        "fokker-planck": "; ".join(unmet_by_fokker_planck(model)) or APPLIES,
         "average": "; ".join(unmet_by_averaging(model)) or APPLIES,
         "linearise": APPLIES,
     }

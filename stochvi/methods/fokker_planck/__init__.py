@@ -1,12 +1,16 @@
 """Numerical solution of the Fokker-Planck equation: stationary, in time, until a first passage."""
 
+from stochvi.methods.fokker_planck.coverage import (
+    unmet,
+    unmet_by_first_passage,
+    unmet_by_transient,
+)
 from stochvi.methods.fokker_planck.density import StationaryDensity
 from stochvi.methods.fokker_planck.method import (
     Batch,
     fokker_planck,
     fokker_planck_density,
     fokker_planck_many,
-    unmet_conditions,
 )
 from stochvi.methods.fokker_planck.passage import FirstPassage, first_passage
 from stochvi.methods.fokker_planck.starts import Gaussian
@@ -23,5 +27,7 @@ __all__ = [
     "fokker_planck_density",
     "fokker_planck_many",
     "transient",
-    "unmet_conditions",
+    "unmet",
+    "unmet_by_first_passage",
+    "unmet_by_transient",
 ]

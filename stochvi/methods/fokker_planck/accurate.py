@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.methods.fokker_planck.field import Averages, Field
-from stochvi.methods.fokker_planck.motion import Frame, Motion, Stop, make_frame
+from stochvi.methods.fokker_planck.motion import Frame, Motion, make_frame
 from stochvi.methods.fokker_planck.patches import (
     Degrees,
     Patch,
@@ -19,6 +19,7 @@ from stochvi.methods.fokker_planck.patches import (
     refined,
 )
 from stochvi.methods.fokker_planck.strips import Strip, solve_strips
+from stochvi.model.model import Stop
 from stochvi.results.errors import NotConverged
 
 FIRST_DEGREES = Degrees(2, 4)
@@ -248,7 +249,7 @@ def _cut(field: Field) -> dict[str, float]:
     ends of the box, x^2 p / (n - 2) and x^3 p / (n - 3)."""
     frame = field.frame
     found = {"mean": 0.0, "variance": 0.0}
-    if frame.motion.system.restoring is None:
+    if frame.motion.model.restoring is None:
         return found
     for side, end, falls in frame.motion.open_ends(frame.left, frame.right, frame.speed**2):
         if frame.halved and side < 0:

@@ -13,8 +13,8 @@ import numpy as np
 
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck.mesh import Array
-from stochvi.methods.fokker_planck.operators import LinearMotion
 from stochvi.methods.fokker_planck.starts import Point, Start
+from stochvi.model.model import Model
 
 PANELS = 64
 """Into which a time is cut; the bound holds for any number and sinks with it."""
@@ -23,9 +23,7 @@ FALLING = math.sqrt(2.0)
 """Standard deviations from where on z^2 exp(-z^2 / 2), and all else in the bound, falls with z."""
 
 
-def passages_at_most(
-    motion: LinearMotion, start: Start, lower: float, upper: float, times: Array
-) -> Array:
+def passages_at_most(model: Model, start: Start, lower: float, upper: float, times: Array) -> Array:
     """A bound on P(a barrier is passed before t) of an oscillator that starts at a point.
 
     The crossings of x = B per unit time, p_x(B) E[max(v, 0) | x = B], are at most
@@ -48,34 +46,41 @@ def passages_at_most(
 
     Examples
     --------
-    >>> bound = passages_at_most(
-    ...     LinearMotion(1.0, 0.02, 0.02, 0.0), Point(0.0, 0.0), -5.0, 5.0, np.array([6.28, 1e6])
+    >>> from stochvi.model.model import model_of
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.scene import Scene
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.04)],
     ... )
+    >>> times = np.array([6.28, 1e6])
+    >>> bound = passages_at_most(model_of(scene), Point(0.0, 0.0), -5.0, 5.0, times)
     >>> [f"{value:.0e}" for value in bound]
     ['6e-46', '1e+00']
     """
-    if motion.omega == 0.0 or not isinstance(start, Point):
+    if model.omega == 0.0 or not isinstance(start, Point):
         return np.ones(len(times))
-    rest = motion.load / motion.omega**2
+    rest = model.rest
     distances = np.array([rest - lower, upper - rest])
     state = np.array([start.x - rest, start.v])
-    crossings = [_crossings(motion, state, distances[np.isfinite(distances)], t) for t in times]
+    crossings = [_crossings(model, state, distances[np.isfinite(distances)], t) for t in times]
     return np.minimum(crossings, 1.0)
 
 
-def _crossings(motion: LinearMotion, state: Array, distances: Array, duration: float) -> float:
+def _crossings(model: Model, state: Array, distances: Array, duration: float) -> float:
     """Of all barriers together, at most; infinite where the bound knows nothing."""
     step = duration / PANELS
-    generator = np.array([[0.0, 1.0], [-(motion.omega**2), -motion.damping_rate]])
+    generator = np.array([[0.0, 1.0], [-(model.omega**2), -model.damping_rate]])
     move = transition(generator, step)
-    noise = step_covariance(generator, np.diag([0.0, 2.0 * motion.diffusion]), step)
+    noise = step_covariance(generator, np.diag([0.0, model.intensity]), step)
     spread = np.zeros((2, 2))
     total = 0.0
     for _ in range(PANELS if duration > 0.0 else 0):
         spread = move @ spread @ move.T + noise
-        fastest = math.hypot(motion.omega * state[0], state[1])
+        fastest = math.hypot(model.omega * state[0], state[1])
         s_x, s_v = np.sqrt(np.diag(spread))
-        z = (distances - fastest / motion.omega) / s_x
+        z = (distances - fastest / model.omega) / s_x
         if (z < FALLING).any():
             return math.inf
         density = np.exp(-(z**2) / 2.0) / (math.sqrt(2.0 * math.pi) * s_x)

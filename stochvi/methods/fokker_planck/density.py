@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.methods.fokker_planck.accurate import SAFETY
 from stochvi.methods.fokker_planck.field import Field
-from stochvi.methods.fokker_planck.motion import Stop
+from stochvi.model.model import Stop
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 
@@ -131,7 +131,7 @@ class StationaryDensity:
 
     def _exponent(self, solution: Field, side: str) -> float:
         stop = self._stop(side)
-        if stop is None or not stop.law.rigid:
+        if stop is None or not stop.rigid:
             raise ValueError(f"needs a rigid stop within reach, got none at the {side} side")
         w = RESOLVED * solution.slowest * np.array([1.0, 2.0])
         slower, faster = solution.flux_density(stop.position, stop.side, w) / w
@@ -141,9 +141,9 @@ class StationaryDensity:
         stop = self._stop(side)
         if stop is None:
             return 0.0
-        if not stop.law.rigid or stop.law.conservative:
+        if not stop.rigid or stop.law.conservative:
             return float(solution.flux(stop.position, stop.side, 1))
-        restitution = float(stop.kept(np.array([SLOWEST]))[0])
+        restitution = float(stop.restitution_at([SLOWEST])[0])
         if restitution <= COLLAPSE_RESTITUTION:
             return None
         slow = RESOLVED * solution.slowest

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.cells import Indices, VelocityCells
 from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, legendre
-from stochvi.methods.fokker_planck.motion import Frame, Stop
+from stochvi.methods.fokker_planck.motion import Frame
 from stochvi.methods.fokker_planck.strips import Solved, Strip
+from stochvi.model.model import Stop
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
 
@@ -21,7 +22,7 @@ class Averages(NamedTuple):
     """Stationary averages, SI units per unit mass, or errors of them.
 
     Of a stop: hits per second above the threshold, F1, F2; of one that gives way also the share of
-    time in which it pushes, its mean force and the mean power that it takes.
+    time in contact, its mean force and the mean power that it takes.
     """
 
     mean: float
@@ -213,7 +214,7 @@ class Field:
         for strip, _, weights, q in self._strips():
             ends = strip.cells.values(np.array([-reach, reach])) @ (weights @ q)
             found += float(np.abs(ends).sum()) * math.exp(-(reach**2) / 2.0)
-        walls = {stop.side for stop in self.frame.reached if stop.law.rigid}
+        walls = {stop.side for stop in self.frame.reached if stop.rigid}
         for side, x in ((-1, self.frame.left), (1, self.frame.right)):
             if side not in walls and not (self.frame.halved and side < 0):
                 found += abs(float(self.displacement_density(x))) * self.frame.length
@@ -252,8 +253,13 @@ class Field:
         return found
 
     def _contact(self, stop: Stop, law: CompliantLaw) -> dict[str, float]:
-        """Share of time in which a stop pushes, its mean force, and the power that it takes."""
+        """Share of time in contact, mean force, and mean power that a stop takes.
+
+        A mass is in contact while it is beyond the stop; contact with a stop that has a damper ends
+        when the force returns to zero, which it does before the deflection.
+        """
         share = force = power = 0.0
+        ends_early = not law.conservative
         side = stop.side
         for strip, x, weights, q in self._strips():
             deflection = stop.deflection(x)
@@ -265,7 +271,8 @@ class Field:
             rate = side * self.frame.speed * u
             y = np.broadcast_to(deflection[:, None, None], u.shape)
             push = np.asarray(law.force_at(y, rate), dtype=float)
-            share += float(np.sum(density * (push > 0.0)))
+            touching = push > 0.0 if ends_early else np.ones(push.shape, dtype=bool)
+            share += float(np.sum(density * touching))
             force += float(np.sum(density * push))
             power += float(np.sum(density * push * rate))
         return {"contact": share, "force": force, "power": power}
@@ -315,7 +322,7 @@ class Field:
         size = max(size, *map(abs, net))
         force = 0.0 if frame.halved else sum(net) / size
         residuals = {"energy": sum(energy) / motion.power, "force": force}
-        if all(stop.law.rigid or stop.law.conservative for stop in frame.reached):
+        if all(stop.rigid or stop.law.conservative for stop in frame.reached):
             residuals["virial"] = sum(virial) / found.velocity_mean_square
         return residuals
 
@@ -327,8 +334,10 @@ class Field:
         u, weights = gauss_panels(np.unique(np.maximum(side * strip.cells.breaks, 0.0)), NODES)
         w = self.frame.speed * u
         rate = self.frame.speed * weights * u * np.exp(-(u**2) / 2.0) * strip.cells.at(side * u, q)
-        kept = stop.kept(w)
-        return float(rate @ ((1.0 - kept**2) * w**2)) / 2.0, float(rate @ ((1.0 + kept) * w))
+        restitution = stop.restitution_at(w)
+        return float(rate @ ((1.0 - restitution**2) * w**2)) / 2.0, float(
+            rate @ ((1.0 + restitution) * w)
+        )
 
 
 BORDER = 1e-12

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.methods.fokker_planck.mesh import Mesh
-from stochvi.methods.fokker_planck.operators import BoxFrame, LinearMotion, Walls, frame
+from stochvi.methods.fokker_planck.operators import BoxFrame, Walls, frame
 from stochvi.methods.fokker_planck.starts import Gaussian, Start
+from stochvi.model.model import Model
 
 REACH = 6.0
 """Speeds beyond that of a barrier by REACH in units of the scale, squared and added, are cut off:
@@ -87,82 +88,78 @@ LAYER_SHARE = 2.0
 """Element sizes over the width of what diffuses behind an absorbing wall, at size 1."""
 
 
-def lowest(motion: LinearMotion, lower: float, upper: float) -> float:
+def lowest(model: Model, lower: float, upper: float) -> float:
     """Where the potential energy of spring and load is lowest between two displacements."""
-    if motion.omega > 0.0:
-        return min(max(motion.load / motion.omega**2, lower), upper)
-    if motion.load != 0.0:
-        return upper if motion.load > 0.0 else lower
-    return min(max(0.0, lower), upper)
+    return min(max(model.rest, lower), upper)
 
 
-def rise(motion: LinearMotion, x: float, base: float) -> float:
+def rise(model: Model, x: float, base: float) -> float:
     """Potential energy per unit mass at x over that at `base`."""
-    return (x - base) * (motion.omega**2 * (x + base) / 2.0 - motion.load)
+    return (x - base) * (model.omega**2 * (x + base) / 2.0 - model.load)
 
 
-def passage_layout(motion: LinearMotion, lower: float, upper: float, start: Start) -> Layout:
+def passage_layout(model: Model, lower: float, upper: float, start: Start) -> Layout:
     """Between absorbing barriers; an infinite one is none, and the box ends far from the other.
 
     The scale of speed is that of the stationary law, or, if that is larger, the speed that takes a
     path to a barrier or that noise gives it on the way there.
     """
-    base = lowest(motion, lower, upper)
-    lower, upper = _felt(motion, lower, upper, base)
+    base = lowest(model, lower, upper)
+    lower, upper = _felt(model, lower, upper, base)
     barriers = [x for x in (lower, upper) if math.isfinite(x)]
-    climb = math.sqrt(max(2.0 * max(rise(motion, x, base) for x in barriers), 0.0))
+    climb = math.sqrt(max(2.0 * max(rise(model, x, base) for x in barriers), 0.0))
     length = upper - lower
     if not math.isfinite(length):
         length = max(abs(barriers[0] - base), abs(_place(start) - barriers[0]))
-    native = max(climb, math.cbrt(motion.diffusion * length))
-    law = _law(motion)
-    energy = _start_energy(motion, start, lower, upper, base)
+    native = max(climb, math.cbrt(model.intensity / 2.0 * length))
+    law = _law(model)
+    energy = _start_energy(model, start, lower, upper, base)
     slow = min(law, native)
     # what a path can still gain before it meets a barrier that it has the energy for
-    gained = climb + REACH * _layer(motion, length)
+    gained = climb + REACH * _layer(model, length)
     fastest = max(
         min(math.hypot(climb, REACH * slow), gained),
         math.sqrt(2.0 * energy) + START_MARGIN * slow,
     )
     speed = max(min(law, max(slow, fastest / FLATTEST)), fastest / WIDEST)
-    left = lower if math.isfinite(lower) else _end(motion, base, fastest, -1.0)
-    right = upper if math.isfinite(upper) else _end(motion, base, fastest, 1.0)
+    left = lower if math.isfinite(lower) else _end(model, base, fastest, -1.0)
+    right = upper if math.isfinite(upper) else _end(model, base, fastest, 1.0)
     middle = (left + right) / 2.0
-    off_centre = abs(motion.load - motion.omega**2 * middle) * (right - left)
+    off_centre = abs(model.load - model.omega**2 * middle) * (right - left)
     halved = len(barriers) == 2 and off_centre <= SYMMETRIC * speed**2
     walls = Walls(1.0 if halved or math.isinf(lower) else None, 1.0 if math.isinf(upper) else None)
     return _layout(
-        motion, middle if halved else left, right, speed, walls, halved,
+        model, middle if halved else left, right, speed, walls, halved,
         reach=fastest, core=climb + slow, native=native,
     )  # fmt: skip
 
 
-def _law(motion: LinearMotion) -> float:
+def _law(model: Model) -> float:
     """The rms velocity without barriers."""
-    if motion.damping_rate == 0.0:
+    if model.damping_rate == 0.0:
         return math.inf
-    return math.sqrt(motion.diffusion / motion.damping_rate)
+    return math.sqrt(model.intensity / 2.0 / model.damping_rate)
 
 
-def _climbs(motion: LinearMotion, lower: float, upper: float, base: float) -> tuple[float, float]:
+def _climbs(model: Model, lower: float, upper: float, base: float) -> tuple[float, float]:
     """The speeds at the lowest place that reach either barrier."""
     first, second = (
-        math.sqrt(max(2.0 * rise(motion, x, base), 0.0)) if math.isfinite(x) else math.inf
+        math.sqrt(max(2.0 * rise(model, x, base), 0.0)) if math.isfinite(x) else math.inf
         for x in (lower, upper)
     )
     return first, second
 
 
-def barrier_height(motion: LinearMotion, lower: float, upper: float) -> float:
+def barrier_height(model: Model, lower: float, upper: float) -> float:
     """Speed that the lower of two barriers takes, in standard deviations; 0 without damping."""
-    climbs = _climbs(motion, lower, upper, lowest(motion, lower, upper))
-    return min(climbs) / _law(motion)
+    climbs = _climbs(model, lower, upper, lowest(model, lower, upper))
+    return min(climbs) / _law(model)
 
 
-def _felt(motion: LinearMotion, lower: float, upper: float, base: float) -> tuple[float, float]:
+def _felt(model: Model, lower: float, upper: float, base: float) -> tuple[float, float]:
     """The barriers without one that is met exp(-REACH^2 / 2) times as often as the other."""
-    first, second = _climbs(motion, lower, upper, base)
-    most = math.hypot(min(first, second), REACH * _law(motion))
+    first, second = _climbs(model, lower, upper, base)
+    most = math.hypot(min(first, second), REACH * _law(model))
     return (lower if first <= most else -math.inf), (upper if second <= most else math.inf)
 
 
@@ -171,45 +168,45 @@ SYMMETRIC = 1e-12
 
 
 def stops_layout(
-    motion: LinearMotion, left: float, right: float, walls: Walls, speed: float, start: Start
+    model: Model, left: float, right: float, walls: Walls, speed: float, start: Start
 ) -> Layout:
     """Between stops; an infinite one is none, and the box ends far out; `speed` is its scale."""
-    base = lowest(motion, left, right)
-    energy = _start_energy(motion, start, left, right, base)
+    base = lowest(model, left, right)
+    energy = _start_energy(model, start, left, right, base)
     fastest = max(REACH * speed, math.sqrt(2.0 * energy) + START_MARGIN * speed)
     speed = max(speed, fastest / WIDEST)
-    left = left if math.isfinite(left) else _end(motion, base, fastest, -1.0)
-    right = right if math.isfinite(right) else _end(motion, base, fastest, 1.0)
-    native = math.cbrt(motion.diffusion * (right - left))
+    left = left if math.isfinite(left) else _end(model, base, fastest, -1.0)
+    right = right if math.isfinite(right) else _end(model, base, fastest, 1.0)
+    native = math.cbrt(model.intensity / 2.0 * (right - left))
     return _layout(
-        motion, left, right, speed, walls, False,
+        model, left, right, speed, walls, False,
         reach=fastest, core=3.0 * speed, native=max(native, speed),
     )  # fmt: skip
 
 
 def _layout(
-    motion: LinearMotion, left: float, right: float, speed: float, walls: Walls, halved: bool,
+    model: Model, left: float, right: float, speed: float, walls: Walls, halved: bool,
     *, reach: float, core: float, native: float,
 ) -> Layout:  # fmt: skip
     length = right - left
-    steepest = max(abs(motion.load - motion.omega**2 * x) for x in (left, right))
-    layer = _layer(motion, length)
+    steepest = max(abs(model.load - model.omega**2 * x) for x in (left, right))
+    layer = _layer(model, length)
     return Layout(
-        frame=frame(motion, left, right, speed),
+        frame=frame(model, left, right, speed),
         walls=walls,
         reach=reach / speed,
         core=core / speed,
-        length=max(length * motion.omega / speed, length * steepest / speed**2 / STEEP),
+        length=max(length * model.omega / speed, length * steepest / speed**2 / STEEP),
         finest=min(1.0, native / speed, LAYER_SHARE * layer / speed),
         halved=halved,
     )
 
 
-def _layer(motion: LinearMotion, length: float) -> float:
+def _layer(model: Model, length: float) -> float:
     """The speed that noise gives in a natural period or on the way through the box."""
-    layer = math.cbrt(motion.diffusion * length)
-    if motion.omega > 0.0:
-        layer = min(layer, math.sqrt(2.0 * math.pi * motion.diffusion / motion.omega))
+    layer = math.cbrt(model.intensity / 2.0 * length)
+    if model.omega > 0.0:
+        layer = min(layer, math.sqrt(math.pi * model.intensity / model.omega))
     return layer
 
 
@@ -221,16 +218,14 @@ def _place(start: Start) -> float:
     return start.mean[0] if isinstance(start, Gaussian) else start.x
 
 
-def _start_energy(
-    motion: LinearMotion, start: Start, lower: float, upper: float, base: float
-) -> float:
+def _start_energy(model: Model, start: Start, lower: float, upper: float, base: float) -> float:
     """The highest that matters among those of a start, per unit mass."""
     if not isinstance(start, Gaussian):
-        return start.v**2 / 2.0 + rise(motion, start.x, base)
+        return start.v**2 / 2.0 + rise(model, start.x, base)
     dx, dv = start.deviations
     ends = (max(start.mean[0] - TAIL_KEPT * dx, lower), min(start.mean[0] + TAIL_KEPT * dx, upper))
     fastest = abs(start.mean[1]) + TAIL_KEPT * dv
-    highest = max(rise(motion, x, base) for x in ends)
+    highest = max(rise(model, x, base) for x in ends)
     # the extremes of both at once are rarer still
     return max(fastest**2 / 2.0, highest)
 
@@ -239,14 +234,14 @@ TAIL_KEPT = 6.0
 """Standard deviations of a start that a box has room for."""
 
 
-def _end(motion: LinearMotion, base: float, speed: float, side: float) -> float:
+def _end(model: Model, base: float, speed: float, side: float) -> float:
     """How far a path of this speed at the lowest place gets."""
-    slope = abs(motion.load - motion.omega**2 * base)
+    slope = abs(model.load - model.omega**2 * base)
     energy = speed**2 / 2.0
-    if motion.omega > 0.0 and motion.load == motion.omega**2 * base:
+    if model.omega > 0.0 and model.load == model.omega**2 * base:
         slope = 0.0
     return base + side * 2.0 * energy / (
-        slope + math.sqrt(slope**2 + 2.0 * motion.omega**2 * energy)
+        slope + math.sqrt(slope**2 + 2.0 * model.omega**2 * energy)
     )
 
 

@@ -14,18 +14,20 @@ from numpy.typing import ArrayLike
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
 from stochvi.methods.fokker_planck.accurate import Answered, solve_accurately, vague, worst
 from stochvi.methods.fokker_planck.boxes import speed_scale
+from stochvi.methods.fokker_planck.coverage import unmet
 from stochvi.methods.fokker_planck.density import StationaryDensity
 from stochvi.methods.fokker_planck.field import Averages
 from stochvi.methods.fokker_planck.levels import LEVELS, Level, Moments, errors, solve, unreached
 from stochvi.methods.fokker_planck.mesh import Array
 from stochvi.methods.fokker_planck.motion import Motion
+from stochvi.model.coverage import functions
+from stochvi.model.model import Model, Stop, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.model.responses import Answer
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
-from stochvi.scenes.impact_laws import SpeedRestitution
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.scene import Scene
 
 SLOW_IMPACTS = 0.05
 """Impacts slower than this, in units of the speed scale, are left out of rates where a stop loses
@@ -88,17 +90,19 @@ def fokker_planck(
     """
     started = time.perf_counter()
     motion = _motion(scene, rtol, speed_threshold)
-    system = motion.system
+    model = motion.model
     if speed_threshold is None:
         speed_threshold = _slow(motion)
     found, balances = None, None
-    if _all_numbers(scene):
-        found = _quickly(system, rtol, speed_threshold)
+    if _all_numbers(model):
+        found = _quickly(model, rtol, speed_threshold)
     how = "half-range Galerkin"
     if found is None:
-        answered = solve_accurately(motion, rtol, speed_threshold, _told(system, speed_threshold))
+        answered = solve_accurately(
+            motion, rtol, speed_threshold, _finite_rates(model, speed_threshold)
+        )
         found, how = (answered.averages, answered.errors), "refined Galerkin"
-        if scene.beyond_numbers():
+        if functions(model):
             balances = _balances(answered)
     return _response(scene, found, rtol, speed_threshold, how, started, balances)
 
@@ -129,54 +133,50 @@ def fokker_planck_density(
     motion = _motion(scene, rtol, speed_threshold)
     if speed_threshold is None:
         speed_threshold = _slow(motion)
-    told = _told(motion.system, speed_threshold)
-    answered = solve_accurately(motion, rtol, speed_threshold, told)
+    rates = _finite_rates(motion.model, speed_threshold)
+    answered = solve_accurately(motion, rtol, speed_threshold, rates)
     found = answered.averages, answered.errors
-    balances = _balances(answered) if scene.beyond_numbers() else None
+    balances = _balances(answered) if functions(motion.model) else None
     response = _response(scene, found, rtol, speed_threshold, "refined Galerkin", started, balances)
     return StationaryDensity(response=response, fine=answered.field, coarse=answered.coarser)
 
 
 def _motion(scene: Scene, rtol: float, speed_threshold: float | None) -> Motion:
     _check_arguments(rtol, speed_threshold)
-    unmet = unmet_conditions(scene)
-    if unmet:
-        raise NotApplicable("fokker-planck", unmet)
-    return Motion(system=scene.system())
+    model = model_of(scene)
+    conditions = unmet(model)
+    if conditions:
+        raise NotApplicable("fokker-planck", conditions)
+    return Motion(model=model)
 
 
 def _slow(motion: Motion) -> float:
     """The threshold of rates where none is given, m/s."""
-    system = motion.system
-    if system.elastic:
+    model = motion.model
+    if model.elastic:
         return 0.0
-    if system.not_rigid() or system.restoring or _by_speed(system):
+    if not _all_numbers(model):
         return SLOW_IMPACTS * math.sqrt(motion.squares[0])
-    return SLOW_IMPACTS * float(speed_scale(_as_scenes(system))[0])
+    return SLOW_IMPACTS * float(speed_scale(OscillatorArrays.of(model))[0])
 
 
-def _by_speed(system: System) -> bool:
-    """Whether a restitution is a function."""
-    return any(isinstance(law, SpeedRestitution) for law in system.laws)
+def _all_numbers(model: Model) -> bool:
+    """Whether the meshes of the whole range cover a model: rigid stops, no functions."""
+    return not functions(model) and not model.not_rigid()
 
 
-def _all_numbers(scene: Scene) -> bool:
-    """Whether the meshes of the whole range cover a scene: rigid stops, no functions."""
-    return not scene.beyond_one_oscillator() and not scene.system().not_rigid()
-
-
-def _quickly(
-    system: System, rtol: float, speed_threshold: float
-) -> tuple[Averages, Averages] | None:
+def _quickly(model: Model, rtol: float, speed_threshold: float) -> tuple[Averages, Averages] | None:
     """Averages and bounds on their errors within rtol, by meshes of the whole range, if these
     have them."""
-    scenes = _as_scenes(system)
+    scenes = OscillatorArrays.of(model)
     speed, threshold = speed_scale(scenes), np.array([speed_threshold])
     coarse = solve(scenes, speed, LEVELS[0], threshold).moments
     for level in LEVELS[1:]:
         fine, bounds = _refine(scenes, speed, level, threshold, coarse)
         found = _averages(_physical(fine)), _averages(bounds)
-        if worst(*found) <= rtol and vague(*found).isdisjoint(_told(system, speed_threshold)):
+        if worst(*found) <= rtol and vague(*found).isdisjoint(
+            _finite_rates(model, speed_threshold)
+        ):
             return found
         coarse = fine
     return None
@@ -199,12 +199,12 @@ def _response(
     balances: Mapping[str, Estimate] | None = None,
 ) -> Response:
     """What was found, or `NotConverged` with it; `balances` where numbers do not say them."""
-    system = scene.system()
-    answer = _answer(system, *found, speed_threshold)
+    model = model_of(scene)
+    answer = _answer(model, *found, speed_threshold)
     response = answer.response(
         "fokker-planck", scene, how=how, started=started, speed_threshold=speed_threshold
     )
-    response = replace(response, warnings=[*response.warnings, *_collapses(system)])
+    response = replace(response, warnings=[*response.warnings, *_collapses(model)])
     if balances is not None:
         response = replace(response, identities=balances)
     reached = worst(*found)
@@ -228,12 +228,11 @@ def _balances(answered: Answered) -> dict[str, Estimate]:
     }
 
 
-def _collapses(system: System) -> list[str]:
+def _collapses(model: Model) -> list[str]:
     return [
-        COLLAPSES.format(restitution=restitution, side=side)
-        for side in ("lower", "upper")
-        if (restitution := getattr(system, f"restitution_{side}")) is not None
-        and restitution <= COLLAPSE_RESTITUTION
+        COLLAPSES.format(restitution=stop.coefficient, side=stop.name)
+        for stop in model.stops
+        if stop.coefficient is not None and stop.coefficient <= COLLAPSE_RESTITUTION
     ]
 
 
@@ -310,9 +309,9 @@ def fokker_planck_many(
     )
     shape, scenes = whole.omega.shape, whole.flat()
     scenes.check()
-    unmet = scenes.unmet()
-    if unmet:
-        raise NotApplicable("fokker-planck", unmet)
+    conditions = scenes.unmet()
+    if conditions:
+        raise NotApplicable("fokker-planck", conditions)
     speed = speed_scale(scenes)
     if speed_threshold is None:
         threshold = np.where(scenes.elastic, 0.0, SLOW_IMPACTS * speed)
@@ -344,65 +343,21 @@ def _check_arguments(rtol: float, speed_threshold: float | None) -> None:
         raise ValueError(f"speed_threshold must be finite and at least 0, got {speed_threshold:g}")
 
 
-def unmet_conditions(scene: Scene) -> list[str]:
-    """What keeps a scene from being solved; empty where nothing does."""
-    unmet = scene.beyond_one_oscillator(functions=True)
-    if unmet:
-        return unmet
-    system = scene.system()
-    if system.tables:
-        unmet.append("excitation must be white noise, got a tabulated density")
-    elif system.intensity == 0.0:
-        unmet.append("excitation must contain noise, got a constant load alone")
-    if system.damping_rate == 0.0 and system.damping_law is None and system.elastic:
-        unmet.append("damping must be positive where no stop takes energy, got 0")
-    if not _held(system):
-        unmet.append(
-            "stiffness must be positive where stops do not hold the mass, got 0"
-            if system.restoring is None
-            else "restoring_force must hold the mass where stops do not"
-        )
-    return unmet
+def _finite_rates(model: Model, threshold: float) -> set[str]:
+    """The sides whose rate of impacts above the threshold (m/s) is finite.
+
+    Without a threshold a rigid stop that loses energy has no such rate.
+    """
+    endless = {
+        stop.name
+        for stop in model.stops
+        if threshold == 0.0 and stop.rigid and not stop.law.conservative
+    }
+    return {"lower", "upper"} - endless
 
 
-def _held(system: System) -> bool:
-    """Whether spring, load and stops keep the mass from leaving on either side."""
-    if system.omega > 0.0:
-        return True
-    try:
-        Motion(system=system).span(system.intensity or 1.0)
-    except NotApplicable:
-        return False
-    return True
-
-
-def _as_scenes(system: System) -> OscillatorArrays:
-    numbers = (
-        system.omega,
-        system.damping_rate,
-        system.intensity,
-        system.load,
-        -math.inf if system.lower is None else system.lower,
-        math.inf if system.upper is None else system.upper,
-        1.0 if system.restitution_lower is None else system.restitution_lower,
-        1.0 if system.restitution_upper is None else system.restitution_upper,
-    )
-    return OscillatorArrays(*(np.array([number]) for number in numbers))
-
-
-def _endless(system: System, side: str, threshold: float) -> bool:
-    """Whether a rate would count the slowest impacts of a rigid stop that loses energy."""
-    law = getattr(system, f"law_{side}")
-    return law is not None and law.rigid and not law.conservative and threshold == 0.0
-
-
-def _told(system: System, threshold: float) -> set[str]:
-    """The sides whose rate can be given."""
-    return {side for side in ("lower", "upper") if not _endless(system, side, threshold)}
-
-
-def _answer(system: System, found: Averages, bounds: Averages, threshold: float) -> Answer:
-    untold = ({"lower", "upper"} - _told(system, threshold)) | vague(found, bounds)
+def _answer(model: Model, found: Averages, bounds: Averages, threshold: float) -> Answer:
+    untold = ({"lower", "upper"} - _finite_rates(model, threshold)) | vague(found, bounds)
     answer, limits = (
         Answer(
             mean=group.mean,
@@ -411,8 +366,8 @@ def _answer(system: System, found: Averages, bounds: Averages, threshold: float)
             upcrossing_rate=group.upcrossing_rate,
             lower=_stop(group, "lower", untold),
             upper=_stop(group, "upper", untold),
-            contact_lower=_contact(system, group, "lower"),
-            contact_upper=_contact(system, group, "upper"),
+            contact_lower=_contact(model.lower, group, "lower"),
+            contact_upper=_contact(model.upper, group, "upper"),
         )
         for group in (found, bounds)
     )
@@ -428,9 +383,8 @@ def _stop(group: Averages, side: str, untold: set[str]) -> StopStatistics:
     )
 
 
-def _contact(system: System, group: Averages, side: str) -> ContactStatistics | None:
-    law = getattr(system, f"law_{side}")
-    if law is None or law.rigid:
+def _contact(stop: Stop | None, group: Averages, side: str) -> ContactStatistics | None:
+    if stop is None or stop.rigid:
         return None
     return ContactStatistics(
         probability=getattr(group, f"contact_{side}"),

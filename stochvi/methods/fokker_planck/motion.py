@@ -15,9 +15,9 @@ from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.boxes import FARTHEST_STOP
 from stochvi.methods.fokker_planck.mesh import Array
 from stochvi.methods.fokker_planck.strips import Box, Grip
+from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Hertz, Law, Viscoelastic
-from stochvi.scenes.scene import System
+from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Hertz, Viscoelastic
 
 LAW_DEPTH = 18.0
 """Energy in units of s^2 at which the law exp(-energy / s^2) is cut where a scale is sought: there
@@ -77,7 +77,7 @@ class _Ray:
         self.places = np.array([start])
         self.energies = motion.energy(self.places)
         self.ended = False
-        function = motion.system.restoring is not None
+        function = motion.model.restoring is not None
         self.stride, self.at_once = (FINE_STRIDE, FINE_AT_ONCE) if function else (STRIDE, AT_ONCE)
         self.quiet = FINE_AT_ONCE if function else 1
 
@@ -115,63 +115,35 @@ class _Ray:
         self.energies = np.append(self.energies, energies)
 
 
-class Stop(NamedTuple):
-    """A stop; `side` is 1 for the upper one."""
-
-    position: float
-    law: Law
-    side: int
-
-    @property
-    def name(self) -> str:
-        """Of its side."""
-        return "upper" if self.side > 0 else "lower"
-
-    def deflection(self, x: Array) -> Array:
-        """Inwards, m."""
-        return self.side * (x - self.position)
-
-    def kept(self, w: Array) -> Array:
-        """The restitution of impacts at the speeds w, m/s."""
-        if isinstance(self.law, CompliantLaw):
-            return np.full(np.shape(w), self.law.restitution)
-        return np.asarray(self.law.restitution_at(w), dtype=float)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Motion:
     """x'' = force(x) - drag(x') + white noise of intensity S0, between stops; per unit mass, SI."""
 
-    system: System
+    model: Model
 
-    @cached_property
+    @property
     def stops(self) -> tuple[Stop, ...]:
-        """Those that there are, the lower one first."""
-        ends = zip((self.system.lower, self.system.upper), self.system.laws, (-1, 1), strict=True)
-        return tuple(
-            Stop(place, law, side)
-            for place, law, side in ends
-            if place is not None and law is not None
-        )
+        """The stops, the lower one first, with their laws per unit mass."""
+        return self.model.stops_per_unit_mass
 
     @property
     def power(self) -> float:
         """That the noise supplies, S0 / 2."""
-        return self.system.intensity / 2.0
+        return self.model.intensity / 2.0
 
     def wall(self, side: int) -> float:
         """Where a rigid stop ends the space; infinite where none does."""
         for stop in self.stops:
-            if stop.side == side and stop.law.rigid:
+            if stop.side == side and stop.rigid:
                 return stop.position
         return math.inf * side
 
     def spring(self, x: Array) -> Array:
         """Force of spring and load, m/s^2."""
         x = np.asarray(x, dtype=float)
-        system = self.system
-        pull = system.omega**2 * x if system.restoring is None else system.restoring(x)
-        return np.asarray(system.load - pull, dtype=float)
+        model = self.model
+        pull = model.omega**2 * x if model.restoring is None else model.restoring(x)
+        return np.asarray(model.load - pull, dtype=float)
 
     def force(self, x: Array) -> Array:
         """Of spring, load and stops that give way, without damping, m/s^2."""
@@ -186,9 +158,9 @@ class Motion:
     def energy(self, x: Array) -> Array:
         """Potential energy of that force, m^2/s^2."""
         x = np.asarray(x, dtype=float)
-        system = self.system
-        spring = system.omega**2 * x**2 / 2.0 if system.potential is None else system.potential(x)
-        total = spring - system.load * x
+        model = self.model
+        spring = model.omega**2 * x**2 / 2.0 if model.potential is None else model.potential(x)
+        total = spring - model.load * x
         for stop in self.stops:
             if isinstance(stop.law, CompliantLaw):
                 total = total + stop.law.potential_at(stop.deflection(x))
@@ -197,8 +169,8 @@ class Motion:
     def drag(self, v: Array) -> Array:
         """Of the damper, m/s^2."""
         v = np.asarray(v, dtype=float)
-        law = self.system.damping_law
-        return self.system.damping_rate * v if law is None else np.asarray(law(v), dtype=float)
+        drag = self.model.drag
+        return self.model.damping_rate * v if drag is None else np.asarray(drag(v), dtype=float)
 
     @cached_property
     def length(self) -> float:
@@ -206,15 +178,14 @@ class Motion:
         lengths = [abs(stop.position - self._rest) for stop in self.stops]
         if len(self.stops) == 2:
             lengths.append(self.stops[1].position - self.stops[0].position)
-        if self.system.omega:
-            lengths.append((self.power / self.system.omega**3) ** 0.5)
+        if self.model.omega:
+            lengths.append((self.power / self.model.omega**3) ** 0.5)
         return min((length for length in lengths if length > 0.0), default=1.0)
 
     @property
     def _rest(self) -> float:
         """Where spring and load alone balance, if that can be told, within the walls."""
-        system = self.system
-        rest = system.load / system.omega**2 if system.omega else 0.0
+        rest = self.model.rest if self.model.omega else 0.0
         return min(max(rest, self.wall(-1)), self.wall(1))
 
     @cached_property
@@ -311,7 +282,7 @@ class Motion:
             lowest = self.lowest(square)
             for stop in self.stops:
                 height = float(self.energy(np.array(stop.position))) - lowest
-                loss = (1.0 - stop.kept(s * SPEEDS) ** 2) * (s * SPEEDS) ** 3 / 2.0
+                loss = (1.0 - stop.restitution_at(s * SPEEDS) ** 2) * (s * SPEEDS) ** 3 / 2.0
                 stops += math.exp(-max(height, 0.0) / square) / mass * float(law @ loss)
         return damper, stops
 
@@ -429,13 +400,13 @@ def make_frame(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = ())
     energies = [heights[stop] / weight for stop in reached] or [0.0]
     reach = math.sqrt(REACH**2 + 2.0 * max(energies))
     left, right = motion.span(weight * reach**2 / 2.0)
-    if motion.system.restoring is not None:
+    if motion.model.restoring is not None:
         _check_tails(motion, left, right, weight)
     barrier, top = _barrier(motion, left, right, weight)
     if top > max(energies):
         reach = math.sqrt(REACH**2 + 2.0 * top)
         left, right = motion.span(weight * reach**2 / 2.0)
-    walls = {stop.side for stop in reached if stop.law.rigid}
+    walls = {stop.side for stop in reached if stop.rigid}
     halved = len(walls) != 1 and _is_symmetric(motion, left, right)
     if halved:
         left = (left + right) / 2.0
@@ -444,7 +415,7 @@ def make_frame(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = ())
         raise NotConverged(APART.format(barrier=barrier))
     units = _Units((left + right) / 2.0, (right - left) / 2.0, math.sqrt(weight))
     solved = tuple(stop for stop in reached if not halved or stop.side > 0)
-    touched = [stop for stop in solved if not stop.law.rigid]
+    touched = [stop for stop in solved if not stop.rigid]
     return Frame(
         motion=motion,
         box=_box(motion, solved, units, lowest),
@@ -493,7 +464,7 @@ APART = (
 def _barrier(motion: Motion, left: float, right: float, weight: float) -> tuple[float, float]:
     """Of the highest barrier between wells of a spring that is a function: how high it is above
     the shallower well and above all places, in units of the weight's energy; 0 if there is none."""
-    if motion.system.restoring is None:
+    if motion.model.restoring is None:
         return 0.0, 0.0
     energy = motion.energy(np.linspace(left, right, BARRIER_PLACES)) / weight
     before = np.minimum.accumulate(energy)
@@ -513,14 +484,14 @@ class _Units(NamedTuple):
 
     def place(self, stop: Stop) -> float:
         """Of a stop; a rigid one ends the box."""
-        if stop.law.rigid:
+        if stop.rigid:
             return float(stop.side)
         return (stop.position - self.centre) / self.length
 
 
 def _box(motion: Motion, stops: tuple[Stop, ...], units: _Units, lowest: float) -> Box:
     centre, length, speed = units
-    leaving = {stop.side: _leaving(stop, speed) for stop in stops if stop.law.rigid}
+    leaving = {stop.side: _leaving(stop, speed) for stop in stops if stop.rigid}
     scale = length / speed**2
     return Box(
         force=lambda xi: motion.force(centre + length * xi) * scale,
@@ -546,7 +517,7 @@ def _all(w: Array) -> Array:
 
 
 def _leaving(stop: Stop, speed: float) -> Callable[[Array], Array]:
-    return lambda w: stop.kept(speed * w) * w
+    return lambda w: stop.restitution_at(speed * w) * w
 
 
 def _grip(stop: Stop, units: _Units) -> Grip:

@@ -24,24 +24,10 @@ from scipy.sparse.linalg import splu
 
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.mesh import Array, Mesh, legendre
-from stochvi.scenes.scene import System
+from stochvi.model.model import Model
 
 Density = Callable[[Array, Array], Array]
 """A probability density of (displacement, velocity), broadcasting, SI units."""
-
-
-class LinearMotion(NamedTuple):
-    """x'' + damping_rate x' + omega^2 x = white noise of intensity 2 diffusion + load."""
-
-    omega: float
-    damping_rate: float
-    diffusion: float
-    load: float
-
-    @classmethod
-    def of(cls, system: System) -> LinearMotion:
-        """The numbers of a scene that its motion between stops depends on."""
-        return cls(system.omega, system.damping_rate, system.intensity / 2.0, system.load)
 
 
 class BoxFrame(NamedTuple):
@@ -78,7 +64,7 @@ class BoxFrame(NamedTuple):
         return found
 
 
-def frame(motion: LinearMotion, left: float, right: float, speed: float) -> BoxFrame:
+def frame(model: Model, left: float, right: float, speed: float) -> BoxFrame:
     """The box between two displacements, in units of a speed."""
     centre, half_length = (left + right) / 2.0, (right - left) / 2.0
     time = half_length / speed
@@ -86,10 +72,10 @@ def frame(motion: LinearMotion, left: float, right: float, speed: float) -> BoxF
         centre=centre,
         half_length=half_length,
         speed=speed,
-        force=(motion.load - motion.omega**2 * centre) * time / speed,
-        stiffness=-((motion.omega * time) ** 2),
-        damping=motion.damping_rate * time,
-        diffusion=motion.diffusion * time / speed**2,
+        force=(model.load - model.omega**2 * centre) * time / speed,
+        stiffness=-((model.omega * time) ** 2),
+        damping=model.damping_rate * time,
+        diffusion=model.intensity / 2.0 * time / speed**2,
     )
 
 

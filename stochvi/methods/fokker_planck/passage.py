@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.methods.fokker_planck.coverage import barriers, unmet_by_first_passage
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
 from stochvi.methods.fokker_planck.evolution import (
     SlowestMode,
@@ -43,12 +44,13 @@ from stochvi.methods.fokker_planck.layout import (
     passage_layout,
 )
 from stochvi.methods.fokker_planck.mesh import Array
-from stochvi.methods.fokker_planck.operators import LinearMotion, Operator
+from stochvi.methods.fokker_planck.operators import Operator
 from stochvi.methods.fokker_planck.starts import Given, Point, Start, start_of
+from stochvi.model.model import Model, model_of
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, format_with_error, provenance
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -199,20 +201,19 @@ def first_passage(
     moments = np.asarray(times, dtype=float).reshape(-1)
     if not (np.isfinite(moments).all() and (moments >= 0.0).all()):
         raise ValueError("times must be finite and at least 0 s")
-    unmet = unmet_conditions(scene, lower, upper)
+    model = model_of(scene)
+    unmet = unmet_by_first_passage(model, lower, upper)
     if unmet:
         raise NotApplicable(METHOD, unmet)
-    system = scene.system()
-    low, high = barriers(system, lower, upper)
-    motion = LinearMotion.of(system)
-    height = barrier_height(motion, low, high)
+    low, high = barriers(model, lower, upper)
+    height = barrier_height(model, low, high)
     if height > HIGHEST:
         sentence = f"barriers must be within {HIGHEST:g} standard deviations, got {height:.3g}"
         raise NotApplicable(METHOD, [sentence])
-    begin = start_of(start, motion)
+    begin = start_of(start, model)
     _check_start(begin, low, high)
-    layout = passage_layout(motion, low, high, begin)
-    most = passages_at_most(motion, begin, low, high, moments)
+    layout = passage_layout(model, low, high, begin)
+    most = passages_at_most(model, begin, low, high, moments)
     values, bounds = _refined(layout, begin, low, high, moments, most, rtol)
     found = FirstPassage(
         times=tuple(moments.tolist()),
@@ -226,7 +227,7 @@ def first_passage(
         ),
         mean_time=Estimate(value=values.mean_time, bias=bounds.mean_time, how=HOW),
         decay_rate=Estimate(value=values.rate, bias=bounds.rate, how=HOW),
-        rice_rate=_rice_rate(motion, low, high),
+        rice_rate=_rice_rate(model, low, high),
         lower=low if math.isfinite(low) else None,
         upper=high if math.isfinite(high) else None,
         start=start if isinstance(start, str) else str(begin),
@@ -255,51 +256,14 @@ def _assumptions(scene: Scene, start: Given) -> list[str]:
     return found
 
 
-def _rice_rate(motion: LinearMotion, lower: float, upper: float) -> Estimate | None:
+def _rice_rate(model: Model, lower: float, upper: float) -> Estimate | None:
     """omega / (2 pi) exp(-z^2 / 2) of each barrier, z its distance in standard deviations."""
-    if motion.omega == 0.0 or motion.damping_rate == 0.0:
+    if model.omega == 0.0 or model.damping_rate == 0.0:
         return None
-    rest = motion.load / motion.omega**2
-    deviation = math.sqrt(motion.diffusion / motion.damping_rate) / motion.omega
-    distances = [(barrier - rest) / deviation for barrier in (lower, upper)]
-    rate = motion.omega / (2.0 * math.pi) * sum(math.exp(-(z**2) / 2.0) for z in distances)
+    deviation = math.sqrt(model.intensity / 2.0 / model.damping_rate) / model.omega
+    distances = [(barrier - model.rest) / deviation for barrier in (lower, upper)]
+    rate = model.omega / (2.0 * math.pi) * sum(math.exp(-(z**2) / 2.0) for z in distances)
     return Estimate(value=rate, how="Rice")
-
-
-def barriers(system: System, lower: float | None, upper: float | None) -> tuple[float, float]:
-    """What is given, else the stops of the scene; infinite where there is none."""
-    if lower is None and upper is None:
-        lower, upper = system.lower, system.upper
-    return -math.inf if lower is None else lower, math.inf if upper is None else upper
-
-
-def unmet_conditions(scene: Scene, lower: float | None, upper: float | None) -> list[str]:
-    """What keeps a first passage from being computed; empty where nothing does."""
-    unmet = scene.beyond_one_oscillator()
-    if unmet:
-        return unmet
-    system = scene.system()
-    if system.tables:
-        unmet.append("excitation must be white noise, got a tabulated density")
-    elif system.intensity == 0.0:
-        unmet.append("excitation must contain noise, got a constant load alone")
-    low, high = barriers(system, lower, upper)
-    if math.isinf(low) and math.isinf(high):
-        unmet.append("there must be a lower or an upper barrier, or a stop, got none")
-    elif not low < high:
-        unmet.append(f"barriers must have lower < upper, got {low:g} and {high:g}")
-    if system.omega == 0.0 and (math.isinf(low) or math.isinf(high)):
-        unmet.append("stiffness must be positive where only one barrier is, got 0")
-    for name, barrier, stop, beyond in (
-        ("lower", low, system.lower, -1.0),
-        ("upper", high, system.upper, 1.0),
-    ):
-        if stop is not None and (barrier - stop) * beyond > 0.0:
-            there = f"at {barrier:g} m" if math.isfinite(barrier) else "left out"
-            unmet.append(
-                f"barriers must not lie beyond a stop, got {name} {there} and a stop at {stop:g} m"
-            )
-    return unmet
 
 
 def _check_start(start: Start, lower: float, upper: float) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from stochvi.methods.fokker_planck.mesh import Array
-from stochvi.methods.fokker_planck.operators import LinearMotion
+from stochvi.model.model import Model
 
 TAIL = 8.5
 """Standard deviations beyond which a Gaussian holds less than 2e-17."""
@@ -109,7 +109,7 @@ Given = Literal["rest", "stationary"] | tuple[float, float] | Gaussian
 barriers and stops, a point (m, m/s), a law."""
 
 
-def start_of(given: Given, motion: LinearMotion) -> Start:
+def start_of(given: Given, model: Model) -> Start:
     """The point or law that is meant.
 
     Raises
@@ -128,12 +128,13 @@ def start_of(given: Given, motion: LinearMotion) -> Start:
         raise ValueError(
             f"start must be 'rest', 'stationary', a point or a Gaussian, got {given!r}"
         )
-    if motion.omega == 0.0 and motion.load != 0.0:
+    if model.omega == 0.0 and model.load != 0.0:
         raise ValueError("start must be a point or a Gaussian where a load has no spring to meet")
-    rest = motion.load / motion.omega**2 if motion.omega > 0.0 else 0.0
     if given == "rest":
-        return Point(rest, 0.0)
-    if motion.omega == 0.0 or motion.damping_rate == 0.0:
+        return Point(model.rest, 0.0)
+    if model.omega == 0.0 or model.damping_rate == 0.0:
         raise ValueError("start = 'stationary' needs a spring and damping, got none")
-    square = motion.diffusion / motion.damping_rate
-    return Gaussian(mean=(rest, 0.0), covariance=((square / motion.omega**2, 0.0), (0.0, square)))
+    square = model.intensity / 2.0 / model.damping_rate
+    return Gaussian(
+        mean=(model.rest, 0.0), covariance=((square / model.omega**2, 0.0), (0.0, square))
+    )

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck.boxes import boxes, speed_scale
+from stochvi.methods.fokker_planck.coverage import unmet_by_transient
 from stochvi.methods.fokker_planck.evolution import projections, time_groups
 from stochvi.methods.fokker_planck.layout import (
     LEVELS,
@@ -29,15 +30,15 @@ from stochvi.methods.fokker_planck.layout import (
     stops_layout,
 )
 from stochvi.methods.fokker_planck.mesh import Array
-from stochvi.methods.fokker_planck.method import SLOW_IMPACTS, unmet_conditions
-from stochvi.methods.fokker_planck.operators import Factors, LinearMotion, Operator, Walls
-from stochvi.methods.fokker_planck.passage import barriers
+from stochvi.methods.fokker_planck.method import SLOW_IMPACTS
+from stochvi.methods.fokker_planck.operators import Factors, Operator, Walls
 from stochvi.methods.fokker_planck.starts import Gaussian, Given, Start, start_of
+from stochvi.model.model import Model, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -218,13 +219,11 @@ def transient(
         raise ValueError("times must be finite and greater than 0 s, at least one of them")
     if not rtol > 0.0:
         raise ValueError(f"rtol must be greater than 0, got {rtol:g}")
-    unmet = scene.beyond_one_oscillator()
-    if not unmet:
-        unmet = [*unmet_conditions(scene), *scene.system().not_rigid()]
+    model = model_of(scene)
+    unmet = unmet_by_transient(model)
     if unmet:
         raise NotApplicable(METHOD, unmet)
-    system = scene.system()
-    problem = _problem(system, moments, start, speed_threshold)
+    problem = _problem(model, moments, start, speed_threshold)
     values, errors, states = _refined(problem, rtol)
     found = Transient(
         times=tuple(moments.tolist()),
@@ -250,7 +249,7 @@ def transient(
 class _Problem(NamedTuple):
     """What is solved: the times `early` belong to a law that has not met the stops."""
 
-    motion: LinearMotion
+    model: Model
     layout: Layout
     law: Gaussian
     flight: float
@@ -260,48 +259,36 @@ class _Problem(NamedTuple):
     stops: tuple[bool, bool]
 
 
-def _problem(system: System, times: Array, given: Given, threshold: float | None) -> _Problem:
-    motion = LinearMotion.of(system)
-    lower, upper = barriers(system, None, None)
+def _problem(model: Model, times: Array, given: Given, threshold: float | None) -> _Problem:
     if isinstance(given, str) and given == "stationary":
         raise ValueError("start must be 'rest', a point or a Gaussian, got 'stationary'")
-    start = start_of(given, motion)
-    walls = Walls(
-        1.0 if system.restitution_lower is None else system.restitution_lower,
-        1.0 if system.restitution_upper is None else system.restitution_upper,
-    )
-    scenes = OscillatorArrays(
-        *(
-            np.array([number])
-            for number in (
-                system.omega, system.damping_rate, system.intensity, system.load, lower, upper,
-                walls.left, walls.right,
-            )
-        )
-    )  # fmt: skip
-    own = speed_scale(scenes)
+    start = start_of(given, model)
+    oscillator = OscillatorArrays.of(model)
+    (lower,), (upper,) = oscillator.lower.tolist(), oscillator.upper.tolist()
+    walls = Walls(*(float(restitution[0]) for _, restitution in oscillator.stops))
+    own = speed_scale(oscillator)
     if threshold is None:
-        threshold = 0.0 if system.elastic else SLOW_IMPACTS * float(own[0])
-    speed = float(boxes(scenes, own, 1.0).speed[0])
-    layout = stops_layout(motion, lower, upper, walls, speed, start)
-    flight, law = _flight(motion, start, lower, upper, layout)
+        threshold = 0.0 if model.elastic else SLOW_IMPACTS * float(own[0])
+    speed = float(boxes(oscillator, own, 1.0).speed[0])
+    layout = stops_layout(model, lower, upper, walls, speed, start)
+    flight, law = _flight(model, start, lower, upper, layout)
     early = tuple(
-        _law_after(motion, start, moment) if moment <= flight else None for moment in times
+        _law_after(model, start, moment) if moment <= flight else None for moment in times
     )
     stops = math.isfinite(lower), math.isfinite(upper)
-    return _Problem(motion, layout, law, flight, times, early, threshold, stops)
+    return _Problem(model, layout, law, flight, times, early, threshold, stops)
 
 
-def _law_after(motion: LinearMotion, start: Start, seconds: float) -> Gaussian:
+def _law_after(model: Model, start: Start, seconds: float) -> Gaussian:
     """The law of a start after some time without stops."""
-    square = motion.omega**2
+    square = model.omega**2
     # the load as a third, constant state
-    generator = np.array([[0.0, 1.0, 0.0], [-square, -motion.damping_rate, 1.0], [0.0, 0.0, 0.0]])
-    noise = np.diag([0.0, 2.0 * motion.diffusion, 0.0])
+    generator = np.array([[0.0, 1.0, 0.0], [-square, -model.damping_rate, 1.0], [0.0, 0.0, 0.0]])
+    noise = np.diag([0.0, model.intensity, 0.0])
     step = transition(generator, seconds)
     spread = step_covariance(generator, noise, seconds)[:2, :2]
     centre = start.mean if isinstance(start, Gaussian) else tuple(start)
-    mean = step @ np.array([*centre, motion.load])
+    mean = step @ np.array([*centre, model.load])
     if isinstance(start, Gaussian):
         spread = spread + step[:2, :2] @ np.asarray(start.covariance) @ step[:2, :2].T
     (xx, xv), (_, vv) = spread.tolist()
@@ -309,7 +296,7 @@ def _law_after(motion: LinearMotion, start: Start, seconds: float) -> Gaussian:
 
 
 def _flight(
-    motion: LinearMotion, start: Start, lower: float, upper: float, layout: Layout
+    model: Model, start: Start, lower: float, upper: float, layout: Layout
 ) -> tuple[float, Gaussian]:
     """Until when a start flies free of the stops, and its law then."""
     if isinstance(start, Gaussian):
@@ -328,12 +315,12 @@ def _flight(
     tried = longest * (np.arange(1, FLIGHT_STEPS + 1) / FLIGHT_STEPS) ** 2
     flight, law = tried[0] * FIRST_FLIGHT, None
     for seconds in tried:
-        after = _law_after(motion, start, float(seconds))
+        after = _law_after(model, start, float(seconds))
         room = CLEAR * after.deviations[0]
         if not (lower + room <= after.mean[0] <= upper - room):
             break
         flight, law = float(seconds), after
-    return flight, law or _law_after(motion, start, flight)
+    return flight, law or _law_after(model, start, flight)
 
 
 FIRST_FLIGHT = 0.1

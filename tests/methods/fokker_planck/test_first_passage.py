@@ -30,7 +30,7 @@ from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck import FirstPassage, Gaussian, evolution, layout, passage
 from stochvi.methods.fokker_planck.evolution import time_groups
-from stochvi.methods.fokker_planck.operators import LinearMotion
+from stochvi.model.model import model_of
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
 from stochvi.testing import assert_agrees
@@ -509,7 +509,7 @@ def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch) -> None:
 
 
 def test_the_lowest_place_is_that_of_the_potential() -> None:
-    falling = LinearMotion(0.0, 0.0, 1.0, 1.0)
+    falling = model_of(oscillator(omega=0.0, damping=0.0, intensity=2.0, load=1.0))
     assert layout.lowest(falling, -1.0, 2.0) == 2.0
     assert layout.rise(falling, -1.0, 2.0) == 3.0
 

@@ -23,6 +23,7 @@ from stochvi import (
 from stochvi.methods.fokker_planck import accurate, fokker_planck_many
 from stochvi.methods.fokker_planck.field import Averages, Field
 from stochvi.methods.fokker_planck.motion import Motion, make_frame
+from stochvi.model.model import model_of
 from stochvi.results import NoExactSolution
 from stochvi.testing import assert_agrees
 from support.known import oscillator
@@ -43,7 +44,7 @@ def leaning(upper: float, restitution: float = 0.3, zeta: float = 0.1) -> Motion
         upper_law=Restitution(coefficient=1.0),
     )
     scene = Scene(structure=plain.structure, impact_pairs=[pair], excitations=plain.excitations)
-    return Motion(system=scene.system())
+    return Motion(model=model_of(scene))
 
 
 def solved(motion: Motion) -> Averages:
@@ -123,7 +124,7 @@ def test_wells_of_unequal_depth_behind_a_barrier_out_of_numbers_are_refused() ->
 
 
 def test_the_barrier_is_counted_from_the_shallower_well() -> None:
-    frame = make_frame(Motion(system=wells(0.02, 0.05).system()))
+    frame = make_frame(Motion(model=model_of(wells(0.02, 0.05))))
     roots = np.sort(np.roots([1.0, 0.0, -1.0, -0.05]).real)
     shallow, top, deep = roots**4 / 4.0 - roots**2 / 2.0 - 0.05 * roots
     assert frame.barrier == pytest.approx((top - shallow) / 0.02, rel=1e-4)

@@ -39,6 +39,7 @@ from stochvi.methods.closed_form import exact_density
 from stochvi.methods.fokker_planck import StationaryDensity, accurate, fokker_planck_density, strips
 from stochvi.methods.fokker_planck.cells import VelocityCells, given_back, passed_on
 from stochvi.methods.fokker_planck.motion import Motion, make_frame
+from stochvi.model.model import model_of
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
 from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
@@ -310,7 +311,7 @@ def test_a_damper_left_out_of_the_contact_is_caught(
     soft: Response, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     right = soft.coordinates["x"]["velocity_std"]
-    frame = make_frame(Motion(system=SOFT.system()))
+    frame = make_frame(Motion(model=model_of(SOFT)))
     monkeypatch.setattr(
         accurate, "make_frame", lambda *_: replace(frame, box=replace(frame.box, grips=()))
     )
@@ -578,3 +579,13 @@ def test_simulation_agrees_on_random_scenes(scene: Scene) -> None:
     for key, estimate in simulated.estimates().items():
         if key in solved and estimate.bias is not None and key[1] != "impact_speed_mean":
             agrees(estimate, solved[key])
+
+
+def test_a_mass_is_in_contact_where_a_table_does_not_push_yet() -> None:
+    """A table that begins with zero force: contact is deflection, in every method."""
+    slack = ForceTable(deflection=[0.0, 0.2, 0.6, 1.0], force=[0.0, 0.0, 5.0, 20.0])
+    scene = stopped(-0.5, 0.5, slack)
+    found = fokker_planck(scene, rtol=1e-4).impact_pairs["stops"]["contact_probability"]
+    truth = exact(scene).impact_pairs["stops"]["contact_probability"]
+    assert isinstance(found, Estimate) and isinstance(truth, Estimate)
+    agrees(found, truth)

@@ -1,0 +1,87 @@
+"""What of a model the Fokker-Planck equation is solved for, as conditions in sentences."""
+
+from __future__ import annotations
+
+import math
+
+from stochvi.methods.fokker_planck.motion import Motion
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import Model
+from stochvi.results.errors import NotApplicable
+
+
+def unmet(model: Model) -> list[str]:
+    """The conditions of `fokker_planck` that a model does not meet; empty where it meets all."""
+    found = beyond_one_oscillator(model, with_functions=True)
+    if found:
+        return found
+    found = _noise(model)
+    if model.damping_rate == 0.0 and model.drag is None and model.elastic:
+        found.append("damping must be positive where no stop takes energy, got 0")
+    if not _held(model):
+        found.append(
+            "stiffness must be positive where stops do not hold the mass, got 0"
+            if model.restoring is None
+            else "restoring_force must hold the mass where stops do not"
+        )
+    return found
+
+
+def unmet_by_transient(model: Model) -> list[str]:
+    """The conditions of `transient` that a model does not meet; empty where it meets all."""
+    return beyond_one_oscillator(model) or [*unmet(model), *model.not_rigid()]
+
+
+def unmet_by_first_passage(model: Model, lower: float | None, upper: float | None) -> list[str]:
+    """The conditions of `first_passage` that a model and two barriers (m) do not meet.
+
+    A barrier that is None is left out; where both are, the stops of the model are the barriers.
+    """
+    found = beyond_one_oscillator(model)
+    if found:
+        return found
+    found = _noise(model)
+    low, high = barriers(model, lower, upper)
+    if math.isinf(low) and math.isinf(high):
+        found.append("there must be a lower or an upper barrier, or a stop, got none")
+    elif not low < high:
+        found.append(f"barriers must have lower < upper, got {low:g} and {high:g}")
+    if model.omega == 0.0 and (math.isinf(low) or math.isinf(high)):
+        found.append("stiffness must be positive where only one barrier is, got 0")
+    for stop in model.stops:
+        barrier = high if stop.side > 0 else low
+        if stop.deflection(barrier) > 0.0:
+            place = f"at {barrier:g} m" if math.isfinite(barrier) else "left out"
+            found.append(
+                f"barriers must not lie beyond a stop, got {stop.name} {place} and a stop at "
+                f"{stop.position:g} m"
+            )
+    return found
+
+
+def barriers(
+    model: Model, lower: float | None = None, upper: float | None = None
+) -> tuple[float, float]:
+    """The barriers that are given, or the stops of a model where none is; infinite for none, m."""
+    if lower is None and upper is None:
+        return model.lower_position, model.upper_position
+    return -math.inf if lower is None else lower, math.inf if upper is None else upper
+
+
+def _noise(model: Model) -> list[str]:
+    if model.tables:
+        return ["excitation must be white noise, got a tabulated density"]
+    if model.intensity == 0.0:
+        return ["excitation must contain noise, got a constant load alone"]
+    return []
+
+
+def _held(model: Model) -> bool:
+    """Whether spring, load and stops keep the mass from leaving on either side."""
+    if model.omega > 0.0:
+        return True
+    try:
+        Motion(model=model).span(model.intensity or 1.0)
+    except NotApplicable:
+        return False
+    return True
