@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.methods.fokker_planck.field import Averages, Field
-from stochvi.methods.fokker_planck.motion import Frame, Motion, make_frame
+from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.patches import (
     Degrees,
     Patch,
@@ -18,6 +18,7 @@ from stochvi.methods.fokker_planck.patches import (
     graded,
     refined,
 )
+from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion, scaled_motion
 from stochvi.methods.fokker_planck.strips import Strip, solve_strips
 from stochvi.model.model import Stop
 from stochvi.results.errors import NotConverged
@@ -74,19 +75,19 @@ def solve_accurately(
 
     `rates` are the sides whose rate of impacts faster than `threshold` is wanted too.
     """
-    frame, patches, field = _first(motion)
+    scaled, patches, field = _first(motion)
     makers = Strips()
     answered: Answered | None = None
     found = field.averages(threshold)
     for stage in range(1, MOST_MESHES):
         before, coarser = found, field
         slowest = SLOWEST[min(stage, len(SLOWEST) - 1)]
-        patches = graded(frame, refined(frame, coarser.solved, patches), slowest)
+        patches = graded(scaled, refined(scaled, coarser.solved, patches), slowest)
         strips = makers.make(patches, _degrees(stage))
         if stage > 1 and sum(strip.unknowns for strip in strips) > MOST_UNKNOWNS:
             break
         try:
-            field = _field(frame, strips, slowest)
+            field = _field(scaled, strips, slowest)
         except np.linalg.LinAlgError:
             break
         found = field.averages(threshold)
@@ -107,12 +108,12 @@ def solve_accurately(
 UNSOLVED = "fokker-planck found no density on its first meshes: scales too far apart; simulate"
 
 
-def _field(frame: Frame, strips: tuple[Strip, ...], slowest: float) -> Field:
+def _field(scaled: ScaledMotion, strips: tuple[Strip, ...], slowest: float) -> Field:
     """The density on some strips; LinAlgError if there is none of finite numbers."""
-    solved = solve_strips(frame.box, strips)
+    solved = solve_strips(scaled, strips)
     if not all(np.isfinite(q).all() for q in solved.q):
         raise np.linalg.LinAlgError(UNSOLVED)
-    return Field(frame, solved, frame.speed * slowest)
+    return Field(scaled, solved, scaled.speed * slowest)
 
 
 def _degrees(stage: int) -> Degrees:
@@ -122,7 +123,7 @@ def _degrees(stage: int) -> Degrees:
     return Degrees(place, velocity)
 
 
-def _first(motion: Motion) -> tuple[Frame, tuple[Patch, ...], Field]:
+def _first(motion: Motion) -> tuple[ScaledMotion, tuple[Patch, ...], Field]:
     """The coarsest mesh, of a box beyond which there is next to nothing.
 
     A mass that leans on a lossy stop reaches further than the law exp(-energy / s^2): fast
@@ -130,18 +131,18 @@ def _first(motion: Motion) -> tuple[Frame, tuple[Patch, ...], Field]:
     """
     stretch, hit = 1.0, set[Stop]()
     for _ in range(MOST_STRETCHES + len(motion.stops)):
-        frame = make_frame(motion, stretch, hit)
-        patches = graded(frame, first_patches(frame), SLOWEST[0])
+        scaled = scaled_motion(motion, stretch, hit)
+        patches = graded(scaled, first_patches(scaled), SLOWEST[0])
         try:
-            field = _field(frame, Strips().make(patches, FIRST_DEGREES), SLOWEST[0])
+            field = _field(scaled, Strips().make(patches, FIRST_DEGREES), SLOWEST[0])
         except np.linalg.LinAlgError:
             raise NotConverged(UNSOLVED) from None
         new = _hit(field)
-        if not new and field.edge() <= EDGE * _rarity(frame):
+        if not new and field.edge() <= EDGE * _rarity(scaled):
             break
         hit |= new
         stretch *= 1.0 if new else STRETCH
-    return frame, patches, field
+    return scaled, patches, field
 
 
 def _hit(field: Field) -> set[Stop]:
@@ -149,25 +150,25 @@ def _hit(field: Field) -> set[Stop]:
     crossings = field.averages(0.0).upcrossing_rate
     return {
         stop
-        for stop in _beyond(field.frame)
-        if _nearest(field.frame, stop) == stop.position
+        for stop in _beyond(field.scaled)
+        if _nearest(field.scaled, stop) == stop.position
         and float(field.flux(stop.position, stop.side, 1)) > HIT * crossings
     }
 
 
-def _beyond(frame: Frame) -> list[Stop]:
-    return [stop for stop in frame.motion.stops if stop not in frame.reached]
+def _beyond(scaled: ScaledMotion) -> list[Stop]:
+    return [stop for stop in scaled.motion.stops if stop not in scaled.reached]
 
 
-def _nearest(frame: Frame, stop: Stop) -> float:
+def _nearest(scaled: ScaledMotion, stop: Stop) -> float:
     """The place in the box, and its mirror image if that was left out, next to a stop."""
-    left = 2.0 * frame.left - frame.right if frame.halved else frame.left
-    return min(max(stop.position, left), frame.right)
+    left = 2.0 * scaled.left - scaled.right if scaled.halved else scaled.left
+    return min(max(stop.position, left), scaled.right)
 
 
-def _rarity(frame: Frame) -> float:
+def _rarity(scaled: ScaledMotion) -> float:
     """Probability of energies that must be resolved however rare they are, by the weight."""
-    return math.exp(-frame.rare_energy)
+    return math.exp(-scaled.rare_energy)
 
 
 MOTION = ("mean", "variance", "velocity_mean_square")
@@ -190,7 +191,7 @@ def _errors(field: Field, coarse: Averages, fine: Averages) -> Averages:
         bounds[contact] = max(bounds[contact], 2.0 * SAFETY * slow * getattr(sizes, contact))
     for name in (*MOTION, "upcrossing_rate"):
         bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
-    far = _unreached(field, fine.upcrossing_rate) | _misplaced(field.frame)
+    far = _unreached(field, fine.upcrossing_rate) | _misplaced(field.scaled)
     for name, cut in _cut(field).items():
         far[name] = far.get(name, 0.0) + cut
     return Averages(
@@ -212,14 +213,14 @@ def _unreached(field: Field, crossing_rate: float) -> dict[str, float]:
     Rice's rate at the law's temperature, with Rayleigh's speeds, or what the solution has next to
     the stop, if that is more. Beyond the box it falls at least as fast as the damper alone has it.
     """
-    motion = field.frame.motion
+    motion = field.scaled.motion
     square, hottest = motion.squares
     speed = math.sqrt(square)
     lowest = motion.lowest(square)
     rayleigh = (1.0, speed * math.sqrt(math.pi / 2.0), 2.0 * square)
     found = {}
-    for stop in _beyond(field.frame):
-        nearest = _nearest(field.frame, stop)
+    for stop in _beyond(field.scaled):
+        nearest = _nearest(field.scaled, stop)
         height, seen = motion.energy(np.array([stop.position, nearest]))
         rice = crossing_rate * math.exp(-(height - lowest) / square)
         falls = math.exp(-max(height - seen, 0.0) / hottest)
@@ -234,30 +235,30 @@ ROUNDING = 1e-15
 some five times that of the numbers."""
 
 
-def _misplaced(frame: Frame) -> dict[str, float]:
+def _misplaced(scaled: ScaledMotion) -> dict[str, float]:
     """What rounding leaves open of the shares of wells: it is as large as the rare crossings of a
     high barrier, and moves probability from one well to another."""
-    if frame.barrier == 0.0:
+    if scaled.barrier == 0.0:
         return {}
-    share = min(ROUNDING * math.exp(frame.barrier), 1.0)
-    width = frame.right - frame.left
+    share = min(ROUNDING * math.exp(scaled.barrier), 1.0)
+    width = scaled.right - scaled.left
     return {"mean": share * width, "variance": share * width**2}
 
 
 def _cut(field: Field) -> dict[str, float]:
     """What a density that falls as a power of x, x^-n, has of the first two moments beyond the
     ends of the box, x^2 p / (n - 2) and x^3 p / (n - 3)."""
-    frame = field.frame
+    scaled = field.scaled
     found = {"mean": 0.0, "variance": 0.0}
-    if frame.motion.model.restoring is None:
+    if scaled.motion.model.restoring is None:
         return found
-    for side, end, falls in frame.motion.open_ends(frame.left, frame.right, frame.speed**2):
-        if frame.halved and side < 0:
+    for side, end, falls in scaled.motion.open_ends(scaled.left, scaled.right, scaled.speed**2):
+        if scaled.halved and side < 0:
             continue
-        x = abs(end - frame.motion.start)
+        x = abs(end - scaled.motion.start)
         density = SAFETY * abs(float(field.displacement_density(end)))
-        found["mean"] += 0.0 if frame.halved else x**2 * density / (falls - 2.0)
-        found["variance"] += (2.0 if frame.halved else 1.0) * x**3 * density / (falls - 3.0)
+        found["mean"] += 0.0 if scaled.halved else x**2 * density / (falls - 2.0)
+        found["variance"] += (2.0 if scaled.halved else 1.0) * x**3 * density / (falls - 3.0)
     return found
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stochvi.mathematics.quadrature import gauss_panels
+from stochvi.methods.fokker_planck.linear_box import Boxes, LinearBox
 from stochvi.methods.fokker_planck.mesh import Array
-from stochvi.model.oscillator_arrays import Booleans, OscillatorArrays
+from stochvi.model.oscillator_arrays import OscillatorArrays
 
 LAW_REACH = 6.0
 """The law exp(-energy / s^2) is cut at the energy LAW_REACH^2 / 2 in units of s^2, where it is
@@ -27,43 +26,6 @@ BISECTIONS = 24
 
 DOUBLINGS = 400
 """More than the range of speeds that a scene may have calls for."""
-
-
-class Boxes(NamedTuple):
-    """x = centre + half_length xi, v = speed u, time in half_length / speed; -1 <= xi <= 1.
-
-    du/dt = force + stiffness xi - damping u + white noise of intensity 2 diffusion. `mirrored`
-    boxes run towards -x. Those that are `halved` hold one half of a symmetric scene: a path
-    that leaves the half at the centre comes back as its mirror image, that is, reflected.
-    """
-
-    centre: Array
-    half_length: Array
-    speed: Array
-    force: Array
-    stiffness: Array
-    damping: Array
-    diffusion: Array
-    restitution_left: Array
-    restitution_right: Array
-    stop_left: Booleans
-    stop_right: Booleans
-    mirrored: Booleans
-    halved: Booleans
-
-    def take(self, places: NDArray[np.intp]) -> Boxes:
-        """Some of the boxes."""
-        return Boxes._make(column[places] for column in self)
-
-    def log_weight(self, xi: Array) -> Array:
-        """-energy / s^2 at the points xi of each box, with 0 as its largest value."""
-        top = np.where(
-            self.stiffness < 0.0,
-            np.clip(-self.force / np.where(self.stiffness < 0.0, self.stiffness, -1.0), -1.0, 1.0),
-            np.sign(self.force),
-        )
-        rise = top * (self.force + self.stiffness * top / 2.0)
-        return xi * (self.force[:, None] + self.stiffness[:, None] * xi / 2.0) - rise[:, None]
 
 
 def speed_scale(scenes: OscillatorArrays) -> Array:
@@ -144,20 +106,18 @@ def boxes(scenes: OscillatorArrays, speed: Array, reach: float) -> Boxes:
     halved = stop_left & stop_right & (r_left == r_right)
     halved &= np.abs(scenes.force(middle)) * length <= SYMMETRIC * speed**2
     left = np.where(halved, middle, left)
-    centre, half_length = (left + right) / 2.0, (right - left) / 2.0
+    box = LinearBox.between(scenes, left, right, speed)
     r_left = np.where(halved, 1.0, r_left)
     stop_left = stop_left & ~halved
     mirrored = stop_left & ~stop_right
-    sign = np.where(mirrored, -1.0, 1.0)
-    time = half_length / speed
     return Boxes(
-        centre=centre,
-        half_length=half_length,
-        speed=speed,
-        force=sign * scenes.force(centre) * time / speed,
-        stiffness=-((scenes.omega * time) ** 2),
-        damping=scenes.damping_rate * time,
-        diffusion=scenes.intensity / 2.0 * time / speed**2,
+        centre=box.centre,
+        half_length=box.half_length,
+        speed=box.speed,
+        force=np.where(mirrored, -1.0, 1.0) * box.force,
+        stiffness=box.stiffness,
+        damping=box.damping,
+        diffusion=box.diffusion,
         restitution_left=np.where(mirrored, r_right, r_left),
         restitution_right=np.where(mirrored, r_left, r_right),
         stop_left=np.where(mirrored, stop_right, stop_left),

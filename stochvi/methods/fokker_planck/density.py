@@ -153,10 +153,10 @@ class StationaryDensity:
 
     def _stop(self, side: str) -> Stop | None:
         """A stop of the scene; None if it is out of reach."""
-        frame = self.fine.frame
-        if side not in {stop.name for stop in frame.motion.stops}:
+        scaled = self.fine.scaled
+        if side not in {stop.name for stop in scaled.motion.stops}:
             raise ValueError(f"side must be that of a stop of the scene, got {side!r}")
-        return next((stop for stop in frame.reached if stop.name == side), None)
+        return next((stop for stop in scaled.reached if stop.name == side), None)
 
     def __repr__(self) -> str:
         return f"<stationary density of {self.response!r}>"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.cells import Indices, VelocityCells
 from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, legendre
-from stochvi.methods.fokker_planck.motion import Frame
+from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
 from stochvi.methods.fokker_planck.strips import Solved, Strip
 from stochvi.model.model import Stop
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
@@ -44,15 +44,15 @@ class Averages(NamedTuple):
 
 
 class Field:
-    """A solution in its frame; the half that is left out of a symmetric scene is its mirror image.
+    """A solution in its scaled; the half that is left out of a symmetric scene is its mirror image.
 
     All arguments and results are in SI units; `slowest` is the speed of the slowest impacts that
     the mesh resolves.
     """
 
-    def __init__(self, frame: Frame, solved: Solved, slowest: float = 0.0) -> None:
-        self.frame, self.solved, self.slowest = frame, solved, slowest
-        self._share = 0.5 if frame.halved else 1.0
+    def __init__(self, scaled: ScaledMotion, solved: Solved, slowest: float = 0.0) -> None:
+        self.scaled, self.solved, self.slowest = scaled, solved, slowest
+        self._share = 0.5 if scaled.halved else 1.0
         strips = solved.strips
         self._from_left = np.array([s.far for s in strips if s.anchor < 0.0])
         self._from_right = np.array([s.far for s in strips if s.anchor > 0.0])
@@ -62,15 +62,15 @@ class Field:
     def _folded(self, x: Array) -> tuple[Array, Array]:
         """Places in the half that was solved, and the sign that this gives their velocities."""
         sign = np.ones_like(x)
-        if self.frame.halved:
-            sign = np.where(x < self.frame.left, -1.0, 1.0)
-            x = np.where(x < self.frame.left, 2.0 * self.frame.left - x, x)
+        if self.scaled.halved:
+            sign = np.where(x < self.scaled.left, -1.0, 1.0)
+            x = np.where(x < self.scaled.left, 2.0 * self.scaled.left - x, x)
         return x, sign
 
     def _inside(self, x: Array) -> tuple[Indices, Array]:
         """The strip of each place (of a border, the one below), and where in it, from -1 to 1."""
-        frame = self.frame
-        above, below = (x - frame.left) / frame.length, (x - frame.right) / frame.length
+        scaled = self.scaled
+        above, below = (x - scaled.left) / scaled.length, (x - scaled.right) / scaled.length
         first = len(self._from_left)
         lower = np.searchsorted(self._from_left, above, side="left")
         upper = first + np.searchsorted(self._from_right, below, side="left")
@@ -94,8 +94,8 @@ class Field:
             yield strip, some, self._weight(x[some])[:, None] * (values @ self.solved.q[e])
 
     def _weight(self, x: Array) -> Array:
-        energy = self.frame.box.energy((x - self.frame.centre) / self.frame.length)
-        found: Array = self._share / self.frame.length * np.exp(math.log(self.solved.top) - energy)
+        energy = self.scaled.energy((x - self.scaled.centre) / self.scaled.length)
+        found: Array = self._share / self.scaled.length * np.exp(math.log(self.solved.top) - energy)
         return found
 
     def density(self, x: ArrayLike, v: ArrayLike) -> Array:
@@ -104,10 +104,10 @@ class Field:
             np.asarray(x, dtype=float), np.asarray(v, dtype=float)
         )
         folded, sign = self._folded(places.ravel())
-        u = sign * velocities.ravel() / self.frame.speed
+        u = sign * velocities.ravel() / self.scaled.speed
         found = np.zeros(folded.shape)
         for strip, some, q in self._groups(folded):
-            shape = np.exp(-(u[some] ** 2) / 2.0) / self.frame.speed
+            shape = np.exp(-(u[some] ** 2) / 2.0) / self.scaled.speed
             found[some] = np.sum(q * strip.cells.values(u[some]), axis=1) * shape
         found[~self._within(folded)] = 0.0
         return found.reshape(places.shape)
@@ -123,7 +123,7 @@ class Field:
         return found.reshape(places.shape)
 
     def _within(self, x: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        found = (x >= self.frame.left) & (x <= self.frame.right)
+        found = (x >= self.scaled.left) & (x <= self.scaled.right)
         return np.asarray(found, dtype=bool)
 
     def flux(self, x: float, side: int, power: int, slowest: ArrayLike = 0.0) -> Array:
@@ -131,9 +131,9 @@ class Field:
         folded, sign = self._folded(np.array([x]))
         side = int(side * sign[0])
         strip, q = self._leaving(folded, side)
-        speeds = np.asarray(slowest, dtype=float) / self.frame.speed
+        speeds = np.asarray(slowest, dtype=float) / self.scaled.speed
         found = [strip.cells.above(float(u), power, side) @ q for u in speeds.ravel()]
-        scale = self.frame.speed**power
+        scale = self.scaled.speed**power
         return scale * np.array(found).reshape(speeds.shape)
 
     def flux_density(self, x: float, side: int, w: ArrayLike) -> Array:
@@ -142,15 +142,15 @@ class Field:
         side = int(side * sign[0])
         strip, q = self._leaving(folded, side)
         speeds = np.asarray(w, dtype=float)
-        u = speeds.ravel() / self.frame.speed
+        u = speeds.ravel() / self.scaled.speed
         shape = np.exp(-(u**2) / 2.0) * u * (u > 0.0)
         return ((strip.cells.values(side * u) @ q) * shape).reshape(speeds.shape)
 
     def _leaving(self, x: Array, side: int) -> tuple[Strip, Array]:
         """Strip that a place is reached through towards `side`, and q there."""
-        if self.frame.left < x[0] < self.frame.right:
+        if self.scaled.left < x[0] < self.scaled.right:
             # of a border, the strip before it
-            x = x - side * BORDER * self.frame.length
+            x = x - side * BORDER * self.scaled.length
         ((strip, _, q),) = self._groups(x)
         return strip, q[0]
 
@@ -160,27 +160,27 @@ class Field:
         """Each strip with x at its nodes, weights that hold the density's weight, and q there."""
         for strip, q in zip(self.solved.strips, self.solved.q, strict=True):
             xi, weights, values, _ = strip.nodes
-            x = self.frame.centre + self.frame.length * xi
-            weights = weights * self.frame.length * self._weight(x)
+            x = self.scaled.centre + self.scaled.length * xi
+            weights = weights * self.scaled.length * self._weight(x)
             yield strip, x, weights, values @ q
 
     def velocity_density(self, v: ArrayLike) -> Array:
         """p(v), s/m."""
         velocities = np.asarray(v, dtype=float)
-        u = velocities.ravel() / self.frame.speed
+        u = velocities.ravel() / self.scaled.speed
         found = np.zeros(u.shape)
         for strip, _, weights, q in self._strips():
             found += strip.cells.values(u) @ (weights @ q)
-            if self.frame.halved:
+            if self.scaled.halved:
                 found += strip.cells.values(-u) @ (weights @ q)
-        return (found * np.exp(-(u**2) / 2.0) / self.frame.speed).reshape(velocities.shape)
+        return (found * np.exp(-(u**2) / 2.0) / self.scaled.speed).reshape(velocities.shape)
 
     def velocity_tail(self, v: ArrayLike) -> Array:
         """P(velocity > v)."""
         velocities = np.asarray(v, dtype=float)
-        u = velocities.ravel() / self.frame.speed
+        u = velocities.ravel() / self.scaled.speed
         beyond = np.zeros(u.shape)
-        sides = (1, -1) if self.frame.halved else (1,)
+        sides = (1, -1) if self.scaled.halved else (1,)
         for strip, _, weights, q in self._strips():
             for k, slowest in enumerate(u):
                 outward = 1 if slowest >= 0.0 else -1
@@ -200,35 +200,37 @@ class Field:
             strip = self.solved.strips[e]
             points, weights = gauss_panels([where, 1.0], strip.degree + EXTRA_NODES)
             offset = strip.near + (points + 1.0) / 2.0 * strip.length
-            place = self.frame.centre + self.frame.length * (strip.anchor + offset)
-            weights = weights * strip.length / 2.0 * self.frame.length * self._weight(place)
+            place = self.scaled.centre + self.scaled.length * (strip.anchor + offset)
+            weights = weights * strip.length / 2.0 * self.scaled.length * self._weight(place)
             values, _ = legendre(strip.degree, points)
             beyond[k] = after[e + 1] + weights @ values @ self.solved.q[e] @ _one(strip.cells)
-        beyond = np.where(folded <= self.frame.left, self._share, beyond)
-        beyond = np.where(folded >= self.frame.right, 0.0, beyond)
+        beyond = np.where(folded <= self.scaled.left, self._share, beyond)
+        beyond = np.where(folded >= self.scaled.right, 0.0, beyond)
         return np.where(sign > 0.0, beyond, 1.0 - beyond).reshape(places.shape)
 
     def edge(self) -> float:
         """Probability next to where the box ends without a stop, within one unit of it."""
-        found, reach = 0.0, self.frame.reach
+        found, reach = 0.0, self.scaled.reach
         for strip, _, weights, q in self._strips():
             ends = strip.cells.values(np.array([-reach, reach])) @ (weights @ q)
             found += float(np.abs(ends).sum()) * math.exp(-(reach**2) / 2.0)
-        walls = {stop.side for stop in self.frame.reached if stop.rigid}
-        for side, x in ((-1, self.frame.left), (1, self.frame.right)):
-            if side not in walls and not (self.frame.halved and side < 0):
-                found += abs(float(self.displacement_density(x))) * self.frame.length
+        walls = {stop.side for stop in self.scaled.reached if stop.rigid}
+        for side, x in ((-1, self.scaled.left), (1, self.scaled.right)):
+            if side not in walls and not (self.scaled.halved and side < 0):
+                found += abs(float(self.displacement_density(x))) * self.scaled.length
         return found
 
     def averages(self, slowest: float) -> Averages:
         """All of them; rates count impacts faster than `slowest`, m/s."""
-        frame = self.frame
+        scaled = self.scaled
         parts = [(x, w * (q @ _one(s.cells)), s, w @ q) for s, x, w, q in self._strips()]
-        mean = frame.left if frame.halved else sum(float(x @ w) for x, w, _, _ in parts)
+        mean = scaled.left if scaled.halved else sum(float(x @ w) for x, w, _, _ in parts)
         both = 1.0 / self._share
         stops = {f"{name}_{side}": 0.0 for name in OF_STOPS for side in ("lower", "upper")}
-        for stop in reversed(frame.reached):  # of a symmetric scene the lower one is like the upper
-            if stop.side > 0 or not frame.halved:
+        for stop in reversed(
+            scaled.reached
+        ):  # of a symmetric scene the lower one is like the upper
+            if stop.side > 0 or not scaled.halved:
                 found = self._stop(stop, slowest)
             stops |= {f"{name}_{stop.name}": value for name, value in found.items()}
         up, down = (float(self.flux(mean, side, 1)) for side in (1, -1))
@@ -236,7 +238,7 @@ class Field:
             mean=mean,
             variance=both * sum(float((x - mean) ** 2 @ w) for x, w, _, _ in parts),
             velocity_mean_square=both
-            * frame.speed**2
+            * scaled.speed**2
             * sum(float(q @ s.cells.functional(s.cells.u**2)) for _, _, s, q in parts),
             upcrossing_rate=(up + down) / 2.0,
             **stops,
@@ -268,7 +270,7 @@ class Field:
             u, profile, values, _ = strip.cells.split(self._release(law, deflection, side))
             found = np.sum(values * q[:, strip.cells.places][:, :, None, :], axis=-1)
             density = weights[:, None, None] * profile * found
-            rate = side * self.frame.speed * u
+            rate = side * self.scaled.speed * u
             y = np.broadcast_to(deflection[:, None, None], u.shape)
             push = np.asarray(law.force_at(y, rate), dtype=float)
             touching = push > 0.0 if ends_early else np.ones(push.shape, dtype=bool)
@@ -280,7 +282,7 @@ class Field:
     def _release(self, law: CompliantLaw, deflection: Array, side: int) -> Array:
         """Velocities, in units of the box, at which a stop ceases to push."""
         if isinstance(law, Viscoelastic) and not law.conservative:
-            return -side * law.stiffness * deflection / (law.damping(1.0) * self.frame.speed)
+            return -side * law.stiffness * deflection / (law.damping(1.0) * self.scaled.speed)
         return np.full_like(deflection, math.inf)
 
     # Balances -----------------------------------------------------------------------------------
@@ -293,13 +295,13 @@ class Field:
         with m = E x, push and loss those of rigid stops. The virial is left out where a damper in
         a stop adds to it.
         """
-        frame, motion = self.frame, self.frame.motion
+        scaled, motion = self.scaled, self.scaled.motion
         found = self.averages(0.0)
-        half = 0.5 if frame.halved else 1.0
+        half = 0.5 if scaled.halved else 1.0
         drag = work = pull = size = 0.0
         for strip, x, weights, q in self._strips():
             cells = strip.cells
-            v = frame.speed * cells.u
+            v = scaled.speed * cells.u
             power = cells.functional(v * motion.drag(v))
             held = q @ cells.functional(motion.drag(v))
             drag += float(weights @ q @ power) / half
@@ -310,7 +312,7 @@ class Field:
             pull += float(share @ spring) - float(weights @ held) / half
             size += float(share @ np.abs(spring))
         energy, virial, net = [motion.power, -drag], [found.velocity_mean_square, work], [pull]
-        for stop in frame.reached:
+        for stop in scaled.reached:
             if isinstance(stop.law, CompliantLaw):
                 energy.append(-getattr(found, f"power_{stop.name}"))
                 net.append(-stop.side * getattr(found, f"force_{stop.name}"))
@@ -320,9 +322,9 @@ class Field:
             virial.append(-abs(stop.position - found.mean) * push)
             net.append(-stop.side * push)
         size = max(size, *map(abs, net))
-        force = 0.0 if frame.halved else sum(net) / size
+        force = 0.0 if scaled.halved else sum(net) / size
         residuals = {"energy": sum(energy) / motion.power, "force": force}
-        if all(stop.rigid or stop.law.conservative for stop in frame.reached):
+        if all(stop.rigid or stop.law.conservative for stop in scaled.reached):
             residuals["virial"] = sum(virial) / found.velocity_mean_square
         return residuals
 
@@ -332,8 +334,8 @@ class Field:
         side = int(stop.side * sign[0])
         strip, q = self._leaving(folded, side)
         u, weights = gauss_panels(np.unique(np.maximum(side * strip.cells.breaks, 0.0)), NODES)
-        w = self.frame.speed * u
-        rate = self.frame.speed * weights * u * np.exp(-(u**2) / 2.0) * strip.cells.at(side * u, q)
+        w = self.scaled.speed * u
+        rate = self.scaled.speed * weights * u * np.exp(-(u**2) / 2.0) * strip.cells.at(side * u, q)
         restitution = stop.restitution_at(w)
         return float(rate @ ((1.0 - restitution**2) * w**2)) / 2.0, float(
             rate @ ((1.0 + restitution) * w)

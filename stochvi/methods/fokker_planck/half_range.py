@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.boxes import Boxes
+from stochvi.methods.fokker_planck.linear_box import Boxes
 from stochvi.methods.fokker_planck.mesh import (
     Array,
     DisplacementElement,

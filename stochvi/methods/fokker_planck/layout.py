@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.methods.fokker_planck.linear_box import LinearBox
 from stochvi.methods.fokker_planck.mesh import Mesh
-from stochvi.methods.fokker_planck.operators import BoxFrame, Walls, frame
+from stochvi.methods.fokker_planck.operators import Walls
 from stochvi.methods.fokker_planck.starts import Gaussian, Start
 from stochvi.model.model import Model
 
@@ -37,7 +38,7 @@ class Layout(NamedTuple):
     mirror images.
     """
 
-    frame: BoxFrame
+    box: LinearBox[float]
     walls: Walls
     reach: float
     core: float
@@ -48,7 +49,7 @@ class Layout(NamedTuple):
     @property
     def natural(self) -> float:
         """The rate of the inner dynamics: of oscillation or of crossing the box."""
-        return max(math.sqrt(-self.frame.stiffness), 1.0)
+        return max(math.sqrt(-self.box.stiffness), 1.0)
 
 
 class Level(NamedTuple):
@@ -192,7 +193,7 @@ def _layout(
     steepest = max(abs(model.load - model.omega**2 * x) for x in (left, right))
     layer = _layer(model, length)
     return Layout(
-        frame=frame(model, left, right, speed),
+        box=LinearBox.between(model, left, right, speed),
         walls=walls,
         reach=reach / speed,
         core=core / speed,

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.boxes import FARTHEST_STOP, Boxes, boxes
+from stochvi.methods.fokker_planck.boxes import FARTHEST_STOP, boxes
 from stochvi.methods.fokker_planck.half_range import BoxMoments, box_moments
+from stochvi.methods.fokker_planck.linear_box import Boxes
 from stochvi.methods.fokker_planck.mesh import Array, Mesh
 from stochvi.model.oscillator_arrays import Booleans, OscillatorArrays
 

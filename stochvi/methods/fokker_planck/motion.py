@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.methods.fokker_planck.boxes import FARTHEST_STOP
 from stochvi.methods.fokker_planck.mesh import Array
-from stochvi.methods.fokker_planck.strips import Box, Grip
 from stochvi.model.model import Model, Stop
-from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Hertz, Viscoelastic
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Viscoelastic
 
 LAW_DEPTH = 18.0
 """Energy in units of s^2 at which the law exp(-energy / s^2) is cut where a scale is sought: there
 it is 2e-8 of its peak."""
-
-REACH = 7.2
-"""A box ends at the energy t REACH^2 / 2 above what its farthest stop calls for, and so do its
-velocities: the part of F2 beyond is 2e-10."""
 
 WIDENED = 1.2
 """Speed of the weight exp(-energy / t) in units of s, sqrt(t) = WIDENED s, unless damping alone
@@ -43,9 +36,6 @@ NODES = 24
 PIECES = 40
 """Into which the range of a law is cut, also for a look at its lowest energy."""
 
-SYMMETRIC = 1e-10
-"""Part of the largest force by which those on both sides may differ in a symmetric scene."""
-
 SPEEDS, SPEED_WEIGHTS = (
     part.ravel() for part in gauss_panels(np.linspace(0.0, 8.0, 9), NODES)
 )  # speeds of a law of unit width, of which 1e-14 lies beyond 8
@@ -60,13 +50,6 @@ AT_ONCE = 16
 FINE_STRIDE, FINE_AT_ONCE = 1.02, 105
 """Of a spring that is a function, which may have further wells: the energy must stay high for as
 many places, an eightfold distance, for none to be expected."""
-
-METASTABLE = 30.0
-"""Barrier between wells in units of the weight's energy from which on the rounding of numbers
-decides how often each of them is visited: 1e-16 exp(30) is a thousandth."""
-
-BARRIER_PLACES = 2048
-"""At which the energy is looked at for a barrier."""
 
 
 class _Ray:
@@ -338,227 +321,3 @@ def _root(function: Callable[[float], float], start: float) -> float:
 def _elastic(law: CompliantLaw) -> CompliantLaw:
     """The part of a law that has a potential."""
     return law.model_copy(update={"damping_ratio": 0.0}) if isinstance(law, Viscoelastic) else law
-
-
-class Corner(NamedTuple):
-    """Where, at u = 0, a stop begins to take energy, and the speed up to which noise hides that."""
-
-    place: float
-    slowest: float
-
-
-HIDDEN = 0.1
-"""Speed in units of (diffusion / damping of a stop)^(1/2) up to which the density is smooth."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Frame:
-    """x = centre + length xi, v = speed u, and the box between xi = -1 and 1.
-
-    A `halved` frame holds the upper half of a symmetric scene; `reach` is the largest u. `knots`
-    are places where the force has a kink, `roots` those (and sides) from which on it goes as a
-    broken power. `rare_energy` is what must be resolved however rare it is, in units of t above
-    the lowest: that of the nearest stop, or of a barrier between wells if that is higher;
-    `barrier` is the height of that above the shallower well. `reached` are the stops that are not
-    out of reach.
-    """
-
-    motion: Motion
-    box: Box
-    left: float
-    right: float
-    length: float
-    speed: float
-    reach: float
-    halved: bool
-    corners: tuple[Corner, ...]
-    knots: tuple[float, ...]
-    roots: tuple[tuple[float, int], ...]
-    rare_energy: float
-    reached: tuple[Stop, ...]
-    barrier: float
-
-    @property
-    def centre(self) -> float:
-        """Of the box, m."""
-        return (self.left + self.right) / 2.0
-
-
-def make_frame(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = ()) -> Frame:
-    """The box of a scene, its weight `stretch` times as wide in velocity as expected.
-
-    Stops that are known to be `hit` are within reach, whatever the law exp(-energy / s^2) says.
-    """
-    square, weight = motion.squares[0], motion.weight * stretch**2
-    lowest = motion.lowest(square)
-    heights = {
-        stop: max(float(motion.energy(np.array(stop.position))) - lowest, 0.0)
-        for stop in motion.stops
-    }
-    within = square * FARTHEST_STOP**2 / 2.0
-    reached = tuple(stop for stop in motion.stops if heights[stop] <= within or stop in hit)
-    energies = [heights[stop] / weight for stop in reached] or [0.0]
-    reach = math.sqrt(REACH**2 + 2.0 * max(energies))
-    left, right = motion.span(weight * reach**2 / 2.0)
-    if motion.model.restoring is not None:
-        _check_tails(motion, left, right, weight)
-    barrier, top = _barrier(motion, left, right, weight)
-    if top > max(energies):
-        reach = math.sqrt(REACH**2 + 2.0 * top)
-        left, right = motion.span(weight * reach**2 / 2.0)
-    walls = {stop.side for stop in reached if stop.rigid}
-    halved = len(walls) != 1 and _is_symmetric(motion, left, right)
-    if halved:
-        left = (left + right) / 2.0
-        barrier, top = _barrier(motion, left, right, weight)
-    if barrier > METASTABLE:
-        raise NotConverged(APART.format(barrier=barrier))
-    units = _Units((left + right) / 2.0, (right - left) / 2.0, math.sqrt(weight))
-    solved = tuple(stop for stop in reached if not halved or stop.side > 0)
-    touched = [stop for stop in solved if not stop.rigid]
-    return Frame(
-        motion=motion,
-        box=_box(motion, solved, units, lowest),
-        left=left,
-        right=right,
-        length=units.length,
-        speed=units.speed,
-        reach=reach,
-        halved=halved,
-        corners=tuple(
-            Corner(units.place(stop), _hidden(motion, stop, units))
-            for stop in solved
-            if not stop.law.conservative
-        ),
-        knots=tuple((knot - units.centre) / units.length for knot in motion.knots(left, right)),
-        roots=tuple((units.place(s), s.side) for s in touched if isinstance(s.law, Hertz)),
-        rare_energy=max(min(energies), top),
-        reached=reached,
-        barrier=barrier,
-    )
-
-
-HEAVIEST = 3.0
-"""Power with which a density must fall, and faster, for its variance to be finite."""
-
-
-def _check_tails(motion: Motion, left: float, right: float, weight: float) -> None:
-    for _, _, falls in motion.open_ends(left, right, weight):
-        if falls <= HEAVIEST:
-            raise NotApplicable(
-                "fokker-planck",
-                [
-                    "restoring_force must leave a finite variance, got a density that falls as "
-                    f"x^-{falls:.3g} far out, no faster than x^-3"
-                ],
-            )
-
-
-APART = (
-    "fokker-planck cannot tell how often each well is visited: wells are metastable, {barrier:.0f} "
-    "times the mean energy in velocity below the barrier between them, and numbers of 16 digits "
-    "end at 30; exact may have the answer, or solve each well on its own"
-)
-
-
-def _barrier(motion: Motion, left: float, right: float, weight: float) -> tuple[float, float]:
-    """Of the highest barrier between wells of a spring that is a function: how high it is above
-    the shallower well and above all places, in units of the weight's energy; 0 if there is none."""
-    if motion.model.restoring is None:
-        return 0.0, 0.0
-    energy = motion.energy(np.linspace(left, right, BARRIER_PLACES)) / weight
-    before = np.minimum.accumulate(energy)
-    after = np.minimum.accumulate(energy[::-1])[::-1]
-    height = energy - np.maximum(before, after)
-    if height.max() <= 0.0:
-        return 0.0, 0.0
-    return float(height.max()), float(energy[height > 0.0].max() - energy.min())
-
-
-class _Units(NamedTuple):
-    """Of a box: its centre, m, half its length, m, and the speed of the weight, m/s."""
-
-    centre: float
-    length: float
-    speed: float
-
-    def place(self, stop: Stop) -> float:
-        """Of a stop; a rigid one ends the box."""
-        if stop.rigid:
-            return float(stop.side)
-        return (stop.position - self.centre) / self.length
-
-
-def _box(motion: Motion, stops: tuple[Stop, ...], units: _Units, lowest: float) -> Box:
-    centre, length, speed = units
-    leaving = {stop.side: _leaving(stop, speed) for stop in stops if stop.rigid}
-    scale = length / speed**2
-    return Box(
-        force=lambda xi: motion.force(centre + length * xi) * scale,
-        energy=lambda xi: (motion.energy(centre + length * xi) - lowest) / speed**2,
-        damping=lambda u: motion.drag(speed * u) * scale,
-        diffusion=motion.power * length / speed**3,
-        leaving_left=leaving.get(-1, _all),
-        leaving_right=leaving.get(1, _all),
-        grips=tuple(_grip(s, units) for s in stops if isinstance(s.law, Viscoelastic)),
-    )
-
-
-def _hidden(motion: Motion, stop: Stop, units: _Units) -> float:
-    """Speed below which noise hides that a stop takes energy; 0 for a rigid one."""
-    if not isinstance(stop.law, Viscoelastic):
-        return 0.0
-    return HIDDEN * math.sqrt(motion.power / stop.law.damping(1.0)) / units.speed
-
-
-def _all(w: Array) -> Array:
-    """An elastic wall."""
-    return w
-
-
-def _leaving(stop: Stop, speed: float) -> Callable[[Array], Array]:
-    return lambda w: stop.restitution_at(speed * w) * w
-
-
-def _grip(stop: Stop, units: _Units) -> Grip:
-    """What the damper of a viscoelastic stop adds to the force of its spring."""
-    law, (_, length, speed) = stop.law, units
-    assert isinstance(law, Viscoelastic)
-    stiffness, damping, side = law.stiffness, law.damping(1.0), stop.side
-    place = units.place(stop)
-    scale = length / speed**2
-
-    def spring(xi: Array) -> Array:
-        return np.asarray(stiffness * side * length * (xi - place), dtype=float)
-
-    def force(xi: Array, u: Array) -> Array:
-        # towards the mass: max(K y + c y', 0) less K y
-        push = np.maximum(damping * side * speed * u, -spring(xi))
-        return np.asarray(-side * scale * push, dtype=float)
-
-    def kink(xi: Array) -> Array:
-        if damping == 0.0:
-            return np.full_like(xi, math.inf)
-        return np.asarray(-side * spring(xi) / (damping * speed), dtype=float)
-
-    left, right = (place, math.inf) if side > 0 else (-math.inf, place)
-    return Grip(left, right, force, kink)
-
-
-def _is_symmetric(motion: Motion, left: float, right: float) -> bool:
-    middle = (left + right) / 2.0
-    if len(motion.stops) == 1:
-        return False
-    if motion.stops:
-        lower, upper = motion.stops
-        if lower.law != upper.law or abs(lower.position + upper.position - 2.0 * middle) > (
-            SYMMETRIC * (right - left)
-        ):
-            return False
-    y = np.linspace(0.0, (right - left) / 2.0, PIECES)
-    up, down = motion.force(middle + y), motion.force(middle - y)
-    v = math.sqrt(motion.weight) * SPEEDS
-    forward, backward = motion.drag(v), motion.drag(-v)
-    largest = float(np.max(np.abs(up)) + np.max(np.abs(forward)))
-    uneven = max(float(np.max(np.abs(up + down))), float(np.max(np.abs(forward + backward))))
-    return uneven <= SYMMETRIC * largest

@@ -1,6 +1,6 @@
 """The Fokker-Planck equation of one box as sparse matrices: in time, with walls that may absorb.
 
-Symbols: xi in [-1, 1] displacement and u velocity in the units of the box (`BoxFrame`), as in
+Symbols: xi in [-1, 1] displacement and u velocity in the units of the box (`LinearBox`), as in
 `half_range`: the density is p = M q with M = exp(-u^2 / 2 - energy(xi)), N_i are the functions that
 both q and the tests are made of. Then
 
@@ -23,60 +23,11 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
 from stochvi.mathematics.quadrature import gauss_panels
+from stochvi.methods.fokker_planck.linear_box import LinearBox
 from stochvi.methods.fokker_planck.mesh import Array, Mesh, legendre
-from stochvi.model.model import Model
 
 Density = Callable[[Array, Array], Array]
 """A probability density of (displacement, velocity), broadcasting, SI units."""
-
-
-class BoxFrame(NamedTuple):
-    """x = centre + half_length xi, v = speed u, time in half_length / speed.
-
-    du/dt = force + stiffness xi - damping u + white noise of intensity 2 diffusion.
-    """
-
-    centre: float
-    half_length: float
-    speed: float
-    force: float
-    stiffness: float
-    damping: float
-    diffusion: float
-
-    @property
-    def time(self) -> float:
-        """Seconds of the unit of time."""
-        return self.half_length / self.speed
-
-    def xi(self, x: Array) -> Array:
-        """Displacements of the box."""
-        scaled: Array = (np.asarray(x, dtype=float) - self.centre) / self.half_length
-        return scaled
-
-    def log_weight(self, xi: Array) -> Array:
-        """-energy(xi), 0 where it is largest in the box."""
-        top = float(np.sign(self.force))
-        if self.stiffness < 0.0:
-            top = min(max(-self.force / self.stiffness, -1.0), 1.0)
-        highest = top * (self.force + self.stiffness * top / 2.0)
-        found: Array = xi * (self.force + self.stiffness * xi / 2.0) - highest
-        return found
-
-
-def frame(model: Model, left: float, right: float, speed: float) -> BoxFrame:
-    """The box between two displacements, in units of a speed."""
-    centre, half_length = (left + right) / 2.0, (right - left) / 2.0
-    time = half_length / speed
-    return BoxFrame(
-        centre=centre,
-        half_length=half_length,
-        speed=speed,
-        force=(model.load - model.omega**2 * centre) * time / speed,
-        stiffness=-((model.omega * time) ** 2),
-        damping=model.damping_rate * time,
-        diffusion=model.intensity / 2.0 * time / speed**2,
-    )
 
 
 class Walls(NamedTuple):
@@ -131,8 +82,8 @@ class Operator:
         (n,): matrix' unity, but without the rounding that would let some flow out everywhere.
     """
 
-    def __init__(self, frame: BoxFrame, mesh: Mesh, walls: Walls) -> None:
-        self.frame, self.mesh, self.walls = frame, mesh, walls
+    def __init__(self, box: LinearBox[float], mesh: Mesh, walls: Walls) -> None:
+        self.box, self.mesh, self.walls = box, mesh, walls
         velocity = mesh.velocity
         self._shape = (len(mesh.displacement), mesh.x_degree + 1, velocity.size)
         matrix, mass = self._assemble()
@@ -148,21 +99,21 @@ class Operator:
         self.outflow: Array = np.zeros(len(self.scale))
         for side, wall in ((-1, walls.left), (1, walls.right)):
             if wall is None:
-                self.outflow += frame.time * self.arrivals(side, velocity.half_moments[1])
+                self.outflow += box.time * self.arrivals(side, velocity.half_moments[1])
 
     def factorised(self, shift: float) -> Factors:
         """LU factors of matrix + shift mass; `shift` per unit time of the box."""
         return Factors(sparse.csc_array(self.matrix + shift * self.mass))
 
     def _weight(self, xi: float) -> float:
-        return float(np.exp(self.frame.log_weight(np.array(xi))))
+        return float(np.exp(self.box.log_weight(np.array([xi])))[0])
 
     def _assemble(self) -> tuple[sparse.csc_array, sparse.csc_array]:
         """Sums of products of matrices in displacement and in velocity."""
-        frame, velocity = self.frame, self.mesh.velocity
+        box, velocity = self.box, self.mesh.velocity
         products, pushed, up, down = self._displacement_matrices()
-        spread = frame.diffusion * velocity.diffusion
-        spread += (frame.damping - frame.diffusion) * velocity.damping
+        spread = box.diffusion * velocity.diffusion
+        spread += (box.damping - box.diffusion) * velocity.damping
         matrix = _kron(products, spread) - _kron(pushed, velocity.drift)
         matrix = matrix + _kron(up, velocity.flux_plus) + _kron(down, velocity.flux_minus)
         for side, restitution in ((-1, self.walls.left), (1, self.walls.right)):
@@ -183,8 +134,8 @@ class Operator:
         for e, element in enumerate(elements):
             here = slice(e * size, (e + 1) * size)
             after, before = (slice((e + k) * size, (e + k + 1) * size) for k in (1, -1))
-            weights = element.weights * np.exp(self.frame.log_weight(element.xi))
-            push = self.frame.force + self.frame.stiffness * element.xi
+            weights = element.weights * np.exp(self.box.log_weight(element.xi))
+            push = self.box.force + self.box.stiffness * element.xi
             products[here, here] = (weights @ element.products).reshape(size, size)
             pushed[here, here] = ((weights * push) @ element.products).reshape(size, size)
             slopes = (weights @ element.slope_products).reshape(size, size)
@@ -246,8 +197,8 @@ class Operator:
 
     def at(self, x: float, v: float) -> Array:
         """The functions at a point, (n,): times coefficients, the value of a function there."""
-        profile = self._profiles(self.frame.xi(np.array([x])))[0]
-        speeds = self._speeds(np.array([v / self.frame.speed]))[0]
+        profile = self._profiles(self.box.xi(np.array([x])))[0]
+        speeds = self._speeds(np.array([v / self.box.speed]))[0]
         values: Array = (profile[..., None] * speeds).ravel() * self.scale
         return values
 
@@ -256,28 +207,28 @@ class Operator:
 
         Gauss's rule between the mesh points and those of two grids that resolve the density.
         """
-        frame, velocity = self.frame, self.mesh.velocity
+        box, velocity = self.box, self.mesh.velocity
         ends = np.asarray(self.mesh.x_breaks)
-        inside = frame.xi(x_grid)
+        inside = box.xi(x_grid)
         xi, x_weights = gauss_panels(np.union1d(ends, inside[np.abs(inside) < 1.0]), GRID_NODES)
         reach = np.union1d(-velocity.breaks, velocity.breaks)
-        slow = v_grid / frame.speed
+        slow = v_grid / box.speed
         u, u_weights = gauss_panels(
             np.union1d(reach, slow[np.abs(slow) < velocity.breaks[-1]]), GRID_NODES
         )
-        values = density(frame.centre + frame.half_length * xi[:, None], frame.speed * u)
+        values = density(box.centre + box.half_length * xi[:, None], box.speed * u)
         # the density is per metre and per metre a second
-        values = values * (frame.half_length * frame.speed * x_weights[:, None] * u_weights)
+        values = values * (box.half_length * box.speed * x_weights[:, None] * u_weights)
         profiles = self._profiles(xi).reshape(len(xi), -1)
         whole = profiles.T @ values @ self._speeds(u)
         return np.asarray(whole.ravel() * self.scale, dtype=np.float64)
 
     def moment(self, x_power: int, v_power: int) -> Array:
         """Mean of (x - centre)^i v^j, SI, of p = M q, as a functional of coefficients, (n,)."""
-        frame, velocity = self.frame, self.mesh.velocity
+        box, velocity = self.box, self.mesh.velocity
         profile = np.stack(
             [
-                (element.weights * np.exp(frame.log_weight(element.xi)) * element.xi**x_power)
+                (element.weights * np.exp(box.log_weight(element.xi)) * element.xi**x_power)
                 @ element.values
                 for element in self.mesh.displacement
             ]
@@ -285,7 +236,7 @@ class Operator:
         speeds = np.zeros(velocity.size)
         speeds[velocity.plus] += velocity.half_moments[v_power]
         speeds[velocity.minus] += (-1.0) ** v_power * velocity.half_moments[v_power]
-        unit = frame.half_length**x_power * frame.speed**v_power
+        unit = box.half_length**x_power * box.speed**v_power
         whole: Array = unit * (profile[..., None] * speeds).ravel() * self.scale
         return whole
 
@@ -298,34 +249,34 @@ class Operator:
         velocity = self.mesh.velocity
         speeds = np.zeros(velocity.size)
         speeds[velocity.plus if side > 0 else velocity.minus] = half
-        weight = self._weight(float(side)) / self.frame.time
+        weight = self._weight(float(side)) / self.box.time
         found: Array = weight * np.outer(self._end(side), speeds).ravel() * self.scale
         return found
 
     def density(self, coefficients: Array, x: Array, v: Array) -> Array:
         """p = M q at the points of two equally long arrays, per metre and metre a second."""
-        frame = self.frame
-        xi, u = frame.xi(x), v / frame.speed
+        box = self.box
+        xi, u = box.xi(x), v / box.speed
         inside = (np.abs(xi) <= 1.0) & (np.abs(u) <= self.mesh.reach)
         found = np.zeros(len(xi))
         q = (coefficients * self.scale).reshape(-1, self.mesh.velocity.size)
         profiles = self._profiles(xi[inside]).reshape(int(inside.sum()), -1)
         values = np.einsum("pi,pi->p", profiles @ q, self._speeds(u[inside]))
-        weight = np.exp(frame.log_weight(xi[inside]) - u[inside] ** 2 / 2.0)
+        weight = np.exp(box.log_weight(xi[inside]) - u[inside] ** 2 / 2.0)
         # coefficients make p a density in the units of the box
-        found[inside] = weight * values / (frame.half_length * frame.speed)
+        found[inside] = weight * values / (box.half_length * box.speed)
         return found
 
     def displacement_density(self, coefficients: Array, x: Array) -> Array:
         """int p dv at displacements, per metre."""
-        frame = self.frame
-        xi = frame.xi(x)
+        box = self.box
+        xi = box.xi(x)
         inside = np.abs(xi) <= 1.0
         q = (coefficients * self.scale).reshape(-1, self.mesh.velocity.size)
         profiles = self._profiles(xi[inside]).reshape(int(inside.sum()), -1)
         found = np.zeros(len(xi))
         values = profiles @ (q @ self.mesh.velocity.mass)
-        found[inside] = np.exp(frame.log_weight(xi[inside])) * values / frame.half_length
+        found[inside] = np.exp(box.log_weight(xi[inside])) * values / box.half_length
         return found
 
 

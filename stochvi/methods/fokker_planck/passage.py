@@ -343,8 +343,8 @@ def _on_level(
 
     `most` are probabilities that none can exceed.
     """
-    operator = Operator(layout.frame, mesh(layout, level), layout.walls)
-    second = layout.frame.time
+    operator = Operator(layout.box, mesh(layout, level), layout.walls)
+    second = layout.box.time
     factors = operator.factorised(0.0)
     mode = slowest_mode(operator, factors)
     weights, passed = _start_functional(operator, layout, start, lower, upper)
@@ -398,7 +398,7 @@ def _start_functional(
 
     In a halved box a path on the left counts as its mirror image on the right.
     """
-    mirror = layout.frame.centre - layout.frame.half_length
+    mirror = layout.box.centre - layout.box.half_length
     if isinstance(start, Point):
         point = start
         if layout.halved and start.x < mirror:

@@ -18,7 +18,7 @@ import numpy as np
 
 from stochvi.methods.fokker_planck.cells import VelocityCells
 from stochvi.methods.fokker_planck.mesh import Array
-from stochvi.methods.fokker_planck.motion import Corner, Frame
+from stochvi.methods.fokker_planck.scaled_motion import Corner, ScaledMotion
 from stochvi.methods.fokker_planck.strips import Solved, Strip
 
 FIRST_BREAKS = (0.45, 1.0, 1.6, 2.3, 3.2)
@@ -66,22 +66,22 @@ class Degrees(NamedTuple):
     velocity: int
 
 
-def first_patches(frame: Frame) -> tuple[Patch, ...]:
+def first_patches(scaled: ScaledMotion) -> tuple[Patch, ...]:
     """By energies and knots, not yet graded towards the corners."""
-    edges = [-1.0, *(knot for knot in frame.knots), 1.0]
+    edges = [-1.0, *(knot for knot in scaled.knots), 1.0]
     inner = []
     for left, right in itertools.pairwise(edges):
-        inner += _cut(frame, left, right, FEWEST_STRIPS)
-    ends = _towards_roots(frame, [*inner, 1.0])
-    breaks = _first_breaks(frame.reach)
+        inner += _cut(scaled, left, right, FEWEST_STRIPS)
+    ends = _towards_roots(scaled, [*inner, 1.0])
+    breaks = _first_breaks(scaled.reach)
     return tuple(_anchored(left, right, breaks) for left, right in itertools.pairwise(ends))
 
 
-def _towards_roots(frame: Frame, ends: list[float]) -> list[float]:
+def _towards_roots(scaled: ScaledMotion, ends: list[float]) -> list[float]:
     """Strips that narrow towards the first touch of a Hertzian stop, where y^(5/2) is no
     polynomial and would cost digits of every integral."""
     added = []
-    for root, side in frame.roots:
+    for root, side in scaled.roots:
         size = min((abs(end - root) for end in ends if side * (end - root) > 0.0), default=0.0)
         added += [root + side * size * ROOTED**k for k in range(1, ROOTED_STRIPS + 1)]
     return sorted({*ends, *added})
@@ -99,29 +99,29 @@ def _first_breaks(reach: float) -> tuple[float, ...]:
     return (*(-u for u in reversed(half)), 0.0, *half)
 
 
-def _cut(frame: Frame, left: float, right: float, pieces: int) -> list[float]:
+def _cut(scaled: ScaledMotion, left: float, right: float, pieces: int) -> list[float]:
     """Left ends of strips in which the energy varies little, where there is any probability."""
     if pieces > 1:
         edges = np.linspace(left, right, pieces + 1)
         return [
             end
             for one, two in itertools.pairwise(edges)
-            for end in _cut(frame, float(one), float(two), 1)
+            for end in _cut(scaled, float(one), float(two), 1)
         ]
-    energy = frame.box.energy(np.linspace(left, right, 9))
+    energy = scaled.energy(np.linspace(left, right, 9))
     wide = energy.max() - energy.min() > ENERGY_PER_STRIP
-    if wide and energy.min() < frame.reach**2 / 2.0:
-        return _cut(frame, left, right, 2)
+    if wide and energy.min() < scaled.reach**2 / 2.0:
+        return _cut(scaled, left, right, 2)
     return [left]
 
 
-def graded(frame: Frame, patches: Iterable[Patch], slowest: float) -> tuple[Patch, ...]:
+def graded(scaled: ScaledMotion, patches: Iterable[Patch], slowest: float) -> tuple[Patch, ...]:
     """Narrower towards corners until impacts of the speed `slowest` are resolved."""
     found = list(patches)
-    for corner in frame.corners:
-        depth = max(slowest, corner.slowest) ** 3 / frame.box.diffusion
+    for corner in scaled.corners:
+        depth = max(slowest, corner.slowest) ** 3 / scaled.diffusion
         found = [part for patch in found for part in _narrowed(patch, corner, depth)]
-    return tuple(patch._replace(breaks=_slowed(frame, patch, slowest)) for patch in found)
+    return tuple(patch._replace(breaks=_slowed(scaled, patch, slowest)) for patch in found)
 
 
 def _narrowed(patch: Patch, corner: Corner, depth: float) -> list[Patch]:
@@ -136,13 +136,13 @@ def _narrowed(patch: Patch, corner: Corner, depth: float) -> list[Patch]:
     return [*_narrowed(patch._replace(far=cut), corner, depth), patch._replace(near=cut)]
 
 
-def _slowed(frame: Frame, patch: Patch, slowest: float) -> tuple[float, ...]:
+def _slowed(scaled: ScaledMotion, patch: Patch, slowest: float) -> tuple[float, ...]:
     """Breaks that narrow towards 0 as far as the distance from the corners asks for."""
     scales = []
-    for corner in frame.corners:
+    for corner in scaled.corners:
         place = corner.place - patch.anchor
         distance = max(abs(patch.near - place), abs(patch.far - place))
-        scales.append(max((frame.box.diffusion * distance) ** (1.0 / 3.0), slowest, corner.slowest))
+        scales.append(max((scaled.diffusion * distance) ** (1.0 / 3.0), slowest, corner.slowest))
     if not scales:
         return patch.breaks
     least = CORNER_CELL * min(scales)
@@ -182,11 +182,11 @@ class Strips:
 
 
 def refined(
-    frame: Frame, solved: Solved, patches: tuple[Patch, ...], kept: float = KEPT
+    scaled: ScaledMotion, solved: Solved, patches: tuple[Patch, ...], kept: float = KEPT
 ) -> tuple[Patch, ...]:
     """Strips and cells split where the highest polynomials hold the most, until the others hold
     `kept` of the whole."""
-    both = [_unresolved(frame, strip, q) for strip, q in zip(solved.strips, solved.q, strict=True)]
+    both = [_unresolved(scaled, strip, q) for strip, q in zip(solved.strips, solved.q, strict=True)]
     across = np.array([row for row, _ in both])
     within = [row for _, row in both]
     everything = np.sort(np.concatenate([across, *within]))
@@ -205,7 +205,7 @@ def refined(
     return tuple(found)
 
 
-def _unresolved(frame: Frame, strip: Strip, q: Array) -> tuple[float, Array]:
+def _unresolved(scaled: ScaledMotion, strip: Strip, q: Array) -> tuple[float, Array]:
     """Probability in the highest polynomials of a strip, and in those of each of its cells.
 
     In units of exp(-energy), from the lowest stop on (or a barrier between wells) of
@@ -213,11 +213,11 @@ def _unresolved(frame: Frame, strip: Strip, q: Array) -> tuple[float, Array]:
     rare crossings tell how often each well is visited.
     """
     cells = strip.cells
-    energy = frame.box.energy(strip.nodes[0])
+    energy = scaled.energy(strip.nodes[0])
     size = np.diff(cells.breaks)
     middle = (cells.breaks[1:] + cells.breaks[:-1]) / 2.0
     height = float(energy.min()) + middle**2 / 2.0
-    share = np.exp(-np.maximum(height - frame.rare_energy, 0.0)) * size * strip.length
+    share = np.exp(-np.maximum(height - scaled.rare_energy, 0.0)) * size * strip.length
     local = q[:, cells.places]
     top = np.sqrt(np.mean((local[-1] @ cells.local_values.T) ** 2, axis=1))
     k = cells.degree

@@ -1,10 +1,6 @@
 """The stationary Fokker-Planck equation on strips in displacement, each with its own velocities.
 
-Symbols (`Box`): p(xi, u) = M q with M = exp(-u^2 / 2 - energy(xi)), and
-
-    0 = -u dp/dxi - d/du [(force(xi) + grip(xi, u) - damping(u)) p] + diffusion d2p/du2,
-
-a particle that arrives at an end with speed w leaves it with R(w) w. In every strip q is a
+Symbols and equation are those of `scaled_motion`. In every strip q is a
 Legendre polynomial in xi times the functions of `VelocityCells`; it may jump from strip to
 strip, where the flux is taken from the side that it comes from, exactly also between different
 cells. A strip is reduced to what it lets out for what is let in, and strips are joined like walls.
@@ -13,7 +9,6 @@ cells. A strip is reduced to what it lets out for what is let in, and strips are
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -24,33 +19,8 @@ from scipy.linalg import lapack
 from stochvi.mathematics.quadrature import gauss_legendre, gauss_panels
 from stochvi.methods.fokker_planck.cells import VelocityCells, given_back, passed_on
 from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, legendre
-
-Law = Callable[[Array], Array]
-
-
-class Grip(NamedTuple):
-    """A force that depends on place and velocity, on the strips from `left` to `right`.
-
-    `force(xi, u)` is broadcast; `kink(xi)` is the velocity at which its slope jumps.
-    """
-
-    left: float
-    right: float
-    force: Callable[[Array, Array], Array]
-    kink: Law
-
-
-@dataclass(frozen=True, kw_only=True)
-class Box:
-    """A scene in units of a length and a speed; `leaving_left(w)` is the speed R(w) w."""
-
-    force: Law
-    energy: Law
-    damping: Law
-    diffusion: float
-    leaving_left: Law
-    leaving_right: Law
-    grips: tuple[Grip, ...] = ()
+from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
+from stochvi.model.model import LOWER, UPPER
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,15 +70,15 @@ class Solved(NamedTuple):
     top: float
 
 
-def solve_strips(box: Box, strips: tuple[Strip, ...]) -> Solved:
+def solve_strips(motion: ScaledMotion, strips: tuple[Strip, ...]) -> Solved:
     """The density, its energies counted from the lowest of all nodes, `top` = exp(-that)."""
-    lowest = min(float(box.energy(strip.nodes[0]).min()) for strip in strips)
-    pieces = [_Piece(box, strip, lowest) for strip in strips]
-    middle = int(np.argmin([float(box.energy(np.array([s.left])).min()) for s in strips]))
+    lowest = min(float(motion.energy(strip.nodes[0]).min()) for strip in strips)
+    pieces = [_Piece(motion, strip, lowest) for strip in strips]
+    middle = int(np.argmin([float(motion.energy(np.array([s.left])).min()) for s in strips]))
     # from both ends to the middle, and back
     before, after = pieces[middle::-1], pieces[middle:]
-    left = given_back(strips[0].cells, box.leaving_left, -1) * pieces[0].weight_left
-    right = given_back(strips[-1].cells, box.leaving_right, 1) * pieces[-1].weight_right
+    left = given_back(strips[0].cells, motion.leaving(LOWER), -1) * pieces[0].weight_left
+    right = given_back(strips[-1].cells, motion.leaving(UPPER), 1) * pieces[-1].weight_right
     left, kept_left = _gathered(before[::-1], left, 1)
     right, kept_right = _gathered(after[::-1], right, -1)
     q = pieces[middle].inside(*_closed(pieces[middle], left, right))
@@ -183,35 +153,35 @@ def _closed(piece: _Piece, left_wall: Array, right_wall: Array) -> tuple[Array, 
 class _Piece:
     """The equations of a strip, its inner functions eliminated cell by cell."""
 
-    def __init__(self, box: Box, strip: Strip, lowest: float) -> None:
+    def __init__(self, motion: ScaledMotion, strip: Strip, lowest: float) -> None:
         self.strip, cells = strip, strip.cells
         self.size = strip.degree + 1
         self.at_right = np.ones(self.size)
         self.at_left = np.where(np.arange(self.size) % 2 == 0, 1.0, -1.0)
         ends = np.array([strip.left, strip.right])
-        self.weight_left, self.weight_right = np.exp(lowest - box.energy(ends))
-        self._eliminate(self._equations(box, lowest))
+        self.weight_left, self.weight_right = np.exp(lowest - motion.energy(ends))
+        self._eliminate(self._equations(motion, lowest))
         self.incoming = len(cells.plus), len(cells.minus)
 
-    def _equations(self, box: Box, lowest: float) -> Array:
+    def _equations(self, motion: ScaledMotion, lowest: float) -> Array:
         """(cell, test Legendre, test function, trial Legendre, trial function)."""
         cells, strip = self.strip.cells, self.strip
         xi, weights, values, slopes = strip.nodes
-        weights = weights * np.exp(lowest - box.energy(xi))
+        weights = weights * np.exp(lowest - motion.energy(xi))
         self.profile = weights @ values
         products = values.T @ (weights[:, None] * values)
-        pushed = values.T @ ((weights * box.force(xi))[:, None] * values)
+        pushed = values.T @ ((weights * motion.force(xi))[:, None] * values)
         carried = -slopes.T @ (weights[:, None] * values)
         right = self.weight_right * np.outer(self.at_right, self.at_right)
         left = self.weight_left * np.outer(self.at_left, self.at_left)
-        spreading = cells.spreading(box.diffusion, box.damping)
+        spreading = cells.spreading(motion.diffusion, motion.damping)
         parts = []
         for some, out in ((slice(cells.zero), -left), (slice(cells.zero, None), right)):
             terms = np.stack([carried + out, -pushed, products])
             matrices = np.stack([cells.flux[some], cells.drift[some], spreading[some]])
             parts.append(np.einsum("tji,tcab->cjaib", terms, matrices, optimize=True))
         whole = np.concatenate(parts)
-        for grip in box.grips:
+        for grip in motion.grips:
             if grip.left <= (strip.left + strip.right) / 2.0 <= grip.right:
                 u, inner, functions, rises = cells.split(grip.kink(xi))
                 inner = inner * grip.force(xi[:, None, None], u)

@@ -310,7 +310,7 @@ def _flight(
         raise ValueError(
             f"start must lie between the stops, {lower:g} and {upper:g} m, got {start.x:g} m"
         )
-    longest = LONGEST_FLIGHT * layout.frame.time / layout.natural
+    longest = LONGEST_FLIGHT * layout.box.time / layout.natural
     # quadratic: as fine early on, where a start near a stop has little time
     tried = longest * (np.arange(1, FLIGHT_STEPS + 1) / FLIGHT_STEPS) ** 2
     flight, law = tried[0] * FIRST_FLIGHT, None
@@ -330,12 +330,12 @@ FIRST_FLIGHT = 0.1
 def _functionals(operator: Operator, problem: _Problem) -> Array:
     """Mass, mean, mean square, mean velocity and its square, rates, F1, F2: (11, n)."""
     velocity = operator.mesh.velocity
-    threshold = np.array([problem.threshold / operator.frame.speed])
+    threshold = np.array([problem.threshold / operator.box.speed])
     rows = [operator.moment(i, j) for i, j in ((0, 0), (1, 0), (2, 0), (0, 1), (0, 2))]
     counted = (
         (velocity.flux_above(threshold)[0], 1.0),
-        (velocity.half_moments[2], operator.frame.speed),
-        (velocity.half_moments[3], operator.frame.speed**2),
+        (velocity.half_moments[2], operator.box.speed),
+        (velocity.half_moments[3], operator.box.speed**2),
     )
     for half, unit in counted:
         for side, there in zip((-1, 1), problem.stops, strict=True):
@@ -349,7 +349,7 @@ def _averages(found: Array, problem: _Problem) -> Moments:
     mean = first / mass
     scaled = found[:, 3:] / mass[:, None]
     return Moments(
-        problem.layout.frame.centre + mean,
+        problem.layout.box.centre + mean,
         second / mass - mean**2,
         *(column for column in scaled.T),
     )
@@ -373,8 +373,8 @@ def _on_level(
     problem: _Problem, level: Level, rtol: float
 ) -> tuple[Moments, Moments, Operator, Array]:
     """Averages, what the projection in time leaves of error, and the coefficients, (times, n)."""
-    layout, second = problem.layout, problem.layout.frame.time
-    operator = Operator(layout.frame, mesh(layout, level), layout.walls)
+    layout, second = problem.layout, problem.layout.box.time
+    operator = Operator(layout.box, mesh(layout, level), layout.walls)
     weights = operator.integrals(problem.law.density, *problem.law.grids())
     initial = Factors(operator.mass).solve(weights)
     rows = _functionals(operator, problem)

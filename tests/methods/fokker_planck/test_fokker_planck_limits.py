@@ -22,7 +22,8 @@ from stochvi import (
 )
 from stochvi.methods.fokker_planck import accurate, fokker_planck_many
 from stochvi.methods.fokker_planck.field import Averages, Field
-from stochvi.methods.fokker_planck.motion import Motion, make_frame
+from stochvi.methods.fokker_planck.motion import Motion
+from stochvi.methods.fokker_planck.scaled_motion import scaled_motion
 from stochvi.model.model import model_of
 from stochvi.results import NoExactSolution
 from stochvi.testing import assert_agrees
@@ -54,7 +55,7 @@ def solved(motion: Motion) -> Averages:
 def test_a_far_stop_is_hit_as_it_is_a_little_nearer() -> None:
     """3.25 is out of reach by the law exp(-energy / s^2), 3.24 is not; nothing jumps there."""
     places = [3.23, 3.24, 3.25, 3.26]
-    reached = [make_frame(leaning(place)).reached for place in places]
+    reached = [scaled_motion(leaning(place)).reached for place in places]
     assert [len(stops) for stops in reached] == [2, 2, 1, 1]
     found = [solved(leaning(place)) for place in places]
     for name in HITS:
@@ -65,7 +66,7 @@ def test_a_far_stop_is_hit_as_it_is_a_little_nearer() -> None:
 def test_a_stop_that_is_left_out_is_bounded_by_what_is_found_beside_it() -> None:
     motion = leaning(3.25)
     whole = solved(motion)
-    frame = make_frame(motion)
+    frame = scaled_motion(motion)
     patches = accurate.graded(frame, accurate.first_patches(frame), accurate.SLOWEST[0])
     strips = accurate.Strips().make(patches, accurate.FIRST_DEGREES)
     blind = accurate._field(frame, strips, accurate.SLOWEST[0])
@@ -124,7 +125,7 @@ def test_wells_of_unequal_depth_behind_a_barrier_out_of_numbers_are_refused() ->
 
 
 def test_the_barrier_is_counted_from_the_shallower_well() -> None:
-    frame = make_frame(Motion(model=model_of(wells(0.02, 0.05))))
+    frame = scaled_motion(Motion(model=model_of(wells(0.02, 0.05))))
     roots = np.sort(np.roots([1.0, 0.0, -1.0, -0.05]).real)
     shallow, top, deep = roots**4 / 4.0 - roots**2 / 2.0 - 0.05 * roots
     assert frame.barrier == pytest.approx((top - shallow) / 0.02, rel=1e-4)

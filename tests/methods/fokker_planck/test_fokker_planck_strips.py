@@ -38,8 +38,7 @@ from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.methods.closed_form import exact_density
 from stochvi.methods.fokker_planck import StationaryDensity, accurate, fokker_planck_density, strips
 from stochvi.methods.fokker_planck.cells import VelocityCells, given_back, passed_on
-from stochvi.methods.fokker_planck.motion import Motion, make_frame
-from stochvi.model.model import model_of
+from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
 from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
@@ -311,10 +310,7 @@ def test_a_damper_left_out_of_the_contact_is_caught(
     soft: Response, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     right = soft.coordinates["x"]["velocity_std"]
-    frame = make_frame(Motion(model=model_of(SOFT)))
-    monkeypatch.setattr(
-        accurate, "make_frame", lambda *_: replace(frame, box=replace(frame.box, grips=()))
-    )
+    monkeypatch.setattr(ScaledMotion, "grips", ())
     wrong = fokker_planck(SOFT, rtol=1e-2).coordinates["x"]["velocity_std"]
     assert isinstance(right, Estimate) and isinstance(wrong, Estimate)
     with pytest.raises(AssertionError, match="differs from"):

@@ -196,7 +196,7 @@ def test_the_density_holds_what_the_averages_say() -> None:
     assert float(weights @ (x**2 * profile)) - mean**2 == pytest.approx(
         found.values.variance[0], rel=1e-9
     )
-    half = operator.frame.speed * np.array(operator.mesh.u_breaks)
+    half = operator.box.speed * np.array(operator.mesh.u_breaks)
     v, v_weights = gauss_panels(np.union1d(-half, half), 12)
     again = found.density(x[5::12, None], v, 0) @ v_weights
     assert again == pytest.approx(profile[5::12], rel=1e-9)
