@@ -6,6 +6,7 @@ from stochvi.methods.fokker_planck.coverage import (
     unmet_by_transient,
 )
 from stochvi.methods.fokker_planck.density import StationaryDensity
+from stochvi.methods.fokker_planck.initial_states import Gaussian
 from stochvi.methods.fokker_planck.method import (
     Batch,
     fokker_planck,
@@ -13,7 +14,6 @@ from stochvi.methods.fokker_planck.method import (
     fokker_planck_many,
 )
 from stochvi.methods.fokker_planck.passage import FirstPassage, first_passage
-from stochvi.methods.fokker_planck.starts import Gaussian
 from stochvi.methods.fokker_planck.transients import Transient, transient
 
 __all__ = [

@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck.mesh import Array
-from stochvi.methods.fokker_planck.starts import Point, Start
+from stochvi.methods.fokker_planck.basis import Array
+from stochvi.methods.fokker_planck.initial_states import Point, Start
 from stochvi.model.model import Model
 
 PANELS = 64

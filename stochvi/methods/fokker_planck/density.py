@@ -1,19 +1,366 @@
-"""The stationary density of an oscillator with stops, as an object that answers questions."""
+"""The stationary density on strips in SI units, its averages, and what users ask of it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
-from stochvi.methods.fokker_planck.accurate import SAFETY
-from stochvi.methods.fokker_planck.field import Field
+from stochvi.mathematics.quadrature import gauss_panels
+from stochvi.methods.fokker_planck.basis import EXTRA_NODES, Array, Indices, VelocityCells, legendre
+from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
+from stochvi.methods.fokker_planck.strips import Solved, Strip
 from stochvi.model.model import Stop
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
+from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
+
+SAFETY = 1.5
+"""Factor on the difference of two meshes that makes it a bound on the error of the finer one."""
+
+
+class Averages(NamedTuple):
+    """Stationary averages, SI units per unit mass, or errors of them.
+
+    Of a stop: hits per second above the threshold, F1, F2; of one that gives way also the share of
+    time in contact, its mean force and the mean power that it takes.
+    """
+
+    mean: float
+    variance: float
+    velocity_mean_square: float
+    upcrossing_rate: float
+    rate_lower: float
+    rate_upper: float
+    speed_rate_lower: float
+    speed_rate_upper: float
+    speed_square_rate_lower: float
+    speed_square_rate_upper: float
+    contact_lower: float
+    contact_upper: float
+    force_lower: float
+    force_upper: float
+    power_lower: float
+    power_upper: float
+
+
+class StripDensity:
+    """A solution on strips in SI units; its mirror image is the other half of a symmetric scene.
+
+    All arguments and results are in SI units; `slowest` is the speed of the slowest impacts that
+    the mesh resolves.
+    """
+
+    def __init__(self, scaled: ScaledMotion, solved: Solved, slowest: float = 0.0) -> None:
+        self.scaled, self.solved, self.slowest = scaled, solved, slowest
+        self._share = 0.5 if scaled.halved else 1.0
+        strips = solved.strips
+        self._from_left = np.array([s.far for s in strips if s.anchor < 0.0])
+        self._from_right = np.array([s.far for s in strips if s.anchor > 0.0])
+
+    # At places ----------------------------------------------------------------------------------
+
+    def _folded(self, x: Array) -> tuple[Array, Array]:
+        """Places in the half that was solved, and the sign that this gives their velocities."""
+        sign = np.ones_like(x)
+        if self.scaled.halved:
+            sign = np.where(x < self.scaled.left, -1.0, 1.0)
+            x = np.where(x < self.scaled.left, 2.0 * self.scaled.left - x, x)
+        return x, sign
+
+    def _inside(self, x: Array) -> tuple[Indices, Array]:
+        """The strip of each place (of a border, the one below), and where in it, from -1 to 1."""
+        scaled = self.scaled
+        above, below = (x - scaled.left) / scaled.length, (x - scaled.right) / scaled.length
+        first = len(self._from_left)
+        lower = np.searchsorted(self._from_left, above, side="left")
+        upper = first + np.searchsorted(self._from_right, below, side="left")
+        near_left = (above <= -below) & (first > 0)
+        place = np.where(near_left & (lower < first), lower, upper)
+        place = np.clip(place, 0, len(self.solved.strips) - 1)
+        near = np.array([s.near for s in self.solved.strips])[place]
+        far = np.array([s.far for s in self.solved.strips])[place]
+        anchored = np.array([s.anchor for s in self.solved.strips])[place] < 0.0
+        local = 2.0 * (np.where(anchored, above, below) - near) / (far - near) - 1.0
+        return place, np.clip(local, -1.0, 1.0)
+
+    def _groups(self, x: Array) -> Iterator[tuple[Strip, Indices, Array]]:
+        """By strips: which places lie there, and q as a function of velocity at each of them, with
+        the weight of the place, per metre."""
+        strips, local = self._inside(x)
+        for e in np.unique(strips):
+            some = np.flatnonzero(strips == e)
+            strip = self.solved.strips[e]
+            values, _ = legendre(strip.degree, local[some])
+            yield strip, some, self._weight(x[some])[:, None] * (values @ self.solved.q[e])
+
+    def _weight(self, x: Array) -> Array:
+        energy = self.scaled.energy((x - self.scaled.centre) / self.scaled.length)
+        found: Array = self._share / self.scaled.length * np.exp(math.log(self.solved.top) - energy)
+        return found
+
+    def density(self, x: ArrayLike, v: ArrayLike) -> Array:
+        """p(x, v), 1/m * s/m, of places and velocities that are broadcast."""
+        places, velocities = np.broadcast_arrays(
+            np.asarray(x, dtype=float), np.asarray(v, dtype=float)
+        )
+        folded, sign = self._folded(places.ravel())
+        u = sign * velocities.ravel() / self.scaled.speed
+        found = np.zeros(folded.shape)
+        for strip, some, q in self._groups(folded):
+            shape = np.exp(-(u[some] ** 2) / 2.0) / self.scaled.speed
+            found[some] = np.sum(q * strip.cells.values(u[some]), axis=1) * shape
+        found[~self._within(folded)] = 0.0
+        return found.reshape(places.shape)
+
+    def displacement_density(self, x: ArrayLike) -> Array:
+        """p(x), 1/m."""
+        places = np.asarray(x, dtype=float)
+        folded, _ = self._folded(places.ravel())
+        found = np.zeros(folded.shape)
+        for strip, some, q in self._groups(folded):
+            found[some] = q @ _mass_of(strip.cells)
+        found[~self._within(folded)] = 0.0
+        return found.reshape(places.shape)
+
+    def _within(self, x: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        found = (x >= self.scaled.left) & (x <= self.scaled.right)
+        return np.asarray(found, dtype=bool)
+
+    def flux(self, x: float, side: int, power: int, slowest: ArrayLike = 0.0) -> Array:
+        """Integral of |v|^power p(x, v) over side * v > slowest, of the side that it comes from."""
+        folded, sign = self._folded(np.array([x]))
+        side = int(side * sign[0])
+        strip, q = self._leaving(folded, side)
+        speeds = np.asarray(slowest, dtype=float) / self.scaled.speed
+        found = [strip.cells.above(float(u), power, side) @ q for u in speeds.ravel()]
+        scale = self.scaled.speed**power
+        return scale * np.array(found).reshape(speeds.shape)
+
+    def flux_density(self, x: float, side: int, w: ArrayLike) -> Array:
+        """w p(x, side w), 1/m."""
+        folded, sign = self._folded(np.array([x]))
+        side = int(side * sign[0])
+        strip, q = self._leaving(folded, side)
+        speeds = np.asarray(w, dtype=float)
+        u = speeds.ravel() / self.scaled.speed
+        shape = np.exp(-(u**2) / 2.0) * u * (u > 0.0)
+        return ((strip.cells.values(side * u) @ q) * shape).reshape(speeds.shape)
+
+    def _leaving(self, x: Array, side: int) -> tuple[Strip, Array]:
+        """Strip that a place is reached through towards `side`, and q there."""
+        if self.scaled.left < x[0] < self.scaled.right:
+            # of a border, the strip before it
+            x = x - side * BORDER * self.scaled.length
+        ((strip, _, q),) = self._groups(x)
+        return strip, q[0]
+
+    # Over all places ----------------------------------------------------------------------------
+
+    def _strips(self) -> Iterator[tuple[Strip, Array, Array, Array]]:
+        """Each strip with x at its nodes, weights that hold the density's weight, and q there."""
+        for strip, q in zip(self.solved.strips, self.solved.q, strict=True):
+            xi, weights, values, _ = strip.nodes
+            x = self.scaled.centre + self.scaled.length * xi
+            weights = weights * self.scaled.length * self._weight(x)
+            yield strip, x, weights, values @ q
+
+    def velocity_density(self, v: ArrayLike) -> Array:
+        """p(v), s/m."""
+        velocities = np.asarray(v, dtype=float)
+        u = velocities.ravel() / self.scaled.speed
+        found = np.zeros(u.shape)
+        for strip, _, weights, q in self._strips():
+            found += strip.cells.values(u) @ (weights @ q)
+            if self.scaled.halved:
+                found += strip.cells.values(-u) @ (weights @ q)
+        return (found * np.exp(-(u**2) / 2.0) / self.scaled.speed).reshape(velocities.shape)
+
+    def velocity_tail(self, v: ArrayLike) -> Array:
+        """P(velocity > v)."""
+        velocities = np.asarray(v, dtype=float)
+        u = velocities.ravel() / self.scaled.speed
+        beyond = np.zeros(u.shape)
+        sides = (1, -1) if self.scaled.halved else (1,)
+        for strip, _, weights, q in self._strips():
+            for k, slowest in enumerate(u):
+                outward = 1 if slowest >= 0.0 else -1
+                for side in sides:
+                    beyond[k] += strip.cells.above(abs(slowest), 0, outward * side) @ (weights @ q)
+        return np.where(u >= 0.0, beyond, 1.0 - beyond).reshape(velocities.shape)
+
+    def tail(self, x: ArrayLike) -> Array:
+        """P(displacement > x), from 1 to 0."""
+        places = np.asarray(x, dtype=float)
+        folded, sign = self._folded(places.ravel())
+        masses = np.array([weights @ q @ _mass_of(s.cells) for s, _, weights, q in self._strips()])
+        after = np.append(np.cumsum(masses[::-1])[::-1], 0.0)
+        strips, local = self._inside(folded)
+        beyond = np.zeros(folded.shape)
+        for k, (e, where) in enumerate(zip(strips, local, strict=True)):
+            strip = self.solved.strips[e]
+            points, weights = gauss_panels([where, 1.0], strip.degree + EXTRA_NODES)
+            offset = strip.near + (points + 1.0) / 2.0 * strip.length
+            place = self.scaled.centre + self.scaled.length * (strip.anchor + offset)
+            weights = weights * strip.length / 2.0 * self.scaled.length * self._weight(place)
+            values, _ = legendre(strip.degree, points)
+            beyond[k] = after[e + 1] + weights @ values @ self.solved.q[e] @ _mass_of(strip.cells)
+        beyond = np.where(folded <= self.scaled.left, self._share, beyond)
+        beyond = np.where(folded >= self.scaled.right, 0.0, beyond)
+        return np.where(sign > 0.0, beyond, 1.0 - beyond).reshape(places.shape)
+
+    def edge(self) -> float:
+        """Probability next to where the box ends without a stop, within one unit of it."""
+        found, reach = 0.0, self.scaled.reach
+        for strip, _, weights, q in self._strips():
+            ends = strip.cells.values(np.array([-reach, reach])) @ (weights @ q)
+            found += float(np.abs(ends).sum()) * math.exp(-(reach**2) / 2.0)
+        walls = {stop.side for stop in self.scaled.reached if stop.rigid}
+        for side, x in ((-1, self.scaled.left), (1, self.scaled.right)):
+            if side not in walls and not (self.scaled.halved and side < 0):
+                found += abs(float(self.displacement_density(x))) * self.scaled.length
+        return found
+
+    def averages(self, slowest: float) -> Averages:
+        """All of them; rates count impacts faster than `slowest`, m/s."""
+        scaled = self.scaled
+        parts = [(x, w * (q @ _mass_of(s.cells)), s, w @ q) for s, x, w, q in self._strips()]
+        mean = scaled.left if scaled.halved else sum(float(x @ w) for x, w, _, _ in parts)
+        both = 1.0 / self._share
+        stops = {f"{name}_{side}": 0.0 for name in OF_STOPS for side in ("lower", "upper")}
+        for stop in reversed(
+            scaled.reached
+        ):  # of a symmetric scene the lower one is like the upper
+            if stop.side > 0 or not scaled.halved:
+                found = self._stop(stop, slowest)
+            stops |= {f"{name}_{stop.name}": value for name, value in found.items()}
+        up, down = (float(self.flux(mean, side, 1)) for side in (1, -1))
+        return Averages(
+            mean=mean,
+            variance=both * sum(float((x - mean) ** 2 @ w) for x, w, _, _ in parts),
+            velocity_mean_square=both
+            * scaled.speed**2
+            * sum(float(q @ s.cells.functional(s.cells.u**2)) for _, _, s, q in parts),
+            upcrossing_rate=(up + down) / 2.0,
+            **stops,
+        )
+
+    def _stop(self, stop: Stop, slowest: float) -> dict[str, float]:
+        found = dict.fromkeys(OF_STOPS, 0.0)
+        for power, name in enumerate(("rate", "speed_rate", "speed_square_rate"), start=1):
+            limit = slowest if power == 1 else 0.0
+            # of a stop that is hardly ever hit it may come out below 0, within its error
+            found[name] = max(float(self.flux(stop.position, stop.side, power, limit)), 0.0)
+        if isinstance(stop.law, CompliantLaw):
+            found |= self._contact(stop, stop.law)
+        return found
+
+    def _contact(self, stop: Stop, law: CompliantLaw) -> dict[str, float]:
+        """Share of time in contact, mean force, and mean power that a stop takes.
+
+        A mass is in contact while it is beyond the stop; contact with a stop that has a damper ends
+        when the force returns to zero, which it does before the deflection.
+        """
+        share = force = power = 0.0
+        ends_early = not law.conservative
+        side = stop.side
+        for strip, x, weights, q in self._strips():
+            deflection = stop.deflection(x)
+            if deflection.min() < 0.0:
+                continue
+            u, profile, values, _ = strip.cells.split(self._release(law, deflection, side))
+            found = np.sum(values * q[:, strip.cells.places][:, :, None, :], axis=-1)
+            density = weights[:, None, None] * profile * found
+            rate = side * self.scaled.speed * u
+            y = np.broadcast_to(deflection[:, None, None], u.shape)
+            push = np.asarray(law.force_at(y, rate), dtype=float)
+            touching = push > 0.0 if ends_early else np.ones(push.shape, dtype=bool)
+            share += float(np.sum(density * touching))
+            force += float(np.sum(density * push))
+            power += float(np.sum(density * push * rate))
+        return {"contact": share, "force": force, "power": power}
+
+    def _release(self, law: CompliantLaw, deflection: Array, side: int) -> Array:
+        """Velocities, in units of the box, at which a stop ceases to push."""
+        if isinstance(law, Viscoelastic) and not law.conservative:
+            return -side * law.stiffness * deflection / (law.damping(1.0) * self.scaled.speed)
+        return np.full_like(deflection, math.inf)
+
+    # Balances -----------------------------------------------------------------------------------
+
+    def balances(self) -> dict[str, float]:
+        """Residuals of the balances of energy, virial and force, relative to their largest term.
+
+        S0 / 2 = E v drag(v) + loss in stops; E v^2 = E (x - m) (drag(v) - force(x)) + sum of
+        |stop - m| push; E (force(x) - drag(v)) = push of the upper stop less that of the lower,
+        with m = E x, push and loss those of rigid stops. The virial is left out where a damper in
+        a stop adds to it.
+        """
+        scaled, motion = self.scaled, self.scaled.motion
+        found = self.averages(0.0)
+        half = 0.5 if scaled.halved else 1.0
+        drag = work = pull = size = 0.0
+        for strip, x, weights, q in self._strips():
+            cells = strip.cells
+            v = scaled.speed * cells.u
+            power = cells.functional(v * motion.drag(v))
+            held = q @ cells.functional(motion.drag(v))
+            drag += float(weights @ q @ power) / half
+            share = weights * (q @ _mass_of(cells)) / half
+            spring = motion.spring(x)
+            work += float(share @ ((x - found.mean) * motion.force(x)))
+            work -= float((weights * (x - found.mean)) @ held) / half
+            pull += float(share @ spring) - float(weights @ held) / half
+            size += float(share @ np.abs(spring))
+        energy, virial, net = [motion.power, -drag], [found.velocity_mean_square, work], [pull]
+        for stop in scaled.reached:
+            if isinstance(stop.law, CompliantLaw):
+                energy.append(-getattr(found, f"power_{stop.name}"))
+                net.append(-stop.side * getattr(found, f"force_{stop.name}"))
+                continue
+            loss, push = self._impulse(stop)
+            energy.append(-loss)
+            virial.append(-abs(stop.position - found.mean) * push)
+            net.append(-stop.side * push)
+        size = max(size, *map(abs, net))
+        force = 0.0 if scaled.halved else sum(net) / size
+        residuals = {"energy": sum(energy) / motion.power, "force": force}
+        if all(stop.rigid or stop.law.conservative for stop in scaled.reached):
+            residuals["virial"] = sum(virial) / found.velocity_mean_square
+        return residuals
+
+    def _impulse(self, stop: Stop) -> tuple[float, float]:
+        """Mean power that a rigid stop takes and its mean push, per unit mass."""
+        folded, sign = self._folded(np.array([stop.position]))
+        side = int(stop.side * sign[0])
+        strip, q = self._leaving(folded, side)
+        u, weights = gauss_panels(np.unique(np.maximum(side * strip.cells.breaks, 0.0)), NODES)
+        w = self.scaled.speed * u
+        rate = self.scaled.speed * weights * u * np.exp(-(u**2) / 2.0) * strip.cells.at(side * u, q)
+        restitution = stop.restitution_at(w)
+        return float(rate @ ((1.0 - restitution**2) * w**2)) / 2.0, float(
+            rate @ ((1.0 + restitution) * w)
+        )
+
+
+BORDER = 1e-12
+"""Part of a box within which a place is taken for a border of its strips."""
+
+NODES = 24
+"""Of Gauss's rule in each cell, for a restitution that depends on speed."""
+
+OF_STOPS = ("rate", "speed_rate", "speed_square_rate", "contact", "force", "power")
+
+
+def _mass_of(cells: VelocityCells) -> Array:
+    """Integral of g N_k for each function."""
+    return cells.functional(np.ones_like(cells.u))
+
 
 Vector = NDArray[np.float64]
 
@@ -38,8 +385,8 @@ class StationaryDensity:
     """
 
     response: Response
-    fine: Field = field(compare=False)
-    coarse: Field = field(compare=False)
+    fine: StripDensity = field(compare=False)
+    coarse: StripDensity = field(compare=False)
 
     def density(self, x: ArrayLike, v: ArrayLike) -> Vector:
         """Joint density of displacement and velocity, 1/m * s/m.
@@ -129,7 +476,7 @@ class StationaryDensity:
         fine, coarse = self._exponent(self.fine, side), self._exponent(self.coarse, side)
         return Estimate(value=fine, bias=SAFETY * abs(fine - coarse), how="refined Galerkin")
 
-    def _exponent(self, solution: Field, side: str) -> float:
+    def _exponent(self, solution: StripDensity, side: str) -> float:
         stop = self._stop(side)
         if stop is None or not stop.rigid:
             raise ValueError(f"needs a rigid stop within reach, got none at the {side} side")
@@ -137,7 +484,7 @@ class StationaryDensity:
         slower, faster = solution.flux_density(stop.position, stop.side, w) / w
         return float(math.log(slower / faster) / math.log(2.0))
 
-    def _all_impacts(self, solution: Field, side: str) -> float | None:
+    def _all_impacts(self, solution: StripDensity, side: str) -> float | None:
         stop = self._stop(side)
         if stop is None:
             return 0.0

@@ -22,14 +22,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.linear_box import Boxes
-from stochvi.methods.fokker_planck.mesh import (
+from stochvi.methods.fokker_planck.basis import (
     Array,
     DisplacementElement,
     Mesh,
     VelocityBasis,
     legendre,
 )
+from stochvi.methods.fokker_planck.linear_boxes import Boxes
 
 
 class BoxMoments(NamedTuple):

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.linear_box import LinearBox
-from stochvi.methods.fokker_planck.mesh import Mesh
+from stochvi.methods.fokker_planck.basis import Mesh
+from stochvi.methods.fokker_planck.initial_states import Gaussian, Start
+from stochvi.methods.fokker_planck.linear_boxes import LinearBox
 from stochvi.methods.fokker_planck.operators import Walls
-from stochvi.methods.fokker_planck.starts import Gaussian, Start
 from stochvi.model.model import Model
 
 REACH = 6.0

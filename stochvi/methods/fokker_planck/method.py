@@ -12,14 +12,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
-from stochvi.methods.fokker_planck.accurate import Answered, solve_accurately, vague, worst
-from stochvi.methods.fokker_planck.boxes import speed_scale
+from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.coverage import unmet
-from stochvi.methods.fokker_planck.density import StationaryDensity
-from stochvi.methods.fokker_planck.field import Averages
-from stochvi.methods.fokker_planck.levels import LEVELS, Level, Moments, errors, solve, unreached
-from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.methods.fokker_planck.density import Averages, StationaryDensity
+from stochvi.methods.fokker_planck.fixed_meshes import (
+    LEVELS,
+    Level,
+    Moments,
+    errors,
+    solve,
+    unreached,
+)
+from stochvi.methods.fokker_planck.linear_boxes import speed_scale
 from stochvi.methods.fokker_planck.motion import Motion
+from stochvi.methods.fokker_planck.refinement import (
+    Refinement,
+    rates_not_resolved,
+    refine,
+    worst_relative_error,
+)
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
@@ -95,12 +106,10 @@ def fokker_planck(
         speed_threshold = _slow(motion)
     found, balances = None, None
     if _all_numbers(model):
-        found = _quickly(model, rtol, speed_threshold)
+        found = _on_fixed_meshes(model, rtol, speed_threshold)
     how = "half-range Galerkin"
     if found is None:
-        answered = solve_accurately(
-            motion, rtol, speed_threshold, _finite_rates(model, speed_threshold)
-        )
+        answered = refine(motion, rtol, speed_threshold, _finite_rates(model, speed_threshold))
         found, how = (answered.averages, answered.errors), "refined Galerkin"
         if functions(model):
             balances = _balances(answered)
@@ -134,7 +143,7 @@ def fokker_planck_density(
     if speed_threshold is None:
         speed_threshold = _slow(motion)
     rates = _finite_rates(motion.model, speed_threshold)
-    answered = solve_accurately(motion, rtol, speed_threshold, rates)
+    answered = refine(motion, rtol, speed_threshold, rates)
     found = answered.averages, answered.errors
     balances = _balances(answered) if functions(motion.model) else None
     response = _response(scene, found, rtol, speed_threshold, "refined Galerkin", started, balances)
@@ -165,7 +174,9 @@ def _all_numbers(model: Model) -> bool:
     return not functions(model) and not model.not_rigid()
 
 
-def _quickly(model: Model, rtol: float, speed_threshold: float) -> tuple[Averages, Averages] | None:
+def _on_fixed_meshes(
+    model: Model, rtol: float, speed_threshold: float
+) -> tuple[Averages, Averages] | None:
     """Averages and bounds on their errors within rtol, by meshes of the whole range, if these
     have them."""
     scenes = OscillatorArrays.of(model)
@@ -174,7 +185,7 @@ def _quickly(model: Model, rtol: float, speed_threshold: float) -> tuple[Average
     for level in LEVELS[1:]:
         fine, bounds = _refine(scenes, speed, level, threshold, coarse)
         found = _averages(_physical(fine)), _averages(bounds)
-        if worst(*found) <= rtol and vague(*found).isdisjoint(
+        if worst_relative_error(*found) <= rtol and rates_not_resolved(*found).isdisjoint(
             _finite_rates(model, speed_threshold)
         ):
             return found
@@ -207,7 +218,7 @@ def _response(
     response = replace(response, warnings=[*response.warnings, *_collapses(model)])
     if balances is not None:
         response = replace(response, identities=balances)
-    reached = worst(*found)
+    reached = worst_relative_error(*found)
     if reached > rtol:
         raise NotConverged(
             f"fokker-planck reached a relative error of {reached:.2g} on its finest mesh, not "
@@ -218,9 +229,9 @@ def _response(
     return response
 
 
-def _balances(answered: Answered) -> dict[str, Estimate]:
+def _balances(answered: Refinement) -> dict[str, Estimate]:
     """Residuals of the balances, granted what the largest of their terms may be wrong by."""
-    bias = 2.0 * worst(answered.averages, answered.errors)
+    bias = 2.0 * worst_relative_error(answered.averages, answered.errors)
     residuals = answered.field.balances()
     return {
         name: Estimate(value=value, bias=bias, how="refined Galerkin")
@@ -357,15 +368,17 @@ def _finite_rates(model: Model, threshold: float) -> set[str]:
 
 
 def _answer(model: Model, found: Averages, bounds: Averages, threshold: float) -> Answer:
-    untold = ({"lower", "upper"} - _finite_rates(model, threshold)) | vague(found, bounds)
+    without_rate = ({"lower", "upper"} - _finite_rates(model, threshold)) | rates_not_resolved(
+        found, bounds
+    )
     answer, limits = (
         Answer(
             mean=group.mean,
             variance=group.variance,
             velocity_mean_square=group.velocity_mean_square,
             upcrossing_rate=group.upcrossing_rate,
-            lower=_stop(group, "lower", untold),
-            upper=_stop(group, "upper", untold),
+            lower=_stop(group, "lower", without_rate),
+            upper=_stop(group, "upper", without_rate),
             contact_lower=_contact(model.lower, group, "lower"),
             contact_upper=_contact(model.upper, group, "upper"),
         )
@@ -374,8 +387,8 @@ def _answer(model: Model, found: Averages, bounds: Averages, threshold: float) -
     return replace(answer, errors=limits)
 
 
-def _stop(group: Averages, side: str, untold: set[str]) -> StopStatistics:
-    rate = None if side in untold else getattr(group, f"rate_{side}")
+def _stop(group: Averages, side: str, without_rate: set[str]) -> StopStatistics:
+    rate = None if side in without_rate else getattr(group, f"rate_{side}")
     return StopStatistics(
         rate,  # type: ignore[arg-type]
         getattr(group, f"speed_rate_{side}"),

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.methods.fokker_planck.basis import Array
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Viscoelastic

@@ -23,8 +23,8 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
 from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.methods.fokker_planck.linear_box import LinearBox
-from stochvi.methods.fokker_planck.mesh import Array, Mesh, legendre
+from stochvi.methods.fokker_planck.basis import Array, Mesh, legendre
+from stochvi.methods.fokker_planck.linear_boxes import LinearBox
 
 Density = Callable[[Array, Array], Array]
 """A probability density of (displacement, velocity), broadcasting, SI units."""

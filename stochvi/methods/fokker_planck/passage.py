@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.coverage import barriers, unmet_by_first_passage
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
 from stochvi.methods.fokker_planck.evolution import (
@@ -34,6 +35,7 @@ from stochvi.methods.fokker_planck.evolution import (
     slowest_mode,
     time_groups,
 )
+from stochvi.methods.fokker_planck.initial_states import Point, Start, StartChoice, start_of
 from stochvi.methods.fokker_planck.layout import (
     LEVELS,
     MOST_UNKNOWNS,
@@ -43,9 +45,7 @@ from stochvi.methods.fokker_planck.layout import (
     mesh,
     passage_layout,
 )
-from stochvi.methods.fokker_planck.mesh import Array
 from stochvi.methods.fokker_planck.operators import Operator
-from stochvi.methods.fokker_planck.starts import Given, Point, Start, start_of
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -146,7 +146,7 @@ def first_passage(
     upper: float | None = None,
     *,
     times: ArrayLike = (),
-    start: Given = "rest",
+    start: StartChoice = "rest",
     rtol: float = 1e-4,
 ) -> FirstPassage:
     """P(a barrier is reached before t), its mean time and its decay rate, for one oscillator.
@@ -246,7 +246,7 @@ def first_passage(
     return found
 
 
-def _assumptions(scene: Scene, start: Given) -> list[str]:
+def _assumptions(scene: Scene, start: StartChoice) -> list[str]:
     found = ["displacements are measured from the position of the unloaded spring"]
     if scene.structure.mass is None:
         found.append("mass is not given: 1 kg, which nothing here depends on")

@@ -17,8 +17,14 @@ import numpy as np
 from scipy.linalg import lapack
 
 from stochvi.mathematics.quadrature import gauss_legendre, gauss_panels
-from stochvi.methods.fokker_planck.cells import VelocityCells, given_back, passed_on
-from stochvi.methods.fokker_planck.mesh import EXTRA_NODES, Array, legendre
+from stochvi.methods.fokker_planck.basis import (
+    EXTRA_NODES,
+    Array,
+    VelocityCells,
+    legendre,
+    returned_flux,
+    transmitted_flux,
+)
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
 from stochvi.model.model import LOWER, UPPER
 
@@ -77,8 +83,8 @@ def solve_strips(motion: ScaledMotion, strips: tuple[Strip, ...]) -> Solved:
     middle = int(np.argmin([float(motion.energy(np.array([s.left])).min()) for s in strips]))
     # from both ends to the middle, and back
     before, after = pieces[middle::-1], pieces[middle:]
-    left = given_back(strips[0].cells, motion.leaving(LOWER), -1) * pieces[0].weight_left
-    right = given_back(strips[-1].cells, motion.leaving(UPPER), 1) * pieces[-1].weight_right
+    left = returned_flux(strips[0].cells, motion.leaving(LOWER), -1) * pieces[0].weight_left
+    right = returned_flux(strips[-1].cells, motion.leaving(UPPER), 1) * pieces[-1].weight_right
     left, kept_left = _gathered(before[::-1], left, 1)
     right, kept_right = _gathered(after[::-1], right, -1)
     q = pieces[middle].inside(*_closed(pieces[middle], left, right))
@@ -116,7 +122,7 @@ def _handed(source: _Piece, target: _Piece, side: int) -> Array:
     """From what leaves one strip to what enters its neighbour, towards `side`."""
     weight = source.weight_right if side > 0 else source.weight_left
     one, other = source.strip.cells, target.strip.cells
-    matrix = source.flux_matrix(side) if one is other else passed_on(other, one, side)
+    matrix = source.flux_matrix(side) if one is other else transmitted_flux(other, one, side)
     return np.asarray(weight * matrix, dtype=np.float64)
 
 

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck.boxes import boxes, speed_scale
+from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.coverage import unmet_by_transient
 from stochvi.methods.fokker_planck.evolution import projections, time_groups
+from stochvi.methods.fokker_planck.initial_states import Gaussian, Start, StartChoice, start_of
 from stochvi.methods.fokker_planck.layout import (
     LEVELS,
     MOST_UNKNOWNS,
@@ -29,10 +30,9 @@ from stochvi.methods.fokker_planck.layout import (
     mesh,
     stops_layout,
 )
-from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.methods.fokker_planck.linear_boxes import boxes_of, speed_scale
 from stochvi.methods.fokker_planck.method import SLOW_IMPACTS
 from stochvi.methods.fokker_planck.operators import Factors, Operator, Walls
-from stochvi.methods.fokker_planck.starts import Gaussian, Given, Start, start_of
 from stochvi.model.model import Model, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.base import Result
@@ -166,7 +166,7 @@ class _State(NamedTuple):
 def transient(
     scene: Scene,
     times: ArrayLike,
-    start: Given = "rest",
+    start: StartChoice = "rest",
     *,
     rtol: float = 1e-3,
     speed_threshold: float | None = None,
@@ -259,7 +259,7 @@ class _Problem(NamedTuple):
     stops: tuple[bool, bool]
 
 
-def _problem(model: Model, times: Array, given: Given, threshold: float | None) -> _Problem:
+def _problem(model: Model, times: Array, given: StartChoice, threshold: float | None) -> _Problem:
     if isinstance(given, str) and given == "stationary":
         raise ValueError("start must be 'rest', a point or a Gaussian, got 'stationary'")
     start = start_of(given, model)
@@ -269,7 +269,7 @@ def _problem(model: Model, times: Array, given: Given, threshold: float | None) 
     own = speed_scale(oscillator)
     if threshold is None:
         threshold = 0.0 if model.elastic else SLOW_IMPACTS * float(own[0])
-    speed = float(boxes(oscillator, own, 1.0).speed[0])
+    speed = float(boxes_of(oscillator, own, 1.0).speed[0])
     layout = stops_layout(model, lower, upper, walls, speed, start)
     flight, law = _flight(model, start, lower, upper, layout)
     early = tuple(

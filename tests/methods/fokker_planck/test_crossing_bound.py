@@ -13,7 +13,7 @@ from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck import Gaussian
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
-from stochvi.methods.fokker_planck.starts import Point
+from stochvi.methods.fokker_planck.initial_states import Point
 from stochvi.model.model import Model, model_of
 from support.known import oscillator
 

@@ -27,8 +27,8 @@ from stochvi import (
     simulate,
 )
 from stochvi.methods.fokker_planck import fokker_planck_many, half_range
-from stochvi.methods.fokker_planck.boxes import boxes, speed_scale
-from stochvi.methods.fokker_planck.levels import (
+from stochvi.methods.fokker_planck.basis import Mesh, VelocityBasis
+from stochvi.methods.fokker_planck.fixed_meshes import (
     LEVELS,
     Moments,
     Solution,
@@ -37,7 +37,7 @@ from stochvi.methods.fokker_planck.levels import (
     solve,
     unreached,
 )
-from stochvi.methods.fokker_planck.mesh import Mesh, VelocityBasis
+from stochvi.methods.fokker_planck.linear_boxes import boxes_of, speed_scale
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.testing import assert_agrees
 from support.known import BENCH, ELASTIC_STOPS, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
@@ -175,7 +175,7 @@ def test_the_width_of_the_trial_law_does_not_matter(monkeypatch: pytest.MonkeyPa
     """Weight, box and mesh widen with it for a mass that leans on a stop; the answer must not."""
     scene = oscillator(None, -0.5, 0.5)
     wide = fokker_planck(scene, rtol=0.003, speed_threshold=0.2).estimates()
-    monkeypatch.setattr("stochvi.methods.fokker_planck.boxes.LEANING", 0.0)
+    monkeypatch.setattr("stochvi.methods.fokker_planck.linear_boxes.LEANING", 0.0)
     narrow = fokker_planck(scene, rtol=0.003, speed_threshold=0.2).estimates()
     for key, estimate in narrow.items():
         other = wide[key]
@@ -220,7 +220,7 @@ def test_probability_is_conserved_by_the_discrete_equations() -> None:
     """phi = 1 makes every equation's sum vanish, whatever the density: stops only give back."""
     mesh = Mesh(x_breaks=(-1.0, 1.0), x_degree=4, u_breaks=(0.0, 1.0, 5.0), u_degree=4)
     scenes = one_scene(lower=-1.0, upper=0.5, restitution_lower=0.3, restitution_upper=0.8)
-    scaled = boxes(scenes, speed_scale(scenes), mesh.reach)
+    scaled = boxes_of(scenes, speed_scale(scenes), mesh.reach)
     element = mesh.displacement[0]
     whole = half_range._with_walls(
         scaled,
@@ -381,7 +381,7 @@ def test_every_unmet_condition_is_listed() -> None:
 
 
 def test_what_was_reached_comes_with_the_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stochvi.methods.fokker_planck.accurate.MOST_UNKNOWNS", 20_000)
+    monkeypatch.setattr("stochvi.methods.fokker_planck.refinement.MOST_UNKNOWNS", 20_000)
     with pytest.raises(NotConverged, match="1e-12") as reason:
         fokker_planck(oscillator(-1.0, 1.0, 0.95), rtol=1e-12)
     assert reason.value.response is not None

@@ -20,8 +20,8 @@ from stochvi import (
     exact,
     fokker_planck,
 )
-from stochvi.methods.fokker_planck import accurate, fokker_planck_many
-from stochvi.methods.fokker_planck.field import Averages, Field
+from stochvi.methods.fokker_planck import fokker_planck_many, refinement
+from stochvi.methods.fokker_planck.density import Averages, StripDensity
 from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.scaled_motion import scaled_motion
 from stochvi.model.model import model_of
@@ -49,7 +49,7 @@ def leaning(upper: float, restitution: float = 0.3, zeta: float = 0.1) -> Motion
 
 
 def solved(motion: Motion) -> Averages:
-    return accurate.solve_accurately(motion, 1e-2, 0.0, ()).averages
+    return refinement.refine(motion, 1e-2, 0.0, ()).averages
 
 
 def test_a_far_stop_is_hit_as_it_is_a_little_nearer() -> None:
@@ -67,12 +67,12 @@ def test_a_stop_that_is_left_out_is_bounded_by_what_is_found_beside_it() -> None
     motion = leaning(3.25)
     whole = solved(motion)
     frame = scaled_motion(motion)
-    patches = accurate.graded(frame, accurate.first_patches(frame), accurate.SLOWEST[0])
-    strips = accurate.Strips().make(patches, accurate.FIRST_DEGREES)
-    blind = accurate._field(frame, strips, accurate.SLOWEST[0])
+    patches = refinement.graded(frame, refinement.first_patches(frame), refinement.SLOWEST[0])
+    strips = refinement.Strips().make(patches, refinement.FIRST_DEGREES)
+    blind = refinement._field(frame, strips, refinement.SLOWEST[0])
     averages = blind.averages(0.0)
     assert averages.rate_upper == 0.0
-    bounds = accurate._unreached(blind, averages.upcrossing_rate)
+    bounds = refinement._unreached(blind, averages.upcrossing_rate)
     square = motion.squares[0]
     rice = averages.upcrossing_rate * np.exp(-(3.25**2 - 9.0) / 2.0 / square)
     assert rice < 1e-3 * whole.rate_upper  # the law alone says too little
@@ -171,18 +171,20 @@ def test_an_infinite_variance_is_refused(power: float) -> None:
 
 def test_a_mesh_without_a_variance_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not taken for an answer, nor for the end."""
-    averages, scene = Field.averages, wells(0.1)
+    averages, scene = StripDensity.averages, wells(0.1)
     known = exact(scene).estimates()["x", "displacement_std"].value
     calls = []
 
-    def negative(self: Field, slowest: float) -> Averages:
+    def negative(self: StripDensity, slowest: float) -> Averages:
         calls.append(self)
         found = averages(self, slowest)
         return found._replace(variance=-1.0) if len(calls) <= 3 else found
 
-    monkeypatch.setattr(Field, "averages", negative)
+    monkeypatch.setattr(StripDensity, "averages", negative)
     assert_agrees(fokker_planck(scene).estimates()["x", "displacement_std"], known)
-    monkeypatch.setattr(accurate, "MOST_UNKNOWNS", 1)
-    monkeypatch.setattr(Field, "averages", lambda *all_: averages(*all_)._replace(variance=-1.0))
+    monkeypatch.setattr(refinement, "MOST_UNKNOWNS", 1)
+    monkeypatch.setattr(
+        StripDensity, "averages", lambda *all_: averages(*all_)._replace(variance=-1.0)
+    )
     with pytest.raises(NotConverged, match="no density"):
         fokker_planck(scene)

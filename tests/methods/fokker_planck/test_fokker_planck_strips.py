@@ -36,8 +36,13 @@ from stochvi import (
 from stochvi.cli import main
 from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.methods.closed_form import exact_density
-from stochvi.methods.fokker_planck import StationaryDensity, accurate, fokker_planck_density, strips
-from stochvi.methods.fokker_planck.cells import VelocityCells, given_back, passed_on
+from stochvi.methods.fokker_planck import (
+    StationaryDensity,
+    fokker_planck_density,
+    refinement,
+    strips,
+)
+from stochvi.methods.fokker_planck.basis import VelocityCells, returned_flux, transmitted_flux
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
@@ -92,9 +97,9 @@ def test_six_digits_of_the_near_exact_table(row: RigidStops) -> None:
 
 def test_a_restitution_off_by_a_millionth_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     def wrong(cells: VelocityCells, leaving: Callable[..., Any], side: int) -> Any:
-        return given_back(cells, lambda w: leaving(w) * (1.0 - 1e-6 * (side > 0)), side)
+        return returned_flux(cells, lambda w: leaving(w) * (1.0 - 1e-6 * (side > 0)), side)
 
-    monkeypatch.setattr(strips, "given_back", wrong)
+    monkeypatch.setattr(strips, "returned_flux", wrong)
     with pytest.raises(AssertionError, match="differs from"):
         assert_six_digits(LOSSY_ROWS[-1])
 
@@ -248,8 +253,8 @@ def test_scenes_of_functions_tell_their_balances(monkeypatch: pytest.MonkeyPatch
         assert_agrees(residual, 0.0)
     monkeypatch.setattr(
         strips,
-        "given_back",
-        lambda cells, leaving, side: given_back(cells, lambda w: 0.9 * w, side),
+        "returned_flux",
+        lambda cells, leaving, side: returned_flux(cells, lambda w: 0.9 * w, side),
     )
     wrong = fokker_planck(uneven(), rtol=1e-4).identities["energy"]
     with pytest.raises(AssertionError, match="differs from"):
@@ -259,7 +264,7 @@ def test_scenes_of_functions_tell_their_balances(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize("leaving", [lambda w: 0.0 * w, lambda w: 0.35 * w, lambda w: steel(w) * w])
 def test_what_a_stop_gives_back_against_adaptive_quadrature(leaving: Callable[..., Any]) -> None:
     cells = VelocityCells((-5.0, -1.0, -0.2, 0.0, 0.3, 1.4, 5.0), 3)
-    found = given_back(cells, leaving, 1)
+    found = returned_flux(cells, leaving, 1)
 
     def integrand(w: float, row: int, column: int) -> float:
         out = float(leaving(np.array([w]))[0])
@@ -275,7 +280,7 @@ def test_what_a_stop_gives_back_against_adaptive_quadrature(leaving: Callable[..
 
 def test_flux_between_different_cells_against_adaptive_quadrature() -> None:
     coarse, fine = VelocityCells((-4.0, 0.0, 1.5, 4.0), 3), VelocityCells((-4.0, 0.0, 0.4, 4.0), 4)
-    found = passed_on(coarse, fine, 1)
+    found = transmitted_flux(coarse, fine, 1)
 
     def integrand(u: float, row: int, column: int) -> float:
         weight = u * math.exp(-u * u / 2.0)
@@ -390,7 +395,7 @@ def test_below_the_critical_restitution_the_limit_is_told() -> None:
 def test_what_cannot_be_reached_is_refused_with_what_was(
     soft: Response, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(accurate, "MOST_UNKNOWNS", 5_000)
+    monkeypatch.setattr(refinement, "MOST_UNKNOWNS", 5_000)
     with pytest.raises(NotConverged) as refused:
         fokker_planck(SOFT, rtol=1e-7, speed_threshold=THRESHOLD)
     assert refused.value.response is not None
@@ -403,7 +408,7 @@ def test_equations_without_a_finite_solution_are_refused(monkeypatch: pytest.Mon
         found = strips.solve_strips(*arguments)
         return found._replace(q=(found.q[0] * math.nan, *found.q[1:]))
 
-    monkeypatch.setattr(accurate, "solve_strips", lost)
+    monkeypatch.setattr(refinement, "solve_strips", lost)
     with pytest.raises(NotConverged, match="scales too far apart"):
         fokker_planck(SOFT)
 

@@ -13,7 +13,7 @@ from stochvi import Estimate, NotApplicable, NotConverged, Scene, fokker_planck,
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck import Gaussian, Transient, layout, transients
-from stochvi.methods.fokker_planck.mesh import VelocityBasis
+from stochvi.methods.fokker_planck.basis import VelocityBasis
 from stochvi.methods.fokker_planck.transients import Moments
 from stochvi.testing import assert_agrees
 from support.known import BENCH, RIGID_STOPS, oscillator

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.boxes import FARTHEST_STOP, boxes
+from stochvi.methods.fokker_planck.basis import Array, Mesh
 from stochvi.methods.fokker_planck.half_range import BoxMoments, box_moments
-from stochvi.methods.fokker_planck.linear_box import Boxes
-from stochvi.methods.fokker_planck.mesh import Array, Mesh
+from stochvi.methods.fokker_planck.linear_boxes import FARTHEST_STOP, Boxes, boxes_of
 from stochvi.model.oscillator_arrays import Booleans, OscillatorArrays
 
 CHUNK = 64
@@ -79,7 +78,7 @@ class Solution(NamedTuple):
 
 def solve(scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array) -> Solution:
     """Averages on the meshes of a level; `speed` is the scale s, `threshold` in m/s."""
-    scaled = boxes(scenes, speed, level.one_stop.reach)
+    scaled = boxes_of(scenes, speed, level.one_stop.reach)
     slowest = threshold / scaled.speed
     found = np.empty((len(BoxMoments._fields), len(speed)))
     both = scaled.stop_left & scaled.stop_right

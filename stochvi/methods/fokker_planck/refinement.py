@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.field import Averages, Field
+from stochvi.methods.fokker_planck.density import SAFETY, Averages, StripDensity
 from stochvi.methods.fokker_planck.motion import Motion
-from stochvi.methods.fokker_planck.patches import (
+from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion, scaled_motion
+from stochvi.methods.fokker_planck.strip_mesh import (
     Degrees,
     Patch,
     Strips,
@@ -18,7 +19,6 @@ from stochvi.methods.fokker_planck.patches import (
     graded,
     refined,
 )
-from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion, scaled_motion
 from stochvi.methods.fokker_planck.strips import Strip, solve_strips
 from stochvi.model.model import Stop
 from stochvi.results.errors import NotConverged
@@ -35,9 +35,6 @@ MOST_MESHES = 10
 
 MOST_UNKNOWNS = 800_000
 """Of a mesh, some ten seconds of work and half a gigabyte."""
-
-SAFETY = 1.5
-"""Of the difference of two meshes as a bound on the error of the finer one."""
 
 SHARED = 0.2
 """Part of the largest relative difference of motion and impacts that every quantity is granted,
@@ -59,25 +56,25 @@ STRETCH = 1.25
 MOST_STRETCHES = 8
 
 
-class Answered(NamedTuple):
+class Refinement(NamedTuple):
     """What the last mesh found, bounds on its errors, and what the mesh before it found."""
 
-    field: Field
+    field: StripDensity
     averages: Averages
     errors: Averages
-    coarser: Field
+    coarser: StripDensity
 
 
-def solve_accurately(
+def refine(
     motion: Motion, rtol: float, threshold: float, rates: Collection[str] = ("lower", "upper")
-) -> Answered:
+) -> Refinement:
     """Refine until the relative error of what `rtol` governs is reached, or no more can be had.
 
     `rates` are the sides whose rate of impacts faster than `threshold` is wanted too.
     """
     scaled, patches, field = _first(motion)
     makers = Strips()
-    answered: Answered | None = None
+    answered: Refinement | None = None
     found = field.averages(threshold)
     for stage in range(1, MOST_MESHES):
         before, coarser = found, field
@@ -95,10 +92,12 @@ def solve_accurately(
             answered = None  # a mesh too coarse for a density; finer ones may do
             continue
         errors = _errors(field, before, found)
-        answered = Answered(field, found, errors, coarser)
+        answered = Refinement(field, found, errors, coarser)
         if _cut(field)["variance"] > 2.0 * rtol * found.variance:
             break  # no mesh holds more
-        if worst(found, errors) <= rtol and vague(found, errors).isdisjoint(rates):
+        if worst_relative_error(found, errors) <= rtol and rates_not_resolved(
+            found, errors
+        ).isdisjoint(rates):
             break
     if answered is None:
         raise NotConverged(UNSOLVED)
@@ -108,12 +107,12 @@ def solve_accurately(
 UNSOLVED = "fokker-planck found no density on its first meshes: scales too far apart; simulate"
 
 
-def _field(scaled: ScaledMotion, strips: tuple[Strip, ...], slowest: float) -> Field:
+def _field(scaled: ScaledMotion, strips: tuple[Strip, ...], slowest: float) -> StripDensity:
     """The density on some strips; LinAlgError if there is none of finite numbers."""
     solved = solve_strips(scaled, strips)
     if not all(np.isfinite(q).all() for q in solved.q):
         raise np.linalg.LinAlgError(UNSOLVED)
-    return Field(scaled, solved, scaled.speed * slowest)
+    return StripDensity(scaled, solved, scaled.speed * slowest)
 
 
 def _degrees(stage: int) -> Degrees:
@@ -123,7 +122,7 @@ def _degrees(stage: int) -> Degrees:
     return Degrees(place, velocity)
 
 
-def _first(motion: Motion) -> tuple[ScaledMotion, tuple[Patch, ...], Field]:
+def _first(motion: Motion) -> tuple[ScaledMotion, tuple[Patch, ...], StripDensity]:
     """The coarsest mesh, of a box beyond which there is next to nothing.
 
     A mass that leans on a lossy stop reaches further than the law exp(-energy / s^2): fast
@@ -145,7 +144,7 @@ def _first(motion: Motion) -> tuple[ScaledMotion, tuple[Patch, ...], Field]:
     return scaled, patches, field
 
 
-def _hit(field: Field) -> set[Stop]:
+def _hit(field: StripDensity) -> set[Stop]:
     """Stops that count as out of reach, but lie in the box and are hit."""
     crossings = field.averages(0.0).upcrossing_rate
     return {
@@ -174,7 +173,7 @@ def _rarity(scaled: ScaledMotion) -> float:
 MOTION = ("mean", "variance", "velocity_mean_square")
 
 
-def _errors(field: Field, coarse: Averages, fine: Averages) -> Averages:
+def _errors(field: StripDensity, coarse: Averages, fine: Averages) -> Averages:
     """Bounds on the errors of `fine`, the averages of `field`."""
     sizes = fine._replace(mean=math.sqrt(fine.variance))
     change = Averages(*(abs(a - b) for a, b in zip(fine, coarse, strict=True)))
@@ -191,7 +190,7 @@ def _errors(field: Field, coarse: Averages, fine: Averages) -> Averages:
         bounds[contact] = max(bounds[contact], 2.0 * SAFETY * slow * getattr(sizes, contact))
     for name in (*MOTION, "upcrossing_rate"):
         bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
-    far = _unreached(field, fine.upcrossing_rate) | _misplaced(field.scaled)
+    far = _unreached(field, fine.upcrossing_rate) | _rounding_between_wells(field.scaled)
     for name, cut in _cut(field).items():
         far[name] = far.get(name, 0.0) + cut
     return Averages(
@@ -207,7 +206,7 @@ def _ratio(change: Averages, sizes: Averages, name: str) -> float:
     return getattr(change, name) / size if size > 0.0 else 0.0
 
 
-def _unreached(field: Field, crossing_rate: float) -> dict[str, float]:
+def _unreached(field: StripDensity, crossing_rate: float) -> dict[str, float]:
     """Bounds on what stops see that count as out of reach.
 
     Rice's rate at the law's temperature, with Rayleigh's speeds, or what the solution has next to
@@ -235,7 +234,7 @@ ROUNDING = 1e-15
 some five times that of the numbers."""
 
 
-def _misplaced(scaled: ScaledMotion) -> dict[str, float]:
+def _rounding_between_wells(scaled: ScaledMotion) -> dict[str, float]:
     """What rounding leaves open of the shares of wells: it is as large as the rare crossings of a
     high barrier, and moves probability from one well to another."""
     if scaled.barrier == 0.0:
@@ -245,7 +244,7 @@ def _misplaced(scaled: ScaledMotion) -> dict[str, float]:
     return {"mean": share * width, "variance": share * width**2}
 
 
-def _cut(field: Field) -> dict[str, float]:
+def _cut(field: StripDensity) -> dict[str, float]:
     """What a density that falls as a power of x, x^-n, has of the first two moments beyond the
     ends of the box, x^2 p / (n - 2) and x^3 p / (n - 3)."""
     scaled = field.scaled
@@ -266,7 +265,7 @@ HITS = ("rate", "speed_rate", "speed_square_rate")
 """Averages of the powers 0, 1 and 2 of the speed of impacts."""
 
 
-def worst(found: Averages, bounds: Averages) -> float:
+def worst_relative_error(found: Averages, bounds: Averages) -> float:
     """Largest relative error of what `rtol` governs: deviations, F1 and F2 of all stops."""
     ratios = [
         bounds.variance / found.variance / 2.0,
@@ -286,7 +285,7 @@ WORST_RATE = 0.1
 """A rate whose relative error may be larger is not given."""
 
 
-def vague(found: Averages, bounds: Averages) -> set[str]:
+def rates_not_resolved(found: Averages, bounds: Averages) -> set[str]:
     """Sides whose rate is not known well enough yet."""
     return {
         side

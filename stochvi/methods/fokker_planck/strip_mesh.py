@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.cells import VelocityCells
-from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.methods.fokker_planck.basis import Array, VelocityCells
 from stochvi.methods.fokker_planck.scaled_motion import Corner, ScaledMotion
 from stochvi.methods.fokker_planck.strips import Solved, Strip
 

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from stochvi.methods.fokker_planck.mesh import Array
+from stochvi.methods.fokker_planck.basis import Array
 from stochvi.model.model import Model
 
 TAIL = 8.5
@@ -104,12 +104,12 @@ ALIKE = 1e-9
 """Relative difference of the two covariances in a matrix that is symmetric but for rounding."""
 
 Start = Point | Gaussian
-Given = Literal["rest", "stationary"] | tuple[float, float] | Gaussian
+StartChoice = Literal["rest", "stationary"] | tuple[float, float] | Gaussian
 """A start in a user's words: at rest where spring and load balance, the stationary law without
 barriers and stops, a point (m, m/s), a law."""
 
 
-def start_of(given: Given, model: Model) -> Start:
+def start_of(given: StartChoice, model: Model) -> Start:
     """The point or law that is meant.
 
     Raises
