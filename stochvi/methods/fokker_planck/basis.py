@@ -22,7 +22,7 @@ Indices = NDArray[np.intp]
 Law = Callable[[Array], Array]
 
 EXTRA_NODES = 12
-"""Gauss nodes of an element beyond its degree: for the weight, which is no polynomial."""
+"""Gauss-Legendre nodes of an element beyond its degree, for the weight, which is no polynomial."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -346,10 +346,11 @@ def returned_flux(cells: VelocityCells, leaving: Law, side: int) -> Array:
 
 
 SEARCHED = 24
-"""Places in each cell at which a law of restitution is looked at for breaks that it passes."""
+"""Speeds in each cell at which a law of restitution is computed to find where its rebounds pass a
+break."""
 
 HALVINGS = 50
-"""Of a bracket around such a place."""
+"""Halvings of the bracket around a speed whose rebound is one of the breaks."""
 
 
 def _edges(arriving: Array, leaving_breaks: Array, leaving: Law) -> Array:

@@ -17,10 +17,11 @@ from stochvi.methods.fokker_planck.initial_states import Point, Start
 from stochvi.model.model import Model
 
 PANELS = 64
-"""Into which a time is cut; the bound holds for any number and sinks with it."""
+"""Number of panels into which a time is cut; the bound holds for any number and sinks with it."""
 
 FALLING = math.sqrt(2.0)
-"""Standard deviations from where on z^2 exp(-z^2 / 2), and all else in the bound, falls with z."""
+"""Number of standard deviations from where on z^2 exp(-z^2 / 2), and with it the bound, falls
+with z."""
 
 
 def passages_at_most(model: Model, start: Start, lower: float, upper: float, times: Array) -> Array:

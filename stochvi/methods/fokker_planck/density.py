@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.basis import EXTRA_NODES, Array, Indices, VelocityCells, legendre
+from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
 from stochvi.methods.fokker_planck.strips import Solved, Strip
 from stochvi.model.model import Stop
@@ -20,8 +21,8 @@ from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
-SAFETY = 1.5
-"""Factor on the difference of two meshes that makes it a bound on the error of the finer one."""
+MARGINS = ErrorMargins(safety=1.5, shared=0.2, floor=1e-9)
+"""The margins of refined strips."""
 
 
 class Averages(NamedTuple):
@@ -349,10 +350,10 @@ class StripDensity:
 
 
 BORDER = 1e-12
-"""Part of a box within which a place is taken for a border of its strips."""
+"""Part of the length of a box within which a place counts as a border of its strips."""
 
 NODES = 24
-"""Of Gauss's rule in each cell, for a restitution that depends on speed."""
+"""Gauss-Legendre nodes in each cell, for a restitution that depends on speed."""
 
 OF_STOPS = ("rate", "speed_rate", "speed_square_rate", "contact", "force", "power")
 
@@ -365,7 +366,8 @@ def _mass_of(cells: VelocityCells) -> Array:
 Vector = NDArray[np.float64]
 
 RESOLVED = 10.0
-"""Of the slowest impacts that a mesh resolves, those that it has the right density of."""
+"""Factor on the speed of the slowest impacts that a mesh resolves, from which on their density is
+right."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -374,7 +376,7 @@ class StationaryDensity:
 
     Arguments are in m and m/s, arrays are broadcast, and places beyond rigid stops have density 0.
     At a rigid stop with R < 1 the density is infinite at v = 0: p(stop, v) ~ |v|^-beta
-    (`collisions.corner_exponent`).
+    (`impact_rates.corner_exponent`).
 
     Parameters
     ----------
@@ -458,23 +460,27 @@ class StationaryDensity:
         """Impacts of any speed on a stop, 1/s; None where the rate has no limit.
 
         Below a speed w that is small to everything else the density of impact speeds goes as
-        w^(1 - beta), which adds w^2 p(stop, w) / (2 - beta) to the rate above w. `bias` is SAFETY
+        w^(1 - beta), which adds w^2 p(stop, w) / (2 - beta) to the rate above w. `bias` is 1.5
         times the difference of the two meshes, which resolve different speeds.
         """
         fine, coarse = self._all_impacts(self.fine, side), self._all_impacts(self.coarse, side)
         if fine is None or coarse is None:
             return None
-        return Estimate(value=fine, bias=SAFETY * abs(fine - coarse), how="refined Galerkin")
+        return Estimate(
+            value=fine, bias=MARGINS.safety * abs(fine - coarse), how="refined Galerkin"
+        )
 
     def slow_impact_exponent(self, side: str) -> Estimate:
         """beta of p(stop, v) ~ |v|^-beta at a rigid stop, as the solution has it.
 
-        From the slowest impacts that the mesh resolves; `bias` is SAFETY times the difference of
+        From the slowest impacts that the mesh resolves; `bias` is 1.5 times the difference of
         the two meshes, which resolve different speeds. What it should be is
-        `collisions.corner_exponent`.
+        `impact_rates.corner_exponent`.
         """
         fine, coarse = self._exponent(self.fine, side), self._exponent(self.coarse, side)
-        return Estimate(value=fine, bias=SAFETY * abs(fine - coarse), how="refined Galerkin")
+        return Estimate(
+            value=fine, bias=MARGINS.safety * abs(fine - coarse), how="refined Galerkin"
+        )
 
     def _exponent(self, solution: StripDensity, side: str) -> float:
         stop = self._stop(side)
@@ -510,4 +516,4 @@ class StationaryDensity:
 
 
 SLOWEST = 1e-9
-"""Speed at which a restitution that depends on it is asked for its limit, m/s."""
+"""Speed at which the limit of a restitution that depends on speed is read, m/s."""

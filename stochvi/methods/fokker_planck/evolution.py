@@ -22,7 +22,7 @@ from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.operators import Factors, Operator
 
 SIZES = (16, 24, 34, 46, 62, 84, 112, 150, 200, 260)
-"""Dimensions of the Krylov space at which its answer is looked at."""
+"""Dimensions of the Krylov space at which its answer is compared with the one before."""
 
 Solve = Callable[[Array], Array]
 
@@ -54,7 +54,7 @@ class Projection(NamedTuple):
 
 
 GROWN = 1e100
-"""Size that no state has but by a mode that grows."""
+"""Size from which on a state can only be a mode that grows."""
 
 
 def projections(mass: csc_array, solve: Solve, source: Array, shift: float) -> Iterator[Projection]:
@@ -90,7 +90,7 @@ def projections(mass: csc_array, solve: Solve, source: Array, shift: float) -> I
 
 
 ROUNDING = 1e-14
-"""What is left of a vector, relative, when the Krylov space already holds it."""
+"""Relative size of what is left of a vector that the Krylov space already holds: rounding."""
 
 
 def _projection(basis: Array, hessenberg: Array, size: float, shift: float) -> Projection:
@@ -100,16 +100,17 @@ def _projection(basis: Array, hessenberg: Array, size: float, shift: float) -> P
 
 
 LATE = 25.0
-"""Phase of the inner dynamics from which on the slowest modes are all that matters."""
+"""Phase of the inner dynamics from which on only the slowest modes matter."""
 
 GROUP = 8.0
-"""Earlier times share a space with those up to so many times as long ..."""
+"""Ratio of times up to which earlier times share a Krylov space."""
 
 FASTER = 5.0
-"""... and have its pole so much farther out."""
+"""Ratio of the poles of the spaces of neighbouring groups of times."""
 
 MOST_GROUPS = 6
-"""Times shorter than LATE / GROUP^MOST_GROUPS have no pole of their own."""
+"""Largest number of groups: times shorter than LATE / GROUP^MOST_GROUPS have no pole of their
+own."""
 
 
 def time_groups(times: Array, natural: float) -> Iterator[tuple[NDArray[np.intp], float]]:
@@ -138,8 +139,10 @@ class SlowestMode(NamedTuple):
 
 
 MOST_ITERATIONS = 200
+"""Largest number of inverse iterations."""
+
 SETTLED = 1e-12
-"""Relative change of the rate in one inverse iteration at which it counts as found."""
+"""Relative change of the rate in one inverse iteration at which the iteration ends."""
 
 
 def slowest_mode(operator: Operator, factors: Factors) -> SlowestMode:

@@ -13,10 +13,10 @@ from stochvi.methods.fokker_planck.basis import Array
 from stochvi.model.model import Model
 
 TAIL = 8.5
-"""Standard deviations beyond which a Gaussian holds less than 2e-17."""
+"""Number of standard deviations beyond which a Gaussian law holds less than 2e-17."""
 
 GRID = np.linspace(-TAIL, TAIL, 18)
-"""Standard deviations at which the intervals that resolve a Gaussian meet."""
+"""Standard deviations between which Gauss-Legendre panels resolve a Gaussian law."""
 
 
 class Point(NamedTuple):
@@ -98,10 +98,11 @@ class Gaussian:
 
 
 MOST_STEPS = 200
-"""Intervals of the grid of a Gaussian whose displacement and velocity hardly differ."""
+"""Largest number of panels for a Gaussian law whose displacement and velocity are nearly
+dependent."""
 
 ALIKE = 1e-9
-"""Relative difference of the two covariances in a matrix that is symmetric but for rounding."""
+"""Relative difference of the two covariances of a matrix that counts as symmetric: rounding."""
 
 Start = Point | Gaussian
 StartChoice = Literal["rest", "stationary"] | tuple[float, float] | Gaussian

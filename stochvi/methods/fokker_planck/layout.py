@@ -19,14 +19,15 @@ exp(-REACH^2 / 2) = 2e-8 of what is there; so are speeds that noise would have t
 standard deviations for."""
 
 WIDEST = 12.0
-"""Largest velocity in units of the scale: where a weight exp(-u^2 / 2) is still a good scale."""
+"""Largest velocity in units of the scale of speed, up to which the weight exp(-u^2 / 2) is
+still a good scale."""
 
 FLATTEST = 2.0
-"""Largest velocity in units of the scale where damping allows a scale as large: a weight that
-falls faster than the stationary law makes room for modes that grow."""
+"""Largest velocity in units of the scale of speed where damping allows a scale as large: a
+weight that falls faster than the stationary law makes room for modes that grow."""
 
 START_MARGIN = 2.0
-"""Speed that a path may still gain over that it starts with, in units of the scale."""
+"""Speed that a path may gain beyond its initial speed, in units of the scale."""
 
 
 class Layout(NamedTuple):
@@ -70,23 +71,25 @@ LEVELS = (
     Level(0.24, 5, 6, 7, 5),
     Level(0.18, 5, 6, 8, 5),
 )
-"""From some hundredths of a second to some ten seconds each."""
+"""Meshes of growing fineness, from some hundredths of a second to some ten seconds each."""
 
 MOST_UNKNOWNS = 120_000
-"""Meshes with more are not tried: some 10 seconds, and 0.5 GB for the projections."""
+"""Largest number of unknowns of a mesh: it takes some 10 seconds, and 0.5 GB for the
+projections."""
 
 X_RATIO = 0.15
 U_RATIO = 0.3
 """Each layer towards a wall, or towards zero velocity, is this part of the one before."""
 
 GROWTH = 1.5
-"""Of the elements beyond the core, each over the one before."""
+"""Ratio of the lengths of neighbouring elements of velocity beyond the core."""
 
 FEWEST_ELEMENTS = 3.2
-"""Along a box, over the size of a level."""
+"""Smallest number of elements along a box, times the element size of a level."""
 
 LAYER_SHARE = 2.0
-"""Element sizes over the width of what diffuses behind an absorbing wall, at size 1."""
+"""Largest element of velocity, at the level of size 1, in units of the speed that noise gives
+behind an absorbing wall."""
 
 
 def lowest(model: Model, lower: float, upper: float) -> float:
@@ -165,7 +168,8 @@ def _felt(model: Model, lower: float, upper: float, base: float) -> tuple[float,
 
 
 SYMMETRIC = 1e-12
-"""Work of spring and load over the box's excess, in squares of speed, for even barriers."""
+"""Work of spring and load over the box's excess, in squares of speed, below which two barriers
+count as symmetric."""
 
 
 def stops_layout(
@@ -212,7 +216,7 @@ def _layer(model: Model, length: float) -> float:
 
 
 STEEP = 8.0
-"""Falls of the potential, in squares of the speed, that one unit of length may have."""
+"""Largest fall of the potential over one unit of length, in squares of the unit of speed."""
 
 
 def _place(start: Start) -> float:
@@ -232,7 +236,7 @@ def _start_energy(model: Model, start: Start, lower: float, upper: float, base: 
 
 
 TAIL_KEPT = 6.0
-"""Standard deviations of a start that a box has room for."""
+"""Number of standard deviations of an initial law that a box has room for."""
 
 
 def _end(model: Model, base: float, speed: float, side: float) -> float:

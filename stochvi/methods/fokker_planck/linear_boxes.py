@@ -116,13 +116,15 @@ FARTHEST_STOP = 7.0
 """A stop at a higher energy than FARTHEST_STOP^2 / 2, in units of s^2, counts as out of reach."""
 
 LAW_NODES = 20
-"""Gauss nodes on either side of the peak of exp(-energy / s^2)."""
+"""Gauss-Legendre nodes on either side of the peak of exp(-energy / s^2)."""
 
 BISECTIONS = 24
-"""Halvings of a factor 2 in speed: seven digits, of a number that only sets a scale."""
+"""Halvings of a factor of 2 in speed: they give seven digits, of a number that only sets a
+scale."""
 
 DOUBLINGS = 400
-"""More than the range of speeds that a scene may have calls for."""
+"""Largest number of doublings of a speed in the search for its scale: it covers the range of
+numbers that a scene may hold."""
 
 
 def speed_scale(scenes: OscillatorArrays) -> Array:
@@ -242,7 +244,10 @@ def _widening(scenes: OscillatorArrays, speed: Array) -> Array:
 
 
 LEANING = 0.5
-"""Found best at preloads up to 2 standard deviations: the error of the deviation falls fourfold."""
+"""Largest widening of the weight of a mass that leans on a stop, as a part of the speed scale.
+Found on preloads up to 2 standard deviations, where it lowers the error of the deviation to a
+quarter."""
 
 SYMMETRIC = 1e-12
-"""Work of spring and load over the gap's excess, in units of s^2, below which stops are even."""
+"""Work of spring and load over the gap's excess, in units of s^2, below which two stops count as
+symmetric: rounding."""

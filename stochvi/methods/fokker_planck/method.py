@@ -41,8 +41,8 @@ from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 SLOW_IMPACTS = 0.05
-"""Impacts slower than this, in units of the speed scale, are left out of rates where a stop loses
-energy (never out of F1 and F2)."""
+"""Default speed threshold of rates where a stop loses energy, in units of the speed scale. Slower
+impacts are left out of rates, never out of F1 and F2."""
 
 
 COLLAPSES = (
@@ -51,7 +51,7 @@ COLLAPSES = (
     "limit as ever slower impacts are resolved, in which the noise takes the mass off at once; "
     "rates only have a meaning above a speed"
 )
-"""Warning about what the density means there."""
+"""Warning where impacts without end bring the mass to rest on a stop."""
 
 
 def fokker_planck(

@@ -1,4 +1,4 @@
-"""A scene as forces that are functions, and the box of unit speed that it is solved in."""
+"""The motion of one oscillator: its forces as functions of place and velocity, and its scales."""
 
 from __future__ import annotations
 
@@ -17,43 +17,43 @@ from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Viscoelastic
 
 LAW_DEPTH = 18.0
-"""Energy in units of s^2 at which the law exp(-energy / s^2) is cut where a scale is sought: there
-it is 2e-8 of its peak."""
+"""Energy in units of s^2 at which the law exp(-energy / s^2) is cut while its scale s is searched
+for: the law has fallen to 2e-8 of its peak there."""
 
 WIDENED = 1.2
-"""Speed of the weight exp(-energy / t) in units of s, sqrt(t) = WIDENED s, unless damping alone
-says less: what stops leave of the law is wider than the law that takes up the same power."""
+"""Speed of the weight exp(-energy / t) in units of s, sqrt(t) = WIDENED s, unless the damper alone
+allows less: the density between lossy stops has wider tails than the law of the same power."""
 
 STRIDE = 1.3
-"""Ratio of the distances at which the potential is looked at for where it rises."""
+"""Ratio of successive distances at which the potential energy is computed."""
 
 NEAREST, FARTHEST = 1e-7, 1e12
-"""First and last of these distances, in units of a length of the scene."""
+"""The first and the last of these distances, in units of a length of the scene."""
 
 NODES = 24
-"""Of Gauss's rule on each of the pieces of a law."""
+"""Gauss-Legendre nodes on each panel of an integral over a law."""
 
 PIECES = 40
-"""Into which the range of a law is cut, also for a look at its lowest energy."""
+"""Number of panels into which the range of a law is cut."""
 
-SPEEDS, SPEED_WEIGHTS = (
-    part.ravel() for part in gauss_panels(np.linspace(0.0, 8.0, 9), NODES)
-)  # speeds of a law of unit width, of which 1e-14 lies beyond 8
+SPEEDS, SPEED_WEIGHTS = (part.ravel() for part in gauss_panels(np.linspace(0.0, 8.0, 9), NODES))
+"""Gauss-Legendre nodes and weights for a Gaussian law of unit width; 1e-14 of it lies beyond 8."""
 
 
 DEEP = 100.0
-"""Energy up to which a place of low energy is sought, in units of (power length)^(2/3)."""
+"""Energy up to which the place of lowest energy is searched for, in units of
+(power length)^(2/3)."""
 
 AT_ONCE = 16
-"""Places at which the potential is looked at together."""
+"""Number of places at which the potential energy is computed together."""
 
 FINE_STRIDE, FINE_AT_ONCE = 1.02, 105
-"""Of a spring that is a function, which may have further wells: the energy must stay high for as
-many places, an eightfold distance, for none to be expected."""
+"""The same two numbers for a spring that is a function, which may have further wells: the search
+ends when the energy has stayed high over so many places, which is an eightfold distance."""
 
 
 class _Ray:
-    """The energy at places further and further out from a start; looked at once each."""
+    """The energy at places that lie further and further from a start, each computed once."""
 
     def __init__(self, motion: Motion, start: float, side: int) -> None:
         self.motion, self.start, self.side = motion, start, side
@@ -78,7 +78,7 @@ class _Ray:
             self._on()
 
     def _on(self) -> None:
-        """Look further out."""
+        """Compute the energy at the next places outwards."""
         motion, taken = self.motion, len(self.places) - 1
         steps = np.arange(taken, taken + self.at_once, dtype=float)
         away: Array = NEAREST * motion.length * self.stride**steps
@@ -111,11 +111,11 @@ class Motion:
 
     @property
     def power(self) -> float:
-        """That the noise supplies, S0 / 2."""
+        """Power that the noise supplies per unit mass, S0 / 2, m^2/s^3."""
         return self.model.intensity / 2.0
 
     def wall(self, side: int) -> float:
-        """Where a rigid stop ends the space; infinite where none does."""
+        """Position of the rigid stop on a side, m; infinite where there is none."""
         for stop in self.stops:
             if stop.side == side and stop.rigid:
                 return stop.position
@@ -129,7 +129,7 @@ class Motion:
         return np.asarray(model.load - pull, dtype=float)
 
     def force(self, x: Array) -> Array:
-        """Of spring, load and stops that give way, without damping, m/s^2."""
+        """Force of spring, load and compliant stops, without damping, m/s^2."""
         x = np.asarray(x, dtype=float)
         total = self.spring(x)
         for stop in self.stops:
@@ -139,7 +139,7 @@ class Motion:
         return np.asarray(total, dtype=float)
 
     def energy(self, x: Array) -> Array:
-        """Potential energy of that force, m^2/s^2."""
+        """Potential energy of `force`, m^2/s^2."""
         x = np.asarray(x, dtype=float)
         model = self.model
         spring = model.omega**2 * x**2 / 2.0 if model.potential is None else model.potential(x)
@@ -150,14 +150,14 @@ class Motion:
         return np.asarray(total, dtype=float)
 
     def drag(self, v: Array) -> Array:
-        """Of the damper, m/s^2."""
+        """Force of the damper at velocities v, m/s^2."""
         v = np.asarray(v, dtype=float)
         drag = self.model.drag
         return self.model.damping_rate * v if drag is None else np.asarray(drag(v), dtype=float)
 
     @cached_property
     def length(self) -> float:
-        """Some length of the scene, to begin a search with."""
+        """A length of the scene, m, with which a search begins."""
         lengths = [abs(stop.position - self._rest) for stop in self.stops]
         if len(self.stops) == 2:
             lengths.append(self.stops[1].position - self.stops[0].position)
@@ -167,13 +167,13 @@ class Motion:
 
     @property
     def _rest(self) -> float:
-        """Where spring and load alone balance, if that can be told, within the walls."""
+        """Where a linear spring balances the load, or else 0, between the rigid stops, m."""
         rest = self.model.rest if self.model.omega else 0.0
         return min(max(rest, self.wall(-1)), self.wall(1))
 
     @cached_property
     def start(self) -> float:
-        """A place of low energy: the lowest that is met on the way out from the rest position."""
+        """Place of the lowest energy met on the way outwards from the rest position, m."""
         height = DEEP * (self.power * self.length) ** (2.0 / 3.0)
         rays = [_Ray(self, self._rest, side) for side in (-1, 1)]
         places, energies = (
@@ -196,7 +196,7 @@ class Motion:
         return _Ray(self, self.start, -1), _Ray(self, self.start, 1)
 
     def span(self, height: float) -> tuple[float, float]:
-        """Around all places whose energy is less than `height` above the lowest; within walls."""
+        """The range of places whose energy is less than `height` (m^2/s^2) above the lowest."""
         found = [ray.up_to(height) for ray in self._rays]
         lowest = min(float(energies.min()) for _, energies in found)
         left, right = (
@@ -205,7 +205,7 @@ class Motion:
         return left, right
 
     def _border(self, places: Array, energies: Array, level: float) -> float:
-        """Beyond the last of places that go outwards at which the energy is below a level."""
+        """Where the energy crosses a level for the last time on the way outwards."""
         last = int(np.flatnonzero(energies < level)[-1]) if (energies < level).any() else 0
         if last + 1 == len(places):
             return float(places[last])
@@ -220,8 +220,10 @@ class Motion:
         return float(brentq(above, near, far, xtol=1e-9 * abs(far - near)))
 
     def open_ends(self, left: float, right: float, square: float) -> list[tuple[int, float, float]]:
-        """Side of each end without a wall, its place, and n of a law exp(-energy / square) that
-        falls as |x - start|^-n there."""
+        """Each end without a rigid stop as (side, place, n).
+
+        n is the power with which the law exp(-energy / square) falls there, as |x - start|^-n.
+        """
         return [
             (side, end, (self.start - end) * float(self.force(np.array(end))) / square)
             for side, end in ((-1, left), (1, right))
@@ -248,7 +250,7 @@ class Motion:
         return sorted({knot for knot in found if left < knot < right})
 
     def lowest(self, square: float) -> float:
-        """Lowest energy of all places."""
+        """Lowest potential energy of all places, m^2/s^2."""
         x, _, energy = self._nodes(LAW_DEPTH * square)
         return float(self.energy(x[[int(np.argmin(energy))]])[0])
 
@@ -271,8 +273,11 @@ class Motion:
 
     @cached_property
     def squares(self) -> tuple[float, float]:
-        """s^2 at which the law exp(-energy / s^2) takes up the power of the noise, and at which it
-        would if the damper were alone: nowhere is the density hotter; infinite without damper."""
+        """Two squared speeds (m^2/s^2) at which a law exp(-energy / s^2) takes the noise's power.
+
+        The first is that of damper and stops together. The second is that of the damper alone,
+        above which the density is nowhere; it is infinite without a damper.
+        """
 
         def excess(log_square: float, *, stops: bool) -> float:
             damper, taken = self.taken(math.exp(log_square))
@@ -289,17 +294,17 @@ class Motion:
 
     @property
     def weight(self) -> float:
-        """t of the weight exp(-energy / t)."""
+        """t of the weight exp(-energy / t), m^2/s^2."""
         square, hottest = self.squares
         return min(hottest, WIDENED**2 * square)
 
 
 MOST_STEPS = 400
-"""Of a search for a scale, each by a factor e."""
+"""Largest number of steps in the search for a scale, each by a factor e."""
 
 
 def _root(function: Callable[[float], float], start: float) -> float:
-    """Where a rising function is 0."""
+    """The root of a rising function, searched for in steps that double."""
     low = high = start
     step = 1.0
     for _ in range(MOST_STEPS):
@@ -319,5 +324,5 @@ def _root(function: Callable[[float], float], start: float) -> float:
 
 
 def _elastic(law: CompliantLaw) -> CompliantLaw:
-    """The part of a law that has a potential."""
+    """The law without its damper, which has a potential."""
     return law.model_copy(update={"damping_ratio": 0.0}) if isinstance(law, Viscoelastic) else law

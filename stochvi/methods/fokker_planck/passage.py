@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.coverage import barriers, unmet_by_first_passage
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
+from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import (
     SlowestMode,
     projections,
@@ -58,26 +59,19 @@ if TYPE_CHECKING:
 METHOD = "first-passage"
 HOW = "half-range Galerkin in time"
 
-SAFETY = 2.5
-"""Of the difference of two levels as a bound on the error of the finer one."""
-
-SHARED = 0.3
-"""Part of the largest relative difference of two meshes that all numbers of an answer are granted,
-lest two levels agree on one of them by chance. What the projection leaves at one time is no
-business of the others."""
+MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=3e-08)
+"""Those of `fixed_meshes` with a lower floor. The error that the projection in time leaves at
+one time is not shared with the other times."""
 
 PROJECTION_SHARE = 0.2
-"""Of the relative error allowed, what the projection in time may take."""
+"""Part of the relative error allowed that the projection in time may take."""
 
 HIGHEST = 10.0
-"""Standard deviations of a barrier that is met at less than 1e-22 of the natural frequency: beyond
-it rounding would decide."""
+"""Largest height of a barrier in standard deviations. A higher one is met at less than 1e-22 of the
+natural frequency, where rounding would decide."""
 
 PLAUSIBLE = 10.0
-"""Size of a probability beyond which it is no mere error but a mode that grows."""
-
-FLOOR = 3e-8
-"""Relative error that every answer is granted: the ends of the box, and rounding."""
+"""Size of a probability from which on it is a mode that grows, and no mere error."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -284,7 +278,8 @@ class _Values(NamedTuple):
 
 
 EARLY = 20.0
-"""How much later, in phase of the inner dynamics: three natural periods."""
+"""How much later the settled rate is compared with, as a phase of the inner dynamics: three natural
+periods."""
 
 
 def _refined(
@@ -322,12 +317,12 @@ def _worst(values: _Values, errors: _Values) -> float:
 def _bounds(coarse: _Values, fine: _Values, doubt: Array, projected: NDArray[np.bool_]) -> _Values:
     """Of the errors; `projected` are the probabilities whose difference is that of the meshes."""
     differences = fine._replace(
-        probability=SAFETY * np.abs(fine.probability - coarse.probability),
-        mean_time=SAFETY * abs(fine.mean_time - coarse.mean_time),
-        rate=SAFETY * abs(fine.rate - coarse.rate),
+        probability=MARGINS.safety * np.abs(fine.probability - coarse.probability),
+        mean_time=MARGINS.safety * abs(fine.mean_time - coarse.mean_time),
+        rate=MARGINS.safety * abs(fine.rate - coarse.rate),
     )
     of_meshes = differences._replace(probability=differences.probability * projected)
-    shared = SHARED * _worst(fine, of_meshes) + FLOOR
+    shared = MARGINS.shared * _worst(fine, of_meshes) + MARGINS.floor
     return fine._replace(
         probability=np.maximum(differences.probability + doubt, shared * fine.scale),
         mean_time=max(differences.mean_time, shared * fine.mean_time),

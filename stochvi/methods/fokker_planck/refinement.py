@@ -1,4 +1,4 @@
-"""One scene on strips that are refined until two answers in a row agree."""
+"""The density of one scene on strips, refined until two successive answers agree."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.density import SAFETY, Averages, StripDensity
+from stochvi.methods.fokker_planck.density import MARGINS, Averages, StripDensity
 from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion, scaled_motion
 from stochvi.methods.fokker_planck.strip_mesh import (
@@ -23,41 +23,37 @@ from stochvi.methods.fokker_planck.strips import Strip, solve_strips
 from stochvi.model.model import Stop
 from stochvi.results.errors import NotConverged
 
-FIRST_DEGREES = Degrees(2, 4)
-LAST_DEGREES = Degrees(7, 9)
-"""Polynomials of the first mesh, and the highest; both rise by one from mesh to mesh."""
+FIRST_DEGREES, LAST_DEGREES = Degrees(2, 4), Degrees(7, 9)
+"""Degrees of the polynomials on the first mesh, and the highest degrees; both rise by one from mesh
+to mesh."""
 
 SLOWEST = (1e-2, 2e-3, 3e-4, 3e-5, 3e-6, 1e-6)
-"""Slowest impacts that the meshes resolve one after another, in units of the weight's velocity."""
+"""Speeds of the slowest impacts that the meshes resolve one after another, in units of the speed of
+the weight."""
 
 MOST_MESHES = 10
-"""In a row; `MOST_UNKNOWNS` ends it before."""
+"""Largest number of successive meshes; `MOST_UNKNOWNS` usually ends the refinement before."""
 
 MOST_UNKNOWNS = 800_000
-"""Of a mesh, some ten seconds of work and half a gigabyte."""
-
-SHARED = 0.2
-"""Part of the largest relative difference of motion and impacts that every quantity is granted,
-lest two meshes agree on one of them by chance."""
-
-FLOOR = 1e-9
-"""Relative error that every answer is granted: the ends of the box, and rounding."""
+"""Largest number of unknowns of a mesh: it takes some ten seconds and half a gigabyte."""
 
 HIT = 1e-12
-"""Hits of a stop for each crossing of the mean from which on it is within reach: less than the
-law of that height leaves, which is right where no stop is leaned on."""
+"""Impacts on a stop per crossing of the mean from which on the stop counts as within reach:
+less than the law exp(-energy / s^2) leaves there, which is right where the mass leans on no
+stop."""
 
 EDGE = 1e-8
-"""Probability beside the ends of the box from which on it is made larger."""
+"""Probability next to the ends of the box above which the box is made larger."""
 
 STRETCH = 1.25
-"""Of the box in velocity, each time that it is too small."""
+"""Factor on the largest velocity of a box that is too small."""
 
 MOST_STRETCHES = 8
+"""Largest number of times that the box is stretched."""
 
 
 class Refinement(NamedTuple):
-    """What the last mesh found, bounds on its errors, and what the mesh before it found."""
+    """The density and averages on the last mesh, bounds on their errors, and the density before."""
 
     field: StripDensity
     averages: Averages
@@ -74,7 +70,7 @@ def refine(
     """
     scaled, patches, field = _first(motion)
     makers = Strips()
-    answered: Refinement | None = None
+    refinement: Refinement | None = None
     found = field.averages(threshold)
     for stage in range(1, MOST_MESHES):
         before, coarser = found, field
@@ -89,19 +85,19 @@ def refine(
             break
         found = field.averages(threshold)
         if min(found.variance, found.velocity_mean_square) <= 0.0:
-            answered = None  # a mesh too coarse for a density; finer ones may do
+            refinement = None  # a mesh too coarse for a density; finer ones may do
             continue
         errors = _errors(field, before, found)
-        answered = Refinement(field, found, errors, coarser)
+        refinement = Refinement(field, found, errors, coarser)
         if _cut(field)["variance"] > 2.0 * rtol * found.variance:
             break  # no mesh holds more
         if worst_relative_error(found, errors) <= rtol and rates_not_resolved(
             found, errors
         ).isdisjoint(rates):
             break
-    if answered is None:
+    if refinement is None:
         raise NotConverged(UNSOLVED)
-    return answered
+    return refinement
 
 
 UNSOLVED = "fokker-planck found no density on its first meshes: scales too far apart; simulate"
@@ -183,19 +179,25 @@ def _errors(field: StripDensity, coarse: Averages, fine: Averages) -> Averages:
         impacts = [f"{name}_{side}" for name in ("speed_rate", "speed_square_rate")]
         hits = max([shared, *(_ratio(change, sizes, name) for name in impacts)])
         for name in (name for name in Averages._fields if name.endswith(side)):
-            bounds[name] = SAFETY * max(getattr(change, name), SHARED * hits * getattr(sizes, name))
+            bounds[name] = MARGINS.safety * max(
+                getattr(change, name), MARGINS.shared * hits * getattr(sizes, name)
+            )
         # the share of time hangs on slow contacts, as the rate does, and counts light ones in full
         contact = f"contact_{side}"
         slow = max(hits, _ratio(change, sizes, f"rate_{side}"))
-        bounds[contact] = max(bounds[contact], 2.0 * SAFETY * slow * getattr(sizes, contact))
+        bounds[contact] = max(
+            bounds[contact], 2.0 * MARGINS.safety * slow * getattr(sizes, contact)
+        )
     for name in (*MOTION, "upcrossing_rate"):
-        bounds[name] = SAFETY * max(getattr(change, name), SHARED * shared * getattr(sizes, name))
+        bounds[name] = MARGINS.safety * max(
+            getattr(change, name), MARGINS.shared * shared * getattr(sizes, name)
+        )
     far = _unreached(field, fine.upcrossing_rate) | _rounding_between_wells(field.scaled)
     for name, cut in _cut(field).items():
         far[name] = far.get(name, 0.0) + cut
     return Averages(
         *(
-            bounds[name] + FLOOR * abs(getattr(sizes, name)) + far.get(name, 0.0)
+            bounds[name] + MARGINS.floor * abs(getattr(sizes, name)) + far.get(name, 0.0)
             for name in Averages._fields
         )
     )
@@ -225,13 +227,13 @@ def _unreached(field: StripDensity, crossing_rate: float) -> dict[str, float]:
         falls = math.exp(-max(height - seen, 0.0) / hottest)
         for power, (name, factor) in enumerate(zip(HITS, rayleigh, strict=True), start=1):
             flux = abs(float(field.flux(nearest, stop.side, power)))
-            found[f"{name}_{stop.name}"] = SAFETY * max(rice * factor, flux * falls)
+            found[f"{name}_{stop.name}"] = MARGINS.safety * max(rice * factor, flux * falls)
     return found
 
 
 ROUNDING = 1e-15
-"""Probability that rounding makes or takes each time that the mass would cross from well to well;
-some five times that of the numbers."""
+"""Probability that rounding makes or takes each time that the mass would cross from well to well:
+some five times the relative rounding error of a number."""
 
 
 def _rounding_between_wells(scaled: ScaledMotion) -> dict[str, float]:
@@ -255,14 +257,14 @@ def _cut(field: StripDensity) -> dict[str, float]:
         if scaled.halved and side < 0:
             continue
         x = abs(end - scaled.motion.start)
-        density = SAFETY * abs(float(field.displacement_density(end)))
+        density = MARGINS.safety * abs(float(field.displacement_density(end)))
         found["mean"] += 0.0 if scaled.halved else x**2 * density / (falls - 2.0)
         found["variance"] += (2.0 if scaled.halved else 1.0) * x**3 * density / (falls - 3.0)
     return found
 
 
 HITS = ("rate", "speed_rate", "speed_square_rate")
-"""Averages of the powers 0, 1 and 2 of the speed of impacts."""
+"""Names of the averages of the powers 0, 1 and 2 of the speed of impacts."""
 
 
 def worst_relative_error(found: Averages, bounds: Averages) -> float:
@@ -282,7 +284,7 @@ def worst_relative_error(found: Averages, bounds: Averages) -> float:
 
 
 WORST_RATE = 0.1
-"""A rate whose relative error may be larger is not given."""
+"""Largest relative error of a rate that is given."""
 
 
 def rates_not_resolved(found: Averages, bounds: Averages) -> set[str]:

@@ -21,32 +21,33 @@ from stochvi.methods.fokker_planck.scaled_motion import Corner, ScaledMotion
 from stochvi.methods.fokker_planck.strips import Solved, Strip
 
 FIRST_BREAKS = (0.45, 1.0, 1.6, 2.3, 3.2)
-"""Of abs(u), before any refinement; from the last one on cells of LARGEST_CELL at most."""
+"""Breaks of abs(u) of the first mesh; beyond the last one cells have the length LARGEST_CELL at
+most."""
 
 LARGEST_CELL = 1.7
-"""In units of the velocity of the weight."""
+"""Largest cell of velocity, in units of the speed of the weight."""
 
 ENERGY_PER_STRIP = 1.5
-"""How much the potential energy may vary in a strip, in units of that of the weight."""
+"""Largest change of the potential energy over a strip, in units of the energy of the weight."""
 
 FEWEST_STRIPS = 4
-"""Of each interval between kinks of the force, however little the energy varies there."""
+"""Smallest number of strips between two kinks of the force."""
 
 NARROWING = 0.2
-"""Ratio of the distances of neighbouring strips from a corner."""
+"""Ratio of the distances from a corner of neighbouring strips."""
 
 SLOWING = 0.3
-"""Ratio of neighbouring breaks towards u = 0."""
+"""Ratio of neighbouring breaks of velocity towards u = 0."""
 
 CORNER_CELL = 0.3
-"""Smallest break of a strip in units of (diffusion distance)^(1/3)."""
+"""Smallest cell of velocity of a strip, in units of (diffusion distance)^(1/3)."""
 
 ROOTED, ROOTED_STRIPS = 0.15, 4
 """Ratio and number of strips that narrow towards a root of the force: what the smallest leaves of
 an integral of y^(5/2) is 1e-11 of the strip it began with."""
 
 KEPT = 0.1
-"""Part of what the highest polynomials hold that is left unrefined."""
+"""Part of what the highest polynomials hold that stays unrefined."""
 
 
 class Patch(NamedTuple):

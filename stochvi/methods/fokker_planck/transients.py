@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.coverage import unmet_by_transient
+from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import projections, time_groups
 from stochvi.methods.fokker_planck.initial_states import Gaussian, Start, StartChoice, start_of
 from stochvi.methods.fokker_planck.layout import (
@@ -46,30 +47,23 @@ if TYPE_CHECKING:
 METHOD = "transient"
 
 CLEAR = 5.5
-"""Standard deviations that a law of displacement stays away from the stops while they are left
-out: they would have been met with a probability below 2e-7."""
+"""Number of standard deviations that a law of displacement stays away from the stops while they are
+left out: they would have been met with a probability below 2e-7."""
 
 LONGEST_FLIGHT = 1.0
-"""Of a point start without stops, in natural periods over 2 pi."""
+"""Longest flight of an initial point without stops, in natural periods over 2 pi."""
 
 FLIGHT_STEPS = 60
-"""Times that are looked at, per LONGEST_FLIGHT, for whether the stops can be felt."""
+"""Number of times up to LONGEST_FLIGHT at which it is checked whether the stops can be felt."""
 
 MOST_BEYOND = 1e-6
-"""Probability of a start that may lie beyond the stops; it is left out."""
+"""Largest probability of an initial law beyond the stops; that part is left out."""
+
+MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=1e-06)
+"""The same as those of `fixed_meshes`."""
 
 PROJECTION_SHARE = 0.1
-"""Of the relative error allowed, what the projection in time may take."""
-
-SAFETY = 2.5
-"""Of the difference of two levels as a bound on the error of the finer one."""
-
-SHARED = 0.3
-"""Part of the largest relative difference of two levels that all quantities are granted."""
-
-
-FLOOR = 1e-6
-"""Relative error that every answer is granted: the ends of the box, and rounding."""
+"""Part of the relative error allowed that the projection in time may take."""
 
 
 class Moments(NamedTuple):
@@ -324,7 +318,7 @@ def _flight(
 
 
 FIRST_FLIGHT = 0.1
-"""Of the shortest flight that is tried, for starts that are closer to a stop than that."""
+"""Flight of a start very close to a stop, as a part of the shortest flight that is checked."""
 
 
 def _functionals(operator: Operator, problem: _Problem) -> Array:
@@ -448,7 +442,8 @@ GOVERNED = {
     "speed_square_rate_lower": 1.0,
     "speed_square_rate_upper": 1.0,
 }
-"""What rtol governs, and the part of an error that counts: roots have half that of squares."""
+"""The averages that rtol governs, each with the part of its relative error that counts: a root
+has half the relative error of its square."""
 
 
 def _worst(values: Moments, errors: Moments) -> float:
@@ -466,8 +461,11 @@ def _worst(values: Moments, errors: Moments) -> float:
 
 def _bounds(coarse: Moments, fine: Moments, projected: Moments) -> Moments:
     differences = Moments(
-        *(SAFETY * np.abs(a - b) + c for a, b, c in zip(coarse, fine, projected, strict=True))
+        *(
+            MARGINS.safety * np.abs(a - b) + c
+            for a, b, c in zip(coarse, fine, projected, strict=True)
+        )
     )
-    shared = SHARED * _worst(fine, differences) + FLOOR
+    shared = MARGINS.shared * _worst(fine, differences) + MARGINS.floor
     sizes = _sizes(fine)
     return Moments(*(np.maximum(d, shared * s) for d, s in zip(differences, sizes, strict=True)))
