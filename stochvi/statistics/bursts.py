@@ -20,9 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.kernels.compliant_response import EXTREMES, FASTEST, SHARPEST
-from stochvi.methods.monte_carlo.kernels.contact import CONTACT_SUMS
-from stochvi.methods.monte_carlo.kernels.flight import F1_LOWER, F1_UPPER, N_LOWER, N_UPPER, SUMS
+from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
@@ -292,20 +290,19 @@ def _fly(
     early, _ = _sums(records, rows, (len(sample) - 1) // 2)
     return np.vstack(
         [
-            whole[N_LOWER] + whole[N_UPPER],
-            whole[F1_LOWER] + whole[F1_UPPER],
-            early[N_LOWER] + early[N_UPPER],
-            extremes[:, FASTEST],
-            extremes[:, SHARPEST],
+            whole.impacts,
+            whole.impact_speeds,
+            early.impacts,
+            extremes.impact_speed,
+            extremes.acceleration,
         ]
     )
 
 
-def _sums(records: Records, rows: Vector, counted: int) -> tuple[Vector, Vector]:
+def _sums(records: Records, rows: Vector, counted: int) -> tuple[Sums, Extremes]:
     bursts = rows.shape[1] // 2
-    sums = np.zeros((CONTACT_SUMS if records.plan.contacts else SUMS, bursts))
-    extremes = np.zeros((bursts, EXTREMES))
-    records.plan.fly(rows, 0, counted, sums, None, extremes)
+    sums, extremes = Sums.zeros(bursts, records.plan.contacts), Extremes.zeros(bursts)
+    records.plan.fly(rows, 0, counted, sums.table, None, extremes.table)
     return sums, extremes
 
 

@@ -26,7 +26,7 @@ from stochvi import (
 )
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.method import Sizing, at_clearance, size
-from stochvi.methods.monte_carlo.kernels.compliant_response import EXTREMES, FASTEST
+from stochvi.methods.monte_carlo.kernels.rows import EXTREMES, FASTEST
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95

@@ -21,16 +21,15 @@ from stochvi import (
 )
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.compliant import _stop
-from stochvi.methods.monte_carlo.kernels.compliant_response import (
+from stochvi.methods.monte_carlo.kernels.compliant_response import TALLY, cross_contacts
+from stochvi.methods.monte_carlo.kernels.rows import (
+    CONTACT_SUMS,
     EXTREMES,
     FASTEST,
     FORCE_SQUARE,
     POSITION_FORCE,
     SHARPEST,
-    TALLY,
-    cross_contacts,
 )
-from stochvi.methods.monte_carlo.kernels.contact import CONTACT_SUMS
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law

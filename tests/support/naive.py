@@ -48,7 +48,7 @@ def flow(x, v, h, omega, stops, hits):
     """Undamped motion over h with impacts, each found from the phase of the orbit.
 
     `stops` holds (position, restitution, side) from the rest position. Stops pressing with less
-    than one part in 10^8 of a bounce hold the mass.
+    than one part in 10^8 of a bounce hold the mass. `hits` gets (side, speed, time) of each impact.
     """
     left = h
     for _ in range(10_000):
@@ -61,12 +61,12 @@ def flow(x, v, h, omega, stops, hits):
             break
         when, position, restitution, side = min(events)
         w = math.sqrt(max(v * v + omega**2 * (x - position) * (x + position), 0.0))
-        hits.append((side, w))
         x, v, left = position, -side * restitution * w, left - when
+        hits.append((side, w, h - left))
         pressed = omega**2 * -side * position
         if pressed > 0.0 and restitution * w <= 1e-8 * pressed * h:
-            # the pressing force of the rest of the step, as the speed of one more impact
-            hits.append((side, pressed * left / (1.0 + restitution)))
+            # the pressing force of the rest of the step, as the speed of one more impact at no time
+            hits.append((side, pressed * left / (1.0 + restitution), math.nan))
             return position, 0.0
     if omega == 0.0:
         x += v * left
@@ -99,9 +99,11 @@ def kick_flow_kick(x, v, z, h, omega, damping_rate, intensity, stops):
     if damping_rate:
         spread = intensity * -math.expm1(-2.0 * damping_rate * h) / (2.0 * damping_rate)
     xs, vs, hits = [], [], []
-    for normal in z:
+    for number, normal in enumerate(z):
         v = decay * v + math.sqrt(spread) * normal
-        x, v = flow(x, v, h, omega, stops, hits)
+        found = []
+        x, v = flow(x, v, h, omega, stops, found)
+        hits += [(side, w, number * h + when) for side, w, when in found]
         xs.append(x)
         vs.append(v)
     return np.array(xs), np.array(vs), hits
@@ -111,7 +113,7 @@ def response_domain(free, h, omega, damping_rate, stops):
     """Stops under a given free response: x - y = e decays, hits are roots of a cubic (np.roots).
 
     `free` holds (y, y') of each sample, `stops` (position, restitution, side). Returns x, v and
-    (sample, side, speed) of each hit.
+    (sample, side, speed, time) of each hit.
     """
     from scipy.linalg import expm
 
@@ -135,8 +137,8 @@ def response_domain(free, h, omega, damping_rate, stops):
             slope = (1.0 - when) * (1.0 - 3.0 * when) * begin[1]
             slope += when * (3.0 * when - 2.0) * end[1]
             slope += 6.0 * when * (1.0 - when) * (end[0] - begin[0]) / left
-            hits.append((k - 1, side, side * slope))
             left *= 1.0 - when
+            hits.append((k - 1, side, side * slope, k * h - left))
             begin = np.array([position, -restitution * slope])
             end = end + expm(motion * left) @ [0.0, -(1.0 + restitution) * slope]
         e = end - free[k]

@@ -17,14 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.isolators.sizing.hits import at_clearance
-from stochvi.methods.monte_carlo.kernels.compliant_response import (
-    EXTREMES,
-    FORCE_SQUARE,
-    POSITION_FORCE,
-    SHARPEST,
-)
-from stochvi.methods.monte_carlo.kernels.contact import CONTACT_LOWER, CONTACT_UPPER, LOSS
-from stochvi.methods.monte_carlo.kernels.flight import N_LOWER, N_UPPER, VV, XX
+from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
@@ -199,15 +192,14 @@ class _Averages:
 
 
 def _averages(plan: TabulatedPlan, seed: int, first_path: int, paths: int) -> _Averages:
-    extremes = np.zeros((paths, EXTREMES))
-    means = plan.averages(seed, first_path, paths, None, extremes)
+    extremes = Extremes.zeros(paths)
+    means = Sums(plan.averages(seed, first_path, paths, None, extremes.table))
     b, stiff = plan.system.damping_rate, plan.system.omega**2
-    square = b**2 * means[VV] + stiff**2 * means[XX]
+    square = b**2 * means.velocity_square + stiff**2 * means.displacement_square
     if plan.contacts:
-        power = means[CONTACT_LOWER + LOSS] + means[CONTACT_UPPER + LOSS]
-        within = extremes[:, FORCE_SQUARE] + 2.0 * stiff * extremes[:, POSITION_FORCE]
-        square = square + 2.0 * b * power + within / plan.duration
-    return _Averages(means[N_LOWER] + means[N_UPPER], square, extremes[:, SHARPEST])
+        within = extremes.force_square + 2.0 * stiff * extremes.position_force
+        square = square + 2.0 * b * means.contact_loss + within / plan.duration
+    return _Averages(means.impacts, square, extremes.acceleration)
 
 
 class _Windows:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.kernels.compliant_response import EXTREMES
+from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
@@ -131,5 +129,5 @@ def compile_kernels(scene: Scene) -> None:
         return
     free = scene.model_copy(update={"impact_pairs": ()})
     plan = crossing_plan(at_clearance(scene, 3.0 * deviations(free)[0])).shortest()
-    plan.averages(0, 0, 2, None, np.zeros((2, EXTREMES)))
+    plan.averages(0, 0, 2, None, Extremes.zeros(2).table)
     plan.averages(0, 0, 2)

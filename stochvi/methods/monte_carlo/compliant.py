@@ -10,20 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.kernels.contact import (
+from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, PIECES, RIGID, run_contacts
+from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
     CONTACT_UPPER,
-    DAMPED,
     ENDED,
-    HERTZ,
     IMPULSE,
     LOSS,
     PEAK,
-    PIECES,
-    RIGID,
     TIME,
-    run_contacts,
 )
 from stochvi.methods.monte_carlo.white import (
     BOUNCE_PER_STEP,

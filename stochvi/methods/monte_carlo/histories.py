@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, rfft
 
-from stochvi.methods.monte_carlo.kernels.contact import CONTACT_SUMS
-from stochvi.methods.monte_carlo.kernels.flight import SUMS
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
+from stochvi.methods.monte_carlo.kernels.rows import Sums
 from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.monte_carlo.plans import Plan, make_plan
@@ -175,7 +174,7 @@ class HistoryPlan:
         free = plan.free_response(seed, first_path, paths, 0)
         excitation = None if plan.waves else _input_of(plan, free)[: self.samples]
         record = np.zeros((plan.recorded_samples, paths, 3))
-        sums = np.zeros((CONTACT_SUMS if plan.contacts else SUMS, paths))
+        sums = Sums.zeros(paths, plan.contacts).table
         plan.fly(free, plan.warm_up_samples, plan.recorded_samples, sums, record)
         return _single(record, plan.rest, excitation)
 

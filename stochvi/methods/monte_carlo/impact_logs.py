@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.compliant import CompliantPlan
-from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
+from stochvi.methods.monte_carlo.histories import plan_histories
+from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
+from stochvi.methods.monte_carlo.plans import Plan, layout_of, make_plan
+from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.methods.monte_carlo.white import WhitePlan
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
@@ -26,8 +29,9 @@ FIRST_ROWS = 2**14
 class ImpactLog:
     """Impacts of one pair in a block of paths, by path and then by time.
 
-    `path` counts from the first of the block; `time` is the end of the step of the impact, s from
-    the start of what is counted; `speed` is negative at the lower stop, m/s.
+    `path` counts from the first of the block; `time` is that of the impact, s from the start of
+    what is counted; `speed` is negative at the lower stop, m/s. On a stop that gives way an impact
+    is the first touch.
     """
 
     path: NDArray[np.int64]
@@ -37,18 +41,17 @@ class ImpactLog:
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactPlan:
-    """How impacts are had. Of one oscillator under white noise with rigid stops the kernel writes
-    each down; else they are read from records, in which those of one step are one."""
+    """How impacts are had: the kernels write each of them down when it happens.
 
-    source: WhitePlan | HistoryPlan
+    `relaxation` is the relaxation time of the energy, s; `fastest` the largest frequency of the
+    motion, rad/s; `speeds` are the rms speeds of the pairs, m/s.
+    """
+
+    source: Plan
     thresholds: dict[str, float]
     relaxation: float
+    fastest: float
     speeds: dict[str, float]
-
-    @property
-    def each(self) -> bool:
-        """Whether every impact is seen, however soon after another."""
-        return isinstance(self.source, WhitePlan)
 
     @property
     def corner_share(self) -> float | None:
@@ -60,13 +63,11 @@ class ImpactPlan:
     @property
     def duration(self) -> float:
         """Counted seconds of a path."""
-        if isinstance(self.source, WhitePlan):
-            return self.source.steps * self.source.step
-        return self.source.samples * self.source.step
+        return self.source.recorded_samples * self.source.step
 
     @property
     def step(self) -> float:
-        """To which times are known, s."""
+        """Step of the motion, s; impacts are found within it."""
         return self.source.step
 
     @property
@@ -76,39 +77,22 @@ class ImpactPlan:
 
     def impacts(self, seed: int, first_path: int, paths: int) -> dict[str, ImpactLog]:
         """Those of the paths first_path, first_path + 1, ..., by pair."""
-        if isinstance(self.source, WhitePlan):
-            (name,) = self.thresholds
-            return {name: self._logged(self.source, seed, first_path, paths)}
-        found = {}
-        histories = self.source.histories(seed, first_path, paths)
-        for (name, threshold), speed in zip(
-            self.thresholds.items(), histories.impact_speed, strict=True
-        ):
-            path, sample = np.nonzero((speed != 0.0) & (np.abs(speed) >= threshold))
-            found[name] = ImpactLog(
-                path=path,
-                time=np.asarray(self.step * (sample + 1.0), dtype=float),
-                speed=speed[path, sample],
-            )
-        return found
-
-    def _logged(self, plan: WhitePlan, seed: int, first_path: int, paths: int) -> ImpactLog:
-        rows, count = FIRST_ROWS, np.zeros(1, np.int64)
+        rows = FIRST_ROWS
         while True:
-            events = np.empty((rows, 3))
-            count[0] = 0
-            plan.averages(seed, first_path, paths, log=(events, count))
-            if count[0] <= rows:
+            log = Log(np.empty((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
+            self.source.averages(seed, first_path, paths, log=log)
+            count = int(log.count[0])
+            if count <= rows:
                 break
-            rows = int(count[0])
-        events = events[: count[0]]
+            rows = count
+        events = log.events[:count]
         # paths take turns from step to step: within one the order is that of time
         events = events[np.argsort(events[:, 0], kind="stable")]
-        return ImpactLog(
-            path=events[:, 0].astype(np.int64),
-            time=np.asarray((events[:, 1] + 1.0) * self.step),
-            speed=events[:, 2],
-        )
+        found = {}
+        for pair, name in enumerate(self.thresholds):
+            path, _, time, speed = events[events[:, 1] == pair].T
+            found[name] = ImpactLog(path=path.astype(np.int64), time=time, speed=speed)
+        return found
 
 
 def plan_impacts(
@@ -144,14 +128,13 @@ def plan_impacts(
     histories = plan_histories(scene)
     pairs = plan.pairs if isinstance(plan, ModalPlan) else ()
     rms = [pair.speed for pair in pairs] or [histories.speed]
-    speeds = dict(zip(thresholds, rms, strict=True))
-    if isinstance(plan, WhitePlan) and not isinstance(plan, CompliantPlan):
-        source: WhitePlan | HistoryPlan = (
-            plan if corner_share is None else replace(plan, corner_share=corner_share)
-        )
-    else:
+    if isinstance(plan, TabulatedPlan | ModalTablesPlan):
+        # one block a path: between blocks the motion jumps
         length = histories.duration if duration is None else duration
-        source = histories.sampled(math.inf, length)
+        plan = replace(histories, plan=plan).sampled(math.inf, length).plan
+    elif corner_share is not None and not isinstance(plan, ModalPlan | CompliantPlan):
+        plan = replace(plan, corner_share=corner_share)
     return ImpactPlan(
-        source=source, thresholds=thresholds, relaxation=histories.slowest, speeds=speeds
-    )
+        source=plan, thresholds=thresholds, relaxation=histories.slowest,
+        fastest=histories.fastest, speeds=dict(zip(thresholds, rms, strict=True)),
+    )  # fmt: skip

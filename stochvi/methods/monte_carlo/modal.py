@@ -11,8 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.state_space import square_root, step_covariance, transition
-from stochvi.methods.monte_carlo.kernels.modes import MOST_SWEEPS, ROWS_OF_PAIR, run_modes
+from stochvi.methods.monte_carlo.kernels.impact_log import Log
+from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
+from stochvi.methods.monte_carlo.kernels.modal_stops import MOST_SWEEPS, Resets
+from stochvi.methods.monte_carlo.kernels.modes import (
+    ModalSteps,
+    Passes,
+    SmoothResponse,
+    Table,
+    run_modes,
+)
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
+from stochvi.methods.monte_carlo.kernels.rows import ROWS_OF_PAIR
 from stochvi.methods.monte_carlo.quantities import RATES, Key, gap_of, is_relative, restitutions
 from stochvi.methods.monte_carlo.statistics import Layout
 from stochvi.methods.monte_carlo.white import (
@@ -201,9 +211,15 @@ class ModalPlan:
         return replace(self, burn_in=self.step, duration=2.0 * self.step)
 
     def averages(
-        self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
+        self,
+        seed: int,
+        first_path: int,
+        paths: int,
+        record: NDArray[np.float64] | None = None,
+        log: Log | None = None,
     ) -> NDArray[np.float64]:
-        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ..."""
+        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
+        `log` takes every impact."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         state = self.start(streams)
@@ -213,7 +229,7 @@ class ModalPlan:
         stride = self._stride
         self._fly(
             state, streams, sums,
-            0 if record is not None else self._burn_in_steps, self.steps, stride, record,
+            0 if record is not None else self._burn_in_steps, self.steps, stride, record, log,
         )  # fmt: skip
         sums[:moments] /= math.ceil(self.steps / stride)
         sums[moments:] /= self.steps * self.step
@@ -221,10 +237,19 @@ class ModalPlan:
 
     def _fly(
         self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, burn_in: int, steps: int,
-        stride: int, record: NDArray[np.float64] | None,
+        stride: int, record: NDArray[np.float64] | None, log: Log | None,
+        tables: SmoothResponse | None = None,
     ) -> None:  # fmt: skip
         """Fly paths on, and add what the last `steps` bring to `sums`."""
-        run_modes(state, streams, sums, *self._kernel_constants, burn_in, steps, stride, record)
+        run_modes(
+            state, streams, sums, self._kernel_constants, tables, self._contact_constants, burn_in,
+            steps, stride, record, log,
+        )  # fmt: skip
+
+    @property
+    def _contact_constants(self) -> Contacts | None:
+        """Stops that give way: there are none."""
+        return None
 
     def counts(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> NDArray[np.float64]:
         """Fly paths on for some steps: impacts of each pair on its stops (pairs, 2, paths).
@@ -234,7 +259,7 @@ class ModalPlan:
         n, pairs = self.modes.size, len(self.assembly.contacts)
         moments = n + n * (n + 1)
         sums = np.zeros((moments + ROWS_OF_PAIR * pairs, state.shape[1]))
-        run_modes(state, streams, sums, *self._kernel_constants, 0, steps, steps, None)
+        self._fly(state, streams, sums, 0, steps, steps, None, None)
         found: NDArray[np.float64] = sums[moments:].reshape(pairs, 2, -1, state.shape[1])[:, :, 0]
         return found
 
@@ -301,7 +326,7 @@ class ModalPlan:
         return transition(-modes.damping, h), square_root(brought, INDEPENDENT)
 
     @cached_property
-    def _kernel_constants(self) -> tuple[Any, ...]:
+    def _kernel_constants(self) -> ModalSteps:
         modes, h = self.modes, self.step
         n, flow = modes.size, self.modes.flow
         motion = slice(n, 2 * n)
@@ -316,19 +341,32 @@ class ModalPlan:
         curvature = speed @ flow
         speed_drawn = np.zeros((len(modes.gaps), drawn.shape[1]))
         speed_drawn[:, : brought.shape[1]] = modes.gaps @ brought
-        passes = (
-            _table(grown @ kicked), _table(drawn), drawn.shape[1], _table(speed @ kicked),
-            _table(speed_drawn), _table(curvature @ kicked), _table(displacement), _table(speed),
-            _table(curvature),
-        )  # fmt: skip
         # a grazing path may leave the hull of its cubic by its fourth derivative
         margins = (modes.fastest * h) ** 3 / 384.0 * h * np.array([s.speed for s in self.pairs])
         resets = self._resets(flow, speed, curvature)
-        series, _, later = resets
+        series, later = resets.states, resets.later
         impact = np.vstack([later[0, 0], series[0]]) if len(series) == 1 else np.zeros((0, 1))
-        return (
-            h, n, passes, self._stops, margins, resets, _table(impact), self.law.mean,
-        )  # fmt: skip
+        passes = Passes(
+            states=_table(grown @ kicked),
+            states_drawn=_table(drawn),
+            normals=drawn.shape[1],
+            speeds_kicked=_table(speed @ kicked),
+            speeds_drawn=_table(speed_drawn),
+            bends_kicked=_table(curvature @ kicked),
+            gaps=_table(displacement),
+            speeds=_table(speed),
+            bends=_table(curvature),
+            impact=_table(impact),
+        )
+        return ModalSteps(
+            step=h,
+            modes=n,
+            passes=passes,
+            stops=self._stops,
+            margins=margins,
+            resets=resets,
+            origins=self.law.mean,
+        )
 
     def _signal_noise(self, flow: Matrix) -> Matrix:
         """Columns of what the noise of the signals brings to all states in a step."""
@@ -364,7 +402,7 @@ class ModalPlan:
                 stops[j, int(side == "upper")] = stop - rest, law.restitution, threshold
         return stops
 
-    def _resets(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> tuple[Any, ...]:
+    def _resets(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> Resets:
         """Taylor series of the response to a unit change of each pair's speed."""
         pairs, n = len(speed), self.modes.size
         masses = np.array([contact.mass for contact in self.assembly.contacts])
@@ -379,7 +417,11 @@ class ModalPlan:
             axis=2,
         )
         at_once = np.ascontiguousarray(later[:, :, 1:, 0])
-        return np.ascontiguousarray(series[:, : 2 * n]), at_once.reshape(pairs, pairs, 2), later
+        return Resets(
+            states=np.ascontiguousarray(series[:, : 2 * n]),
+            at_once=at_once.reshape(pairs, pairs, 2),
+            later=later,
+        )
 
     @cached_property
     def _size_of_flow(self) -> float:
@@ -496,7 +538,7 @@ def _step(
     return min(limits)
 
 
-def _table(matrix: Matrix) -> tuple[NDArray[np.int64], NDArray[np.int64], Vector]:
+def _table(matrix: Matrix) -> Table:
     """A matrix by rows without its zeros: where rows start, columns, weights; no row is empty."""
     starts, columns, weights = [0], [], []
     for row in matrix:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.methods.monte_carlo.compliant import SUMS_OF_A_STOP, _stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
-from stochvi.methods.monte_carlo.kernels.driven_modes import run_driven_modes
+from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
 from stochvi.methods.monte_carlo.modal import SUMS_OF_PAIR, ModalPlan, basis
 from stochvi.methods.monte_carlo.tabulated import MOST_SUB_STEPS
 from stochvi.model.assembly import Assembly
@@ -49,22 +48,11 @@ class ModalContactsPlan(ModalPlan):
         """Names of the sums over impacts and contacts of a pair."""
         return SUMS_OF_CONTACT_PAIR if self.contacts else SUMS_OF_PAIR
 
-    def _fly(
-        self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, burn_in: int, steps: int,
-        stride: int, record: NDArray[np.float64] | None, tables: tuple[Any, ...] | None = None,
-    ) -> None:  # fmt: skip
-        h, n, passes, stops, margins, resets, _, origins = self._kernel_constants
-        laws, structure = self._contact_constants
-        run_driven_modes(
-            state, streams, sums, h, n, passes, stops, margins, resets, origins, tables, laws,
-            structure, burn_in, steps, stride, record,
-        )  # fmt: skip
-
     @cached_property
-    def _contact_constants(self) -> tuple[Any, ...]:
+    def _contact_constants(self) -> Contacts | None:
         """Laws of the stops per unit of the reduced mass, and the structure that they act on."""
         if not self.contacts:
-            return None, None
+            return None
         contacts, modes = self.assembly.contacts, self.modes
         found = {
             (j, int(side == "upper")): _stop(0.0, law.per_unit_mass(contact.mass))[1:]
@@ -81,11 +69,15 @@ class ModalContactsPlan(ModalPlan):
         masses = np.array([contact.mass for contact in contacts])
         damping = np.zeros((modes.size, 0)) if modes.kicked else modes.damping
         decay = 0.0 if modes.kicked else float(np.linalg.eigvalsh(modes.damping)[-1])
-        structure = (
-            modes.squares, damping, modes.gaps, modes.gaps * masses[:, None],
-            max(modes.fastest, decay),
-        )  # fmt: skip
-        return (kinds, laws), structure
+        return Contacts(
+            kinds=kinds,
+            data=laws,
+            squares=modes.squares,
+            damping=damping,
+            gaps=modes.gaps,
+            shares=modes.gaps * masses[:, None],
+            fastest=max(modes.fastest, decay),
+        )
 
 
 def plan_modal_contacts(

@@ -26,7 +26,8 @@ from stochvi.mathematics.frequency_response import (
     covariance,
     eigenvalues,
 )
-from stochvi.methods.monte_carlo.kernels.driven_modes import fill_modal_spectrum
+from stochvi.methods.monte_carlo.kernels.impact_log import Log
+from stochvi.methods.monte_carlo.kernels.modes import SmoothResponse, fill_modal_spectrum
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import Matrix, ModalPlan, Vector, _table, basis
 from stochvi.methods.monte_carlo.modal_contacts import ModalContactsPlan, check_stiffness
@@ -111,9 +112,15 @@ class ModalTablesPlan(ModalContactsPlan):
         )  # fmt: skip
 
     def averages(
-        self, seed: int, first_path: int, paths: int, record: NDArray[np.float64] | None = None
+        self,
+        seed: int,
+        first_path: int,
+        paths: int,
+        record: NDArray[np.float64] | None = None,
+        log: Log | None = None,
     ) -> NDArray[np.float64]:
-        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ..."""
+        """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
+        `log` takes every impact."""
         # the last stream of a path is that of its kicks and signals: no block comes that far
         streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
         state = self.start(streams)
@@ -131,9 +138,11 @@ class ModalTablesPlan(ModalContactsPlan):
             block_record = None
             if record is not None:
                 block_record = record[number * counted : (number + 1) * counted]
+            if log is not None:
+                log = log._replace(start=number * counted * self.step)
             self._fly(
-                state, streams, sums, self._burn_in_steps, counted, stride, block_record,
-                (free, self._scale, middle),
+                state, streams, sums, self._burn_in_steps, counted, stride, block_record, log,
+                SmoothResponse(samples=free, scale=self._scale, half_kick=middle),
             )  # fmt: skip
         sums[:moments] /= math.ceil(counted / stride) * self.blocks
         sums[moments:] /= self.steps * self.step

@@ -34,10 +34,10 @@ from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
 from stochvi.methods.monte_carlo.compliant import _stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
-from stochvi.methods.monte_carlo.kernels.contact import CONTACT_SUMS
-from stochvi.methods.monte_carlo.kernels.flight import N_LOWER, SUMS
+from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.response_domain import fill_spectrum, run_response
+from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, Sums
 from stochvi.methods.monte_carlo.quantities import RATES
 from stochvi.methods.monte_carlo.white import (
     WELL_RESOLVED_RESTITUTION,
@@ -239,15 +239,19 @@ class TabulatedPlan:
         paths: int,
         record: NDArray[np.float64] | None = None,
         extremes: NDArray[np.float64] | None = None,
+        log: Log | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
-        from the mean position without stops; `extremes` (paths, EXTREMES) takes up theirs."""
-        sums = np.zeros((CONTACT_SUMS if self.contacts else SUMS, paths))
+        from the mean position without stops; `extremes` (paths, EXTREMES) takes up theirs, a `log`
+        every impact."""
+        sums = Sums.zeros(paths, self.contacts).table
         for number in range(self.blocks_per_path):
             block_record = None
             if record is not None:
                 counted = self._counted_samples
                 block_record = record[number * counted : (number + 1) * counted]
+            if log is not None:
+                log = log._replace(start=number * self._counted_samples * self.step)
             self.fly(
                 self.free_response(seed, first_path, paths, number),
                 self.warm_up_samples,
@@ -255,6 +259,7 @@ class TabulatedPlan:
                 sums,
                 block_record,
                 extremes,
+                log,
             )
         sums[:N_LOWER] /= self._counted_samples * self.blocks_per_path
         sums[N_LOWER:] /= self.duration
@@ -268,6 +273,7 @@ class TabulatedPlan:
         sums: NDArray[np.float64],
         record: NDArray[np.float64] | None = None,
         extremes: NDArray[np.float64] | None = None,
+        log: Log | None = None,
     ) -> None:
         """Add impacts to free responses (samples, 2 paths): see `response_domain.run_response`."""
         run_response(
@@ -284,6 +290,7 @@ class TabulatedPlan:
             sums,
             record,
             extremes,
+            log,
         )
 
     def _stop(self, position: float | None, law: Law | None) -> Any:

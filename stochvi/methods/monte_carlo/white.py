@@ -14,8 +14,10 @@ from scipy.special import ndtr
 
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent, gaussian_stop
-from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, N_LOWER, SUMS, VV, run_white
+from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, run_white
+from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
+from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, SUMS, VV
 from stochvi.methods.monte_carlo.quantities import RATES
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import System
@@ -206,10 +208,10 @@ class WhitePlan:
         first_path: int,
         paths: int,
         record: NDArray[np.float64] | None = None,
-        log: tuple[NDArray[np.float64], NDArray[np.int64]] | None = None,
+        log: Log | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
-        from `origin`; a `log` takes every impact on rigid stops (`kernels.flight.run_white`)."""
+        from `origin`; a `log` takes every impact."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         x, v = self._start(streams)
@@ -218,8 +220,7 @@ class WhitePlan:
         stride = self._stride
         self._kernel(
             x, v, streams, sums, *self._kernel_constants(), self.threshold,
-            burn_in, self.steps, stride, self.origin - self.rest, record,
-            *(() if log is None else (log,)),
+            burn_in, self.steps, stride, self.origin - self.rest, record, log,
         )  # fmt: skip
         sums[:N_LOWER] /= math.ceil(self.steps / stride)
         sums[N_LOWER:] /= self.steps * self.step

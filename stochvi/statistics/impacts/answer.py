@@ -78,15 +78,16 @@ class PairStatistics:
 class ImpactStatistics(Result):
     """Of every impact pair of a scene.
 
-    `each` tells whether impacts were seen one by one however close, or those of one step of
-    `step` seconds together; `duration` is that of a path, `window` that of the dispersion, s.
+    `step` is that of the motion, within which impacts are found; `duration` is that of a path,
+    `window` that of the dispersion, s. `each` says that impacts are seen one by one however close,
+    which they always are.
     """
 
     pairs: Mapping[str, PairStatistics]
     duration: float
     window: float
     step: float
-    each: bool
+    each: bool = True
     assumptions: Sequence[str] = ()
 
     def to_frame(self) -> pd.DataFrame:

@@ -51,6 +51,10 @@ Progress = Callable[[float, str], None]
 SLOWEST_SHARE, FASTEST_SHARE = 0.01, 10.0
 """Speeds that a histogram holds, in rms speeds; from the threshold if that is more."""
 
+SHORTEST_ANGLE = 0.03
+"""Shortest interval that a histogram holds, times the largest frequency of the motion, rad: a
+hundredth of the usual time between impacts on two stops."""
+
 FIT_FROM, FIT_RANGE = 0.02, 6.0
 """Exponents are fitted from the threshold, at least this share of the rms speed, to speeds so many
 times as large, and to half of that."""
@@ -205,7 +209,6 @@ def impacts(
         duration=plan.duration,
         window=plan.duration / WINDOWS,
         step=plan.step,
-        each=plan.each,
         assumptions=scene.assumptions(),
         warnings=(
             *(["the accuracy asked for was not reached"] if short else []),
@@ -266,7 +269,7 @@ def _grid(plan: ImpactPlan, contact: Contact, name: str) -> Grid:
     rms, threshold = plan.speeds[name], plan.thresholds[name]
     slowest = max(threshold, SLOWEST_SHARE * rms)
     start = max(threshold, FIT_FROM * rms)
-    shortest = max(2.0 * plan.step, 1e-3 * plan.relaxation)
+    shortest = SHORTEST_ANGLE / plan.fastest
     losses = dict.fromkeys(("lower", "upper"), 0.0) | {
         side: 0.5 * contact.mass * (1.0 - law.restitution**2) for side, _, law in contact.stops
     }
@@ -400,10 +403,6 @@ def _unseen(pairs: dict[str, PairStatistics], exposure: float) -> list[str]:
 
 def _warnings(plan: ImpactPlan, assembly: Assembly) -> list[str]:
     found = []
-    if not plan.each:
-        found.append(
-            f"impacts within one step of {plan.step:.3g} s count as one, at their summed speed"
-        )
     for contact in assembly.contacts:
         threshold = plan.thresholds[contact.name]
         if threshold > 0.0:

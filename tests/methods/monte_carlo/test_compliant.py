@@ -12,21 +12,21 @@ from stochvi import check, simulate
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, CompliantPlan, _stop, plan_compliant
-from stochvi.methods.monte_carlo.kernels.contact import (
+from stochvi.methods.monte_carlo.kernels.contact import HERTZ_ERROR, flow_through, symplectic
+from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
     CONTACT_UPPER,
     ENDED,
-    HERTZ_ERROR,
+    F1_UPPER,
     IMPULSE,
     LOSS,
+    N_LOWER,
+    N_UPPER,
     PEAK,
     TIME,
-    flow_through,
-    symplectic,
 )
-from stochvi.methods.monte_carlo.kernels.flight import F1_UPPER, N_LOWER, N_UPPER
-from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.white import WhitePlan, plan_white
 from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals

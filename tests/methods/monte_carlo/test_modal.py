@@ -23,7 +23,8 @@ from stochvi import (
 )
 from stochvi.mathematics.state_space import stationary_covariance, step_covariance
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.kernels.modes import first_root
+from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
+from stochvi.methods.monte_carlo.kernels.modal_stops import first_root
 from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.methods.monte_carlo.quantities import of_coordinate, of_pair
 from stochvi.methods.monte_carlo.statistics import PathStatistics
@@ -113,9 +114,13 @@ def test_a_path_equals_that_of_the_engine_for_one_oscillator() -> None:
     """Two kernels that share the random numbers and nothing else: modes find impacts as roots of
     quintics, the other in closed form."""
     scene = oscillator(-0.6, 0.8, 0.8)
-    plan = replace(plan_modal(assemble(scene), None, 30.0), step=0.1)
+    plan = replace(plan_modal(assemble(scene), 0.0, 30.0), step=0.1)
     record = np.zeros((plan.steps, 1, plan.record_width))
-    plan.averages(3, 5, 1, record)
+    one_by_one, by_lanes = (
+        Log(np.empty((1000, COLUMNS)), np.zeros(1, np.int64), 0.0) for _ in range(2)
+    )
+    plan.averages(3, 5, 1, record, one_by_one)
+    replace(plan, burn_in=plan.step).averages(3, 5, 1, log=by_lanes)
     ours = plan.recorded(record)
     # the start of the other is another: from the first state of this one, by its plain twin
     start = -(-len(plan.law.covariance) // 2) * 2
@@ -127,6 +132,13 @@ def test_a_path_equals_that_of_the_engine_for_one_oscillator() -> None:
     assert len(hits) > 3
     np.testing.assert_allclose(ours["displacement of x"][1:], x, rtol=0, atol=1e-6)
     np.testing.assert_allclose(ours["velocity of x"][1:], v, rtol=0, atol=1e-5)
+    # the twin, and the paths that move together, begin a step later
+    timed = np.array([(when, side * w) for side, w, when in hits])
+    events = one_by_one.events[: one_by_one.count[0]]
+    events = events[events[:, 2] > plan.step]
+    np.testing.assert_allclose(events[:, 2:] - [plan.step, 0.0], timed, rtol=0, atol=1e-5)
+    lanes = by_lanes.events[: len(timed)]
+    np.testing.assert_allclose(lanes[:, 2:], timed, rtol=0, atol=1e-5)
 
 
 # ---- absorbers -------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.methods.monte_carlo import record_path, runs
+from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.plans import layout_of, make_plan
 from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean
@@ -82,7 +83,10 @@ def compare_with_twin(case: dict, load: float, omega: float) -> None:
     step, path = 0.25, 5
     # not longer: bounces in quick succession double the rounding errors again and again
     record = record_path(scene, duration=30.0, seed=9, path=path, step=step)
-    plan = make_plan(scene, None, 30.0)
+    plan = make_plan(scene, 0.0, 30.0)
+    log = Log(np.empty((10**5, COLUMNS)), np.zeros(1, np.int64), 0.0)
+    whole = np.zeros((len(record), 1, 3))
+    plan.with_step(step).averages(9, path, 1, whole, log=log)
     streams = np.empty((2, 1), np.uint64)
     seed_streams(np.uint64(9), path, streams)
     (start,), (speed,) = plan._start(streams)
@@ -97,9 +101,11 @@ def compare_with_twin(case: dict, load: float, omega: float) -> None:
     )
     np.testing.assert_allclose(record["displacement"], x + plan.rest, rtol=0, atol=1e-9)
     np.testing.assert_allclose(record["velocity"], v, rtol=0, atol=1e-8)
-    signed = sum(side * w for side, w in hits)
+    signed = sum(side * w for side, w, _ in hits)
     assert record["impact_speed"].sum() == pytest.approx(signed, rel=0, abs=1e-7)
     assert len(hits) > 3
+    timed = np.array([(when, side * w) for side, w, when in hits if math.isfinite(when)])
+    np.testing.assert_allclose(log.events[: log.count[0], 2:], timed, rtol=0, atol=1e-7)
 
 
 # ---- exact and near-exact numbers ------------------------------------------------------------

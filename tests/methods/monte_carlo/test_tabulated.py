@@ -9,7 +9,9 @@ from scipy.stats import norm
 
 from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, screen
 from stochvi.mathematics.spectra import response_moments, squared_gain
-from stochvi.methods.monte_carlo.kernels.flight import (
+from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
+from stochvi.methods.monte_carlo.kernels.intervals import first_upward_root
+from stochvi.methods.monte_carlo.kernels.rows import (
     F1_LOWER,
     F1_UPPER,
     F2_UPPER,
@@ -18,7 +20,6 @@ from stochvi.methods.monte_carlo.kernels.flight import (
     XX,
     X,
 )
-from stochvi.methods.monte_carlo.kernels.intervals import first_upward_root
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.tabulated import (
     BIN_ERROR,
@@ -165,7 +166,9 @@ def test_a_path_equals_its_plain_twin(case: tuple[float | None, float | None, fl
     plan = replace(plan, warm_up=0.0)
     stops = [(u, restitution, side) for u, side in ((lower, -1.0), (upper, 1.0)) if u is not None]
     record = np.zeros((plan.recorded_samples, 3, 3))
-    averages = plan.averages(SEED, 0, 3, record)
+    log = Log(np.empty((1000, COLUMNS)), np.zeros(1, np.int64), 0.0)
+    averages = plan.averages(SEED, 0, 3, record, log=log)
+    events = log.events[: log.count[0]]
     compared = 0
     for path in range(3):
         # y and y' as sums of cosines, from one sample before the first
@@ -182,11 +185,14 @@ def test_a_path_equals_its_plain_twin(case: tuple[float | None, float | None, fl
         np.testing.assert_allclose(record[:, path, 0], x, rtol=0, atol=1e-10)
         np.testing.assert_allclose(record[:, path, 1], v, rtol=0, atol=1e-8)
         speeds = np.zeros(len(x))
-        for sample, side, w in hits:
+        for sample, side, w, _ in hits:
             speeds[sample] += side * w
+        timed = np.array([(when, side * w) for _, side, w, when in hits if w >= plan.threshold])
+        own = events[events[:, 0] == path]
+        np.testing.assert_allclose(own[:, 2:], timed.reshape(-1, 2), rtol=0, atol=1e-8)
         np.testing.assert_allclose(record[:, path, 2], speeds, rtol=0, atol=1e-8)
-        up = np.array([w for _, side, w in hits if side > 0.0])
-        down = [w for _, side, w in hits if side < 0.0]
+        up = np.array([w for _, side, w, _ in hits if side > 0.0])
+        down = [w for _, side, w, _ in hits if side < 0.0]
         duration = plan.duration
         assert averages[N_LOWER, path] == pytest.approx(len(down) / duration, rel=1e-12)
         assert averages[F2_UPPER, path] == pytest.approx(np.sum(up**2) / duration, abs=1e-8)

@@ -14,7 +14,6 @@ from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, _stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     CONTACT_ERROR,
-    EXTREMES,
     KINK_ERROR,
     TALLY,
     cross_contacts,
@@ -22,21 +21,20 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     cubic_between,
     sub_step,
 )
-from stochvi.methods.monte_carlo.kernels.contact import (
+from stochvi.methods.monte_carlo.kernels.contact import PIECES
+from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
     CONTACT_UPPER,
     ENDED,
-    IMPULSE,
-    PEAK,
-    PIECES,
-    TIME,
-)
-from stochvi.methods.monte_carlo.kernels.flight import (
+    EXTREMES,
     F1_LOWER,
     F1_UPPER,
+    IMPULSE,
     N_LOWER,
     N_UPPER,
+    PEAK,
+    TIME,
     VV,
     XX,
     X,

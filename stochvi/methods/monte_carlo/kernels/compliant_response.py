@@ -25,20 +25,25 @@ import math
 
 import numba
 
-from stochvi.methods.monte_carlo.kernels.contact import (
+from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, RIGID
+from stochvi.methods.monte_carlo.kernels.impact_log import write_down
+from stochvi.methods.monte_carlo.kernels.intervals import decay, time_to_stop
+from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
+from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_UPPER,
-    DAMPED,
     ENDED,
-    HERTZ,
+    FASTEST,
+    FORCE_SQUARE,
     IMPULSE,
     LOSS,
+    N_LOWER,
+    N_UPPER,
     PEAK,
-    RIGID,
+    POSITION_FORCE,
+    SHARPEST,
     TIME,
 )
-from stochvi.methods.monte_carlo.kernels.flight import N_LOWER, N_UPPER
-from stochvi.methods.monte_carlo.kernels.intervals import MOST_BOUNCES, RESTING, decay, time_to_stop
 
 CONTACT_ANGLE = 0.125
 """Sub-step of a contact, times the largest rate in it."""
@@ -62,11 +67,6 @@ TOP, SQUARE, LEVER = range(5, 8)
 F^2 and of x F, x from the mean position."""
 
 TALLY = 8
-
-FASTEST, SHARPEST, FORCE_SQUARE, POSITION_FORCE = range(4)
-EXTREMES = 4
-"""Of a path: largest impact speed, largest absolute acceleration |b x' + w0^2 x + F|, integrals of
-F^2 and of x F over time."""
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -297,13 +297,16 @@ def meet(x0, v0, x1, v1, span, structure, stop, scale, tally, row, mine, peaks, 
 
 @numba.njit(cache=True, error_model="numpy")
 def cross_contacts(
-    x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, tally, peaks, extremes, sums
-):
+    x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, tally, peaks, extremes, sums,
+    page=None,
+):  # fmt: skip
     """One sampling interval with any number of contacts and impacts; returns the end (x, v).
 
     `peaks` holds the largest force so far of a contact that lasts, of the lower and the upper
-    stop; `tally` is room for TALLY numbers; `extremes` those of the path.
+    stop; `tally` is room for TALLY numbers; `extremes` those of the path; `page` is None or that of
+    a log.
     """
+    whole = span
     for _ in range(MOST_BOUNCES):
         s, w, side = next_stop(x0, v0, x1, v1, span, lower, upper)
         if s > 1.0:
@@ -319,6 +322,9 @@ def cross_contacts(
             sums[row + 2] += w * w
             extremes[FASTEST] = max(extremes[FASTEST], w)
             span *= 1.0 - s
+            if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
+                if w >= threshold:
+                    write_down(page, 0, whole - span, side * w)
         if span <= 0.0:
             return side * x, side * w
         if upper is not None and side > 0.0:

@@ -26,19 +26,27 @@ import math
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.flight import (
-    LANES,
+from stochvi.methods.monte_carlo.kernels.flight import LANES, add_moments
+from stochvi.methods.monte_carlo.kernels.impact_log import page_of, write_down
+from stochvi.methods.monte_carlo.kernels.intervals import decay
+from stochvi.methods.monte_carlo.kernels.limits import RESTING
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
+from stochvi.methods.monte_carlo.kernels.rows import (
+    CONTACT_LOWER,
+    CONTACT_SUMS,
+    CONTACT_UPPER,
+    ENDED,
+    IMPULSE,
+    LOSS,
     N_LOWER,
     N_UPPER,
-    RESTING,
+    PEAK,
     SUMS,
+    TIME,
     VV,
     XX,
     X,
-    add_moments,
 )
-from stochvi.methods.monte_carlo.kernels.intervals import decay
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 
 RIGID, PIECES, DAMPED, HERTZ = range(4)
 """Kinds of stop. A stop is (position, kind, data): data holds (R,), the rows (y_k, f_k, s_k) of
@@ -60,15 +68,6 @@ largest energy error of 10 000 random ones was 1.2e-5, that of the duration is b
 
 MOST_NEWTON = 60
 """Steps to a root that bisection alone would find in so many."""
-
-IMPULSE, LOSS, PEAK, TIME, ENDED = range(5)
-"""Sums over the contacts with one stop: impulse, energy taken, duration; of those that ended, their
-largest force and their number."""
-
-CONTACT_LOWER = SUMS
-CONTACT_UPPER = SUMS + 5
-CONTACT_SUMS = SUMS + 10
-"""Rows of the table of sums: those of `flight`, then five for each stop."""
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 """Coefficients of PEFRL."""
@@ -431,13 +430,13 @@ def time_to_touch(x, v, stop, stiff, omega):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def flow_through(x, v, left, stiff, lower, upper, threshold, tally, peaks, sums):
+def flow_through(x, v, left, stiff, lower, upper, threshold, tally, peaks, sums, page=None):
     """One flow with any number of contacts, added up in `sums`; returns the end (x, v).
 
     `peaks` holds the largest force so far of a contact that lasts, of the lower and the upper
-    stop; `tally` is room for four numbers.
+    stop; `tally` is room for four numbers; `page` is None or that of a log, for first touches.
     """
-    omega = math.sqrt(stiff)
+    omega, span = math.sqrt(stiff), left
     side = 0
     if upper is not None:
         side = 1 if (x > upper[0] and upper[1] != RIGID) else side
@@ -461,6 +460,9 @@ def flow_through(x, v, left, stiff, lower, upper, threshold, tally, peaks, sums)
             sums[row] += 1.0 if (w > 0.0 and w >= threshold) else 0.0
             sums[row + 1] += w
             sums[row + 2] += w * w
+            if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
+                if w > 0.0 and w >= threshold:
+                    write_down(page, 0, span - left, side * w)
             v = side * w
             if upper is not None:
                 x = upper[0] if side > 0 else x
@@ -516,8 +518,9 @@ def fly_clear(x, v, z, near, kick, flow, lower, upper):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def run_contacts(
-    x, v, streams, sums, kick, flow, lower, upper, threshold, burn_in, steps, stride, origin, record
-):
+    x, v, streams, sums, kick, flow, lower, upper, threshold, burn_in, steps, stride, origin,
+    record, log,
+):  # fmt: skip
     """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
 
     Parameters
@@ -530,6 +533,8 @@ def run_contacts(
     lower, upper : None, or (stop, kind, data) with positions from the rest position.
     record : None, or zeros (steps, paths, 3) to take x, v and the speeds of first touches of every
         step, added up, negative at the lower stop; the burn-in must then be 0.
+    log : None, or an `impact_log.Log` of the first touches as fast as the threshold in the counted
+        steps.
     """
     first, second, mark = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
@@ -565,6 +570,7 @@ def run_contacts(
                         tally,
                         peaks[i],
                         target,
+                        page_of(log, start + i, step - burn_in, flow[0]),
                     )
                     if record is not None:
                         after = target[N_UPPER + 1] - target[N_LOWER + 1]

@@ -22,26 +22,30 @@ import math
 import numba
 import numpy as np
 
+from stochvi.methods.monte_carlo.kernels.impact_log import later, page_of, write_down
+from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
+from stochvi.methods.monte_carlo.kernels.rows import (
+    F1_LOWER,
+    F1_UPPER,
+    F2_LOWER,
+    F2_UPPER,
+    N_LOWER,
+    N_UPPER,
+    SUMS,
+    VV,
+    XX,
+    X,
+)
 
 LANES = 256
 """Paths that move together: their arrays stay in the first-level cache."""
-
-MOST_BOUNCES = 10_000
-"""In one step; after that the mass stays at the stop, with the speed of its last bounce."""
-
-RESTING = 1e-8
-"""A bounce this much lower than the pressing acceleration times the step rests on the stop."""
 
 CORNER_SHARE = 0.25
 """Usual length of a sub-step near a stop, in the time in which noise changes the state."""
 
 AGAIN = np.inf
 """Marks a path whose step may hold more than one impact, in the array of impact speeds."""
-
-X, XX, VV, N_LOWER, F1_LOWER, F2_LOWER, N_UPPER, F1_UPPER, F2_UPPER = range(9)
-SUMS = 9
-"""Rows of the table of sums: x, x^2, v^2, and for each stop hits, w and w^2."""
 
 
 @numba.njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
@@ -162,22 +166,30 @@ def fly_between(x, v, z, hit, kick, flow, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def entry(log, path, sample):
-    """Where a path writes its impacts down in a step that is counted (sample >= 0), or None."""
-    if log is None:
-        return None
-    return log[0], log[1], path, sample
+def time_since(s_r, c_r, stiff):
+    """The time since a passage with these (Sr, Cr)."""
+    if stiff > 0.0:
+        omega = math.sqrt(stiff)
+        return math.atan2(omega * s_r, c_r) / omega
+    return s_r / c_r
 
 
-@numba.njit(cache=True, error_model="numpy")
-def write_down(page, speed):
-    """One impact into the next row, as long as there are rows; all are counted."""
-    events, count, path, sample = page
-    if sample >= 0:
-        k = count[0]
-        if k < events.shape[0]:
-            events[k, 0], events[k, 1], events[k, 2] = path, sample, speed
-        count[0] = k + 1
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
+    """When in its step a path met the stop that `hit` names; x, v as they were before the kick."""
+    e, s = kick
+    h, cosine, sine, stiff = flow
+    p = e * v + s * z
+    stop = 0.0
+    if upper is not None:
+        stop = upper[0]
+    if lower is not None:
+        stop = lower[0] if hit < 0.0 else stop
+    side = 1.0 if hit > 0.0 else -1.0
+    x1, v1 = side * (cosine * x + sine * p), side * (cosine * p - stiff * sine * x)
+    _, _, sr, cr = passage(side * x, side * p, x1, v1, stiff, side * stop)
+    energy = p * p + stiff * x * x
+    return min(max(h - time_since(sr / energy, cr / energy, stiff), 0.0), h)
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -220,15 +232,14 @@ def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
         sums[row + 2] += w * w
         if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
             if w >= threshold:
-                write_down(page, speed)
+                write_down(page, 0, h - time_since(s_r, c_r, stiff), speed)
         x1 -= (1.0 + restitution) * speed * s_r
         v1 -= (1.0 + restitution) * speed * c_r
         x = position
         v = -restitution * speed
         pressing = stiff * abs(position)
         if (position * speed < 0.0) and (abs(v) <= RESTING * pressing * h):
-            omega = math.sqrt(stiff)
-            sums[row + 1] += pressing * math.atan2(omega * s_r, c_r) / omega / (1.0 + restitution)
+            sums[row + 1] += pressing * time_since(s_r, c_r, stiff) / (1.0 + restitution)
             return position, 0.0
     if upper is not None:
         x1 = min(x1, upper[0])
@@ -298,7 +309,8 @@ def fly_corner(
         # S0 (1 - e^(-2 b t)) / (2 b), which is S0 t (1 + e^(-2 b t)) / 2 to third order in b t
         v = decay * v + math.sqrt(intensity * kick * 0.5 * (1.0 + decay * decay)) * z
         flow = (length, ladder[level, 1], ladder[level, 2], stiff)
-        x, v = bounce(x, v, flow, lower, upper, threshold, sums, page)
+        elapsed = ladder[0, 0] - (left + (1 << (deepest - level))) * unit
+        x, v = bounce(x, v, flow, lower, upper, threshold, sums, later(page, elapsed))
     return x, v, owed, s0, s1
 
 
@@ -357,7 +369,7 @@ def run_white(
     stride,
     origin,
     record,
-    log=None,
+    log,
 ):
     """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
 
@@ -374,9 +386,7 @@ def run_white(
     corner : None, or ((width, speed), (b, S0), ladder, share) to refine steps near a stop.
     record : None, or zeros (steps, paths, 3) to take x, v and the impact speed of every step;
         the burn-in must then be 0.
-    log : None, or (events, count) to write down every impact as fast as the threshold in the
-        counted steps: rows (path, step, speed, negative at the lower stop) of `events`, and how
-        many there are, stored or not, in `count` (1,).
+    log : None, or an `impact_log.Log` of the impacts as fast as the threshold in the counted steps.
     """
     first = np.empty(LANES)
     second = np.empty(LANES)
@@ -387,6 +397,8 @@ def run_white(
     slow, corner_x, corner_v = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
     usual = 0.5 * flow[0]
     owed = np.empty(LANES)
+    if log is not None:
+        before_x, before_v = np.empty(LANES), np.empty(LANES)
     for start in range(0, x.shape[0], LANES):
         end = min(start + LANES, x.shape[0])
         xs, vs = x[start:end], v[start:end]
@@ -409,10 +421,12 @@ def run_white(
                         corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = fly_corner(
                             xs[i], vs[i], owed[i], state0[i], state1[i], ladder, share, noise,
                             flow[3], lower, upper, threshold, several,
-                            entry(log, start + i, step - burn_in),
+                            page_of(log, start + i, step - burn_in, flow[0]),
                         )  # fmt: skip
                         take_several(several, counted, local, record, step - burn_in, start, i)
             z = z1 if step % 2 == 0 else z2
+            if log is not None:
+                before_x[: end - start], before_v[: end - start] = xs, vs
             again = 0
             if (lower is None) and (upper is None):
                 drift(xs, vs, z, kick, flow)
@@ -429,7 +443,7 @@ def run_white(
                     several[:] = 0.0
                     xs[i], vs[i] = bounce(
                         xs[i], vs[i], flow, lower, upper, threshold, several,
-                        entry(log, start + i, step - burn_in),
+                        page_of(log, start + i, step - burn_in, flow[0]),
                     )  # fmt: skip
                     hits[i] = 0.0
                     take_several(several, counted, local, record, step - burn_in, start, i)
@@ -437,7 +451,11 @@ def run_white(
                 if log is not None:
                     for i in range(end - start):
                         if (hits[i] != 0.0) & (abs(hits[i]) >= threshold):
-                            write_down(entry(log, start + i, step - burn_in), hits[i])
+                            elapsed = time_of_hit(
+                                before_x[i], before_v[i], hits[i], kick, z[i], flow, lower, upper
+                            )
+                            page = page_of(log, start + i, step - burn_in, flow[0])
+                            write_down(page, 0, elapsed, hits[i])
                 if upper is not None:
                     count_side(hits, threshold, local[N_UPPER], local[F1_UPPER], local[F2_UPPER])
                 if lower is not None:

@@ -10,12 +10,6 @@ import math
 
 import numba
 
-MOST_BOUNCES = 200
-"""In one sampling interval; after that the mass rests on the stop until the next sample."""
-
-RESTING = 1e-9
-"""An impact on a rigid stop this much slower than the velocity scale rests on the stop."""
-
 
 @numba.njit(cache=True, error_model="numpy")
 def decay(t, damping_rate, omega):

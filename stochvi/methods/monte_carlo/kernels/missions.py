@@ -14,17 +14,18 @@ import math
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.contact import (
+from stochvi.methods.monte_carlo.kernels.contact import flow_through, fly_clear
+from stochvi.methods.monte_carlo.kernels.flight import LANES
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
+from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
     CONTACT_UPPER,
     ENDED,
+    N_LOWER,
+    N_UPPER,
     PEAK,
-    flow_through,
-    fly_clear,
 )
-from stochvi.methods.monte_carlo.kernels.flight import LANES, N_LOWER, N_UPPER
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 
 OVER, AT_LEVEL, HAPPENED = range(3)
 """How a flight ended: time is up, the level is reached, the event has happened."""

@@ -22,8 +22,11 @@ coefficients of z by powers of t; r = d'. Forces and their sums per unit of the 
 """
 
 import math
+from typing import NamedTuple
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     CONTACT_ANGLE,
@@ -34,25 +37,18 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     stop_force,
 )
 from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, RIGID
+from stochvi.methods.monte_carlo.kernels.impact_log import write_down
 from stochvi.methods.monte_carlo.kernels.intervals import time_to_stop
-from stochvi.methods.monte_carlo.kernels.modes import (
-    MOST_BOUNCES,
-    MOST_SWEEPS,
-    RESTING,
+from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
+from stochvi.methods.monte_carlo.kernels.rows import (
+    ENDED,
+    IMPULSE,
+    LOSS,
+    PEAK,
     ROWS_OF_PAIR,
-    advance,
-    passage,
-    put_on_stop,
-    reset,
+    ROWS_OF_STOP,
+    TIME,
 )
-
-IMPULSE, LOSS, PEAK, TIME, ENDED = range(5)
-"""Sums over the contacts with one stop, as in `contact`."""
-
-ROWS_OF_STOP = 5
-
-ROWS_OF_CONTACT_PAIR = ROWS_OF_PAIR + 2 * ROWS_OF_STOP
-"""Sums of a pair: those of `modes`, then five for the lower stop and five for the upper."""
 
 SHORTEST_SUB_STEP = 1e-12
 """Of a sub-step, so that one which ends on an event has a length at all."""
@@ -65,6 +61,81 @@ Y, V, Y_END, V_END, A, A_END = range(6)
 
 IMPULSE_NOW, WORK_NOW, FORCE, RATE, FORCE_END, RATE_END = range(6)
 """Rows of the room for stops: impulse and work in a sub-step; force and its rate at its ends."""
+
+
+class Contacts(NamedTuple):
+    """Laws of the stops, per unit of the reduced mass, and the structure that they act on.
+
+    Parameters
+    ----------
+    kinds : (pairs, 2), kind of the lower and the upper stop as in `contact`.
+    data : (pairs, 2, longest, 3), numbers of their laws; pieces that a force does not have begin at
+        infinity.
+    squares : omega^2 (modes,).
+    damping : B in the flow (modes, modes), or (modes, 0) where damping is kicked.
+    gaps : phi (pairs, modes).
+    shares : mu phi (pairs, modes), mu the reduced mass of a pair.
+    fastest : rad/s, the fastest rate of the flow.
+    """
+
+    kinds: NDArray[np.int64]
+    data: NDArray[np.float64]
+    squares: NDArray[np.float64]
+    damping: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    shares: NDArray[np.float64]
+    fastest: float
+
+
+class Room(NamedTuple):
+    """Arrays in which a path that may meet stops is worked on.
+
+    Parameters
+    ----------
+    resting : (pairs, 2), 1 for a stop that something rests on until the end of the step.
+    stack : (64, 8), parts of a step in which a root is still to be searched.
+    inside : (pairs, 2), 1 for a stop that is in contact.
+    modal : (10, modes), rows named below; gap : (6, pairs); at_stop : (6, pairs, 2).
+    quintics : (pairs, 6), coefficients of the quintics z by powers of time.
+    """
+
+    resting: NDArray[np.float64]
+    stack: NDArray[np.float64]
+    inside: NDArray[np.int64]
+    modal: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    at_stop: NDArray[np.float64]
+    quintics: NDArray[np.float64]
+
+
+@numba.njit(cache=True)
+def make_room(pairs, modes):
+    """Room for so many pairs and modes."""
+    return Room(
+        np.zeros((pairs, 2)), np.zeros((64, 8)), np.zeros((pairs, 2), np.int64),
+        np.zeros((10, modes)), np.zeros((6, pairs)), np.zeros((6, pairs, 2)), np.zeros((pairs, 6)),
+    )  # fmt: skip
+
+
+@numba.njit(cache=True, error_model="numpy")
+def is_rigid(contacts, pair, which):
+    """Whether a stop is rigid; all are where there are no `contacts`."""
+    if contacts is None:
+        return True
+    return contacts.kinds[pair, which] == RIGID
+
+
+@numba.njit(cache=True, error_model="numpy")
+def find_inside(gaps, stops, contacts, room):
+    """Mark the stops that are in contact when a step begins; whether there is any."""
+    touching = False
+    for j in range(gaps.shape[0]):
+        for which in range(2):
+            beyond = (2.0 * which - 1.0) * (gaps[j, 0] - stops[j, which, 0])
+            inside = beyond > 0.0 and not is_rigid(contacts, j, which)
+            room.inside[j, which] = 1 if inside else 0
+            touching |= inside
+    return touching
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -137,11 +208,12 @@ def accelerate(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def look(t, d, r, a, gap_row, stop_row, room, inside, stops, laws, structure):
+def look(t, d, r, a, gap_row, stop_row, room, stops, contacts):
     """Values, slopes and curvatures of all gaps at t, and forces of stops and their rates."""
-    modal, gap, at_stop, q = room
-    squares, damper, rows, shares, _ = structure
-    kinds, data = laws
+    modal, gap, at_stop, q = room.modal, room.gap, room.at_stop, room.quintics
+    inside, squares, damper = room.inside, contacts.squares, contacts.damping
+    rows, shares = contacts.gaps, contacts.shares
+    kinds, data = contacts.kinds, contacts.data
     accelerate(
         t, d, r, a, 0.0, modal, at_stop, q, inside, stops, kinds, data, squares, damper, rows,
         shares,
@@ -162,11 +234,12 @@ def look(t, d, r, a, gap_row, stop_row, room, inside, stops, laws, structure):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def sub_step(t, h, room, inside, stops, laws, structure):
+def sub_step(t, h, room, stops, contacts):
     """d and r after h by the Runge-Kutta method, and what all gaps and stops are like there."""
-    modal, _, at_stop, q = room
-    squares, damping, rows, shares, _ = structure
-    kinds, data = laws
+    modal, at_stop, q = room.modal, room.at_stop, room.quintics
+    inside, squares, damping = room.inside, contacts.squares, contacts.damping
+    rows, shares = contacts.gaps, contacts.shares
+    kinds, data = contacts.kinds, contacts.data
     count = modal.shape[1]
     for j in range(stops.shape[0]):
         for which in range(2):
@@ -201,7 +274,7 @@ def sub_step(t, h, room, inside, stops, laws, structure):
         a_1, a_2, a_3 = modal[A_1, k], modal[A_2, k], modal[A_3, k]
         modal[D_END, k] = modal[D, k] + h * (modal[R, k] + sixth * (a_1 + a_2 + a_3))
         modal[R_END, k] = modal[R, k] + sixth * (a_1 + 2.0 * (a_2 + a_3) + modal[A_4, k])
-    look(t + h, D_END, R_END, A_4, Y_END, FORCE_END, room, inside, stops, laws, structure)
+    look(t + h, D_END, R_END, A_4, Y_END, FORCE_END, room, stops, contacts)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -227,11 +300,10 @@ def first_event(h, gap, inside, resting, stops):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def longest_sub_step(gaps, gap, inside, stops, laws, structure):
+def longest_sub_step(gaps, gap, inside, stops, contacts):
     """A fixed part of the shortest time scale: the squares of all rates add up, at most."""
-    kinds, data = laws
-    _, _, _, _, fastest = structure
-    square = fastest * fastest
+    kinds, data = contacts.kinds, contacts.data
+    square = contacts.fastest * contacts.fastest
     for j in range(stops.shape[0]):
         for which in range(2):
             if inside[j, which] != 0:
@@ -246,9 +318,9 @@ def longest_sub_step(gaps, gap, inside, stops, laws, structure):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def shorter_for_hertz(h, gap, inside, stops, laws):
+def shorter_for_hertz(h, gap, inside, stops, contacts):
     """Sub-steps that double after the touch of a Hertz stop, and halve before its end."""
-    kinds, _ = laws
+    kinds = contacts.kinds
     shortest = HERTZ_START * h
     for j in range(stops.shape[0]):
         for which in range(2):
@@ -262,9 +334,9 @@ def shorter_for_hertz(h, gap, inside, stops, laws):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def add_contacts(h, gap, at_stop, inside, stops, laws, peaks, sums):
+def add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums):
     """Add what a sub-step of all contacts brought."""
-    kinds, data = laws
+    kinds, data = contacts.kinds, contacts.data
     for j in range(stops.shape[0]):
         for which in range(2):
             if inside[j, which] == 0:
@@ -292,11 +364,12 @@ def add_contacts(h, gap, at_stop, inside, stops, laws, peaks, sums):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def strike(room, inside, resting, step, pair, upper, stops, laws, structure, peaks, sums):
-    """What happens at an event: a contact begins or ends, or a rigid stop throws back."""
-    modal, gap, _, _ = room
-    kinds, _ = laws
-    _, _, rows, shares, _ = structure
+def strike(room, elapsed, step, pair, upper, stops, contacts, peaks, sums, page):
+    """What happens at an event, `elapsed` after the step began: a contact begins or ends, or a
+    rigid stop throws back."""
+    modal, gap, inside = room.modal, room.gap, room.inside
+    kinds = contacts.kinds
+    rows, shares = contacts.gaps, contacts.shares
     side = 2.0 * upper - 1.0
     gap[Y, pair] = stops[pair, upper, 0]
     if inside[pair, upper] != 0:
@@ -310,6 +383,9 @@ def strike(room, inside, resting, step, pair, upper, stops, laws, structure, pea
     sums[pair, 3 * upper] += 1.0 if w >= stops[pair, upper, 2] else 0.0
     sums[pair, 3 * upper + 1] += w
     sums[pair, 3 * upper + 2] += w * w
+    if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
+        if w >= stops[pair, upper, 2]:
+            write_down(page, pair, elapsed, side * w)
     if kinds[pair, upper] != RIGID:
         inside[pair, upper] = 1
         return
@@ -323,7 +399,7 @@ def strike(room, inside, resting, step, pair, upper, stops, laws, structure, pea
     gap[V, pair] = -side * restitution * w
     pressing = side * gap[A, pair]
     if pressing > 0.0 and restitution * w <= RESTING * pressing * step:
-        resting[pair, upper] = 1.0
+        room.resting[pair, upper] = 1.0
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -339,22 +415,24 @@ def go_on(modal, gap, at_stop):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def press(gaps, span, step, room, inside, resting, stops, laws, structure, peaks, sums):
+def press(gaps, span, start, step, room, stops, contacts, peaks, sums, page):
     """Contacts until all are left or the span is over; returns the time that this took.
 
-    On return d and r stand in `room`, with the values and slopes of all gaps.
+    `start` is the time since the step began. On return d and r stand in `room`, with the values and
+    slopes of all gaps.
     """
-    modal, gap, at_stop, q = room
+    modal, gap, at_stop, q = room.modal, room.gap, room.at_stop, room.quintics
+    inside, resting = room.inside, room.resting
     for j in range(stops.shape[0]):
         powers_of(gaps, j, span, q)
     modal[D : R + 1] = 0.0
     t, events = 0.0, 0
-    look(t, D, R, A_1, Y, FORCE, room, inside, stops, laws, structure)
-    longest = longest_sub_step(gaps, gap, inside, stops, laws, structure)
+    look(t, D, R, A_1, Y, FORCE, room, stops, contacts)
+    longest = longest_sub_step(gaps, gap, inside, stops, contacts)
     while t < span:
-        h = min(shorter_for_hertz(longest, gap, inside, stops, laws), span - t)
+        h = min(shorter_for_hertz(longest, gap, inside, stops, contacts), span - t)
         ends = h == span - t
-        sub_step(t, h, room, inside, stops, laws, structure)
+        sub_step(t, h, room, stops, contacts)
         s, pair, upper = first_event(h, gap, inside, resting, stops)
         if s <= 1.0:
             side = 2.0 * upper - 1.0
@@ -362,21 +440,21 @@ def press(gaps, span, step, room, inside, resting, stops, laws, structure, peaks
             whole = h
             h = max(s, SHORTEST_SUB_STEP) * whole
             for _ in range(MOST_NEWTON):
-                sub_step(t, h, room, inside, stops, laws, structure)
+                sub_step(t, h, room, stops, contacts)
                 y, v = way * (gap[Y_END, pair] - stops[pair, upper, 0]), way * gap[V_END, pair]
                 following = min(max(h - y / v, 0.5 * h), whole) if v > 0.0 else 0.5 * h
                 if abs(following - h) <= 1e-13 * whole:
                     break
                 h = following
             ends = False
-        add_contacts(h, gap, at_stop, inside, stops, laws, peaks, sums)
+        add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums)
         t = span if ends else t + h
         go_on(modal, gap, at_stop)
         if s > 1.0:
             continue
-        strike(room, inside, resting, step, pair, upper, stops, laws, structure, peaks, sums)
+        strike(room, start + t, step, pair, upper, stops, contacts, peaks, sums, page)
         events += 1
-        if events >= MOST_BOUNCES and laws[0][pair, upper] == RIGID:
+        if events >= MOST_BOUNCES and contacts.kinds[pair, upper] == RIGID:
             resting[pair, upper] = 1.0
         still = 0
         for j in range(stops.shape[0]):
@@ -384,17 +462,17 @@ def press(gaps, span, step, room, inside, resting, stops, laws, structure, peaks
         if still == 0:
             break
         held = gap[Y, pair]
-        look(t, D, R, A_1, Y, FORCE, room, inside, stops, laws, structure)
+        look(t, D, R, A_1, Y, FORCE, room, stops, contacts)
         gap[Y, pair] = held
-        longest = longest_sub_step(gaps, gap, inside, stops, laws, structure)
+        longest = longest_sub_step(gaps, gap, inside, stops, contacts)
     return min(t, span)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def coast(state, lane, gaps, t, span, room, terms, structure):
+def coast(state, lane, gaps, t, span, room, terms, contacts):
     """Leave contact at t: gaps start there, and the decay of d and r is added to all ends."""
-    modal, gap, _, q = room
-    squares, damping, rows, _, _ = structure
+    modal, gap, q = room.modal, room.gap, room.quintics
+    squares, damping, rows = contacts.squares, contacts.damping, contacts.gaps
     count = squares.shape[0]
     pull(modal, D, R, A_1, squares, damping)
     for j in range(rows.shape[0]):
@@ -421,94 +499,3 @@ def coast(state, lane, gaps, t, span, room, terms, structure):
         gaps[j, 3] += along(rows, j, modal, D_END)
         gaps[j, 4] += along(rows, j, modal, R_END)
         gaps[j, 5] += along(rows, j, modal, A_1)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def meet_stops(
-    state, lane, gaps, inside, peaks, resting, step, stops, resets, laws, structure, room, sums,
-    stack,
-):  # fmt: skip
-    """One step of one path with any number of contacts and impacts on any pair.
-
-    `gaps`, `stops`, `resets` and `stack` as in `modes.bounce`; `sums` (pairs,
-    ROWS_OF_CONTACT_PAIR).
-
-    Parameters
-    ----------
-    inside, peaks : (pairs, 2), room for what is in contact; the largest forces so far of contacts
-        that last from step to step.
-    laws : kinds (pairs, 2) and data (pairs, 2, longest, 3) of the stops' laws; pieces that a force
-        does not have begin at infinity.
-    structure : omega^2 (modes,), damping in the flow (modes, modes) or (modes, 0), phi (pairs,
-        modes), mu phi, and the fastest rate of the flow.
-    room : (10, modes), (6, pairs), (6, pairs, 2) and (pairs, 6) to work in.
-    """
-    kinds, _ = laws
-    pairs, terms = gaps.shape[0], resets[0].shape[2]
-    span = step
-    resting[:] = 0.0
-    touching = False
-    for j in range(pairs):
-        for which in range(2):
-            beyond = (2.0 * which - 1.0) * (gaps[j, 0] - stops[j, which, 0])
-            inside[j, which] = 1 if (beyond > 0.0 and kinds[j, which] != RIGID) else 0
-            touching |= inside[j, which] != 0
-    for bounces in range(MOST_BOUNCES + 1):
-        if touching:
-            t = press(gaps, span, step, room, inside, resting, stops, laws, structure, peaks, sums)
-            coast(state, lane, gaps, t, span, room, terms, structure)
-            span -= t
-            touching = False
-            if span <= 0.0:
-                break
-        first, w, pair, upper = 2.0, 0.0, -1, 0
-        for j in range(pairs):
-            for which in range(2):
-                stop = stops[j, which, 0]
-                if resting[j, which] == 0.0 and math.isfinite(stop):
-                    t, speed = passage(gaps, j, span, stop, 2.0 * which - 1.0, stack)
-                    if t < first:
-                        first, w, pair, upper = t, speed, j, which
-        if pair < 0 or bounces == MOST_BOUNCES:
-            break
-        side = 2.0 * upper - 1.0
-        stop, restitution = stops[pair, upper, 0], stops[pair, upper, 1]
-        sums[pair, 3 * upper] += 1.0 if w >= stops[pair, upper, 2] else 0.0
-        sums[pair, 3 * upper + 1] += w
-        sums[pair, 3 * upper + 2] += w * w
-        for j in range(pairs):
-            advance(gaps, j, first, span)
-        span *= 1.0 - first
-        gaps[pair, 0], gaps[pair, 1] = stop, side * w
-        if kinds[pair, upper] != RIGID:
-            if span <= 0.0:
-                break
-            inside[pair, upper] = 1
-            touching = True
-            continue
-        reset(state, lane, gaps, pair, -side * (1.0 + restitution) * w, span, resets)
-        gaps[pair, 1] = -side * restitution * w
-        pressing = side * gaps[pair, 2]
-        rests = (pressing > 0.0) & (restitution * w <= RESTING * pressing * step)
-        if rests or bounces >= MOST_BOUNCES - 2 * pairs:
-            resting[pair, upper] = 1.0
-            taken = put_on_stop(state, lane, gaps, pair, stop, side, resets)
-            sums[pair, 3 * upper + 1] += taken / (1.0 + restitution)
-    keep_between(state, lane, gaps, stops, resets, kinds, sums)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def keep_between(state, lane, gaps, stops, resets, kinds, sums):
-    """Take back what lies beyond rigid stops at the end of a step."""
-    for _ in range(MOST_SWEEPS):
-        moved = False
-        for j in range(gaps.shape[0]):
-            for which in range(2):
-                side, stop = 2.0 * which - 1.0, stops[j, which, 0]
-                if kinds[j, which] == RIGID and side * (gaps[j, 3] - stop) > 0.0:
-                    taken = put_on_stop(state, lane, gaps, j, stop, side, resets)
-                    sums[j, 3 * which + 1] += taken / (1.0 + stops[j, which, 1])
-                    gaps[j, 3] = stop
-                    moved = True
-        if not moved:
-            return

@@ -20,30 +20,31 @@ Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in 
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.compliant_response import (
+from stochvi.methods.monte_carlo.kernels.compliant_response import TALLY, cross_contacts
+from stochvi.methods.monte_carlo.kernels.flight import add_moments, take_several
+from stochvi.methods.monte_carlo.kernels.impact_log import page_of, write_down
+from stochvi.methods.monte_carlo.kernels.intervals import decay, time_to_stop
+from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
+from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
+from stochvi.methods.monte_carlo.kernels.rows import (
     EXTREMES,
     FASTEST,
-    SHARPEST,
-    TALLY,
-    cross_contacts,
-)
-from stochvi.methods.monte_carlo.kernels.flight import (
     N_LOWER,
     N_UPPER,
+    SHARPEST,
     VV,
     XX,
     X,
-    add_moments,
-    take_several,
 )
-from stochvi.methods.monte_carlo.kernels.intervals import MOST_BOUNCES, RESTING, decay, time_to_stop
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 
 
 @numba.njit(cache=True, error_model="numpy")
-def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, extremes, sums):
+def cross(
+    x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, extremes, sums, page=None
+):
     """One sampling interval with any number of impacts; returns the end (x, v)."""
     omega, damping_rate = structure
+    whole = span
     for bounces in range(MOST_BOUNCES + 1):
         s, w, position, restitution, side = 2.0, 0.0, 0.0, 0.0, 1.0
         if upper is not None:
@@ -64,6 +65,9 @@ def cross(x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, extre
         sums[row + 2] += w * w
         extremes[FASTEST] = max(extremes[FASTEST], w)
         span *= 1.0 - s
+        if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
+            if w >= threshold:
+                write_down(page, 0, whole - span, side * w)
         shape, slope = decay(span, damping_rate, omega)
         change = -(1.0 + restitution) * w * side
         x1 += change * shape
@@ -152,7 +156,7 @@ def sharpest(x, v, structure, extremes):
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_response(
     free, span, structure, lower, upper, peaks, threshold, scale, warm_up, counted, sums, record,
-    extremes,
+    extremes, log,
 ):  # fmt: skip
     """Add impacts to `free` responses, each periodic in time; sums of `counted` samples to `sums`.
 
@@ -168,7 +172,9 @@ def run_response(
     scale : a velocity to compare the slowest impacts with.
     sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
     record : None, or (counted, paths, 3).
-    extremes : None, or (paths, EXTREMES) as in `compliant_response`, of the samples that count.
+    extremes : None, or (paths, EXTREMES) as in `rows`, of the samples that count.
+    log : None, or an `impact_log.Log` of the impacts as fast as the threshold in the intervals that
+        end on samples that count.
     """
     omega, damping_rate = structure
     column = decay(span, damping_rate, omega)
@@ -191,12 +197,13 @@ def run_response(
                 if peaks is None:
                     x[i], v[i] = cross(
                         x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
-                        threshold, scale, own, several,
+                        threshold, scale, own, several, page_of(log, i, step, span),
                     )  # fmt: skip
                 else:
                     x[i], v[i] = cross_contacts(
                         x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
                         threshold, scale, tally, peaks[i], own, several,
+                        page_of(log, i, step, span),
                     )  # fmt: skip
                 e[i], rate[i] = x[i] - y0, v[i] - y1
                 if step >= 0:

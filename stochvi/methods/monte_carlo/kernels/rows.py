@@ -1,0 +1,109 @@
+"""Names of the sums that the kernels of one oscillator, and of pairs of stops, add up.
+
+Kernels use the numbers of the rows. Whoever reads a table of sums asks `Sums` or `Extremes`, which
+read it by name. All quantities are per unit mass.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+X, XX, VV, N_LOWER, F1_LOWER, F2_LOWER, N_UPPER, F1_UPPER, F2_UPPER = range(9)
+SUMS = 9
+"""Rows of one oscillator with rigid stops: x, x^2, v^2, and for each stop its impacts (N), their
+speeds (F1, m/s) and the squares of their speeds (F2, m^2/s^2)."""
+
+IMPULSE, LOSS, PEAK, TIME, ENDED = range(5)
+ROWS_OF_STOP = 5
+"""Rows of the contacts with one stop that gives way: impulse, energy taken, duration; of contacts
+that ended, their largest forces and their number."""
+
+CONTACT_LOWER = SUMS
+CONTACT_UPPER = SUMS + ROWS_OF_STOP
+CONTACT_SUMS = SUMS + 2 * ROWS_OF_STOP
+"""Rows of one oscillator with stops that give way: those of rigid stops, then those of the contacts
+with the lower stop, and with the upper stop."""
+
+ROWS_OF_PAIR = 6
+"""Rows of the impacts of a pair: N, F1 and F2 at the lower stop, then at the upper stop."""
+
+ROWS_OF_CONTACT_PAIR = ROWS_OF_PAIR + 2 * ROWS_OF_STOP
+"""Rows of a pair with stops that give way: those of impacts, then those of the contacts with the
+lower stop, and with the upper stop."""
+
+FASTEST, SHARPEST, FORCE_SQUARE, POSITION_FORCE = range(4)
+EXTREMES = 4
+"""Columns of the extremes of a path: largest impact speed, largest absolute acceleration
+|b x' + w0^2 x + F|, and the integrals of F^2 and of x F over time."""
+
+
+class Sums(NamedTuple):
+    """A table (rows, paths) of sums or averages of one oscillator, read by name."""
+
+    table: NDArray[np.float64]
+
+    @classmethod
+    def zeros(cls, paths: int, contacts: bool) -> Sums:
+        """Sums of so many paths before the first step."""
+        return cls(np.zeros((CONTACT_SUMS if contacts else SUMS, paths)))
+
+    @property
+    def displacement_square(self) -> Vector:
+        """x^2, m^2."""
+        return self.table[XX]
+
+    @property
+    def velocity_square(self) -> Vector:
+        """v^2, m^2/s^2."""
+        return self.table[VV]
+
+    @property
+    def impacts(self) -> Vector:
+        """Impacts on both stops that are as fast as the threshold."""
+        return self.table[N_LOWER] + self.table[N_UPPER]
+
+    @property
+    def impact_speeds(self) -> Vector:
+        """Speeds of all impacts on both stops, m/s."""
+        return self.table[F1_LOWER] + self.table[F1_UPPER]
+
+    @property
+    def contact_loss(self) -> Vector:
+        """Energy that contacts with both stops took, J/kg."""
+        return self.table[CONTACT_LOWER + LOSS] + self.table[CONTACT_UPPER + LOSS]
+
+
+class Extremes(NamedTuple):
+    """A table (paths, EXTREMES) of the extremes of paths, read by name."""
+
+    table: NDArray[np.float64]
+
+    @classmethod
+    def zeros(cls, paths: int) -> Extremes:
+        """Extremes of so many paths before the first step."""
+        return cls(np.zeros((paths, EXTREMES)))
+
+    @property
+    def impact_speed(self) -> Vector:
+        """Largest impact speed, m/s."""
+        return self.table[:, FASTEST]
+
+    @property
+    def acceleration(self) -> Vector:
+        """Largest absolute acceleration, m/s^2."""
+        return self.table[:, SHARPEST]
+
+    @property
+    def force_square(self) -> Vector:
+        """Integral of the square of the force of the stops per unit mass, m^2/s^3."""
+        return self.table[:, FORCE_SQUARE]
+
+    @property
+    def position_force(self) -> Vector:
+        """Integral of displacement times force of the stops per unit mass, m^2/s."""
+        return self.table[:, POSITION_FORCE]
