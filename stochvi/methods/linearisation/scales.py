@@ -192,8 +192,15 @@ def _rough_speed(gap: Gap) -> float:
     if rate > 0.0:
         return math.sqrt(linear_moments(replace(gap, damping_rate=rate), 0.0, 0.0)[1])
     squares = [table.mean_square() for table in gap.tables]
-    squares += [
-        noise.omega**2 * noise.intensity / (2.0 * noise.damping_rate) for noise in gap.filters
-    ]
+    squares += [each.omega**2 * each.intensity / (2.0 * each.damping_rate) for each in gap.filters]
     rms = math.sqrt(sum(squares))
+    if math.isinf(gap.width):
+        # a load presses the mass on its only stop, where it turns over load * speed per second
+        return gap.intensity / abs(gap.load) + rms / _slowest_noise(gap)
     return max(math.sqrt(gap.width * rms), math.cbrt(gap.width * gap.intensity))
+
+
+def _slowest_noise(gap: Gap) -> float:
+    """Lowest frequency of the coloured noise, rad/s; 1 where there is none."""
+    slowest = [2.0 * math.pi * float(table.frequency_hz[0]) for table in gap.tables]
+    return min([*slowest, *(each.omega for each in gap.filters)], default=1.0)

@@ -19,6 +19,7 @@ from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
+from support.linearised import make_scene
 
 Columns = dict[str, np.ndarray]
 
@@ -253,3 +254,28 @@ def test_refuses_in_words(change: dict[str, float], error: type[Exception], word
     }  # fmt: skip
     with pytest.raises(error, match=words):
         linearise_many(**right | change)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+def test_a_weight_on_a_lossy_stop_is_answered_alone_as_in_an_array(
+    side: float, damping: float, restitution: float
+) -> None:
+    """Neither spring nor damper sets a speed: only the load and the noise do."""
+    ends = (None, 0.3) if side > 0.0 else (-0.3, None)
+    alone = linearise(
+        make_scene(*ends, restitution=restitution, stiffness=0.0, damping=damping, load=side)
+    )
+    array = linearise_many(
+        omega=0.0,
+        damping_rate=damping,
+        intensity=0.2,
+        load=1.0,
+        upper=0.3,
+        restitution_upper=restitution,
+    )
+    x, stops = alone.coordinates["x"], alone.impact_pairs["stops"]
+    assert x["displacement_mean"].value == pytest.approx(side * float(array.mean), rel=1e-9)
+    assert x["displacement_std"].value ** 2 == pytest.approx(float(array.variance), rel=1e-9)
+    assert stops["collision_rate"].value == pytest.approx(float(array.rate_upper), rel=1e-9)
