@@ -205,3 +205,24 @@ def test_undamped_flight_between_lossy_stops_has_a_law():
         Estimate(value=found.identities["energy"].value, bias=1e-10),
         0.0,
     )
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("restitution", [0.5, 0.8, 0.9])
+def test_a_mass_that_rests_on_a_lossy_stop_is_warned_of_by_the_factor_it_is_off(
+    variant, restitution
+):
+    """A weight that noise alone lifts off a floor, in units of its own."""
+    scene = oscillator(upper=0.0, omega=0.0, load=1.0, restitution=restitution, damping=0.0)
+    answer, truth = average(scene, variant=variant), fokker_planck(scene)
+    (warning,) = answer.warnings
+    said = float(warning.split("by a factor of ")[1].split(";")[0])
+    spread = [one.estimates()["x", "displacement_std"] for one in (answer, truth)]
+    assert spread[1].bias is not None
+    slack = spread[1].bias / spread[1].value + 0.5 * 10.0 ** (math.floor(math.log10(said)) - 1)
+    assert spread[0].value / spread[1].value == pytest.approx(said, abs=slack + 0.005 * said)
+
+
+def test_a_mass_between_its_stops_is_not_said_to_rest_on_them():
+    assert average(oscillator(-1.0, 1.0, 0.8)).warnings == []
+    assert average(oscillator(-1.0, 1.0, 0.8, omega=0.0)).warnings == []
