@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import brentq
 
 from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.impact_rates import ContactStatistics
@@ -34,6 +34,13 @@ MOST_POINTS = 20_000_000
 
 ALLOWED = 1e-6
 """Relative change from coarse to fine up to which an integral counts as exact."""
+
+MODE_ERROR = 1e-3
+"""Error allowed in the place where the density is largest, in deviations of a coordinate with the
+others held. Panels are four of them long, so that this is as good as none."""
+
+MOST_SWEEPS = 1000
+"""Largest number of times that every coordinate is put where the energy is least."""
 
 STEPS_INTO_A_STOP = (1.0, 3.0, 9.0)
 """Edges of panels within a stop that gives way, in deflections at the rms speed."""
@@ -99,26 +106,45 @@ class CoupledLaw:
             energy = energy + law.potential_at(stop.deflection(y))
         return np.asarray(energy)
 
-    def _energy_and_slope(self, y: Vector) -> tuple[float, Vector]:
-        pull = self.stiffness @ y
-        energy = 0.5 * float(y @ pull)
-        slope = pull - self.load
+    def _slope(self, y: Vector) -> Vector:
+        """Derivatives of the energy by the coordinates, N."""
+        slope = np.asarray(self.stiffness @ y - self.load)
         for place, here in enumerate(y):
-            energy += float(self._stored(place, here))
             for stop, law in self._soft(place):
                 slope[place] += stop.side * float(law.force_at(stop.deflection(here)))
-        return energy / self.theta, slope / self.theta
+        return slope
 
     @cached_property
     def _mode(self) -> Vector:
-        """Where the density is largest."""
-        bounds = [self._walls(place) for place in range(len(self.pairs))]
-        start = np.array([min(max(0.0, low), high) for low, high in bounds])
-        found = minimize(
-            self._energy_and_slope, start, jac=True, bounds=bounds, method="L-BFGS-B",
-            options={"ftol": 1e-15, "gtol": 1e-10, "maxiter": 1000},
-        )  # fmt: skip
-        return np.asarray(found.x)
+        """Where the density is largest: each coordinate in turn is put where the energy is least,
+        which is convex."""
+        low, high = np.array([self._walls(place) for place in range(len(self.pairs))]).T
+        unit = np.sqrt(self.theta / np.diag(self.stiffness))
+        y = np.clip(np.zeros(len(unit)), low, high)
+        for _ in range(MOST_SWEEPS):
+            for place in range(len(y)):
+                y[place] = self._lowest(place, y, low[place], high[place])
+            # the energy bends at least as its springs do, so that this bounds how far y is off
+            step = self._slope(y) / np.diag(self.stiffness)
+            if np.all(np.abs(y - np.clip(y - step, low, high)) <= MODE_ERROR * unit):
+                return y
+        names = ", ".join(repr(pair.name) for pair in self.pairs)
+        raise Intractable(f"no place was found where the density of the pairs {names} is largest")
+
+    def _lowest(self, place: int, y: Vector, low: float, high: float) -> float:
+        """Where the energy is least in one coordinate, with the others held."""
+
+        def slope(x: float) -> float:
+            moved = y.copy()
+            moved[place] = x
+            return float(self._slope(moved)[place])
+
+        here, first = float(y[place]), slope(float(y[place]))
+        end = min(max(here - first / float(self.stiffness[place, place]), low), high)
+        last = slope(end)
+        if first * last >= 0.0:
+            return end if abs(last) < abs(first) else here
+        return float(brentq(slope, here, end, xtol=1e-300, rtol=1e-15))
 
     def _ends(self, place: int) -> tuple[float, float]:
         """A range that leaves e^-CUT: the energy above its minimum is at least d' A d / 2."""

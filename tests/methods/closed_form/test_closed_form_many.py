@@ -356,3 +356,34 @@ def test_colour_and_sines_are_named():
         case = case.model_copy(update={"excitations": (*case.excitations, extra)})
         with pytest.raises(NoExactSolution, match=words):
             exact(case)
+
+
+def test_coupled_pairs_pressed_deep_into_stiff_stops_do_not_depend_on_units():
+    """The search for the place of the largest density must not: it once stalled at the start."""
+
+    def mean(unit: float) -> list[float]:
+        law = Hertz(coefficient=1e8 / unit**0.5)
+        case = Scene(
+            structure=Matrices(
+                coordinates=["a", "b"],
+                mass=[[1.0, 0.0], [0.0, 0.5]],
+                damping=[[0.1, 0.0], [0.0, 0.2]],
+                stiffness=[[2.0, -0.7], [-0.7, 1.8]],
+            ),
+            impact_pairs=[
+                pair("a", None, -40.0 * unit, 70.0 * unit, law),
+                pair("b", None, None, 20.0 * unit, law),
+            ],
+            excitations=[
+                WhiteNoise(on="a", intensity=0.2 * unit**2),
+                WhiteNoise(on="b", intensity=0.4 * unit**2),
+                ConstantLoad(on="b", force=3e4 * unit),
+            ],
+        )
+        return [found(case)[name, "displacement_mean"] / unit for name in "ab"]
+
+    metres = mean(1.0)
+    # the balance of forces on a, which hits nothing
+    assert metres[0] == pytest.approx(0.7 / 2.0 * metres[1], rel=1e-9)
+    for unit in (1e-3, 1e-6):
+        assert mean(unit) == pytest.approx(metres, rel=1e-9)
