@@ -348,3 +348,13 @@ def test_areas_under_the_densities_are_the_mean_squares() -> None:
     assert found.stops["wall"].spring > 0.0 and found.stops["link"].damper > 0.0
     with pytest.raises(KeyError, match="coordinate must be one of a, b"):
         found.displacement_density("c", 1.0)
+
+
+def test_filtered_noise_on_one_mass_keeps_the_warnings_of_its_scene() -> None:
+    """A damping ratio in percent: every method warns of it, whatever shakes."""
+    scene = Scene(
+        structure=Oscillator(mass=1.0, stiffness=1.0, damping=10.0),
+        impact_pairs=[ImpactPair(upper=0.2, law=Restitution(coefficient=0.8))],
+        excitations=[FilteredNoise(intensity=1.0, frequency_hz=0.2, zeta=0.3)],
+    )
+    assert any("above critical" in warning for warning in linearise(scene).warnings)
