@@ -48,6 +48,10 @@ QUICK = ReviewSettings(
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
 
+def plain(text: str) -> str:
+    return " ".join(text.replace("\u00a0", " ").split())
+
+
 class Reader(HTMLParser):
     """Tags that are closed in order, what they refer to, and the text."""
 
@@ -57,6 +61,7 @@ class Reader(HTMLParser):
         self.references: list[str] = []
         self.tags: list[str] = []
         self.identifiers: list[str] = []
+        self.text_before: dict[str, str] = {}
         self.text = ""
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
@@ -67,6 +72,7 @@ class Reader(HTMLParser):
                 self.references.append(value or "")
             if name == "id":
                 self.identifiers.append(value or "")
+                self.text_before[value or ""] = plain(self.text)
             assert not name.startswith("on"), f"script in {tag}"
         if tag not in VOID:
             self.open.append(tag)
@@ -83,7 +89,7 @@ def read(html: str) -> Reader:
     reader = Reader()
     reader.feed(html)
     assert reader.open == []
-    reader.text = " ".join(reader.text.replace("\u00a0", " ").split())
+    reader.text = plain(reader.text)
     return reader
 
 
@@ -166,15 +172,10 @@ def test_the_verdict_comes_first_and_every_part_is_there(sizing: Sizing, html: s
         "environment", "isolator", "gap-and-stops", "linear-screening", "required-clearance",
         "with-stops", "peak-accelerations", "sensitivity", "verification", "limits",
     ]  # fmt: skip
-    text = reader.text
-    assert text.index(sizing.verdict()) < text.index("All densities are one-sided")
-    for words in (
-        "per side", "one-sided", "absolute acceleration", "relative displacement", "g rms",
-        "both sides", "peak", "stated by its source", "1.08 g rms", "1.078 g rms", "1.570 mm rms",
-        "Static sag under 1 g", "1.725 mm", "Miles", "Davenport", "seed 1", "stochvi 0",
-        "step 0.00", "Balance of force", "± 10 %",
-    ):  # fmt: skip
-        assert words.lower() in text.lower(), words
+    assert sizing.verdict() in reader.text_before["environment"]
+    # rms of the profile as stated and as integrated, of the response and the sag of a 12 Hz mount
+    for known in ("1.08 g rms", "1.078 g rms", "1.570 mm rms", "1.725 mm"):
+        assert known in reader.text, known
 
 
 def test_numbers_of_the_page_are_those_of_the_sizing(sizing: Sizing, html: str) -> None:
@@ -191,8 +192,6 @@ def test_numbers_of_the_page_are_those_of_the_sizing(sizing: Sizing, html: str) 
         assert number in text, number
     for row in sizing.required.to_dict("records"):
         assert f"{1e3 * row['clearance']:.4g}" in text
-    assert "no hit seen" in text  # at the recommended clearance
-    assert "energy lost to stops" in text and "mean of the peak forces" in text
 
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?: \d{3})*(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -286,12 +285,13 @@ def test_peaks_on_the_page_are_those_of_its_table(folder: Path, html: str) -> No
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_a_rigid_stop_says_that_it_knows_no_peak_acceleration() -> None:
+def test_a_rigid_stop_has_no_table_of_peak_accelerations(folder: Path, tmp_path: Path) -> None:
     sizing = sizing_of(scene_between_stops(Restitution(coefficient=0.5)), paths=64)
-    page = clearance_page(review(sizing, settings=QUICK))
-    text = read(page.html()).text
-    assert "A restitution gives the speeds of impact, not the peak acceleration" in text
-    assert "mean of the peak forces" not in text
+    write_report(review(sizing, settings=QUICK), tmp_path)
+    missing = {path.name for path in folder.iterdir()} - {path.name for path in tmp_path.iterdir()}
+    assert missing == {"peaks.csv"}
+    document = json.loads((tmp_path / "size.json").read_text("utf-8"))
+    assert document["review"]["peaks"] is None
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -309,10 +309,10 @@ def test_warnings_stand_above_the_evidence() -> None:
     mount = Isolator(frequency_hz=8.0, zeta=0.1)
     noise = type(TRUCK)(profile="navmat-p-9492")
     page = clearance_page(review_of(noise=noise, structure=mount))
-    assert any("outside the table" in warning for warning in page.warnings)
-    text = read(page.html()).text
-    assert text.index("outside the table") < text.index("All densities are")
-    assert "not valid" in text  # Miles' equation
+    notes = screen(scene_between_stops(law=None, noise=noise, structure=mount)).notes
+    assert notes and set(notes) <= set(page.warnings)
+    above = read(page.html()).text_before["environment"]
+    assert all(note in above for note in notes)
 
 
 def test_words_from_the_scene_are_escaped() -> None:
