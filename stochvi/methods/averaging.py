@@ -18,7 +18,7 @@ from stochvi.model.energy_law import (
 )
 from stochvi.model.gap import Gap
 from stochvi.model.model import Model, model_of
-from stochvi.model.responses import Answer
+from stochvi.model.responses import StationaryMoments
 from stochvi.results.errors import NotApplicable
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
@@ -89,7 +89,7 @@ def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
     else:
         away = law.centre - law.well.place
     mean = law.well.place + away
-    response = Answer(
+    response = StationaryMoments(
         mean=mean,
         variance=law.moment(lambda orbits: orbits.second) - away**2,
         velocity_mean_square=law.velocity_mean_square,

@@ -65,7 +65,7 @@ def build_response(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class StationaryMoments:
     """Stationary moments, in SI units per unit mass, as a deterministic method finds them.
 
     The three rates that a method has no law for are None in the `StopStatistics`; the contact
@@ -82,7 +82,7 @@ class Answer:
     acceleration_mean_square: float | None = None
     contact_lower: ContactStatistics | None = None
     contact_upper: ContactStatistics | None = None
-    errors: Answer | None = None
+    errors: StationaryMoments | None = None
 
     def response(
         self,

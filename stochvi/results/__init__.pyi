@@ -8,16 +8,18 @@ from .errors import (
     StochviError,
 )
 from .estimates import Cost, Estimate
-from .response import Response
+from .response import CoordinateResponse, PairResponse, Response
 
 __all__ = [
     "CheckpointError",
+    "CoordinateResponse",
     "Cost",
     "Estimate",
     "Interrupted",
     "NoExactSolution",
     "NotApplicable",
     "NotConverged",
+    "PairResponse",
     "Response",
     "SceneError",
     "StochviError",

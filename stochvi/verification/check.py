@@ -135,7 +135,7 @@ class Check(Result):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answers:
+class MethodResponses:
     """What the methods say of one scene: first those that claim to be right, the reference in
     front, then the approximations; and why the others are left out."""
 
@@ -202,7 +202,7 @@ def answers(
     threads: int | None = None,
     budget: float | None = 60.0,
     progress: Progress | None = None,
-) -> Answers:
+) -> MethodResponses:
     """Every method that covers a scene; arguments as for `check`."""
     left_out: list[str] = []
     responses: list[Response] = []
@@ -230,7 +230,7 @@ def answers(
             simulated.append(reason.response)
     responses += [*_solved(scene, SHARPER * rel_error, simulated, left_out), *simulated]
     approximate = approximations(scene, left_out)
-    return Answers(responses=responses, approximations=approximate, left_out=left_out)
+    return MethodResponses(responses=responses, approximations=approximate, left_out=left_out)
 
 
 def _solved(
@@ -300,7 +300,7 @@ def _judged(
     """All comparisons, and the standard errors that a comparison may differ by."""
     reference = responses[0]
     known = reference.estimates()
-    judged = Answers(responses=responses).judged
+    judged = MethodResponses(responses=responses).judged
     alarm_rate = single_alarm_rate(max(judged if family is None else family, 1))
     rows = [_row(*rival, known, reference, alarm_rate) for rival in _shared(responses[1:], known)]
     rows += [

@@ -18,9 +18,9 @@ from stochvi.verification.check import (
     BALANCE,
     DISAGREES,
     FAMILY_ALARM_RATE,
-    Answers,
     Check,
     Comparison,
+    MethodResponses,
     answers,
     compare,
     single_alarm_rate,
@@ -214,7 +214,7 @@ def check_many(
     (True, 2)
     """
     seeds = dict(zip(scenes, seeds_of(seed, len(scenes)), strict=True))
-    found: dict[str, Answers] = {}
+    found: dict[str, MethodResponses] = {}
     for done, (name, scene) in enumerate(scenes.items()):
         if progress:
             progress(done / len(scenes), name)
@@ -225,7 +225,7 @@ def check_many(
 
 
 def compare_many(
-    found: Mapping[str, Answers],
+    found: Mapping[str, MethodResponses],
     seeds: Mapping[str, int] | None = None,
     rel_error: float | None = None,
 ) -> Checks:

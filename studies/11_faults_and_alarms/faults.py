@@ -15,7 +15,7 @@ import pandas as pd
 
 import stochvi
 from stochvi.testing import as_response, problem_of
-from stochvi.verification.check import Answers
+from stochvi.verification.check import MethodResponses
 from stochvi.verification.checks import compare_many, seeds_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "10_judging_integrators"))
@@ -105,7 +105,9 @@ def injected(seeds: int, rel_error: float) -> pd.DataFrame:
         found = []
         for seed in seeds_of(1, seeds):
             wrong = {
-                each: Answers(responses=[truth(each), answer(change, each, rel_error, seed)])
+                each: MethodResponses(
+                    responses=[truth(each), answer(change, each, rel_error, seed)]
+                )
                 for each in scenes
             }
             found.append(compare_many(wrong).alarms)

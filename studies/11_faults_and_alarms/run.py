@@ -11,7 +11,7 @@ from scipy.stats import beta
 
 import stochvi
 from stochvi.results.intervals import normal_quantile
-from stochvi.verification.check import Answers, single_alarm_rate
+from stochvi.verification.check import MethodResponses, single_alarm_rate
 from stochvi.verification.checks import compare_many, seeds_of
 
 SHORT = ("linear", "elastic-unequal-gaps", "lossy-unequal-gaps", "spring-stops", "psd-truck-linear")
@@ -30,7 +30,7 @@ def false_alarms(seeds: int, file: Path) -> pd.DataFrame:
         for seed in range(seeds):
             own = dict(zip(scenes, seeds_of(seed, len(scenes)), strict=True))
             found = compare_many({
-                name: Answers(responses=[known[name], stochvi.simulate(
+                name: MethodResponses(responses=[known[name], stochvi.simulate(
                     scene, paths=PATHS, duration=times[name], seed=own[name], threads=1)])
                 for name, scene in scenes.items()
             })  # fmt: skip

@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 
 from stochvi.mathematics.impact_rates import StopStatistics
-from stochvi.model.responses import Answer
+from stochvi.model.responses import StationaryMoments
 from support.known import oscillator, values
 
 SCENE = oscillator(-1.0, 0.5, 0.7)
-MOMENTS = Answer(
+MOMENTS = StationaryMoments(
     mean=-0.2,
     variance=0.3,
     velocity_mean_square=0.6,
@@ -19,7 +19,7 @@ MOMENTS = Answer(
     lower=StopStatistics(0.1, 0.07, 0.06),
     upper=StopStatistics(0.25, 0.16, 0.15),
 )
-ERRORS = Answer(
+ERRORS = StationaryMoments(
     mean=2e-5,
     variance=4e-5,
     velocity_mean_square=3e-5,
@@ -29,7 +29,7 @@ ERRORS = Answer(
 )
 
 
-def moved(signs: tuple[int, ...]) -> Answer:
+def moved(signs: tuple[int, ...]) -> StationaryMoments:
     """Each number off by its error, up or down."""
     sign = iter(signs)
 
@@ -47,7 +47,7 @@ def moved(signs: tuple[int, ...]) -> Answer:
     )
 
 
-def response(answer: Answer):
+def response(answer: StationaryMoments):
     return answer.response("by hand", SCENE, how="by hand", started=time.perf_counter())
 
 

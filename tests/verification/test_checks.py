@@ -21,7 +21,7 @@ from stochvi.verification.check import (
     BALANCE,
     DISAGREES,
     FAMILY_ALARM_RATE,
-    Answers,
+    MethodResponses,
     degrees_of_freedom,
     single_alarm_rate,
 )
@@ -106,12 +106,12 @@ def wrong_by(response: Response, quantity: str, factor: float) -> Response:
 def test_one_wrong_number_in_one_scene_is_found_and_named() -> None:
     scenes = zoo(*SHARE[:2])
     found = {
-        name: Answers(responses=[exact(scene), simulate(scene, rel_error=0.01, seed=8)])
+        name: MethodResponses(responses=[exact(scene), simulate(scene, rel_error=0.01, seed=8)])
         for name, scene in scenes.items()
     }
     assert compare_many(found).passed
     first, second = found["linear"].responses
-    found["linear"] = Answers(responses=[first, wrong_by(second, "velocity_std", 1.05)])
+    found["linear"] = MethodResponses(responses=[first, wrong_by(second, "velocity_std", 1.05)])
     verdict = compare_many(found)
     assert [(name, row.quantity) for name, row in verdict.alarms] == [("linear", "velocity_std")]
     assert verdict.summary().endswith("DISAGREE: velocity_std of linear")
@@ -149,7 +149,7 @@ def test_fewer_paths_are_granted_more() -> None:
     truth, found = exact(scene), simulate(scene, paths=64, duration=50.0, seed=1)
     few, many = (
         compare_many(
-            {"linear": Answers(responses=[truth, replace(found, cost=Cost(paths=paths))])}
+            {"linear": MethodResponses(responses=[truth, replace(found, cost=Cost(paths=paths))])}
         ).to_frame()["tolerance"]
         for paths in (16, 16_000)
     )
@@ -164,7 +164,9 @@ def test_the_error_of_a_sampled_bias_counts() -> None:
     def verdict(bias_error: float) -> str:
         own = replace(value, bias=0.01, bias_error=bias_error)
         response = replace(truth, method="mine", coordinates={"x": {"velocity_std": own}})
-        rows = compare_many({"": Answers(responses=[truth, response])}).checks[""].comparisons
+        rows = (
+            compare_many({"": MethodResponses(responses=[truth, response])}).checks[""].comparisons
+        )
         return next(row.verdict for row in rows if row.method == "mine" and row.of == "x")
 
     assert verdict(0.0) == DISAGREES

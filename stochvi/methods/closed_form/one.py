@@ -15,7 +15,7 @@ from stochvi.mathematics.spectra import LinearMoments, response_moments
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw, Spring
 from stochvi.model.model import Model, model_of
-from stochvi.model.responses import Answer, linear_acceleration
+from stochvi.model.responses import StationaryMoments, linear_acceleration
 from stochvi.results.errors import SceneError
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Law
@@ -32,7 +32,7 @@ def response(scene: Scene, started: float) -> Response:
     law = displacement_law(scene)
     velocity = law.theta
     lower, upper = Gap.of(model).ends
-    return Answer(
+    return StationaryMoments(
         mean=law.mean,
         variance=law.variance,
         velocity_mean_square=velocity,

@@ -34,7 +34,7 @@ from stochvi.methods.fokker_planck.refinement import (
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
-from stochvi.model.responses import Answer
+from stochvi.model.responses import StationaryMoments
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
@@ -367,12 +367,12 @@ def _finite_rates(model: Model, threshold: float) -> set[str]:
     return {"lower", "upper"} - endless
 
 
-def _answer(model: Model, found: Averages, bounds: Averages, threshold: float) -> Answer:
+def _answer(model: Model, found: Averages, bounds: Averages, threshold: float) -> StationaryMoments:
     without_rate = ({"lower", "upper"} - _finite_rates(model, threshold)) | rates_not_resolved(
         found, bounds
     )
     answer, limits = (
-        Answer(
+        StationaryMoments(
             mean=group.mean,
             variance=group.variance,
             velocity_mean_square=group.velocity_mean_square,

@@ -10,17 +10,19 @@ from stochvi.methods.linearisation.scales import gibbs_law
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.model import Stop
-from stochvi.model.responses import Answer
+from stochvi.model.responses import StationaryMoments
 from stochvi.scenes.impact_laws import Elastic, Viscoelastic
 
 
-def answer_of(gap: Gap, candidate: Candidate, acceleration: float | None = None) -> Answer:
+def answer_of(
+    gap: Gap, candidate: Candidate, acceleration: float | None = None
+) -> StationaryMoments:
     """A candidate, SI units per unit mass, as the numbers of an answer.
 
     `acceleration` is the mean square absolute acceleration where it is finite, m^2/s^4.
     """
     velocity = math.sqrt(candidate.velocity_mean_square)
-    return Answer(
+    return StationaryMoments(
         mean=candidate.mean,
         variance=candidate.variance,
         velocity_mean_square=candidate.velocity_mean_square,

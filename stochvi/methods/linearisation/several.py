@@ -29,7 +29,7 @@ from stochvi.model.balances import residuals
 from stochvi.model.gap import Gap
 from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.model.responses import Answer, build_response
+from stochvi.model.responses import StationaryMoments, build_response
 from stochvi.model.scales import PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate
@@ -322,7 +322,7 @@ def _coordinate(
     return CoordinateResponse(**{name: outline.estimate(value) for name, value in values.items()})
 
 
-def _of_stops(pair: Pair, answer: Answer) -> dict[tuple[str, str], float]:
+def _of_stops(pair: Pair, answer: StationaryMoments) -> dict[tuple[str, str], float]:
     """What the balances ask of the stops of a pair, per unit of its reduced mass."""
     found = {}
     for stop in pair.stops:
