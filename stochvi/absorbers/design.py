@@ -38,7 +38,7 @@ COARSE = 2.0
 """Relative error of the first look, as a multiple of that of the second look."""
 
 DRAWS = 400
-"""Curves drawn within the errors of the points, for the uncertainty of the best play."""
+"""Curves that are drawn within the errors of the points to find the error of the best play."""
 
 GRID = 801
 """Plays at which a curve is searched for its lowest point."""
@@ -65,7 +65,7 @@ class BestBox:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Design(Result):
-    """What was found for a mass budget (SI units).
+    """The best box for a mass budget (SI units).
 
     Parameters
     ----------

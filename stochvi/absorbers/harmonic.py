@@ -231,7 +231,7 @@ class _Motion:
         return cls(generator, share, omega)
 
     def reset(self, restitution: float) -> Matrix:
-        """What an impact does to the velocities."""
+        """The matrix that takes the velocities before an impact to those after it."""
         found = np.eye(6)
         exchange = (1.0 + restitution) / (1.0 + self.share)
         found[3, [1, 3]] += exchange, -exchange

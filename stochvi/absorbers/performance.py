@@ -1,4 +1,4 @@
-"""Impact absorbers: does a loose mass in a box help, how much, and how big must the box be."""
+"""Performance of impact absorbers: the motion of a structure with and without loose masses."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ PEAK_PERIODS = 100
 """Periods of the structure in a window whose largest displacement is a peak."""
 
 PEAK_WINDOWS = 96
-"""Windows whose peaks are averaged: their mean is known to some 2 %."""
+"""Number of windows whose peaks are averaged: the standard error of their mean is about 2 %."""
 
 WINDOWS_OF_PATH = 8
-"""Windows taken from one path, after it has settled."""
+"""Windows that are taken from one path after it has settled."""
 
 LEVELS_DB = (-6.0, -3.0, 0.0, 3.0, 6.0)
-"""Levels of the excitation about that of the scene."""
+"""Levels of the excitation, dB relative to that of the scene, at which an absorber is judged."""
 
 
 @dataclass(frozen=True, kw_only=True)

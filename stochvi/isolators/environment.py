@@ -28,7 +28,7 @@ from stochvi.scenes.scene import Scene
 Vector = NDArray[np.float64]
 
 POINTS = 801
-"""Frequencies of a smooth curve over the whole input; the resonance has its own beside them."""
+"""Frequencies of a smooth curve over the whole input, besides those around the resonance."""
 
 RESONANCE_POINTS, RESONANCE_WIDTHS = 121, 3.0
 """Frequencies around the resonance, and how many half-power bandwidths they reach to each side."""
@@ -124,7 +124,7 @@ def noise_on_base_alone(model: Model) -> bool:
 
 
 def _numbers(excitation: Excitation) -> dict[str, float]:
-    """What a reader is told of an excitation and does not find in the scene file."""
+    """Numbers of an excitation that a report states and the scene file does not."""
     found: dict[str, float] = {}
     if isinstance(excitation, TabulatedNoise) and excitation.profile is not None:
         found["stated_g_rms"] = profiles()[excitation.profile].stated_g_rms

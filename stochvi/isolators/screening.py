@@ -1,4 +1,4 @@
-"""Isolators between stops: linear screening, and what the stops really see."""
+"""Isolators between stops: linear screening, and hit rates against clearance."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Screening(Result):
     notes: tuple[str, ...] = ()
 
     def rice_rate(self, clearance: float) -> float:
-        """Expected hits per second on two stops at +-clearance, if they did not disturb (Rice)."""
+        """Hits per second on two stops at +-clearance, as if hits changed nothing (Rice)."""
         return 2.0 * rice_rate(clearance, self.displacement_std, self.velocity_std)
 
     def to_frame(self) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""How the clearance of an isolator moves within its tolerances, by linear theory alone."""
+"""Change of the clearance of an isolator within its tolerances, by linear theory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ def within_tolerances(scene: Scene, clearance: float) -> pd.DataFrame:
 
     With nu(c) = (s_v / (pi s_x)) exp(-c^2 / (2 s_x^2)) the hits per second on two stops at +-c
     (Rice), the row of a changed isolator holds the c at which nu is that of the isolator as it
-    stands at `clearance`. What impacts change is left out on both sides of the comparison.
+    stands at `clearance`. The effect of impacts on the
+    motion is left out on both sides.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def within_tolerances(scene: Scene, clearance: float) -> pd.DataFrame:
 
 
 def _variants(scene: Scene) -> list[tuple[str, Scene]]:
-    """The isolator at the ends of its tolerances."""
+    """The scenes with the isolator at the ends of its tolerances, and their names in words."""
     structure = scene.structure
     assert isinstance(structure, Isolator)
     frequency = structure.omega / (2.0 * math.pi)

@@ -1,4 +1,4 @@
-"""What an absorber does, for people: tables and pictures."""
+"""Tables and pictures of absorbers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RATIO_LABEL = "rms displacement with / without absorber"
 
 
 def print_absorber(console: Console, found: AbsorberReport) -> None:
-    """Verdict first, then one row per level, then what the numbers mean."""
+    """Print the verdict, a row for each level, and an explanation of the columns."""
     console.print(verdict(found), style="bold", highlight=False)
     rows = [_level_row(each) for each in found.performances]
     print_frame(console, pd.DataFrame(rows), f"motion of {found.carrier!r}, by level")
@@ -49,7 +49,7 @@ def print_absorber(console: Console, found: AbsorberReport) -> None:
 
 
 def verdict(found: AbsorberReport) -> str:
-    """What the absorber does at the level of the scene, in a sentence."""
+    """The effect of the absorber at the level of the scene, in a sentence."""
     central = found.central
     low, high = central.interval()
     surely_worse = central.ratio.value - (central.ratio.bias or 0.0) > (
@@ -100,7 +100,7 @@ def _impact_row(each: Performance) -> dict[str, str]:
 
 
 def print_design(console: Console, found: Design) -> None:
-    """The best box in a sentence, the robust one, and the candidates."""
+    """Print the best box, the best box for a range of levels, and the candidates."""
     best, robust = found.best, found.robust
     units = "one unit" if found.units == 1 else f"{found.units} units"
     console.print(

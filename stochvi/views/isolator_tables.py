@@ -56,7 +56,7 @@ def print_clearance(console: Console, curve: pd.DataFrame) -> None:
 
 
 def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
-    """The clearance and what three sigma buys, first; then what both rest on."""
+    """Print the clearance and the risk at three sigma first, then the numbers behind both."""
     console.print(sizing.verdict(), style="bold", highlight=False)
     print_line(console, places_of_stops(sizing))
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
@@ -99,7 +99,7 @@ def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | N
 
 
 def _print_hits(console: Console, sizing: Sizing) -> None:
-    """At 3 sigma and at the answer; what was tried on the way there answers nothing."""
+    """Print the hits at 3 sigma and at the answer; other clearances were steps of the search."""
     if len(sizing.simulated):
         places = [sizing.three_sigma.clearance, sizing.clearance.value]
         table = sizing.simulated[sizing.simulated["clearance"].isin(places)]

@@ -44,11 +44,11 @@ QUANTITY_NAMES = {
 
 
 NOISE = 4.0
-"""Standard errors below which a number may be nothing but noise."""
+"""Number of standard errors below which a value cannot be told from 0."""
 
 
 ROUGH = 1e-3
-"""Relative bias from which on four digits are enough."""
+"""Relative bias above which a value is shown with four digits."""
 
 
 NEGLIGIBLE = 1e-12
@@ -56,7 +56,7 @@ NEGLIGIBLE = 1e-12
 
 
 def print_response(console: Console, response: Response) -> None:
-    """Every quantity with its errors, then what was simulated, assumed and warned of."""
+    """Print every quantity with its errors, then effects, assumptions, cost and warnings."""
     table = new_table(
         response.method, ["of", "quantity", "value", "unit", "rel. error", "rel. bias"]
     )
@@ -98,11 +98,11 @@ def print_response(console: Console, response: Response) -> None:
 
 
 NO_BOUND = "no error bound: "
-"""In what an approximation says of itself, before the reason."""
+"""Words in `Estimate.how` that precede the reason why an approximation has no error bound."""
 
 
 def _without_bound(response: Response) -> list[str]:
-    """Why the error of a number that nothing was sampled for is unknown."""
+    """The reasons why numbers that were not sampled have no error bound."""
     told = [
         each.how
         for each in response.estimates().values()
@@ -148,7 +148,7 @@ def print_frame(
 
 
 LAST_DIGITS = "in brackets: the standard error of the last digits, 607(20) is 607 +- 20"
-"""How `Estimate` is written, in words."""
+"""Explanation of the notation of an `Estimate`."""
 
 
 METHOD_COLUMNS = {
@@ -175,7 +175,7 @@ def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
 
 
 WIDEST = 10_000
-"""Columns that any table fits into."""
+"""Width of a terminal, in characters, that any table fits into."""
 
 
 WORDS = ("of", "quantity", "unit", "verdict", "methods", "by", "change")
@@ -205,7 +205,7 @@ def print_line(console: Console, line: str) -> None:
 
 
 def _deviation(response: Response) -> float:
-    """The smallest of a coordinate, that means are measured by."""
+    """The smallest standard deviation of a coordinate, the measure of means."""
     found = [
         estimate.value
         for (_, name), estimate in response.estimates().items()
@@ -236,7 +236,7 @@ def relative_error(error: float, estimate: Estimate) -> str:
 
 
 def relative_bias(estimate: Estimate) -> str:
-    """Not of what is itself no more than its error, as is a mean that vanishes."""
+    """The relative bias in words; "-" where the value cannot be told from 0."""
     if 0.0 < abs(estimate.value) < NOISE * estimate.standard_error:
         return "-"
     return relative_error(estimate.bias or 0.0, estimate)

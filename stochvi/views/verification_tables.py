@@ -105,7 +105,7 @@ def _print_approximations(console: Console, verdict: Check) -> None:
 
 
 def print_explanation(console: Console, told: Explanation) -> None:
-    """What would be simulated, by what, at which price."""
+    """Print which effects would be simulated, by which method, and the expected cost."""
     console.print("simulated:     " + "; ".join(told.effects), highlight=False)
     console.print("not simulated: " + ("; ".join(told.absent) or "-"), highlight=False)
     for method, verdict in told.methods.items():

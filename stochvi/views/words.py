@@ -1,4 +1,4 @@
-"""Numbers in words: units that engineers read, intervals, nothing rounded to nothing."""
+"""Numbers in words, in the units of engineers, with intervals; none is rounded to 0."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ G = 1.0 / STANDARD_GRAVITY
 UNKNOWN = "not known"
 
 MOST_PLACES = 5
-"""After the point; smaller numbers are written with a power of ten."""
+"""Most digits after the point; a number that needs more is written with a power of ten."""
 
 
 def millimetres(metres: float) -> str:
@@ -34,7 +34,7 @@ def millimetres(metres: float) -> str:
 
 
 def four_digits(number: float) -> str:
-    """Four digits, zeros among them."""
+    """A number with four digits, trailing zeros included."""
     return f"{number:#.4g}".rstrip(".")
 
 

@@ -92,7 +92,7 @@ def _bursts_at(sizing: Sizing, clearance: float) -> float | None:
 
 
 LEAST, CERTAIN = 1e-300, 1.0 - 1e-15
-"""Of a chance whose logarithm is taken."""
+"""Limits that a chance is kept within before its logarithm is taken."""
 
 
 def two_sided(scene: Scene) -> bool:

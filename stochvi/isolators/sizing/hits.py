@@ -1,4 +1,4 @@
-"""What hits are like at a clearance: by bursts where first hits are rare, else by simulation."""
+"""Hits at a clearance: by bursts where first hits are rare, else by simulating the whole motion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, crossing_plan
 
 
 def at_clearance(scene: Scene, clearance: float) -> Scene:
-    """The scene with its stops, and their laws, at a distance from the mean position."""
+    """The scene with its stops moved to a distance (m) from the mean position, their laws kept."""
     rest = model_of(scene).rest
     pair = scene.impact_pairs[0]
     kept = pair.model_dump(include={"name", "on", "law", "lower_law", "upper_law"})
@@ -32,9 +32,9 @@ def at_clearance(scene: Scene, clearance: float) -> Scene:
 
 @dataclass(frozen=True, kw_only=True)
 class Tried:
-    """What hits are like at a clearance: by bursts, or by simulating everything.
+    """Rate and speed of the hits at one clearance, by bursts or by simulating the whole motion.
 
-    `unknown` says, in words, what the budget did not suffice for.
+    `unknown` names, in words, the accuracy that the budget did not suffice for.
     """
 
     clearance: float
@@ -50,7 +50,7 @@ class Tried:
 class Hits:
     """Hits of a scene at one clearance after the other, from the same random numbers.
 
-    `left` tells the seconds that a calculation may take.
+    `left` returns the seconds that the next calculation may take.
     """
 
     scene: Scene
@@ -63,11 +63,11 @@ class Hits:
 
     @property
     def window(self) -> float:
-        """Seconds that a burst is flown."""
+        """Seconds for which a burst is simulated."""
         return WINDOW_RELAXATIONS / MEMORY_RELAXATIONS * self.curve.crossings.horizon
 
     def at(self, clearance: float, rel_error: float | None = None) -> Tried:
-        """What hits are like at a clearance; remembered unless asked for more roughly."""
+        """The hits at a clearance: simulated unless they are known at least as accurately."""
         wanted = rel_error or self.rel_error
         if clearance not in self.tried or self.tried[clearance].rel_error > wanted:
             scene = at_clearance(self.scene, clearance)
@@ -77,7 +77,7 @@ class Hits:
         return self.tried[clearance]
 
     def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
-        """None if bursts do not end, or are not told apart."""
+        """The hits by bursts; None if bursts do not end or cannot be told from each other."""
         try:
             found = bursts(
                 scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
@@ -124,7 +124,7 @@ class Hits:
 
 
 def compile_kernels(scene: Scene) -> None:
-    """Have the kernels compiled that will be needed, before the clock starts."""
+    """Compile the kernels that a sizing needs, so that its budget does not pay for it."""
     if not scene.impact_pairs or scene.beyond_one_oscillator():
         return
     free = scene.model_copy(update={"impact_pairs": ()})

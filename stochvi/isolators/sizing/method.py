@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -34,45 +34,68 @@ from stochvi.statistics.first_crossings import deviations, first_crossings, larg
 if TYPE_CHECKING:
     import pandas as pd
 
-LOWEST_SIGMA, SIGMA_STEP = 1.0, 0.25
-"""First clearance of the curve, in sigma, and the distance of the next."""
 
-REQUIRED = (0.1, 0.01, 0.001)
-"""Chances of any hit in the mission whose clearances are always told."""
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """How a clearance is searched for. Where no source is named, the number was chosen by trial.
+
+    Parameters
+    ----------
+    lowest_sigma, sigma_step
+        The first clearance of the curve and the distance to the next, in standard deviations of the
+        linear displacement.
+    required
+        Chances of any hit in the mission whose clearances every answer lists.
+    most_clearances
+        Largest number of clearances that are tried for a target that needs impacts.
+    least_sigma
+        The smallest clearance that is tried for a rate of hits, in standard deviations.
+    most_overlap
+        Largest number of first hits in the time that a burst is followed for which two bursts are
+        taken for separate ones.
+    rough_factor
+        Relative error of the first look at a clearance, as a multiple of the error asked for.
+    close
+        Relative difference between a rate and the wanted one below which the clearance is
+        extrapolated from the place that was tried.
+    least_seconds
+        Seconds that every calculation gets, even where the budget is spent.
+    share_of_hits
+        Share of the budget that is kept for simulating the hits.
+    most_error
+        Relative error of the chance of a hit above which no clearance is given.
+    reach
+        Largest logarithm of a rate over the wanted one from which a clearance is extrapolated.
+    divisor_on_the_way, divisor_of_last
+        A clearance that is tried on the way gets the remaining time divided by the first number,
+        the clearance that the answer rests on gets it divided by the second.
+    pumped, more_than_rice
+        Hits that follow from a first hit, and hits over Rice's number, above which a warning says
+        that the stops pump the mount.
+    """
+
+    lowest_sigma: float = 1.0
+    sigma_step: float = 0.25
+    required: tuple[float, ...] = (0.1, 0.01, 0.001)
+    most_clearances: int = 12
+    least_sigma: float = 0.2
+    most_overlap: float = 0.5
+    rough_factor: float = 3.0
+    close: float = 0.02
+    least_seconds: float = 0.3
+    share_of_hits: float = 0.4
+    most_error: float = 1.0
+    reach: float = math.log(FAR)
+    divisor_on_the_way: float = 4.0
+    divisor_of_last: float = 1.5
+    pumped: float = 3.0
+    more_than_rice: float = 1.5
+
+
+SEARCH = SearchSettings()
 
 ACCEPTED = 0.01
-"""Chance that a limit of speed or acceleration is exceeded in the mission, unless told."""
-
-MOST_CLEARANCES = 12
-"""Tried for a target that needs impacts."""
-
-LEAST_SIGMA = 0.2
-"""The smallest clearance that is tried for a rate, in sigma."""
-
-MOST_OVERLAP = 0.5
-"""First hits in the time of a burst up to which bursts are told apart."""
-
-ROUGHLY = 3.0
-"""Times the accuracy asked for, until the clearance is nearly found."""
-
-CLOSE = 0.02
-"""A rate this near to the one that is wanted, relatively, is extrapolated to it."""
-
-LEAST_SECONDS = 0.3
-"""What any calculation gets, even when the budget is over."""
-
-SHARE_OF_HITS = 0.4
-"""Of the budget, kept for what hits are like."""
-
-UNKNOWN = 1.0
-"""A relative error of the chance of a hit beyond which no clearance can be told."""
-
-NEAR = math.log(FAR)
-"""Of a logarithm of a rate over the wanted one: from there the answer is extrapolated at most."""
-
-SHARE_ON_THE_WAY, SHARE_OF_LAST = 4.0, 1.5
-"""A clearance that is tried on the way gets this part of the time that is left, and the one that
-the answer rests on gets this."""
+"""Default chance that a limit of speed or acceleration is exceeded in the mission."""
 
 BY_FIRST_CROSSINGS = (
     "first crossings of the Gaussian response without stops (records around outcrossings); no "
@@ -92,9 +115,6 @@ SIMULATED = (
     "hits_per_first_hit", "impact_speed_mean", "by",
 )  # fmt: skip
 """Columns of `Sizing.simulated`."""
-
-PUMPED, MORE_THAN_RICE = 3.0, 1.5
-"""Hits that a first hit leads to, and hits over those by Rice, from which a warning is due."""
 
 
 def size(
@@ -178,15 +198,17 @@ def risk_curve(
     threads: int | None = None,
     budget: float | None = 60.0,
 ) -> RiskCurve:
-    """Chance of any hit from 1 sigma on to where it matters for no target."""
+    """Chance of any hit, from clearances of 1 sigma on to those that no target needs."""
     free = scene.model_copy(update={"impact_pairs": ()})
     s_x, s_v = deviations(free)
-    chances = [*REQUIRED, target.exceedance or 1.0]
+    chances = [*SEARCH.required, target.exceedance or 1.0]
     if target.name == "probability":
         chances.append(target.value)
     crossings = s_v / s_x / math.pi * max(mission, 2.0 * math.pi * s_x / s_v)
     highest = math.sqrt(2.0 * math.log(10.0 * crossings / min(chances)))
-    levels = s_x * np.arange(LOWEST_SIGMA, highest + 2.0 * SIGMA_STEP, SIGMA_STEP)
+    levels = s_x * np.arange(
+        SEARCH.lowest_sigma, highest + 2.0 * SEARCH.sigma_step, SEARCH.sigma_step
+    )
     pair = scene.impact_pairs[0] if scene.impact_pairs else None
     one_sided = pair is not None and (pair.lower is None or pair.upper is None)
     found = first_crossings(
@@ -235,11 +257,11 @@ class _Job:
             rel_error=rel_error,
             seed=seed,
             threads=threads,
-            budget=budget * (1.0 - SHARE_OF_HITS if scene.impact_pairs else 1.0),
+            budget=budget * (1.0 - SEARCH.share_of_hits if scene.impact_pairs else 1.0),
         )
         self.sigma = self.curve.crossings.displacement_std
         reached = largest_error(self.curve.crossings, mission)
-        if reached > UNKNOWN:
+        if reached > SEARCH.most_error:
             raise NotConverged(
                 f"the budget of {budget:g} s ended at a relative error of {reached:.2g} of the "
                 "chance of a hit: hardly any first hit was seen; raise budget"
@@ -260,10 +282,10 @@ class _Job:
     @property
     def left(self) -> float:
         """Seconds of the budget that are left, at least some to come to an end."""
-        return max(self.budget - (time.perf_counter() - self.started), LEAST_SECONDS)
+        return max(self.budget - (time.perf_counter() - self.started), SEARCH.least_seconds)
 
     def sizing(self) -> Sizing:
-        """Find the clearance, then what stands beside it."""
+        """Find the clearance, then the other numbers of the answer."""
         if self.target.name == "probability":
             clearance, method = self.curve.clearance(self.target.value), BY_FIRST_CROSSINGS
         elif self.target.name == "rate":
@@ -307,7 +329,7 @@ class _Job:
         )
 
     def _check_free_motion(self, exceedance: float) -> None:
-        """Refuse an acceleration that the mount's own spring brings about, stops or not."""
+        """Raise `NotApplicable` if the spring of the mount alone exceeds the target."""
         spring = model_of(self.scene).omega ** 2
         needed = self.curve.clearance(exceedance).value
         if self.target.name != "peak_acceleration":
@@ -323,42 +345,42 @@ class _Job:
             )
 
     def _search(self, risk: Callable[[float, float], Estimate], wanted: float) -> Clearance:
-        """Where a rate that falls with the clearance is as wanted: first roughly, then once more.
+        """The clearance at which a rate takes the wanted value: roughly first, then accurately.
 
-        Its logarithm is followed in the square of the clearance, by the slope of Rice's rate until
-        two tries have the root between them.
+        The logarithm of the rate is nearly straight in the square of the clearance. The search
+        follows the slope of Rice's rate until two clearances have the wanted rate between them.
         """
         place = self._first_guess(wanted)
         above: tuple[float, float] | None = None
         below: tuple[float, float] | None = None
         slope = -1.0 / (2.0 * self.sigma**2)
-        for attempt in range(MOST_CLEARANCES):
+        for attempt in range(SEARCH.most_clearances):
             self.report(0.1 + 0.05 * attempt, f"{1e3 * place:.4g} mm")
-            roughly = risk(place, ROUGHLY * self.rel_error)
+            roughly = risk(place, SEARCH.rough_factor * self.rel_error)
             excess, tolerance = _excess(roughly, wanted)
-            if abs(excess) <= max(tolerance, CLOSE):
+            if abs(excess) <= max(tolerance, SEARCH.close):
                 found = risk(place, self.rel_error)
                 excess, _ = _excess(found, wanted)
-                if abs(excess) <= NEAR:
+                if abs(excess) <= SEARCH.reach:
                     return self._answer(place, found, excess, slope)
             point = (place**2, excess)
             above, below = (point, below) if excess > 0.0 else (above, point)
             if above and below and above[0] < below[0] and math.isfinite(below[1]):
                 slope = (below[1] - above[1]) / (below[0] - above[0])
-            if excess < 0.0 and place <= self._least * (1.0 + CLOSE):
+            if excess < 0.0 and place <= self._least * (1.0 + SEARCH.close):
                 return self._already_kept(place, roughly)
             place = math.sqrt(self._next(above, below, point))
         raise NotConverged(
-            f"no clearance was found in {MOST_CLEARANCES} tries for {self.target.name} = "
+            f"no clearance was found in {SEARCH.most_clearances} tries for {self.target.name} = "
             f"{self.target.value:g}; raise budget or rel_error"
         )
 
     def _answer(self, place: float, found: Estimate, excess: float, slope: float) -> Clearance:
-        """From a place next to it; refused where what is known there does not carry an answer.
+        """The clearance by extrapolation from a place that was tried next to it.
 
         A rate of hits is a mean, and a standard error that is larger than asked for widens the
         interval. A rate of exceedances may rest on so few bursts that its standard error is too
-        small as well: then there is no interval to tell.
+        small as well: then no interval can be given, and `NotConverged` carries the clearance.
         """
         per_metre = 2.0 * place * slope
         half = found.half_width_95(with_bias=True) / found.value / abs(per_metre)
@@ -404,15 +426,17 @@ class _Job:
 
     @cached_property
     def _least(self) -> float:
-        """The smallest clearance that is tried: where bursts are needed, they must not meet."""
+        """The smallest clearance that is tried, m; bursts, where they are needed, stay apart."""
         if self.target.exceedance is None:
-            return LEAST_SIGMA * self.sigma
+            return SEARCH.least_sigma * self.sigma
         clearances = self.curve.clearances
-        meet = [self.curve.first_rate(c) * self.hits.window > MOST_OVERLAP for c in clearances]
+        meet = [
+            self.curve.first_rate(c) * self.hits.window > SEARCH.most_overlap for c in clearances
+        ]
         return float(clearances[int(np.flatnonzero(meet)[-1]) + 1] if any(meet) else clearances[0])
 
     def _already_kept(self, place: float, rate: Estimate) -> Clearance:
-        """Where the smallest clearance that is tried keeps the target with a margin."""
+        """The answer where even the smallest clearance that is tried keeps the target."""
         target = self.target
         self.warnings += [self.unfinished[place]] if place in self.unfinished else []
         if target.exceedance is None:
@@ -434,7 +458,7 @@ class _Job:
         return Clearance(value=place, lower=0.0, upper=place)
 
     def _first_guess(self, wanted: float) -> float:
-        """By Rice's rate; for a limit on hits, from where hits are as rare as it is to be."""
+        """The first clearance to try: by Rice's rate or, for a limit, where hits are that rare."""
         if self.target.exceedance is not None:
             return max(0.9 * self.curve.clearance(self.target.exceedance).value, self._least)
         crossings = self.curve.crossings
@@ -457,7 +481,8 @@ class _Job:
             widening=widening(scene, self.target, self.curve.crossings.velocity_std, clearance),
             seed=self.seed,
             threads=self.threads,
-            budget=self.left / (SHARE_ON_THE_WAY if rel_error > self.rel_error else SHARE_OF_LAST),
+            budget=self.left
+            / (SEARCH.divisor_on_the_way if rel_error > self.rel_error else SEARCH.divisor_of_last),
         )
         if found.unfinished > UNFINISHED:
             self.unfinished[clearance] = (
@@ -469,13 +494,11 @@ class _Job:
         return found.exceedance_rate(name, limit)
 
     def _hits_beside(self, clearance: float) -> Tried | None:
-        """Hits that the answer does not rest on: None, and a warning, where they are not found."""
+        """Hits for information alone; None and a warning where they are not found."""
         try:
             return self.hits.at(clearance)
         except (NotApplicable, NotConverged) as reason:
-            self.warnings.append(
-                f"what hits are like at {1e3 * clearance:.4g} mm is not known: {reason}"
-            )
+            self.warnings.append(f"the hits at {1e3 * clearance:.4g} mm are not known: {reason}")
             return None
 
     def _three_sigma(self) -> ThreeSigma:
@@ -496,7 +519,7 @@ class _Job:
         import pandas as pd
 
         rows = []
-        for chance in REQUIRED:
+        for chance in SEARCH.required:
             found = self.curve.clearance(chance)
             rows.append(
                 {
@@ -532,21 +555,23 @@ class _Job:
         return pd.DataFrame(rows, columns=list(SIMULATED))
 
     def _warn(self, clearance: float) -> None:
-        """What a reader must know before believing the numbers."""
+        """Add the warnings that concern the scene and the hits at both clearances."""
         scene = self.scene
         if scene.impact_pairs:
             scene = at_clearance(scene, clearance)
         if not scene.beyond_one_oscillator():
             self.warnings += scene_notes(model_of(scene))
         if not self.scene.impact_pairs:
-            self.warnings.append("the scene has no stops, so what a hit leads to is not known")
+            self.warnings.append(
+                "the scene has no stops, so the hits and their speeds are not known"
+            )
         for place in (3.0 * self.sigma, clearance):
             tried = self.hits.tried.get(place)
             self.warnings += [tried.unknown] if tried and tried.unknown else []
             if not tried or not tried.hits_per_burst:
                 continue
             over_rice = tried.hit_rate.value / self.curve.rice_rate(place)
-            if tried.hits_per_burst > PUMPED and over_rice > MORE_THAN_RICE:
+            if tried.hits_per_burst > SEARCH.pumped and over_rice > SEARCH.more_than_rice:
                 self.warnings.append(
                     f"stops pump this mount: at {1e3 * place:.4g} mm ({place / self.sigma:.3g} "
                     f"sigma) a first hit leads to {tried.hits_per_burst:.3g} hits on average, "
@@ -563,7 +588,7 @@ def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
 
 
 def _chance(rate: Estimate, mission: float) -> Estimate:
-    """That something of this rate happens in a mission, 1 - exp(-rate mission)."""
+    """Chance that an event of this rate happens in a mission, 1 - exp(-rate mission)."""
     value = -math.expm1(-rate.value * mission)
     upper = None if rate.upper_95 is None else -math.expm1(-rate.upper_95 * mission)
     return replace(rate * (mission * (1.0 - value)), value=value, upper_95=upper)

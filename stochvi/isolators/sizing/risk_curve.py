@@ -25,10 +25,10 @@ CERTAIN = 0.999
 """The largest chance of a hit that may be asked for."""
 
 KNOWN = 1.0 - 1e-12
-"""Chance of a hit up to which rounding leaves its logarithm four digits."""
+"""Largest chance of a hit whose ln(1 - P) still has four digits after rounding."""
 
 LIKELY = 0.5
-"""Chance from which its error follows from that of the rate of first hits."""
+"""Chance of a hit above which its error is taken from that of the rate of first hits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class RiskCurve:
 
     @classmethod
     def of(cls, crossings: FirstCrossings, mission: float) -> RiskCurve:
-        """From first crossings of pairs of levels at equal, increasing distances."""
+        """The curve from first crossings of levels at equal, increasing distances."""
         return cls(
             crossings=crossings,
             mission=mission,
@@ -57,7 +57,7 @@ class RiskCurve:
         )
 
     def clearance(self, probability: float) -> Clearance:
-        """Where the chance of any hit is `probability`, with its 95 % interval."""
+        """The clearance at which the chance of any hit is `probability`, with its 95 % interval."""
         wanted = math.log(-math.log1p(-probability))
         usable, logs, errors = self._logarithms()
         curve = self._interpolated(usable, logs)
@@ -118,7 +118,7 @@ class RiskCurve:
         chance = chance[usable]
         hazard = -np.log1p(-chance)
         errors = half / ((1.0 - chance) * hazard)
-        # a chance is never told to be nearer to 1 than its paths show, but its rate is known there
+        # near 1 the paths show hardly any survivor, but the rate of first hits is known there
         errors = np.where(chance > LIKELY, np.minimum(errors, of_rates), errors)
         return usable, np.log(hazard), errors
 
@@ -129,7 +129,7 @@ class RiskCurve:
         return lambda c: float(ratio(min(c, last))) + math.log(self.rice_rate(c) * self.mission)
 
     def to_frame(self) -> pd.DataFrame:
-        """See `Sizing.curve`."""
+        """The table that `Sizing.curve` describes."""
         import pandas as pd
 
         limits = {"first_hit_rate": self.first_rates, "probability": self.probabilities}
@@ -148,7 +148,7 @@ class RiskCurve:
 
 
 def _half_widths(estimates: Sequence[Estimate]) -> Vector:
-    """Of their 95 % intervals, each with its bias."""
+    """Half widths of the 95 % intervals, each with the bias of its estimate."""
     return np.array([estimate.half_width_95(with_bias=True) for estimate in estimates])
 
 

@@ -1,4 +1,4 @@
-"""What a sizing hangs on: mount, level, stop law, and an input that is not Gaussian."""
+"""Sensitivity of a sizing to mount, level and stop law, and to an input that is not Gaussian."""
 
 from __future__ import annotations
 
@@ -27,43 +27,42 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 FREQUENCY_SHARE, DAMPING_SHARE, LEVEL_DB = 0.1, 0.3, 3.0
-"""Tolerances that are tried where the isolator states none, of the natural frequency and of the
-damping ratio; and that of the input."""
+"""Relative tolerances of natural frequency and damping ratio where the isolator states none, and
+the tolerance of the level in dB: usual values of elastomer mounts and of vibration tests."""
 
 RESTITUTION_STEP, STIFFNESS_FACTOR = 0.1, 2.0
-"""Changes of the stop law that are tried, for targets that depend on it."""
+"""Change of the restitution and factor on the stiffness of the stops that are tried."""
 
 ROUGH_ERROR = 0.1
-"""Relative error of the risk in variations of targets that need impacts."""
+"""Relative error of the risk when a changed scene is sized for a target that needs impacts."""
 
 KURTOSIS = 5.0
-"""Of the input, where it is taken as not Gaussian (3 is Gaussian)."""
+"""Kurtosis of an input that is not Gaussian; Gaussian noise has 3."""
 
 RECORD_BITS = 16
-"""Records of 2^16 samples are made not Gaussian."""
+"""Binary logarithm of the number of samples in a record that is not Gaussian."""
 
 RECORDS = 32
-"""For a standard error of the kurtosis of some 0.02."""
+"""Number of such records: the standard error of the kurtosis is then about 0.02."""
 
 SAMPLES_PER_PERIOD = 2.5
-"""Of the highest frequency of the tables."""
+"""Samples in a period of the highest frequency of the tables."""
 
 ROUNDS = 10
-"""Of setting the law and the density of a record in turn."""
+"""Rounds in which the law and the density of a record are set in turn."""
 
 MODULATION_NODES = 200
-"""Of the Gauss-Laguerre rule over the variance of slow bursts."""
+"""Nodes of the Gauss-Laguerre rule over the variance of slow bursts."""
 
 
 def sensitivity(sizing: Sizing, *, seed: int = 0, threads: int | None = None) -> pd.DataFrame:
     """Clearance for the same target, and chance of any hit at the old one, for a changed scene.
 
     Rows: natural frequency +-10 %, damping ratio +-30 % (or the tolerances of the isolator), level
-    +-3 dB, and, where the target
-    depends on impacts, the restitution +-0.1 or the stiffness of the stops times 2 and 1/2; all
-    with the random numbers of each other. Where the target is a chance of any hit, the input is
-    also taken as not Gaussian, with a kurtosis of 5 at the same density: by fast peaks (a
-    monotone transform of the input, of which the mount averages many), and by slow bursts
+    +-3 dB, and, where the target depends on impacts, the restitution +-0.1 or the stiffness of the
+    stops times 2 and 1/2; all rows use the same random numbers. Where the target is a chance of any
+    hit, the input is also taken as not Gaussian, with a kurtosis of 5 at the same density: by fast
+    peaks (a monotone transform of the input, of which the mount averages many), and by slow bursts
     (the level itself changes, slowly against the memory of the response; see `slow_bursts`).
 
     Returns
@@ -94,7 +93,7 @@ def sensitivity(sizing: Sizing, *, seed: int = 0, threads: int | None = None) ->
 
 
 def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
-    """The scenes that are tried, each with what was changed."""
+    """The changed scenes, each with its change in words."""
     scene = sizing.scene
     frequency = getattr(scene.structure, "frequency_tolerance", None) or FREQUENCY_SHARE
     damping = getattr(scene.structure, "damping_tolerance", None) or DAMPING_SHARE
@@ -114,7 +113,7 @@ def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
 def _row(
     change: str, scene: Scene, sizing: Sizing, seed: int, threads: int | None
 ) -> dict[str, Any]:
-    """The changed scene sized for the same target."""
+    """A row of the table: the changed scene sized for the same target."""
     target = sizing.target
     curve = risk_curve(
         scene, target, sizing.mission, rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads
@@ -133,7 +132,7 @@ def _row(
             seed=seed,
             threads=threads,
         ).clearance.value
-    return _told(
+    return _row_of(
         change,
         sizing,
         curve.crossings.displacement_std,
@@ -142,7 +141,7 @@ def _row(
     )
 
 
-def _told(
+def _row_of(
     change: str, sizing: Sizing, sigma: float, clearance: float, probability: float
 ) -> dict[str, Any]:
     return {
@@ -155,7 +154,7 @@ def _told(
 
 
 def _mount(scene: Scene, frequency: float, damping: float) -> Scene:
-    """Another natural frequency at the same damping ratio, or another damping ratio."""
+    """The scene with its natural frequency and damping ratio multiplied by two factors."""
     structure = scene.structure
     given: Mapping[str, Any] = structure.model_dump(exclude_none=True)
     if "frequency_hz" in given:
@@ -171,7 +170,7 @@ def _mount(scene: Scene, frequency: float, damping: float) -> Scene:
 
 
 def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
-    """Stops that lose less and more, or that are stiffer and softer."""
+    """Scenes whose stops lose less and more energy, or are softer and stiffer."""
     pair = scene.impact_pairs[0]
     if all(isinstance(law, Restitution) for _, law in pair.stops()):
         changes: list[tuple[str, float]] = [
@@ -201,7 +200,7 @@ def _changed_law(law: Law, amount: float) -> Law:
 
 
 def _not_gaussian(sizing: Sizing, seed: int, threads: int | None) -> list[dict[str, Any]]:
-    """The two ways for an input to have a larger kurtosis than a Gaussian one."""
+    """Rows for the two ways in which an input can have a larger kurtosis than Gaussian noise."""
     curve = risk_curve(
         sizing.scene, sizing.target, sizing.mission,
         rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads,
@@ -220,7 +219,7 @@ def _not_gaussian(sizing: Sizing, seed: int, threads: int | None) -> list[dict[s
             f"input kurtosis {measured.input_kurtosis:.3g} by fast peaks "
             f"(response {measured.response_kurtosis:.3f})"
         )
-        rows.append(_told(change, sizing, sigma, needed, curve.probability(gaussian)))
+        rows.append(_row_of(change, sizing, sigma, needed, curve.probability(gaussian)))
     mission = sizing.mission
     wanted = sizing.target.value
     top = old
@@ -235,7 +234,7 @@ def _not_gaussian(sizing: Sizing, seed: int, threads: int | None) -> list[dict[s
     )
     change = f"input kurtosis {KURTOSIS:g} by slow bursts"
     chance = slow_bursts(curve, old, KURTOSIS, mission)
-    rows.append(_told(change, sizing, sigma, float(needed), chance))
+    rows.append(_row_of(change, sizing, sigma, float(needed), chance))
     return rows
 
 

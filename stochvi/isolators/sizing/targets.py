@@ -1,4 +1,4 @@
-"""What a sizing may be asked for, and what the stops of a scene can say of it."""
+"""Targets of a sizing, and the impact laws that they need."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import LARGEST_NUMBER, Scene
 
 TYPICAL_SPEED = 1.25
-"""Rms velocities: half of the first hits are about as fast or faster."""
+"""Speed of a usual first hit in rms velocities: about half of the first hits are faster."""
 
 WIDEST = 3.0
-"""Speeds are drawn from a law at most so much wider: weights grow with it."""
+"""Largest factor by which the law of first speeds is widened: statistical weights grow with it."""
 
 
 def target_of(
@@ -25,7 +25,7 @@ def target_of(
     peak_acceleration: float | None,
     exceedance: float,
 ) -> Target:
-    """The one target that is given; `ValueError` if it is none, or more, or out of range."""
+    """The target of a sizing; `ValueError` unless exactly one is given, in its range."""
     known = {
         "probability": (probability, "1"),
         "rate": (rate, "1/s"),
@@ -50,7 +50,7 @@ def target_of(
 
 
 def widening(scene: Scene, target: Target, velocity_std: float, clearance: float) -> float:
-    """How much faster than usual first hits are to be drawn for the limit to be exceeded."""
+    """Factor by which first hits are drawn faster than usual, so that some exceed the limit."""
     model = model_of(scene)
     speed = target.value
     if target.name == "peak_acceleration":
@@ -67,7 +67,7 @@ def widening(scene: Scene, target: Target, velocity_std: float, clearance: float
 
 
 def check_laws(scene: Scene, target: Target) -> None:
-    """Refuse what the stops of the scene cannot say."""
+    """Raise `NotApplicable` where the laws of the stops do not determine the target."""
     if not scene.impact_pairs:
         raise NotApplicable("size", [f"{target.name} needs an impact_pair, for its law"])
     rigid = [side for side, law in scene.impact_pairs[0].stops() if law.rigid]

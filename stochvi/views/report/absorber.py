@@ -1,4 +1,4 @@
-"""The report of an absorber: what it does to its structure, or the best box for its mass."""
+"""The report of an absorber: its performance, or the best box for its mass."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stochvi.views.words import UNKNOWN, four_digits, with_error, with_interval
 
 
 def write_absorber_report(found: AbsorberReport | Design, folder: str | Path) -> Path:
-    """Write `report.html`, one page that needs nothing beside it; returns its path."""
+    """Write `report.html`, a page that needs no other file; returns its path."""
     page = design_page(found) if isinstance(found, Design) else performance_page(found)
     path = Path(folder) / "report.html"
     write_text(page.html(), path)
@@ -23,7 +23,7 @@ def write_absorber_report(found: AbsorberReport | Design, folder: str | Path) ->
 
 
 def performance_page(found: AbsorberReport) -> Page:
-    """What an absorber does, over levels."""
+    """The page of the performance of an absorber over levels."""
     central = found.central
     low, high = central.interval()
     return Page(
@@ -83,7 +83,7 @@ def performance_page(found: AbsorberReport) -> Page:
 
 
 def design_page(found: Design) -> Page:
-    """The best box for a mass."""
+    """The page of the best box for a mass."""
     best, robust = found.best, found.robust
     units = "one unit" if found.units == 1 else f"{found.units} units"
     return Page(

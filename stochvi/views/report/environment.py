@@ -33,7 +33,7 @@ LAW_UNITS = {"stiffness": "N/m", "coefficient": "N/m^1.5"}
 
 
 def environment_section(review: Review) -> Section:
-    """What shakes the mount."""
+    """The section on the excitations and the motion of the base."""
     scene, found = review.sizing.scene, review.environment
     facts: list[Fact] = []
     for excitation, numbers in zip(scene.excitations, found.excitations, strict=True):
@@ -77,7 +77,7 @@ def environment_section(review: Review) -> Section:
 def _excitation_facts(
     scene: Scene, excitation: Excitation, numbers: Mapping[str, float]
 ) -> list[Fact]:
-    """One excitation; `numbers` as in `Environment.excitations`."""
+    """The facts on one excitation; `numbers` is its entry in `Environment.excitations`."""
     where = scene.place(excitation)
     level = getattr(excitation, "level_db", 0.0)
     raised = f", raised by {level:+g} dB" if level else ""
@@ -172,7 +172,7 @@ def _band(numbers: Mapping[str, float]) -> str:
 
 
 def mount_section(review: Review) -> Section:
-    """The isolator itself."""
+    """The section on the isolator."""
     structure, found = review.sizing.scene.structure, review.mount
     assert isinstance(structure, Oscillator)
     quality = "" if found.quality_factor is None else f"  (Q = {found.quality_factor:.3g})"
@@ -220,7 +220,7 @@ def _tolerance(structure: Oscillator, what: str) -> str:
 
 
 def gap_section(sizing: Sizing) -> Section:
-    """Where the stops go, and where the scene has them."""
+    """The section on the recommended places of the stops and on those of the scene."""
     scene, found = sizing.scene, sizing.gap
     beyond = {"lower": "below", "upper": "above"}
     facts = [

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 TEMPLATE = "report.html"
 
 BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|mm|m|m/s|g|Hz|kg|N|h|s|min|dB|sigma|rms)\b|%)|(?<=±) ")
-"""The blank between a number and its unit."""
+"""Pattern of the blank between a number and its unit."""
 
 
 class Fact(NamedTuple):
@@ -28,13 +28,13 @@ class Fact(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """A table: `headings` over `rows`, all as text; `numeric` columns are set flush right."""
+    """A table of text: `headings` over `rows`; the first `words` columns are set flush left."""
 
     caption: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
     words: int = 1
-    """How many columns from the left hold words."""
+    """Number of columns, from the left, that hold words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class Picture:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A part of a report; empty ones are left out of the page."""
+    """A part of a report; an empty section is left out of the page."""
 
     title: str
     lead: str = ""
@@ -63,7 +63,7 @@ class Section:
 
     @property
     def empty(self) -> bool:
-        """Whether it says nothing."""
+        """Whether the section holds nothing."""
         return not (self.lead or self.facts or self.grids or self.pictures or self.notes)
 
 
@@ -74,17 +74,17 @@ class Page:
     Parameters
     ----------
     title, subtitle
-        What was asked of what.
+        The scene, and the question that the report answers.
     verdict
         One sentence.
     cards
         The few numbers that a reader takes away.
     warnings
-        What must be known before any number is believed.
+        Sentences that a reader must know before believing any number.
     sections
-        The evidence.
+        The parts of the report that hold the evidence.
     footer
-        Versions, seed, date: what is needed to make the page again.
+        Versions and seed, by which the page can be made again.
     """
 
     title: str
@@ -112,7 +112,7 @@ class Page:
 
 
 def _tied(value: object) -> object:
-    """A number is never parted from its unit by the end of a line."""
+    """Text with blanks that keep a number and its unit on one line; other values as they are."""
     plain = isinstance(value, str) and not hasattr(value, "__html__")
     return BEFORE_UNIT.sub("\u00a0", str(value)) if plain else value
 

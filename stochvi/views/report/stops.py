@@ -29,7 +29,7 @@ SMALLEST_CHANCE = 1e-6
 NO_HIT = "no hit seen"
 
 NAMES = {"three_sigma": "3 sigma", "recommended": "recommended"}
-"""The clearances of a review in words."""
+"""Names of the clearances that a review compares."""
 
 
 class _Row(NamedTuple):
@@ -106,7 +106,7 @@ def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
 
 
 def _hit_rows(review: Review) -> list[list[str]]:
-    """What is known of the hits at each place, a row for each quantity."""
+    """Rows of the table of hits: one for each quantity, a column for each clearance."""
 
     def row(words: str, text: Callable[[HitsAt], str]) -> list[str]:
         return [words, "", *(UNKNOWN if hits is None else text(hits) for hits in found)]
@@ -163,7 +163,7 @@ def _no_hit(chance: Chance) -> str:
 
 
 def _impacts_grid(motion: MotionBetweenStops, impacts: pd.DataFrame) -> Grid:
-    """Percentiles of impact speed and, of stops that give way, what the mass then feels."""
+    """Percentiles of impact speed and, for stops that give way, the peaks that they cause."""
     headings = ["share of impacts slower than it", "impact speed (m/s)"]
     caption = f"Impacts with stops at 3 sigma, {count_of(motion.hits)} of them"
     columns = [
