@@ -131,7 +131,7 @@ class GibbsLaw:
         return tuple((stop, stop.law) for stop in stops if isinstance(stop.law, CompliantLaw))
 
     @cached_property
-    def _walls(self) -> tuple[float, float]:
+    def walls(self) -> tuple[float, float]:
         """Where rigid stops cut the density below and above; infinite where none does."""
         walls = {name: stop.position for name, stop in self._stops.items() if stop.rigid}
         return walls.get("lower", -math.inf), walls.get("upper", math.inf)
@@ -194,7 +194,7 @@ class GibbsLaw:
         stops = [stop.position for stop in self._stops.values()]
         if self.omega == 0.0 or any(float(self._pull(stop)) == 0.0 for stop in stops):
             start = stops[0]
-        low, high = self._walls
+        low, high = self.walls
         start = min(max(start, low), high)
         slope = float(self._pull(start))
         if slope == 0.0:
@@ -208,11 +208,11 @@ class GibbsLaw:
 
     def _wall(self, away: float) -> float:
         """The rigid stop on one side, -1 or 1; infinite where there is none."""
-        return self._walls[1] if away > 0.0 else self._walls[0]
+        return self.walls[1] if away > 0.0 else self.walls[0]
 
     def _within(self, x: ArrayLike) -> Vector:
         """x, on the near side of rigid stops."""
-        return np.asarray(np.clip(np.asarray(x, dtype=float), *self._walls))
+        return np.asarray(np.clip(np.asarray(x, dtype=float), *self.walls))
 
     def _outer(self, origin: float, away: float) -> float:
         """Where, away from `origin`, a spring that is a function leaves no more of the density; a

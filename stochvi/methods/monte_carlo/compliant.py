@@ -85,6 +85,10 @@ class CompliantPlan(WhitePlan):
         """The Gibbs law at the expected speed, from the rest position."""
         return _gibbs_law(self.system, self.speed, self.rest)
 
+    @property
+    def _walls(self) -> tuple[float, float]:
+        return self._law.walls
+
 
 def _stop(position: float, law: Law) -> tuple[float, int, NDArray[np.float64]]:
     """(position, kind, data) of a stop for the kernel."""

@@ -299,13 +299,22 @@ class WhitePlan:
         probability, position = self._start_law
         return np.interp(ndtr(first), probability, position), self.speed * second
 
+    @property
+    def _walls(self) -> tuple[float, float]:
+        """Positions of the rigid stops from rest; infinite where there is none."""
+        law = self._law
+        return (
+            -math.inf if law.lower is None else law.lower,
+            math.inf if law.upper is None else law.upper,
+        )
+
     @cached_property
     def _start_law(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Distribution function of the start position, as a table."""
         law = self._law
         spread = 9.0 * math.sqrt(law.variance)
-        low = law.mean - spread if law.lower is None else max(law.lower, law.mean - spread)
-        high = law.mean + spread if law.upper is None else min(law.upper, law.mean + spread)
+        lowest, highest = self._walls
+        low, high = max(lowest, law.mean - spread), min(highest, law.mean + spread)
         grid = np.linspace(low, high, 2001)
         density = law.density(grid)
         cumulative = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
