@@ -64,6 +64,7 @@ TWINS = {
     "preload": {"lower": None, "upper": -0.8, "restitution": 0.9},
     "preload, lossy": {"lower": 0.5, "upper": 1.5, "restitution": 0.5},
     "several impacts a step": {"lower": -0.04, "upper": 0.05, "restitution": 0.9},
+    "both stops passed before turning back": {"lower": 3.0, "upper": 3.02, "restitution": 0.6},
 }
 
 
