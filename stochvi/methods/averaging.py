@@ -115,8 +115,9 @@ PRESSED_FACTORS = {
     CONTINUOUS: (1.72, 1.41, 1.21, 1.04, 1.0),
     UNFOLDED: (0.97, 1.14, 1.09, 1.02, 1.0),
 }
-"""displacement_std of each variant over that of `fokker_planck`, for a mass that a load alone
-presses onto one stop; a spring or a damper beside it brings the factors closer to 1."""
+"""Ratio of displacement_std of each variant to that of `fokker_planck`, measured for a mass that a
+load alone presses onto one stop, under white noise (no spring, no damper; the ratio then depends on
+R alone)."""
 
 
 def _warnings(model: Model, law: EnergyLaw) -> list[str]:

@@ -8,10 +8,12 @@ from stochvi.mathematics.spectra import response_moments
 from stochvi.model.model import Model
 
 FAR_STOPS = 20.0
-"""Clearance in standard deviations from which a slip of units is likelier than intent."""
+"""Clearance, in standard deviations without stops, from which a slip of units is likelier than
+intent."""
 
 BROAD_VELOCITY = 1.5
-"""Zero-crossing frequency over natural frequency from which single hits start bursts."""
+"""Ratio of the zero-crossing frequency to the natural one above which a single hit starts a burst
+of hits."""
 
 
 def scene_notes(model: Model) -> list[str]:

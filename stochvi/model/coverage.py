@@ -1,4 +1,7 @@
-"""What of a model a method covers: conditions in sentences, for refusals, `explain` and tables."""
+"""The conditions of a method that a model does not meet, in sentences.
+
+Refusals, `explain` and the table of methods are made from them.
+"""
 
 from __future__ import annotations
 

@@ -34,27 +34,31 @@ NODES, WEIGHTS = gauss_legendre(12)
 """Gauss-Legendre rule of each panel of energies, and of each cycle of an orbit."""
 
 INTEGRATED = np.polynomial.legendre.Legendre.basis
-"""Of a Legendre polynomial, by its degree."""
+"""The Legendre polynomial of a degree, whose integrals the panels are made of."""
 
 PANELS = 14
-"""Between two stops' energies, and above the last; twice as many change the ninth digit."""
+"""Number of panels between the energies of two stops, and above the last one. Twice as many change
+the ninth digit."""
 
 LARGEST_FALL = 2.0
-"""Of ln G in the first panel above a stop, before that is halved: a mass pressed hard against a
-stop that takes much has little energy for most of the time, and a long tail."""
+"""Largest fall of ln G in the first panel above a stop; a panel with a larger one is halved. A mass
+that is pressed hard against a lossy stop has little energy for most of the time, and a long
+tail."""
 
 CUT = 40.0
-"""The energy ends where G has fallen by e^-CUT, some 4e-18, from what it is at the last stop."""
+"""The largest energy is where G has fallen by the factor e^-CUT, 4e-18, from its value at the last
+stop."""
 
 UNREACHED = 600.0
-"""Energy of a stop, in theta, from which on it is never reached in numbers of this size."""
+"""A stop whose energy is above this multiple of theta is left out: e^-600 is less than any
+floating-point number that counts."""
 
 MOST_DOUBLINGS = 200
-"""Of the largest energy, and halvings of first panels."""
+"""Largest number of times that the largest energy is doubled or first panels are halved."""
 
 
 class Orbits(NamedTuple):
-    """Of orbits of given energies: T, J, and the integrals of y dt and y^2 dt over a cycle.
+    """T, J, and the integrals of y dt and y^2 dt over a cycle, of orbits of given energies.
 
     y = x - `Well.place`: of a mass that is pressed hard against a stop x varies too little for the
     difference of its squares to keep any digit.
@@ -188,7 +192,7 @@ class EnergyLaw:
 
     @property
     def _first_panels(self) -> list[int]:
-        """Of the panels above each E_k."""
+        """Number of the first panel above each E_k."""
         sizes = [PANELS + halvings for halvings in self.halvings]
         return [sum(sizes[:k]) for k in range(len(sizes))]
 
@@ -217,7 +221,7 @@ class EnergyLaw:
 
     @cached_property
     def weights(self) -> Vector:
-        """Of integrals over all energies."""
+        """Weights of the nodes in integrals over all energies."""
         halves = np.array([(two - one) / 2.0 for _, one, two in self._edges])
         return np.asarray((halves[:, None] * WEIGHTS).ravel() * self.nodes[1])
 
@@ -242,7 +246,7 @@ class EnergyLaw:
 
     @cached_property
     def orbits(self) -> Orbits:
-        """At the nodes."""
+        """The orbits of the energies at the nodes."""
         return self.well.orbits(self.nodes[0])
 
     @cached_property
@@ -279,7 +283,7 @@ class EnergyLaw:
         kernel = above @ falls / self.diffusion
         return np.asarray(np.linalg.solve(np.eye(len(energy)) - kernel, np.ones(len(energy))))
 
-    # What is asked of it ------------------------------------------------------------------
+    # Moments and rates ---------------------------------------------------------------------
 
     def moment(self, of: Callable[[Orbits], Vector]) -> float:
         """Mean of what `of` integrates over a cycle."""
@@ -319,7 +323,7 @@ def _legendre_integrals(z: Vector) -> Matrix:
 
 
 _TO_COEFFICIENTS = np.linalg.inv(np.polynomial.legendre.legvander(NODES, len(NODES) - 1))
-"""From values at the nodes to coefficients of Legendre polynomials."""
+"""Matrix that turns values at the nodes of a panel into coefficients of Legendre polynomials."""
 
 
 def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:

@@ -28,32 +28,51 @@ from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
 Vector = NDArray[np.float64]
 
 MOST_DOUBLINGS = 2000
-"""Of a bracket: from any length that a floating-point number holds to any other."""
+"""Largest number of doublings of a bracket: enough to come from any length that a floating-point
+number holds to any other."""
 
 
 MOST_HALVINGS = 30
-"""Of a panel about a kink of a function, until it holds nothing."""
+"""Largest number of times that a panel about a kink of a function is halved: after 2^-30 of its
+length it holds nothing."""
 
 SETTLED = 1e-13
-"""Share of an integral by which halving a panel may change it."""
+"""Largest change of an integral, relative to the whole, by halving one of its panels with which the
+panel counts as fine enough."""
 
-SHORTEST = 1e-40
-"""A length, in metres, on which no energy changes; made longer until one does."""
 
-LONGEST = 1e40
-"""A length, in metres, at which an energy that has not changed never does."""
+@dataclass(frozen=True, kw_only=True)
+class WellSearch:
+    """How the wells of a spring that is a function are looked for, outwards from a place.
 
-STRIDE = 16.0
-"""From one such length to the next."""
+    Parameters
+    ----------
+    shortest, longest
+        Lengths, m: on the one no energy changes, and an energy that has not changed up to the
+        other is taken never to change. Powers of `stride` lie between them.
+    stride
+        Factor from one length to the next while the energy hardly changes.
+    share_of_gap, share_of_theta
+        The search begins at the first length that is this share of the distance to a rigid stop,
+        or over which the energy changes by this share of theta.
+    places
+        Number of places between a distance and its double at which the energy is evaluated.
+    doublings
+        Number of doublings of the distance over which the energy must stay high until no further
+        well is expected.
+    """
 
-SMALL_SHARE, SMALL_RISE = 1e-6, 0.01
-"""Of the distance to a rigid stop, and of theta: where a look at a function begins."""
+    shortest: float = 1e-40
+    longest: float = 1e40
+    stride: float = 16.0
+    share_of_gap: float = 1e-6
+    share_of_theta: float = 0.01
+    places: int = 512
+    doublings: int = 3
 
-LOOKED_AT = 512
-"""Places between a distance and its double at which a spring that is a function is looked at."""
 
-BEYOND = 3
-"""Doublings of a distance over which the energy must stay high for nothing more to be expected."""
+SEARCH = WellSearch()
+"""The search that all laws use."""
 
 
 class Spring(NamedTuple):
@@ -223,42 +242,47 @@ class GibbsLaw:
         for _ in range(MOST_DOUBLINGS):
             if distance >= most:
                 return end
-            ring = origin + away * distance * np.linspace(1.0, 2.0, LOOKED_AT)
+            ring = origin + away * distance * np.linspace(1.0, 2.0, SEARCH.places)
             with np.errstate(over="ignore", invalid="ignore"):
                 rise = self._rise(ring - origin, origin) / self.theta
             if not np.any(rise < math.inf):
                 return float(ring[0])
             lowest = min(lowest, float(np.nanmin(rise)))
             high = high + 1 if np.all(rise > lowest + CUT) else 0
-            if high == BEYOND:
+            if high == SEARCH.doublings:
                 return float(origin + away * distance)
             distance *= 2.0
-            if distance > LONGEST:
+            if distance > SEARCH.longest:
                 break
         return math.inf
 
     @cached_property
     def _ends(self) -> tuple[float, float]:
-        """Between which a spring that is a function keeps all of the density."""
+        """The two places between which a spring that is a function keeps all of the density, m."""
         start = float(self._within(0.0))
         return self._outer(start, -1.0), self._outer(start, 1.0)
 
     def _near(self, origin: float, away: float, most: float) -> float:
         """A distance over which the energy hardly changes."""
-        distance = SHORTEST
-        while distance < min(most * SMALL_SHARE, LONGEST):
-            if abs(float(self._rise(STRIDE * away * distance, origin))) > SMALL_RISE * self.theta:
+        distance = SEARCH.shortest
+        while distance < min(most * SEARCH.share_of_gap, SEARCH.longest):
+            if (
+                abs(float(self._rise(SEARCH.stride * away * distance, origin)))
+                > SEARCH.share_of_theta * self.theta
+            ):
                 break
-            distance *= STRIDE
+            distance *= SEARCH.stride
         return distance
 
     def _deepest_well(self) -> float:
         """The lowest energy of a spring that is a function, between its outer ends."""
         start, ends = float(self._within(0.0)), self._ends
         # as many places about each end of the scale as far out: a well may be narrow
-        steps = [np.geomspace(SHORTEST, 1.0, 8 * LOOKED_AT) * (end - start) for end in ends]
+        steps = [
+            np.geomspace(SEARCH.shortest, 1.0, 8 * SEARCH.places) * (end - start) for end in ends
+        ]
         places = np.sort(np.concatenate([[start], start + steps[0], start + steps[1]]))
-        near = np.linspace(ends[0], ends[1], 8 * LOOKED_AT)
+        near = np.linspace(ends[0], ends[1], 8 * SEARCH.places)
         places = np.unique(np.concatenate([places, near]))
         rise = self._rise(places - start, start)
         best = int(np.argmin(rise))
@@ -371,7 +395,7 @@ class GibbsLaw:
         """Mean of `values`, given at the nodes."""
         return float(values @ self._quadrature[1]) / self._mass
 
-    # What is asked of it ------------------------------------------------------------------
+    # Moments and densities -----------------------------------------------------------------
 
     @cached_property
     def mean(self) -> float:

@@ -22,10 +22,11 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 RIGID_BODY = 1e-13
-"""Eigenvalue, relative to the largest, that is taken for 0."""
+"""Eigenvalues below this multiple of the largest one are rounding, and taken for 0."""
 
 UNSTABLE = 1e-8
-"""Decay rate, relative to the fastest frequency, below which there is no stationary law."""
+"""Decay rate, relative to the fastest frequency, up to which a structure counts as one without a
+stationary law."""
 
 
 class ModalForm(NamedTuple):
@@ -175,7 +176,7 @@ class LinearLaw(NamedTuple):
         return float(row @ self.covariance[part, part] @ row + waves)
 
     def largest_variance(self, modes: int) -> float:
-        """Of the modal velocities."""
+        """The largest variance of a modal velocity."""
         return max(self.variances(row, modes) for row in np.eye(modes))
 
 

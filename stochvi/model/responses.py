@@ -18,7 +18,8 @@ from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
 
 MOST_ENERGY_CHANGE = 0.1
-"""Of a contact by noise and damping, relative, for a peak force from energy alone."""
+"""Largest part of the energy that noise and damping may change within a contact, for the peak force
+to follow from the energy alone."""
 
 
 def build_response(
@@ -254,7 +255,7 @@ class StationaryMoments:
         }
 
     def _moments(self, model: Model) -> dict[tuple[str, str], float] | None:
-        """What the balances are about; None if a rate is missing."""
+        """The moments that the balances are made of; None if a rate is missing."""
         (name,) = model.coordinates
         moments: dict[tuple[str, str], float] = {
             (name, "x"): self.mean,

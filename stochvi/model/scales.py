@@ -18,15 +18,21 @@ from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import Viscoelastic
 
 UNSHAKEN = 1e-24
-"""Share of the largest modal velocity variance below which that of a gap is rounding."""
+"""A gap counts as at rest if the variance of its speed is below this share of the largest modal
+one: what is left there is rounding."""
 
 ITERATIONS = 40
-"""Of the search for springs and dampers in the place of impacts: a few digits are enough."""
+"""Number of times that the springs and dampers in the place of impacts are renewed: they then keep
+a few digits, which is enough for steps and starts."""
 
 
 class PairScale(NamedTuple):
-    """Of an impact pair: rms speed, and the acceleration that presses it onto a stop or 0; `slope`
-    and `curvature` of the law exp(slope y - curvature y^2 / 2) of its gap, and its `deviation`."""
+    """The scales of an impact pair, in SI units.
+
+    `speed` is the rms speed of its gap, and `pressing` the acceleration that presses it onto a
+    stop, or 0. `slope` and `curvature` are those of the law exp(slope y - curvature y^2 / 2) of
+    the gap, and `deviation` is its standard deviation.
+    """
 
     speed: float
     pressing: float
@@ -168,7 +174,8 @@ def _law_of_gap(
 
 
 def _power_of_stops(pair: Pair, law: CutNormal | GibbsLaw, square: float) -> float:
-    """What stops take, W: (1 - R^2) / 2 F2 of Rayleigh speeds; c E y'^2 P(contact) of a damper."""
+    """Power that the stops take, W: (1 - R^2) / 2 F2 of Rayleigh speeds, and c E y'^2 P(contact) of
+    a damper."""
     power = 0.0
     for stop in pair.stops:
         if isinstance(law, CutNormal) or stop.rigid:
@@ -183,9 +190,10 @@ def _power_of_stops(pair: Pair, law: CutNormal | GibbsLaw, square: float) -> flo
 
 
 LEANING = 0.5
-"""Share of the energy of a pair that pressing turns over within the spread of its gap from which
-it is said to lean on a stop; for a mass that lies on it the share is 1."""
+"""A pair leans on a stop if pressing turns over more than this share of its energy within the
+spread of its gap. The share is 1 for a mass that lies on the stop."""
 
 
 SOFTEST = 1e-6
-"""Spring for the stops of a gap that hardly feels them, relative to one that does."""
+"""Least spring that stands for the stops of a gap, relative to the spring that alone would give the
+gap its variance: a gap that hardly meets its stops needs none."""

@@ -17,7 +17,8 @@ from stochvi.scenes.scene import Scene
 Vector = NDArray[np.float64]
 
 MOST_TERMS = 2000
-"""Of the series for a box; what is left of it is bounded, and at most 1e-11."""
+"""Number of terms of the series for a box. The rest is bounded, and at most 1e-11 of the
+variance."""
 
 
 def autocorrelation(scene: Scene, lag: ArrayLike) -> Vector:

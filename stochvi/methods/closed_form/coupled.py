@@ -24,16 +24,19 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 MOST_PAIRS = 3
-"""That are integrated together: a fourth would cost another factor of a hundred."""
+"""Largest number of coupled pairs that are integrated together: a fourth would cost another factor
+of a hundred."""
 
 NODES = {2: (24, 32), 3: (16, 20)}
-"""Nodes in each panel of a coordinate, by the number of pairs: coarse and fine."""
+"""Numbers of nodes in each panel of a coordinate, by the number of pairs: of the coarse rule, which
+tells the error, and of the fine one."""
 
 MOST_POINTS = 20_000_000
-"""Of a product rule: some seconds, and some hundred megabytes."""
+"""Largest number of points of a product rule: they take some seconds and some hundred megabytes."""
 
 ALLOWED = 1e-6
-"""Relative change from coarse to fine up to which an integral counts as exact."""
+"""Largest relative change of a moment from the coarse to the fine rule with which the integrals
+count as exact."""
 
 MODE_ERROR = 1e-3
 """Error allowed in the place where the density is largest, in deviations of a coordinate with the
@@ -43,11 +46,12 @@ MOST_SWEEPS = 1000
 """Largest number of times that every coordinate is put where the energy is least."""
 
 STEPS_INTO_A_STOP = (1.0, 3.0, 9.0)
-"""Edges of panels within a stop that gives way, in deflections at the rms speed."""
+"""Edges of panels within a stop that gives way, in deflections that an impact at the rms speed
+causes."""
 
 
 class Intractable(Exception):
-    """The integrals of a law are out of reach here; says why."""
+    """The integrals of a law cannot be found here; the message says why."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +79,7 @@ class CoupledLaw:
     Raises
     ------
     Intractable
-        If a coordinate has no end that can be told, or the quadrature does not settle.
+        If nothing bounds a coordinate, or if the two rules of the quadrature differ.
     """
 
     theta: float
@@ -234,7 +238,7 @@ class CoupledLaw:
             )
         return error
 
-    # What is asked of it ------------------------------------------------------------------
+    # Moments and rates ---------------------------------------------------------------------
 
     @cached_property
     def mean(self) -> Vector:
@@ -243,7 +247,7 @@ class CoupledLaw:
 
     @cached_property
     def covariance(self) -> Matrix:
-        """Of y, m^2."""
+        """Covariance matrix of the gaps, m^2."""
         return _moments(self._fine_rule)[1]
 
     @property

@@ -37,7 +37,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 ROUNDING = 1e-12
-"""Relative size below which an entry or an eigenvalue is rounding."""
+"""Relative size up to which an entry of a matrix, or an eigenvalue, is taken for rounding."""
 
 
 class Split(NamedTuple):
@@ -100,7 +100,8 @@ def unmet(model: Model) -> list[str]:
 
 
 def _not_gibbs(model: Model) -> list[str]:
-    """What stands in the way of the Gibbs law under white noise, with stops that lose nothing."""
+    """The conditions of the Gibbs law that a model with elastic stops in white noise does not
+    meet."""
     if model.temperature is None:
         return [
             "white noise must match damping, S = 2 theta C with one theta for all coordinates "
@@ -207,7 +208,7 @@ def _pair(law: PairLaw, mass: float, error: float, how: str) -> dict[str, Estima
 
 
 def _moments(model: Model, found: Solution) -> dict[tuple[str, str], float]:
-    """What the balances are about."""
+    """The moments that the balances are made of."""
     moments: dict[tuple[str, str], float] = {}
     for row, name in enumerate(model.coordinates):
         moments[name, "x"] = float(found.mean[row])

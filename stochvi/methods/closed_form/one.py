@@ -23,7 +23,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import NonlinearOscillator
 
 HEAVIEST = 3.0
-"""Power with which a density must fall, and faster, for its variance to be finite."""
+"""A density that falls as |x|^-n far out has a finite variance only for n above this number."""
 
 
 def response(scene: Scene, started: float) -> Response:
@@ -137,7 +137,8 @@ def _table_moments(model: Model) -> LinearMoments:
 
 
 POTENTIAL_ERROR = 1e-6
-"""Of the energy (and of theta) by which a potential may differ from the integral of its force."""
+"""Largest difference between a given potential and the integral of its force, relative to the
+energies there and to theta."""
 
 
 def _check_potential(structure: NonlinearOscillator, law: GibbsLaw) -> None:

@@ -26,36 +26,40 @@ from stochvi.results.response import Response
 from stochvi.scenes.datasets import data_folder
 
 QUANTITIES = ("mean", "sigma_x", "sigma_v", "upcrossing", "rate", "f1", "f2")
-"""The mean in deviations, (answer - truth) / sigma_x; of the others ln(answer / truth)."""
+"""Columns of the atlas: the error of the mean in deviations, (answer - truth) / sigma_x, and
+ln(answer / truth) of the other quantities."""
 
 TWO, ONE = "two", "one"
-"""Symmetric stops at -gap and gap; a single one, at `gap` outwards from rest (below 0: preload)."""
+"""The kinds of stops of the atlas: two at -gap and gap, or one at `gap` outwards from rest (below
+0: a preload)."""
 
 SAFETY = 1.25
-"""Of the errors at the corners of a cell: what errors do between them."""
+"""Factor on the largest error at the corners of a cell, for what errors do between the corners."""
 
 UNLIKE_SAFETY = 2.0
-"""Of the errors of the relatives of two unlike stops. With both, more than 99 % of the bounds hold
-in scenes that were not used to find them (studies/13_linearisation_atlas)."""
+"""Factor on the largest error of the relatives of two unlike stops. With it and `SAFETY` more than
+99 % of the bounds hold in scenes that were not used to choose them
+(studies/13_linearisation_atlas)."""
 
 ONE_SIDED_SAFETY = 2.0
-"""Times that, for F2 of two unlike stops. Where one keeps and the other takes energy no relative
-has its error: at zeta .006, R = 1 and .5, the closure was off by 1.95 of the bounds without it."""
+"""Extra factor on the bound of F2 of two unlike stops. Where one stop keeps energy and the other
+takes it no relative has the error: at zeta 0.006, R = 1 and 0.5, the closure was off by 1.95 times
+the bound without this factor."""
 
 CLUMPS_SAFETY = 3.0
-"""Times UNLIKE_SAFETY, for the form "clumps": the law of the energy knows still less of two stops
-that differ. In 250 scenes of zeta .005 to .03, one stop nearly elastic, the other lossy, errors
-came to 2.7 times the bounds without it."""
+"""Extra factor on `UNLIKE_SAFETY` for the form "clumps", whose law of the energy knows less of two
+stops that differ. In 250 scenes of zeta 0.005 to 0.03, one stop nearly elastic and the other lossy,
+errors came to 2.7 times the bounds without it."""
 
 GRANTED = 1e-3
-"""Error that every answer is granted: the truth of the atlas is no better."""
+"""Error in the logarithm that every bound includes: the truth of the atlas is no better."""
 
 LARGEST = 3.0
-"""Logarithm of an error, a factor of 20, from which on a bound says nothing."""
+"""Logarithm of an error, a factor of 20, above which a bound says nothing and none is given."""
 
 
 class Span(NamedTuple):
-    """Where ln(answer / truth) lies."""
+    """The interval in which ln(answer / truth) lies."""
 
     low: float
     high: float
@@ -65,12 +69,12 @@ class Span(NamedTuple):
         return max(1.0 - math.exp(-power * self.high), math.exp(-power * self.low) - 1.0)
 
     def over(self, other: Span) -> Span:
-        """That of a ratio."""
+        """The interval of the ratio of two quantities."""
         return Span(self.low - other.high, self.high - other.low)
 
     @property
     def largest(self) -> float:
-        """Of either sign."""
+        """The largest error of either sign."""
         return max(-self.low, self.high)
 
 
@@ -173,7 +177,7 @@ def place_of(model: Model) -> Place | str:
 
 
 def spans(method: str, model: Model) -> Mapping[str, Span] | str:
-    """Where the errors of a method lie in a scene, by quantity; or the reason why nobody knows.
+    """Where the errors of a method lie in a scene, by quantity; or the reason why they are unknown.
 
     A quantity is left out where its error is unknown: the rate at R <= exp(-pi / sqrt 3), where the
     true one is infinite, and in the cell above it; what a form does not give; anything that may
@@ -216,7 +220,7 @@ def spans(method: str, model: Model) -> Mapping[str, Span] | str:
 
 
 def _unlike_safety(method: str, quantity: str) -> float:
-    """Of the bound on a quantity between two stops that differ."""
+    """The factor on the bound of a quantity between two stops that differ."""
     if method.endswith(":clumps"):
         return UNLIKE_SAFETY * CLUMPS_SAFETY
     return UNLIKE_SAFETY * (ONE_SIDED_SAFETY if quantity == "f2" else 1.0)
@@ -259,7 +263,8 @@ def _outside(gap: float, grid: Grid) -> str:
 def _relatives(
     two: Grid, one: Grid, sides: Iterable[tuple[float, float]], zeta: float
 ) -> NDArray[np.float64] | str:
-    """Of two unlike stops: each alone, symmetric stops of either kind, and of their mean gap.
+    """The errors of the relatives of two unlike stops: of each alone, and of symmetric stops of
+    either kind at its own gap and at the mean gap.
 
     A difference of two stops may turn the sign of an error, so that both signs count.
     """
@@ -337,7 +342,7 @@ def _explained(response: Response, bounds: Mapping[str, float], words: str) -> R
     """Every estimate with its bound where there is one, and the words after its `how`."""
 
     def explained(name: str, entry: Estimate) -> Estimate:
-        says = words if name in bounds or not bounds else "no error bound: unknown to the atlas"
+        says = words if name in bounds or not bounds else "no error bound: not in the atlas"
         return replace(entry, bias=bounds.get(name), how=f"{entry.how}; {says}")
 
     return response.changed(explained)

@@ -40,14 +40,15 @@ TABLE = "shaken_box.csv"
 ATLAS = "atlas.csv"
 
 RANGES = {"mass_ratio": (0.005, 0.2), "play_in_sigma": (0.5, 12.0), "zeta": (0.005, 0.05)}
-"""What the atlas covers; play over the rms displacement without absorber."""
+"""What the atlas of simulations covers: ratio of the masses, play over the rms displacement without
+absorber, and damping ratio of the structure."""
 
 LARGEST_RESTITUTION = 0.98
-"""Of the table: near 1 a mass in a moving box gains speed for ever longer."""
+"""Largest restitution of the table: near 1 a mass in a moving box gains speed for ever longer."""
 
 NEIGHBOURS = 10
-"""Scenes of the atlas, nearest in what the box does and in its play, whose largest error is taken
-for that of a scene."""
+"""Number of scenes of the atlas, nearest in gain and play, whose largest error is taken for the
+error of a scene."""
 
 AMPLITUDES = 1200
 SMALLEST, LARGEST = 0.003, 6.0
@@ -83,7 +84,7 @@ class Box:
 
     @property
     def omega(self) -> float:
-        """Of the structure, rad/s."""
+        """Natural frequency of the structure, rad/s."""
         return math.sqrt(self.stiffness / self.mass)
 
     @property
@@ -93,7 +94,7 @@ class Box:
 
     @property
     def place(self) -> dict[str, float]:
-        """Where it lies in the atlas."""
+        """Coordinates of the scene in the atlas."""
         return {
             "mass_ratio": self.loose_mass / self.mass,
             "play_in_sigma": self.play / self.sigma,
@@ -286,7 +287,7 @@ def _squared(root: Estimate) -> Estimate:
 
 
 def _balance(box: Box, found: dict[str, float]) -> dict[tuple[str, str], float]:
-    """What the balances of energy, virial and force ask for."""
+    """The moments that the balances of energy, virial and force are made of."""
     name, half = box.pair.name, 0.5
     known = {
         ("", "kinetic"): box.mass * found["velocity"] + box.loose_mass * found["loose_velocity"],

@@ -28,20 +28,22 @@ from stochvi.model.gap import Gap
 from stochvi.model.model import Stop
 
 BOX_RESTITUTION = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
-"""Restitutions of the two tables below; between them they are interpolated by cubics (PCHIP)."""
+"""Restitutions of the two tables below, between which cubics (PCHIP) interpolate."""
 
 BOX_DENSITY = (
     0.7974, 0.7515, 0.7564, 0.7933, 0.8483, 0.9093, 0.9650, 1.0061, 1.0269, 1.0253, 1.0160, 1.0,
 )  # fmt: skip
-"""A of a box, by `fokker_planck` to four digits; 1 for elastic stops, where x is uniform. With the
-half width D and the displacement variance there, A = 1 / ((1 + R) D p), the balance of virial."""
+"""A of a box by restitution, found by `fokker_planck` to four digits from A = 1 / ((1 + R) D p),
+the balance of virial, with the half width D and the displacement variance there; 1 for elastic
+stops, where x is uniform."""
 
 BOX_SPEED = (
     0.9554, 1.0382, 1.0935, 1.1217, 1.1262, 1.1121, 1.0845, 1.0480, 1.0061, 0.9615, 0.9388, 0.9154,
 )  # fmt: skip
-"""g of a box, likewise: S0 D / ((1 - R) s^3) sqrt(pi / 8), the balance of energy. Towards R = 1 it
-goes to that of speeds with the density exp(-c |v|^3); the last entry goes on with the slope before
-it. It is not felt, since elastic stops have no share in the losses."""
+"""g of a box by restitution, found by `fokker_planck` to four digits from the balance of energy, g
+= S0 D / ((1 - R) s^3) sqrt(pi / 8). Towards R = 1 it goes to the value of speeds with the density
+exp(-c |v|^3). The last entry continues the slope before it; it has no effect, since elastic stops
+have no share in the losses."""
 
 _DENSITY = PchipInterpolator(BOX_RESTITUTION, BOX_DENSITY)
 _SPEED = PchipInterpolator(BOX_RESTITUTION, BOX_SPEED)

@@ -24,13 +24,13 @@ from stochvi.model.gap import Gap
 from stochvi.model.model import Model
 
 CLUMPING = 50.0
-"""A gap of one deviation is half closed, half energy at zeta = 1 / CLUMPING. Chosen on the grid of
-the atlas, where it brings the mean error of F1 between two stops from 11 to 3 %, and at zeta up to
-.05 with gaps from 2 deviations from 36 to 3 %; with 25 or 100 the error of sigma_v or of F1 grows
-by half (studies/13_linearisation_atlas)."""
+"""A gap of one deviation is described half by the closure and half by the energy at zeta = 1 /
+CLUMPING. Chosen on the grid of the atlas, where it brings the mean error of F1 between two stops
+from 11 to 3 %, and at zeta up to 0.05 with gaps from 2 deviations from 36 to 3 %; with 25 or 100
+the error of sigma_v or of F1 grows by half (studies/13_linearisation_atlas)."""
 
 UNSEEN = 1e-6
-"""Weight below which the law of the energy is not computed."""
+"""Weight of the law of the energy below which it is not computed."""
 
 
 def energy_weight(model: Model) -> float:

@@ -32,8 +32,8 @@ class Rule(NamedTuple):
 
 
 FINE, ROUGH = Rule.of(32), Rule.of(16)
-"""Two panels a law. A normal law out to ten deviations keeps 1e-12 by the one, 1e-4 by the other,
-which is enough for a scale."""
+"""Rules of the two panels of each law. A normal law out to ten deviations keeps 1e-12 by the fine
+rule, and 1e-4 by the rough one, which is enough for a scale."""
 
 
 class CutLaws(NamedTuple):

@@ -20,13 +20,15 @@ from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
 Vector = NDArray[np.float64]
 
 DISTANCES = 2.0 ** np.arange(-100.0, 101.0)
-"""Deflections to look at first, in units in which the motion is of order 1."""
+"""Deflections at which the density within a stop is evaluated first, in units in which the motion
+is of order 1."""
 
 SHRINKAGE = 32
-"""Places at which a peak is looked for between its neighbours, again and again."""
+"""Number of places between the two neighbours of a peak at which the peak is looked for next."""
 
 LOOKS = 5
-"""Of such a search: 16^5 is fine enough to place the panels of a quadrature."""
+"""Number of rounds of the search for a peak. 16^5 times finer than `DISTANCES` is enough to place
+the panels of a quadrature."""
 
 
 class Layer(NamedTuple):

@@ -27,26 +27,29 @@ from stochvi.results.errors import NotApplicable
 ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
 CHUNK = 8192
-"""OscillatorArrays solved together: enough to hide the price of a call."""
+"""Number of oscillators that are solved together: enough to hide the price of a call."""
 
 SPEED_STEPS, STEPS, HALVINGS = 60, 40, 12
-"""Most Newton steps for the speed of the elastic law, and for the closure; halvings of a step."""
+"""Largest numbers of Newton steps for the speed of the elastic law and for the closure, and of
+halvings of one step."""
 
 SPEED_ACCEPTED = 0.05
-"""Of the logarithm of the speed of the elastic law, which only sets units and a start."""
+"""Step of the logarithm of the speed of the elastic law with which its search ends: the speed only
+sets units and a start."""
 
 ACCEPTED = 1e-10
-"""Largest imbalance of a solution, relative to its terms, as of `linearise`."""
+"""Largest imbalance of a solution, relative to its terms; the bound of `linearise`."""
 
 POLISHED, CLOSE = 1e-13, 1e-6
-"""Imbalances: one at which steps end, and one from which a single step takes them to rounding."""
+"""Imbalance at which Newton steps end, and imbalance from which one more step reaches rounding."""
 
 LARGEST_STEP = 2.0
-"""Of lambda, kappa and log s_v, all of order 1 in these units."""
+"""Largest Newton step of lambda, kappa and log s_v, which are of order 1 in the units of the
+frame."""
 
 START_SPEEDS = (1.0, 2.0, 0.5, 1.4, 0.7, 4.0, 0.25, 3.0, 8.0)
-"""Speeds of the elastic law to start from, relative to the one that balances its power, in turn
-where the one before led to no answer."""
+"""Speeds of the elastic law to start from, relative to the one that balances its power. Each is
+tried where the one before led to no answer."""
 
 
 class Linearised(NamedTuple):
@@ -160,7 +163,7 @@ class _State(NamedTuple):
     damping: Vector
 
     def take(self, places: Booleans) -> _State:
-        """Some of them."""
+        """The states of some oscillators."""
         return _State(
             self.unknowns[:, places],
             CutLaws._make(column[places] for column in self.law),
@@ -257,8 +260,8 @@ def _elastic_speed(oscillators: OscillatorArrays) -> Vector:
 
 
 def _rough_log_speed(o: OscillatorArrays) -> Vector:
-    """Above the answer: the speed that the damper alone leaves; without one, the largest that
-    springs, stops and noise have a scale for."""
+    """Logarithm of a speed above the answer: of the speed that the damper alone leaves, or without
+    a damper of the largest one that springs, stops and noise have a scale for."""
     gap = o.upper - o.lower
     rest = o.load / o.omega**2
     away = np.fmin(np.abs(o.upper - rest), np.abs(rest - o.lower))
@@ -327,7 +330,8 @@ def _floor() -> np.polynomial.Chebyshev:
 
 
 FLOOR_STEPS, FLOOR_DEGREE = 6, 24
-"""Newton steps that reach rounding, and the degree at which interpolation does."""
+"""Number of Newton steps that reach rounding, and degree of the polynomial that interpolates to
+rounding."""
 
 
 def _evaluate(unit: _Unit, unknowns: Vector) -> _State:
@@ -483,7 +487,7 @@ def _search(unit: _Unit, state: _State, step: Vector) -> tuple[_State, Booleans]
 
 
 def _in_si(oscillators: OscillatorArrays, unit: _Unit, state: _State) -> Linearised:
-    """Back in SI units; without stops the linear law itself is the elastic one."""
+    """The solutions in SI units; without stops the linear law itself is the elastic one."""
     law, rise, damping = state.law, state.rise, state.damping
     good = _accepted(state)
     with np.errstate(all="ignore"):

@@ -1,4 +1,4 @@
-"""The method: what it covers, what it says about its answer."""
+"""Linearisation of a scene: the conditions, the answers, and their assumptions and warnings."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
         White, filtered and tabulated noise, any constant load, no stop or one or two of any
         law; by the closure also several coordinates, several pairs, and sines.
     form
-        "closure", "motion" or "force", as `stochvi.methods.linearisation` says; "clumps", the
+        "closure", "motion" or "force" (see `stochvi.methods.linearisation`); "clumps", the
         closure (of two stops its variant "box") corrected by the law of the energy, the best of
         them for one oscillator between rigid stops in white noise.
     variant
@@ -61,7 +61,7 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     ------
     ValueError, NotApplicable, NotConverged
         If there is no such form or variant; with every condition that the scene does not meet;
-        if no response was found that is its own linearisation.
+        if the iteration converges from none of its starts.
 
     Examples
     --------
@@ -136,7 +136,7 @@ def linearise_all(
 
 
 def method_name(form: str, variant: str) -> str:
-    """What a response says of its method."""
+    """The name of a form and a variant in a response."""
     return f"linearise:{form}" + ("" if variant == "consistent" else f":{variant}")
 
 
@@ -324,22 +324,23 @@ LOSSY = 0.15
 
 MEASURED_RATIOS = (0.2, 0.4, 0.6, 1.0)
 """Damping ratios at which the two errors below were measured against `fokker_planck`: single stops
-of 3 to 300 times the spring's stiffness, zeta .01 to .2."""
+of 3 to 300 times the stiffness of the spring, zeta 0.01 to 0.2."""
 
 PRESSED_ERROR = (0.18, 0.40, 0.54, 0.74)
-"""Largest error of sigma_x over the truth seen where the spring's rest position lies within a stop,
-by .3 to 2 deviations without stops."""
+"""Largest relative error of sigma_x seen where the rest position of the spring lies within a stop,
+by 0.3 to 2 deviations without stops."""
 
 CONTACT_ERROR = (0.30, 0.55, 0.73, 0.96)
-"""Likewise of P(contact), always too high, with stops at rest to 2 deviations away; less for
-stiffer ones, where contacts are short."""
+"""Largest relative error of P(contact) seen with stops at rest to 2 deviations away. It is always
+too high; less for stiffer stops, where contacts are short."""
 
 LONG_CONTACT = 300.0
-"""Stiffness of a stop over the spring's up to which P(contact) is warned of."""
+"""Stiffness of a stop, relative to that of the spring, up to which the warning about P(contact) is
+given."""
 
 
 def _warnings_of_losses(model: Model, stop: Stop, law: Viscoelastic) -> list[str]:
-    """What is known to be wrong of a stop that takes much energy in its contacts."""
+    """The known errors where a stop takes much energy in its contacts."""
     ratio, side = law.damping_ratio, stop.name
     # would a load alone, without noise, hold the mass on the stop?
     if stop.side * (model.load - model.omega**2 * stop.position) > 0.0:

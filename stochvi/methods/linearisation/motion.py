@@ -33,8 +33,8 @@ from stochvi.model.gap import Gap
 from stochvi.scenes.impact_laws import CompliantLaw
 
 STIFFENED = 2.0
-"""Deviation of the mass on its spring alone, in those of the elastic law, from which the stops are
-taken to govern the motion: narrow gaps and deep preloads."""
+"""Deviation of the mass on its spring alone, in deviations of the elastic law, above which the
+stops govern the motion and set its start: narrow gaps and deep preloads."""
 
 
 def motion_form(book: bool) -> Form:
@@ -48,7 +48,7 @@ def motion_form(book: bool) -> Form:
 
 
 def _start(gap: Gap, book: bool) -> Unknowns:
-    """That of rigid stops which govern the motion, or of the elastic law.
+    """The start of rigid stops that govern the motion, or else that of the elastic law.
 
     In a narrow gap, and at a stop far inside the rest position r, the stop force has the slope
     k = A s_v^2 / s_x^2 and the mean k (m - c), A its factor and c the mean between the stops: of a

@@ -19,10 +19,11 @@ from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.scenes.impact_laws import Viscoelastic
 
 SCAN = (-6.9, 4.6)
-"""Logarithms of speeds, relative to one that balances, among which others are looked for."""
+"""Logarithms of the least and the largest speed among which further solutions are looked for,
+relative to a speed that balances."""
 
 LOOKED_AT = 75
-"""Speeds looked at: some fifteen a decade."""
+"""Number of speeds that are looked at within `SCAN`: some fifteen a decade."""
 
 
 def linear_moments(gap: Gap, stiffness: float, damping: float) -> tuple[float, float]:
@@ -187,7 +188,7 @@ def _surplus(gap: Gap, log_speed: float) -> float:
 
 
 def _rough_speed(gap: Gap) -> float:
-    """Any speed that scales as it should, m/s."""
+    """A speed, m/s, that scales with units and strengths of the scene as the answer does."""
     rate = gap.damping_rate or gap.omega
     if rate > 0.0:
         return math.sqrt(linear_moments(replace(gap, damping_rate=rate), 0.0, 0.0)[1])

@@ -39,7 +39,7 @@ from stochvi.scenes.scene import Scene
 METHOD = "linearise:closure"
 
 MOST_FORMS = 3
-"""Forms of a gap that are tried in turn: at most as many as `soft_closure` has."""
+"""Largest number of forms of a gap that are tried in turn: as many as `soft_closure` has."""
 
 
 class _PairGap(NamedTuple):
@@ -93,8 +93,8 @@ def closure(scene: Scene) -> tuple[Response, ...]:
     Raises
     ------
     NotApplicable, NotConverged
-        With every condition that the scene does not meet; if no response was found that is its
-        own linearisation.
+        With every condition that the scene does not meet; if the iteration converges from none
+        of its starts.
     """
     started = time.perf_counter()
     model = model_of(scene)
@@ -145,7 +145,8 @@ def solutions(model: Model) -> list[_Solution]:
         if found:
             return sorted(found, key=lambda one: 0.0 if free is None else _apart(modes, one, free))
     raise NotConverged(
-        f"{METHOD} found no response that is its own linearisation; simulate this scene."
+        f"{METHOD} did not converge: from none of its starts did the iteration reach a response "
+        "that the linearised structure answers with; simulate this scene."
     )
 
 
@@ -323,7 +324,7 @@ def _coordinate(
 
 
 def _of_stops(pair: Pair, answer: StationaryMoments) -> dict[tuple[str, str], float]:
-    """What the balances ask of the stops of a pair, per unit of its reduced mass."""
+    """The moments of a pair that the balances are made of, per unit of its reduced mass."""
     found = {}
     for stop in pair.stops:
         hits, contact = answer.at(stop)

@@ -51,8 +51,8 @@ from stochvi.model.model import Stop
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
 SOFTEST_CURVATURE = 1e-3
-"""Least kappa of a law with one open side, in units of that of the elastic law: what is less calls
-for a density that is higher right at the stop."""
+"""Least kappa of a law with one open side, in units of the kappa of the elastic law. A smaller one
+calls for a density that is higher right at the stop."""
 
 
 def soft_closure(gap: Gap, coloured: bool = False) -> Form:

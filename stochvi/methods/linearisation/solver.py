@@ -19,21 +19,21 @@ from stochvi.model.gap import Gap
 from stochvi.results.errors import NotConverged
 
 ACCEPTED = 1e-10
-"""Largest relative imbalance of a solution. Roots are polished to rounding; this bound only
-tells a root from the lack of one."""
+"""Largest relative imbalance of a solution. Roots are polished to rounding; this bound only tells a
+root from the lack of one."""
 
 START_SPEEDS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.25, 4.0)
 """Speeds to start from, relative to the one that balances the power of the elastic law."""
 
 NOWHERE = 1e3
-"""Imbalance of unknowns that stand for no response, to turn the solver back."""
+"""Imbalance that is given to unknowns without a response, so that the solver turns back."""
 
 
 Problem = Callable[[Unknowns], Unknowns]
 
 
 SAME = 1e-6
-"""Relative difference of the mean squares up to which two solutions are one."""
+"""Relative difference of the mean squares up to which two solutions count as one."""
 
 
 def solve(gap: Gap, form: Form, method: str) -> list[Candidate]:
@@ -64,8 +64,9 @@ def solve(gap: Gap, form: Form, method: str) -> list[Candidate]:
         return solve(gap, form.others[0]._replace(others=form.others[1:]), method)
     if not found:
         raise NotConverged(
-            f"{method} found no response that is its own linearisation, as where a preload "
-            "holds the mass on a stop; try another form, or simulate this scene."
+            f"{method} did not converge: from none of its starts did the iteration reach a "
+            "response that the linearised oscillator answers with, as where a preload holds the "
+            "mass on a stop; try another form, or simulate this scene."
         )
     return found
 

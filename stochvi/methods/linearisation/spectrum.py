@@ -27,10 +27,11 @@ Vector = NDArray[np.float64]
 Density = Callable[[ArrayLike], Vector]
 
 PLACES = 2001
-"""Frequencies at which a spectral peak is looked for before it is refined."""
+"""Number of frequencies at which a spectral peak is looked for before it is refined."""
 
 DECADES = 4.0
-"""How far below and above the linearised resonance it is looked for."""
+"""Number of decades below and above the linearised resonance within which a spectral peak is looked
+for."""
 
 
 @dataclass(frozen=True, kw_only=True)

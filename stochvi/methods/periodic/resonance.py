@@ -22,10 +22,11 @@ from stochvi.mathematics.quadrature import gauss_legendre
 Vector = NDArray[np.float64]
 
 SAMPLES = 400
-"""Places in half a period at which a regime is looked at for passing through a stop."""
+"""Number of places in half a period at which a regime is checked for passing through a stop."""
 
 HARMONICS = 63
-"""Of the velocity of a regime; beyond them a jump, whose harmonics fall like 1/m, has 0.6 %."""
+"""Number of harmonics of the velocity of a regime. Those beyond have 0.6 % of the power of a jump,
+whose harmonics fall like 1/m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -349,7 +350,7 @@ class RandomResonance:
 
 
 _RULE = gauss_legendre(256)
-"""Exact for harmonics of the velocity up to `HARMONICS`."""
+"""Gauss-Legendre rule, exact for the harmonics of the velocity up to `HARMONICS`."""
 
 
 def _quantile(probability: float) -> float:
