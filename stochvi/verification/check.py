@@ -1,4 +1,4 @@
-"""Every method that covers a scene, side by side: do they agree within their own errors?"""
+"""`check`: whether all methods that cover a scene agree within the errors that they state."""
 
 from __future__ import annotations
 
@@ -29,11 +29,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FAMILY_ALARM_RATE = 0.003
-"""Chance that a check of methods which all agree raises any alarm."""
+"""Chance that a check raises any alarm although all methods are right."""
 
 BALANCE = "balance"
+"""What a comparison is of where a residual is compared with zero."""
 
 STOPPED_EARLY = "simulate stopped early"
+"""First words of the reason why a simulation fell short of the accuracy asked for."""
 
 AGREES, DISAGREES, APPROXIMATE, TOO_RARE = "agrees", "DISAGREES", "approximate", "too rare"
 BIAS_UNKNOWN = "bias unknown"
@@ -42,20 +44,20 @@ ZERO = "zero by construction"
 displacement where tables are synthesised, say, and the balance of force where nothing is hit."""
 
 RARE = 0.2
-"""Relative standard error of a quantity of impacts from which they are too few to judge by."""
-
+"""Relative standard error of a quantity of impacts from which impacts are too few to judge it."""
 
 SHARPER = 0.1
-"""Error asked of the Fokker-Planck equation, in units of that asked of Monte Carlo: on fine meshes
-it costs less, and its bounds on the error are safer."""
+"""Relative error asked of the Fokker-Planck equation, in units of the one asked of Monte Carlo. On
+finer meshes the bounds on its error are safer, and it costs less than the simulation anyway."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
     """One quantity by two methods; `relative` is the difference in units of the reference.
 
-    `score` is what of the difference the stated biases do not cover, in standard errors, on the
-    scale of a normal variable (Student's law where paths are few); None where nothing was sampled.
+    `score` is the part of the difference that the stated biases do not cover, in standard errors,
+    on the scale of a normal variable (by Student's law where paths are few); it is None where
+    nothing was sampled.
     """
 
     of: str
@@ -136,8 +138,11 @@ class Check(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class MethodResponses:
-    """What the methods say of one scene: first those that claim to be right, the reference in
-    front, then the approximations; and why the others are left out."""
+    """The responses of all methods to one scene.
+
+    `responses` come from methods that state their errors, the reference first. `approximations` are
+    shown and not judged. `left_out` says why other methods did not answer.
+    """
 
     responses: Sequence[Response]
     approximations: Sequence[Response] = ()
@@ -150,8 +155,8 @@ class MethodResponses:
             return 0
         known = self.responses[0].estimates()
         rivals = _shared(self.responses[1:], known)
-        telling = sum(not _untold(rival[-1], known[rival[1], rival[2]]) for rival in rivals)
-        return telling + sum(len(response.identities) for response in self.responses)
+        compared = sum(not _bias_unknown(rival[-1], known[rival[1], rival[2]]) for rival in rivals)
+        return compared + sum(len(response.identities) for response in self.responses)
 
 
 def check(
@@ -169,10 +174,10 @@ def check(
     the stated bias of mesh and step, and the energy, virial and force residuals must vanish
     within theirs (the standard error of a bias that was itself sampled counts like that of the
     value); z is set so that all these comparisons together raise a false alarm with
-    probability `FAMILY_ALARM_RATE` (Sidak), and widened for the paths that a standard error
-    comes from as Student's law says. `check_many` does this for several scenes. A quantity
-    whose bias a method cannot tell is not judged. Averaging and linearisation are approximations:
-    their errors are shown, not judged.
+    probability `FAMILY_ALARM_RATE` (Sidak), and widened by Student's law where a standard error
+    comes from few paths. `check_many` does this for several scenes. A quantity whose bias a method
+    cannot state is not judged, nor is one that is zero on every path. Averaging and linearisation
+    are approximations: their errors are shown, not judged.
 
     Examples
     --------
@@ -203,7 +208,7 @@ def answers(
     budget: float | None = 60.0,
     progress: Progress | None = None,
 ) -> MethodResponses:
-    """Every method that covers a scene; arguments as for `check`."""
+    """The responses of every method that covers a scene; the arguments are those of `check`."""
     left_out: list[str] = []
     responses: list[Response] = []
     simulated: list[Response] = []
@@ -236,7 +241,7 @@ def answers(
 def _solved(
     scene: Scene, rtol: float, simulated: Sequence[Response], left_out: list[str]
 ) -> list[Response]:
-    """The Fokker-Planck equation, its rates counted above the same speed as the simulated ones."""
+    """The Fokker-Planck response; its rates count impacts above the speed that simulation uses."""
     thresholds = [
         threshold
         for found in simulated
@@ -248,14 +253,16 @@ def _solved(
     except NotApplicable as reason:
         left_out.append(str(reason))
     except NotConverged as reason:
-        # its bias says what it has reached
+        # its bias states the accuracy that it has reached
         return [] if reason.response is None else [reason.response]
     return []
 
 
 def approximations(scene: Scene, left_out: list[str]) -> list[Response]:
-    """Averaging and every form of linearisation that cover a scene; the reasons of others go to
-    `left_out`."""
+    """Responses by averaging and by every form of linearisation that cover a scene.
+
+    The reasons why others do not are appended to `left_out`.
+    """
     found = []
     try:
         found.append(average(scene))
@@ -277,9 +284,9 @@ def compare(
 ) -> Check:
     """Judge `responses` against the first of them, and show the error of `approximations`.
 
-    The first response is the reference. Responses that claim to be right are judged, and so are
-    the residuals of their balances; at least one is needed. `family` is the number of comparisons
-    that share one alarm rate, by default those that are judged here.
+    The first response is the reference. The others are judged against it, and the residuals of the
+    balances of all responses against zero. `family` is the number of comparisons that share one
+    alarm rate, by default those that are judged here.
     """
     everything = (*responses, *approximations)
     rows, z = _judged(responses, approximations, family) if responses else ([], 0.0)
@@ -313,8 +320,8 @@ def _judged(
 
 
 def single_alarm_rate(family: int, family_alarm_rate: float = FAMILY_ALARM_RATE) -> float:
-    """Chance of a false alarm that one of `family` comparisons may have, so that all of them
-    together, were they independent, have the rate of the family (Z. Sidak 1967).
+    """Chance of a false alarm of one comparison such that `family` independent comparisons together
+    raise one with the chance `family_alarm_rate` (Z. Sidak 1967).
 
     >>> round(single_alarm_rate(20), 8)
     0.00015021
@@ -336,15 +343,15 @@ def _rare(estimate: Estimate) -> bool:
     return few and (simulated or estimate.how.startswith("no impact"))
 
 
-def _untold(estimate: Estimate, known: Estimate) -> bool:
-    """Whether one of two estimates does not say how far off it may be."""
+def _bias_unknown(estimate: Estimate, known: Estimate) -> bool:
+    """Whether one of two estimates states no bias, so that they cannot be judged."""
     return estimate.bias is None or known.bias is None
 
 
 def _shared(
     responses: Sequence[Response], known: Mapping[tuple[str, str], Estimate]
 ) -> Iterator[tuple[Response, str, str, Estimate]]:
-    """The estimates of each response that the reference has too."""
+    """The estimates of each response that the reference has as well."""
     for response in responses:
         for (of, quantity), estimate in response.estimates().items():
             if (of, quantity) in known:
@@ -357,7 +364,7 @@ def _vanish(size: float, *estimates: Estimate) -> bool:
 
 
 ROUNDING = 1e-9
-"""Relative error granted to any deterministic number: quadrature and root finding."""
+"""Relative error allowed to any deterministic number, for its quadrature and root finding."""
 
 
 def _row(
@@ -369,9 +376,10 @@ def _row(
     reference: Response | None,
     alarm_rate: float | None,
 ) -> Comparison:
-    """Compare with the reference, or a balance with 0; judged at an alarm rate, or only shown.
+    """Compare an estimate with the reference, or the residual of a balance with 0.
 
-    Balances are relative already; a mean, which may be zero, is measured by the deviation.
+    It is judged at an alarm rate, or only shown where that is None. Residuals are relative already;
+    the difference of a mean, which may be zero, is relative to the standard deviation.
     """
     truth = known.get((of, quantity), Estimate(value=0.0))
     size = 1.0 if of == BALANCE else abs(truth.value)
@@ -390,7 +398,7 @@ def _row(
         verdict = AGREES if abs(difference) <= tolerance else DISAGREES
         if (of, quantity) in known and of in response.impact_pairs and _rare(estimate):
             verdict = TOO_RARE
-        elif of != BALANCE and _untold(estimate, truth):
+        elif of != BALANCE and _bias_unknown(estimate, truth):
             tolerance, verdict = None, BIAS_UNKNOWN
         elif response.cost.paths and _vanish(size, estimate, truth):
             tolerance, score, verdict = None, None, ZERO

@@ -1,4 +1,4 @@
-"""The zoo: scenes that ship with answers that are known, and one verdict over many scenes."""
+"""`check_many`: one verdict over many scenes; and `zoo`, the scenes that ship for it."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 WORST_SHOWN = 3
-"""Comparisons that a summary of a failed check names."""
+"""Number of comparisons that the summary of a failed check names."""
 
 
 def zoo(*names: str) -> dict[str, Scene]:
-    """The scenes of `data/scenes/zoo`, by name: all of them, or those that are named.
+    """The scenes of `data/scenes/zoo` by name: all of them, or those of the names given.
 
     Examples
     --------
@@ -55,9 +55,10 @@ def zoo(*names: str) -> dict[str, Scene]:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Checks(Result):
-    """The verdict on many scenes, under one alarm rate.
+    """The verdict on many scenes, whose comparisons share one alarm rate.
 
-    `z` is the number of standard errors that one of the `judged` comparisons may differ by.
+    `judged` is the number of comparisons, and `z` the number of standard errors by which each of
+    them may differ.
     """
 
     checks: Mapping[str, Check]
@@ -73,7 +74,7 @@ class Checks(Result):
 
     @property
     def alarms(self) -> list[tuple[str, Comparison]]:
-        """(scene, comparison) of everything that disagrees."""
+        """Every comparison that disagrees, as (scene, comparison)."""
         return [
             (name, row)
             for name, verdict in self.checks.items()
@@ -116,7 +117,7 @@ class Checks(Result):
         )
 
     def overview(self) -> pd.DataFrame:
-        """One row per scene: what was judged, by which methods, and what was largest."""
+        """One row per scene: the methods, the numbers of comparisons, the largest score."""
         import pandas as pd
 
         return pd.DataFrame([_line(name, verdict) for name, verdict in self.checks.items()])
@@ -156,7 +157,7 @@ def _methods(verdict: Check) -> list[str]:
 
 
 BALANCES_ONLY = "balances hold"
-"""Verdict where nothing was compared: no second method confirms the one there is."""
+"""Verdict where only one method covers the scene: its balances hold, and nothing was compared."""
 
 
 def _line(name: str, verdict: Check) -> dict[str, Any]:
@@ -192,14 +193,14 @@ def check_many(
 ) -> Checks:
     """`check` of many scenes, under one alarm rate for all their comparisons together.
 
-    The chance that any of the comparisons of any scene raises an alarm, though all methods are
-    right, is `FAMILY_ALARM_RATE` (Sidak over the total, which is safe where they depend on each
-    other). Each scene gets random numbers of its own, from the seed and its place.
+    The chance that any comparison of any scene raises an alarm although all methods are right is
+    `FAMILY_ALARM_RATE` (Sidak over all comparisons; this is safe where they depend on each other).
+    Each scene gets random numbers of its own, from the seed and its place in `scenes`.
 
     Parameters
     ----------
     scenes
-        By name; `zoo()` are those that ship.
+        The scenes by name; `zoo()` gives those that ship.
     rel_error, seed, threads
         As for `check`.
     budget
@@ -229,7 +230,7 @@ def compare_many(
     seeds: Mapping[str, int] | None = None,
     rel_error: float | None = None,
 ) -> Checks:
-    """Judge the answers to many scenes under one alarm rate; `check_many` finds them first."""
+    """Judge responses to many scenes under one alarm rate, as `check_many` does with its own."""
     judged = sum(each.judged for each in found.values())
     checks = {
         name: compare(each.responses, each.approximations, each.left_out, family=judged)
@@ -247,7 +248,7 @@ def compare_many(
 
 
 def seeds_of(seed: int, count: int) -> Sequence[int]:
-    """Seeds for so many independent simulations, from one.
+    """Seeds of `count` independent simulations, made of one seed.
 
     >>> seeds_of(0, 2) == seeds_of(0, 3)[:2], len(set(seeds_of(0, 100)))
     (True, 100)

@@ -1,4 +1,4 @@
-"""What accuracy costs: statistical error per CPU second, bias of the step, error of a model."""
+"""`cost`: statistical error per CPU second, bias of the step, and error of models, apart."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FACTORS = (2.0, 1.0, 0.5)
-"""Steps of the ladder, in units of the one that `simulate` takes."""
+"""Steps at which the same paths are simulated, in units of the step that `simulate` takes."""
 
 TARGETS = (1e-2, 1e-3, 1e-4)
-"""Relative errors whose price is predicted."""
+"""Relative errors for which the CPU time is predicted: 1, 0.1 and 0.01 %."""
 
 NOISE = 3.0
-"""Standard errors within which a measured bias may be nothing but noise."""
+"""Standard errors up to which a measured bias may be nothing but noise."""
 
 MOST_HALVINGS = 10
-"""Of the finest step, in search of one whose bias is small enough."""
+"""Largest number of times that the finest step is halved on paper to find a small enough bias."""
 
 LARGEST_BLOCK = 256
-"""Paths at once: enough for the kernels' full speed, few enough to stop in time."""
+"""Paths of a block: enough for the full speed of the kernels, few enough to stop in time."""
 
 DAY, YEAR = 86400.0, 365.25 * 86400.0
 """Seconds of a day and of a year."""
@@ -62,7 +62,7 @@ LONG_SECONDS = DAY
 """CPU seconds from which a price is given with the quantity that makes it high."""
 
 WINDOW = 2
-"""Blocks per thread that may wait to be merged in order."""
+"""Blocks per thread that may be under way or wait to be merged in their order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +71,9 @@ class StepError:
 
     `size` is the quantity itself, for a mean displacement the standard deviation.
     `error_of_a_second` is the standard error after one CPU second; it falls with the square root
-    of the time. `step_bias` is measured, with `step_bias_error` its standard error; it is at most
-    `step_bias_limit`, None where nobody can tell. `order` is that of the bias.
+    of the time. `step_bias` is measured, and `step_bias_error` is its standard error. The bias is
+    at most `step_bias_limit`, which is None where no limit is known. It falls with the power
+    `order` of the step.
     """
 
     step: float
@@ -90,24 +91,24 @@ class StepError:
 
     @property
     def bias_is_seen(self) -> bool:
-        """Whether the bias is beyond its own noise."""
+        """Whether the measured bias is more than noise."""
         return abs(self.step_bias) > NOISE * self.step_bias_error + ROUNDING
 
     @property
     def largest_bias(self) -> float:
-        """What the bias may be at most, by what was measured at this step alone."""
+        """The largest bias that the measurement at this step alone allows."""
         return abs(self.step_bias) + NOISE * self.step_bias_error
 
     def seconds(self, target: float) -> float | None:
         """CPU seconds until statistical error and bias are both below a relative error; None
-        where the bias is not known to be."""
+        where the bias at this step is not known to be below it."""
         if self.step_bias_limit is None or self.step_bias_limit > target:
             return None
         return float((self.error_of_a_second / target) ** 2)
 
     def halved(self, times: int) -> StepError:
-        """What it would be at 2^-times of the step: the price doubles, the bias goes with its
-        order."""
+        """The same quantity predicted at the step halved so many times: each halving doubles the
+        price, and lowers the bias by its order."""
         limit = self.step_bias_limit
         if limit is not None and self.order is not None:
             limit *= 2.0 ** (-times * self.order)
@@ -121,8 +122,11 @@ class StepError:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelError:
-    """One quantity by a method that costs next to nothing: its difference to the reference,
-    relative, with the standard error of the reference; `stated_bias` is what it says itself."""
+    """One quantity by a method that draws no random numbers; errors are relative.
+
+    `model_error` is the difference to the reference, `model_error_error` the standard error of the
+    reference, and `stated_bias` the bias that the method states.
+    """
 
     method: str
     of: str
@@ -136,9 +140,10 @@ class ModelError:
 
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
-    """The cheapest step for a relative error: CPU seconds on one core, and what takes longest.
+    """The cheapest step for a relative error, and its CPU seconds on one core.
 
-    `simulated` tells whether that step was, or is reckoned from the finest by the order.
+    `governed_by` is the quantity that takes longest. `simulated` says whether the step was
+    simulated, or is predicted from the finest one by the order of the bias.
     """
 
     target: float
@@ -152,8 +157,8 @@ class Prediction:
 class WorkPrecision(Result):
     """Errors of the Monte Carlo of one scene at several steps, and what they cost.
 
-    `reference` says what biases are measured against. Quantities in `left_out` were not seen in
-    the time given, so that no price of theirs can be told.
+    `reference` says what biases are measured against. Quantities in `left_out` did not occur in the
+    time given, so that their price is unknown.
     """
 
     errors: Sequence[StepError]
@@ -173,9 +178,9 @@ class WorkPrecision(Result):
         """The cheapest step at which statistical errors and biases are below `target`.
 
         Where the bias is too large at the finest step that was simulated, that step is halved on
-        paper, by the order of the bias. None where that does not help, or is not known to.
-        Rates of hits stand apart from the rest: where stops lose energy their bias falls so
-        slowly with the step that a shorter one hardly helps them.
+        paper, by the order of the bias. The answer is None where that does not help, or is not
+        known to help. Rates of hits are kept apart from the other quantities: where stops lose
+        energy their bias falls so slowly with the step that a shorter step hardly helps them.
         """
         if self.left_out:
             return None
@@ -206,7 +211,7 @@ class WorkPrecision(Result):
     def summary(self) -> str:
         """What each accuracy costs, in a sentence."""
         if self.left_out:
-            return f"no price can be told: {'; '.join(self.left_out)}"
+            return f"the price is unknown: {'; '.join(self.left_out)}"
         text = f"CPU time of one core: {self._spoken(rates=False)}"
         if self.of_step(self.steps[0], rates=True):
             text += f"; hits: {self._spoken(rates=True)}"
@@ -405,8 +410,8 @@ def ladder(plan: Plan) -> list[Plan]:
 
 
 def step_order(plan: Plan, key: Key) -> float | None:
-    """Order of the step's bias of a quantity, by which the plan tells it from twice the step;
-    None where there is no bias, or where that does not tell."""
+    """Order of the bias of a quantity in the step, as the plan assumes it when it compares a step
+    with twice the step; None where there is no bias, or where its order is unknown."""
     share = None if plan.elastic else plan.step_bias(key[1], 1.0)
     if share is None or math.isinf(share):
         return None
@@ -436,7 +441,7 @@ def _simulate(
     threads: int,
     progress: Progress | None,
 ) -> tuple[PathStatistics, list[float]]:
-    """Blocks of paths, merged in their order, until there are `paths` or time is up."""
+    """Simulate blocks of paths, merged in their order, until `paths` are done or time is up."""
     started = time.perf_counter()
     size = min(LARGEST_BLOCK, *(plan.block for plan in plans))
     statistics, seconds = PathStatistics.none(layout), np.zeros(len(plans))
@@ -504,7 +509,7 @@ def _at_rung(quantity: Quantity, rung: int) -> Quantity:
 
 
 def _known(scene: Scene, plan: Plan) -> tuple[dict[Key, Estimate], str]:
-    """Exact values where there are any, and in words what biases are measured against."""
+    """Exact values where they exist, and the words for what biases are measured against."""
     try:
         return exact(scene).estimates(), "exact"
     except NoExactSolution:
@@ -512,7 +517,8 @@ def _known(scene: Scene, plan: Plan) -> tuple[dict[Key, Estimate], str]:
 
 
 def _deterministic(scene: Scene, plan: Plan) -> list[Response]:
-    """Every method that draws no random numbers, with rates that count what the simulated do."""
+    """Responses of the methods that draw no random numbers; their rates count the same impacts as
+    the simulated ones."""
     found = approximations(scene, [])
     threshold = next(iter(layout_of(scene, plan).thresholds.values()), None)
     try:
@@ -528,7 +534,7 @@ def _deterministic(scene: Scene, plan: Plan) -> list[Response]:
 def _reference(
     quantity: Quantity, plans: Sequence[Plan], order: float | None, known: Estimate | None
 ) -> Quantity:
-    """What a quantity would be without bias, as a function of the means of all steps."""
+    """The value of a quantity without bias, as a function of the means of all steps."""
     if known is not None:
         value = known.value
         return lambda means: value
@@ -578,16 +584,16 @@ def _errors_of(
 
 
 def _limit(row: StepError, longer: StepError | None, order: float) -> float:
-    """What the bias is at most: by what was measured here, or at the next longer step.
+    """The largest bias that the measurements at this step and at the next longer one allow.
 
-    A bias at a longer step, which is larger and so known better, tells that at a shorter one by
-    the order, unless what is seen here beyond noise contradicts it.
+    The bias at the longer step is larger, and so known better. Scaled by the order it limits the
+    bias at this step, unless the bias that is measured here beyond noise contradicts it.
     """
     if longer is None or longer.step_bias_limit is None:
         return row.largest_bias
-    told = longer.step_bias_limit * (row.step / longer.step) ** order
+    scaled = longer.step_bias_limit * (row.step / longer.step) ** order
     seen = abs(row.step_bias) - NOISE * row.step_bias_error
-    return row.largest_bias if seen > told else min(row.largest_bias, told)
+    return row.largest_bias if seen > scaled else min(row.largest_bias, scaled)
 
 
 def _models_of(
@@ -597,7 +603,7 @@ def _models_of(
     responses: Sequence[Response],
     statistics: PathStatistics,
 ) -> list[ModelError]:
-    """One quantity by every method that simulates nothing."""
+    """One quantity by every method that draws no random numbers."""
     value, error = statistics.evaluate(truth)
     answers = [(response, response.estimates().get(key)) for response in responses]
     return [

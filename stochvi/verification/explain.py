@@ -1,4 +1,4 @@
-"""What would be simulated, what would not, which methods apply, and what it would cost."""
+"""`explain`: the effects in a scene, the methods that apply, and the price of a simulation."""
 
 from __future__ import annotations
 
@@ -30,14 +30,17 @@ KNOWN_EFFECTS = (
     "stop lower",
     "stop upper",
 )
-"""Everything that a scene can call for; the rest of the world is not modelled."""
+"""Every effect that a scene can have; others are not modelled."""
 
 APPLIES = "applies"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Explanation(Result):
-    """What a scene calls for. `methods` maps each method to "applies" or to what it lacks."""
+    """The effects in a scene, and the methods that cover it.
+
+    `methods` maps each method to "applies", or to the conditions that the scene does not meet.
+    """
 
     not_in_document = COMMON
 
@@ -119,5 +122,5 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
 
 
 def _conditions(reason: NotApplicable | NotConverged) -> str:
-    """Why a method does not answer, without its name, which stands before it."""
+    """Why a method does not answer, without the name of the method."""
     return str(reason).split(" does not apply: ", 1)[-1].rstrip(".")

@@ -1,11 +1,11 @@
-"""How a sampled number is compared with the truth: by its own errors, never by a chosen margin."""
+"""Comparison of a sampled number with the truth, by the errors that it states."""
 
 from __future__ import annotations
 
 from stochvi.results.estimates import Estimate
 
 Z = 4.5
-"""Standard errors that a right answer exceeds once in 150 000 comparisons."""
+"""Standard errors of the allowed difference: a right answer exceeds it once in 150 000 cases."""
 
 
 def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
@@ -16,7 +16,7 @@ def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
     AssertionError
         With the value, the truth and the standard errors between them.
     ValueError
-        If the estimate does not say what its bias may be: then no truth can refute it.
+        If the estimate states no bias, because then no truth can refute it.
 
     Examples
     --------

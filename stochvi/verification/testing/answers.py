@@ -1,4 +1,4 @@
-"""The answers to the zoo that ship with it, `data/known_answers`."""
+"""Known answers to scenes of the zoo; they ship in `data/known_answers`."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from stochvi.verification.checks import zoo
 
 
 def known_answers(*names: str) -> dict[str, Response]:
-    """What is known of scenes of the zoo: by closed form, or by the Fokker-Planck equation.
+    """Known responses to scenes of the zoo, by closed form or by the Fokker-Planck equation.
 
-    `method` of a response says which; `bias` of each estimate is a bound on its error, 0 for a
-    closed form. Scenes that only simulation answers are left out.
+    `method` of a response says by which of them. `bias` of each estimate is a bound on its error,
+    0 for a closed form. Scenes that only simulation answers are left out.
 
     Parameters
     ----------
     names
-        Scenes of the zoo; none for all that have an answer.
+        Scenes of the zoo; without names, all scenes that have a known response.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a pattern of disagreements looks like, by the balances that any right answer obeys.
+"""Likely causes of a pattern of disagreements, from the balances that any right answer obeys.
 
 With intensity S0, b the damping rate and F1, F2 the sums of impact speeds and of their squares per
 second, one oscillator between stops at -D and D of the restitution R obeys
@@ -6,7 +6,8 @@ second, one oscillator between stops at -D and D of the restitution R obeys
     energy   S0 = 2 b E v^2 + (1 - R^2) F2,
     virial   E v^2 = omega^2 E x^2 + (1 + R) D F1.
 
-Read backwards they say which restitution, clearance, damping or intensity was in fact simulated.
+Solved for a parameter they give the restitution, clearance, damping or intensity that an integrator
+in fact simulated.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ from stochvi.verification.testing.problems import Problem
 from stochvi.verification.testing.samples import Function, Sample, Values
 
 SURE = 4.0
-"""Standard errors from which a deviation is spoken of."""
+"""Standard errors from which a deviation is reported as a hint."""
 
 NEAR = 0.04
-"""Relative distance from a telling number (a half, 2, R^2) at which it is named."""
+"""Relative distance from a number that has a known cause (a half, 2, R^2) to name that cause."""
 
 STOPS = ("velocity_std", "impact_speed_rate", "impact_speed_square_rate")
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What an integrator returned for a problem."""
+    """A problem with the sample that an integrator returned for it."""
 
     problem: Problem
     sample: Sample
@@ -44,28 +45,28 @@ class Measured:
         return self.sample.evaluate(lambda values: values[name])[0]
 
     def has(self, *names: str) -> bool:
-        """Whether these quantities are there."""
+        """Whether the sample has all of these quantities."""
         return set(names) <= set(self.sample.names())
 
     @property
     def hit(self) -> bool:
-        """Whether there are impacts to reckon with."""
+        """Whether the sample has impacts."""
         return self.has(*STOPS) and self._of("impact_speed_square_rate") > 0.0
 
     @property
     def free(self) -> bool:
-        """Whether there are no stops."""
+        """Whether the problem has no stops."""
         return math.isinf(self.problem.lower) and math.isinf(self.problem.upper)
 
     @property
     def symmetric(self) -> bool:
-        """Whether stops at -D and D of one restitution are all there is."""
+        """Whether the stops are at -D and D, of one restitution, and there is no load."""
         own = self.problem
         return own.lower == -own.upper and own.load == 0.0 and own.restitution is not None
 
 
 def hints_of(measured: Sequence[Measured]) -> Iterator[str]:
-    """Sentences about what the findings look like; none where no pattern is known."""
+    """Sentences that name likely causes; none where no pattern is recognised."""
     if wild := [each.problem.name for each in measured if not each.finite]:
         yield (
             f"numbers grow beyond all bounds ({', '.join(wild)}): the step is too long for the "
@@ -81,7 +82,7 @@ def hints_of(measured: Sequence[Measured]) -> Iterator[str]:
 
 
 def _flight(measured: Sequence[Measured]) -> Iterator[str]:
-    """Noise, damping and the scheme between impacts, where there are no stops."""
+    """Hints on noise, damping and the scheme, from problems without stops."""
     for each in measured:
         if not each.free or not each.has("velocity_std"):
             continue
@@ -111,7 +112,7 @@ def _flight(measured: Sequence[Measured]) -> Iterator[str]:
 
 
 def _noise_or_damping(measured: Sequence[Measured], ratio: float) -> str:
-    """Which of the two is wrong: impacts that lose energy tell the noise from the damping.
+    """Whether "noise" or "damping" is wrong; impacts that lose energy tell one from the other.
 
     With the damping d times the true one and noise to match, d (ratio S0 - 2 b E v^2) =
     (1 - R^2) F2.
@@ -136,7 +137,7 @@ def _noise_or_damping(measured: Sequence[Measured], ratio: float) -> str:
 
 
 def _lost(own: Problem) -> Function:
-    """Share of the energy that an impact takes, (S0 - 2 b E v^2) / F2."""
+    """The share of its energy that an impact loses, (S0 - 2 b E v^2) / F2, as a function."""
 
     def share(values: Values) -> object:
         left = own.intensity - 2.0 * own.damping_rate * values["velocity_std"] ** 2
@@ -146,7 +147,7 @@ def _lost(own: Problem) -> Function:
 
 
 def _elastic_stops(measured: Sequence[Measured]) -> Iterator[str]:
-    """Energy that stops take which should take none."""
+    """A hint on stops that take energy although their restitution is 1."""
     found = [
         (each.problem.name, *each.sample.evaluate(_lost(each.problem)))
         for each in measured
@@ -168,7 +169,7 @@ def _elastic_stops(measured: Sequence[Measured]) -> Iterator[str]:
 
 
 def _lossy_stops(measured: Sequence[Measured]) -> Iterator[str]:
-    """The restitution that was in fact simulated."""
+    """A hint on the restitution that was in fact simulated."""
     for each in measured:
         restitution = each.problem.restitution
         if not each.hit or restitution in (None, 1.0):
@@ -190,7 +191,7 @@ def _lossy_stops(measured: Sequence[Measured]) -> Iterator[str]:
 
 
 def _clearance(measured: Sequence[Measured]) -> Iterator[str]:
-    """The clearance that was in fact simulated, where that is half or twice the true one."""
+    """A hint on the clearance that was simulated, if that is half or twice the true one."""
     for each in measured:
         own = each.problem
         if not (each.hit and each.symmetric and each.has("displacement_std")):

@@ -1,4 +1,4 @@
-"""Does an integrator find the exact answers, and where does it not?"""
+"""`judge`: whether an integrator finds the known answers, and where it does not."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Integrator = Callable[[Problem, int], Mapping[str, Any]]
-"""What is judged: a problem and a seed in, records, averages of paths or statistics out."""
+"""A function of a problem and a seed; it returns records, averages of paths, or statistics."""
 
 SCENES = (
     "linear",
@@ -47,26 +47,29 @@ SCENES = (
     "lossy-unequal-gaps",
     "elastic-bench-12-hz",
 )
-"""The scenes of the zoo that are judged unless others are named: cheap, and each for a mistake."""
+"""Scenes of the zoo that are judged by default: cheap ones, each of which shows some mistake."""
 
 SURELY_SEEN = 100.0
-"""Expected impacts from which to see none is a disagreement, and no matter of chance."""
+"""Number of expected impacts from which it is a disagreement, and not chance, that none is seen."""
 
 NOT_FINITE = "not finite"
+"""Verdict on a quantity that is NaN or infinite."""
 
 TOO_UNCERTAIN = "too uncertain to judge"
-"""Verdict on what agrees, but with a standard error of `RARE` or more of the truth."""
+"""Verdict on a quantity that agrees, but whose relative standard error is `RARE` or more."""
 
 IMPACTS = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
+"""Quantities of impacts: sums of w^0, w^1 and w^2 per second, w the impact speed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One quantity of one scene against what is known.
+    """One quantity of one scene, compared with the known answer.
 
-    `bias_percent` is the difference in per cent of the truth (a mean: of the standard deviation),
-    `bias_error_percent` its standard error, and `visible_percent` the smallest that would have
-    been called a disagreement here; None where the integrator's number is not finite.
+    `bias_percent` is the difference in per cent of the truth (for a mean, of the standard
+    deviation), `bias_error_percent` its standard error, and `visible_percent` the smallest
+    difference that counts as a disagreement. They are None where the integrator's number is not
+    finite.
     """
 
     scene: str
@@ -88,8 +91,8 @@ class Finding:
 class Judgement(Result):
     """The verdict on an integrator.
 
-    `findings` are all comparisons, `hints` what a pattern of disagreements looks like, `left_out`
-    what was not returned. `allowed_percent` is the bias that was declared harmless.
+    `findings` are all comparisons, `hints` the likely causes of disagreements, and `left_out` the
+    quantities that were not returned. `allowed_percent` is the bias that the user finds harmless.
     """
 
     not_in_document = COMMON
@@ -108,16 +111,16 @@ class Judgement(Result):
 
     @property
     def failures(self) -> list[Finding]:
-        """What disagrees, or is not finite."""
+        """The findings that disagree or are not finite."""
         return [row for row in self.findings if row.verdict in (DISAGREES, NOT_FINITE)]
 
     @property
     def uncertain(self) -> list[Finding]:
-        """What agrees with anything: it is no pass until its errors are smaller."""
+        """The findings with errors so large that they agree with anything, which is no pass."""
         return [row for row in self.findings if row.verdict == TOO_UNCERTAIN]
 
     def assert_passed(self) -> None:
-        """AssertionError with the whole verdict, unless `passed`."""
+        """Raise an AssertionError with the whole verdict, unless `passed`."""
         if not self.passed:
             raise AssertionError(str(self))
 
@@ -151,8 +154,8 @@ class Judgement(Result):
 
     def __repr__(self) -> str:
         lines = [f"<judgement: {self.summary()}"]
-        lines += [f"  {_told(row)}" for row in self.failures]
-        lines += [f"  {_told(row)}, {TOO_UNCERTAIN}" for row in self.uncertain]
+        lines += [f"  {_in_words(row)}" for row in self.failures]
+        lines += [f"  {_in_words(row)}, {TOO_UNCERTAIN}" for row in self.uncertain]
         lines += [f"  looks like: {hint}" for hint in self.hints]
         lines += [f"  left out: {reason}" for reason in self.left_out]
         return "\n".join(lines) + ">"
@@ -176,7 +179,7 @@ class Judgement(Result):
         }
 
 
-def _told(row: Finding) -> str:
+def _in_words(row: Finding) -> str:
     if row.value is None or row.standard_error is None:
         return f"{row.scene}: {row.quantity} is not finite, should be {row.truth:.6g} {row.unit}"
     assert row.bias_percent is not None and row.bias_error_percent is not None
@@ -298,8 +301,10 @@ def judge(
 def _known(
     scenes: Mapping[str, Scene] | Iterable[str], paths: int, relaxations: float
 ) -> list[tuple[Problem, Response]]:
-    """The problem of each scene with the most certain answer to it; a scene that is none is found
-    out before any is solved."""
+    """The problem of each scene with the most certain answer to it.
+
+    All problems are made before any is solved, so that a scene that is not allowed fails at once.
+    """
     if isinstance(scenes, str):
         raise ValueError(f"scenes must be a list of names, got the one name {scenes!r}")
     named = dict(scenes) if isinstance(scenes, Mapping) else _of_the_zoo(tuple(scenes))
@@ -318,7 +323,7 @@ def _known(
 
 
 def _of_the_zoo(names: tuple[str, ...]) -> dict[str, Scene]:
-    """The scenes of these names; none for none."""
+    """The scenes of these names of the zoo; no scene for no name."""
     return zoo(*names) if names else {}
 
 
@@ -338,7 +343,7 @@ def _threshold(truth: Response) -> float:
 
 
 def _truths(response: Response) -> dict[str, Estimate]:
-    """What is known of the oscillator and its stops, by quantity, its error stated."""
+    """The known quantities of the oscillator and its stops whose error is stated."""
     known = {quantity: truth for (_, quantity), truth in response.estimates().items()}
     return {
         name: known[name] for name in QUANTITIES if name in known and known[name].bias is not None
@@ -404,7 +409,7 @@ def _too_rare(problem: Problem, quantity: str, value: float, error: float, truth
 
 
 def as_response(problem: Problem, returned: Mapping[str, Any], method: str = "") -> Response:
-    """What an integrator returned as a `Response`, for comparisons and tables.
+    """The numbers that an integrator returned, as a `Response` for comparisons and tables.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A scene as the plain numbers that somebody else's integrator takes."""
+"""A scene as plain numbers, for integrators that know nothing of this package."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene, System
 
 SETTLED = 6.0
-"""Relaxation times of burn-in: what is left of a start is e^-6, of its energy e^-12."""
+"""Relaxation times of burn-in: e^-6 of the start is left after them, and e^-12 of its energy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class Problem:
     paths
         How many independent paths are asked for.
     scene
-        All of it, for those who read scenes.
+        The whole scene, for integrators that read scenes.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Problem:
 
     @property
     def restitution(self) -> float | None:
-        """R of the stops there are; None without stops or where two differ."""
+        """R of the stops; None without stops, or where two stops have different R."""
         found = {
             r
             for stop, r in (
@@ -90,14 +90,14 @@ def problem_of(
     relaxations: float = 20.0,
     speed_threshold: float = 0.0,
 ) -> Problem:
-    """The numbers of a scene; paths of so many relaxation times each.
+    """The numbers of a scene, for `paths` paths that last `relaxations` relaxation times each.
 
     Raises
     ------
     NotApplicable
         Unless the scene is one oscillator under white noise, with rigid stops or none.
     ValueError
-        If there is no path, or no time.
+        If `paths` or `relaxations` is not positive.
 
     Examples
     --------
@@ -144,7 +144,7 @@ def _or_elastic(restitution: float | None) -> float:
 
 
 def _relaxation_time(system: System) -> float:
-    """1 / the real part of the slowest eigenvalue; without a spring that of the velocity."""
+    """One over the real part of the slowest eigenvalue, s; without a spring, of the velocity."""
     half = 0.5 * system.damping_rate
     if system.omega == 0.0:
         return 1.0 / system.damping_rate

@@ -1,4 +1,4 @@
-"""What an integrator returns, as numbers with standard errors."""
+"""The numbers that an integrator returns, with their standard errors."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ QUANTITIES = (
     "impact_speed_rate",
     "impact_speed_square_rate",
 )
-"""The quantities that are judged: moments, hits per second, F1 and F2 (`QUANTITY_UNITS`).
-The deviation of the velocity and the rate show what that of the displacement hides."""
+"""The quantities that are judged: moments, hits per second, F1 and F2 (`QUANTITY_UNITS`). The
+standard deviation of the velocity and the rates show mistakes that displacements hide."""
 
 AVERAGES = (
     "displacement_mean",
@@ -38,18 +38,18 @@ AVERAGES = (
     "impact_speed_rate",
     "impact_speed_square_rate",
 )
-"""Time averages of one path, from which they follow."""
+"""Time averages of one path, from which the quantities follow."""
 
 RECORDS = ("displacement", "velocity", "impact_speed", "impact_time")
 
 FEWEST_PATHS = 16
-"""Independent paths from which a standard error is taken."""
+"""Smallest number of independent paths from which a standard error is taken."""
 
 BATCHES = 32
-"""Parts of a single long record."""
+"""Number of parts into which a single long record is cut, to take a standard error from them."""
 
 SHORTEST_BATCH = 3.0
-"""Relaxation times in a batch, so that batches hardly know of each other."""
+"""Shortest batch in relaxation times, so that batches are nearly independent."""
 
 
 class Sample(Protocol):
@@ -60,10 +60,10 @@ class Sample(Protocol):
         """Degrees of freedom of the standard errors; infinite where they are not known."""
 
     def names(self) -> Sequence[str]:
-        """Which of `QUANTITIES` there are."""
+        """The names in `QUANTITIES` that the sample has."""
 
     def evaluate(self, function: Function) -> tuple[float, float]:
-        """A function of the quantities, and its standard error; NaN if not finite."""
+        """A function of the quantities with its standard error; NaN where it is not finite."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class PathAverages:
 
 @dataclass(frozen=True)
 class Statistics:
-    """Finished quantities with standard errors, taken for independent of each other."""
+    """Quantities with standard errors, which are taken for independent of each other."""
 
     estimates: Mapping[str, Estimate]
     degrees: float = math.inf
@@ -101,7 +101,7 @@ class Statistics:
         return [name for name in QUANTITIES if name in self.estimates]
 
     def evaluate(self, function: Function) -> tuple[float, float]:
-        """Errors by central differences over a standard error each way."""
+        """The standard error comes from central differences over one standard error each way."""
         values = {name: each.value for name, each in self.estimates.items()}
         variance = 0.0
         for name, each in self.estimates.items():
@@ -130,7 +130,7 @@ def _quantities(means: Values) -> dict[str, Any]:
 
 
 def sample_of(problem: Problem, returned: Mapping[str, Any]) -> Sample:
-    """What an integrator returned, in one of the three forms that `judge` takes."""
+    """The sample that an integrator returned, in one of the three forms that `judge` accepts."""
     if not isinstance(returned, Mapping) or not returned:
         got = "an empty dict" if returned == {} else type(returned).__name__
         raise ValueError(
@@ -192,7 +192,7 @@ def _estimate(name: str, entry: Any) -> Estimate:
         raise ValueError(
             f"integrator returned {name} = {entry!r}, expected (value, standard error): {reason}"
         ) from None
-    # nothing seen is a statement, a number without an error is none
+    # zero without an error says that nothing was seen; another number needs an error
     if found.standard_error == 0.0 and found.value != 0.0:
         raise ValueError(
             f"integrator returned {name} = {found.value:g} without a standard error, by which it "
@@ -213,7 +213,7 @@ def _path_averages(columns: Mapping[str, Vector]) -> PathAverages:
 
 
 def _from_records(problem: Problem, returned: Mapping[str, Any]) -> PathAverages:
-    """Averages of each path, or of each batch of a single one."""
+    """Averages of each path, or of each batch of a single path."""
     columns: dict[str, Vector] = {}
     records = {
         name: _record(problem, name, returned[name])
@@ -276,7 +276,7 @@ def _record(problem: Problem, name: str, entry: Any) -> NDArray[np.float64]:
 
 
 def _speeds(entry: Any) -> Vector | list[Vector]:
-    """Impact speeds as one array, or as one of each path where their numbers differ."""
+    """Impact speeds as one array, or as one array per path where their numbers differ."""
     ragged = isinstance(entry, np.ndarray) and entry.dtype == object
     if (isinstance(entry, Sequence) or ragged) and any(hasattr(each, "__len__") for each in entry):
         return [_numbers("impact_speed", path) for path in entry]
@@ -284,7 +284,7 @@ def _speeds(entry: Any) -> Vector | list[Vector]:
 
 
 def _aligned(speeds: Vector | list[Vector], records: Mapping[str, Vector]) -> Vector | None:
-    """Impact speeds sample by sample, 0 for none; None if they are a list of events."""
+    """Impact speeds at each sample, 0 where there is none; None if they are a list of events."""
     shape = np.shape(speeds) if isinstance(speeds, np.ndarray) else _common_shape(speeds)
     alike = any(shape == record.shape for record in records.values())
     return np.asarray(speeds) if alike else None
@@ -296,7 +296,7 @@ def _common_shape(rows: list[Vector]) -> tuple[int, ...]:
 
 
 def _parts(problem: Problem, record: Vector) -> list[Vector]:
-    """A long record in batches."""
+    """A long record cut into batches."""
     if problem.duration / BATCHES < SHORTEST_BATCH * problem.relaxation_time:
         raise ValueError(
             f"integrator returned a single path of {problem.duration:.3g} s, too short for "
@@ -309,14 +309,14 @@ def _parts(problem: Problem, record: Vector) -> list[Vector]:
 def _events(
     problem: Problem, returned: Mapping[str, Any], single: Mapping[str, Vector]
 ) -> list[Vector]:
-    """Speeds of the impacts of each path, or of each batch of a single one with its records."""
+    """Impact speeds of each path, or of each batch of a single path."""
     speeds = _speeds(returned["impact_speed"])
     if not single:
         if len(speeds) != problem.paths or any(np.ndim(path) != 1 for path in speeds):
             raise ValueError(
-                f"integrator returned impact_speed of shape {_said(speeds)}, expected one list of "
-                f"speeds for each of the {problem.paths} paths asked for, or the shape of the "
-                "records"
+                f"integrator returned impact_speed of shape {_shape_in_words(speeds)}, expected "
+                f"one list of speeds for each of the {problem.paths} paths asked for, or the shape "
+                "of the records"
             )
         return list(speeds)
     if "impact_time" not in returned:
@@ -328,7 +328,7 @@ def _events(
     if np.ndim(times) != 1 or np.shape(speeds) != times.shape:
         raise ValueError(
             f"integrator returned impact_time of shape {times.shape} for impact_speed of shape "
-            f"{_said(speeds)}, expected one time for each impact of the single path"
+            f"{_shape_in_words(speeds)}, expected one time for each impact of the single path"
         )
     # the last sample may lie beyond the duration by less than one step
     samples = min(len(record) for record in single.values())
@@ -343,7 +343,7 @@ def _events(
     return [np.asarray(speeds)[batch == number] for number in range(BATCHES)]
 
 
-def _said(speeds: Vector | list[Vector]) -> str:
+def _shape_in_words(speeds: Vector | list[Vector]) -> str:
     if isinstance(speeds, np.ndarray):
         return str(speeds.shape)
     return str(_common_shape(speeds) or f"({len(speeds)}, different numbers)")
