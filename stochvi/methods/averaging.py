@@ -116,8 +116,12 @@ PRESSED_FACTORS = {
     UNFOLDED: (0.97, 1.14, 1.09, 1.02, 1.0),
 }
 """Ratio of displacement_std of each variant to that of `fokker_planck`, measured for a mass that a
-load alone presses onto one stop, under white noise (no spring, no damper; the ratio then depends on
-R alone)."""
+load alone presses onto one stop, under white noise, where it depends on R alone. With a spring or
+a damper it was closer to 1, or within 5 % of it, in eight scenes of R = 0.5 to 0.8."""
+
+
+MISLEADING = 0.05
+"""Relative error of displacement_std from which the warning is given."""
 
 
 def _warnings(model: Model, law: EnergyLaw) -> list[str]:
@@ -127,14 +131,15 @@ def _warnings(model: Model, law: EnergyLaw) -> list[str]:
         return []
     found = []
     for name, stop in law.stops.items():
-        if stop.energy == 0.0 and stop.restitution < 1.0:
-            factors = PRESSED_FACTORS[law.variant]
-            factor = float(np.interp(stop.restitution, MEASURED_RESTITUTIONS, factors))
+        factors = PRESSED_FACTORS[law.variant]
+        factor = float(np.interp(stop.restitution, MEASURED_RESTITUTIONS, factors))
+        if stop.energy == 0.0 and abs(factor - 1.0) > MISLEADING:
             found.append(
                 f"the mass rests on the {name} stop, which takes "
                 f"{100.0 * (1.0 - stop.restitution**2):.0f} % of its energy in every cycle, while "
-                "averaging takes this part to be small: displacement_std may be off by a factor "
-                f"of {factor:.2g}; use fokker-planck or linearise"
+                "averaging takes this part to be small: displacement_std is off by a factor of "
+                f"{factor:.2g} if only a load holds the mass there, and by less if a spring or a "
+                "damper helps; use fokker-planck or linearise"
             )
     return found
 
