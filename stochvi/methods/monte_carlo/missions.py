@@ -177,7 +177,7 @@ class MissionPlan:
         event = event or self.event
         return int(
             fly_missions(
-                *fleet, _kick(self.base.system, self.step), _flow(self.base.system, self.step),
+                fleet, _kick(self.base.system, self.step), _flow(self.base.system, self.step),
                 self.lower, self.upper, event.kind, event.limit, self.base.threshold,
                 float(self.counted), level,
             )

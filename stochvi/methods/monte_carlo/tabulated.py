@@ -38,6 +38,7 @@ from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.response_domain import fill_spectrum, run_response
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, Sums
+from stochvi.methods.monte_carlo.kernels.steps import Sampling
 from stochvi.methods.monte_carlo.quantities import RATES
 from stochvi.methods.monte_carlo.white import (
     WELL_RESOLVED_RESTITUTION,
@@ -278,15 +279,18 @@ class TabulatedPlan:
         """Add impacts to free responses (samples, 2 paths): see `response_domain.run_response`."""
         run_response(
             free,
-            self.step,
-            (self.system.omega, self.system.damping_rate),
+            Sampling(
+                span=self.step,
+                omega=self.system.omega,
+                damping_rate=self.system.damping_rate,
+                threshold=self.threshold,
+                scale=math.sqrt(self._velocity_variance),
+                warm_up=warm_up,
+                counted=counted,
+            ),
             self._stop(self.system.lower, self.system.law_lower),
             self._stop(self.system.upper, self.system.law_upper),
             np.zeros((free.shape[1] // 2, 2)) if self.contacts else None,
-            self.threshold,
-            math.sqrt(self._velocity_variance),
-            warm_up,
-            counted,
             sums,
             record,
             extremes,

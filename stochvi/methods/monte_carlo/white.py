@@ -18,6 +18,7 @@ from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, run_white
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, SUMS, VV
+from stochvi.methods.monte_carlo.kernels.steps import Corner, Counting, Flow, Kick, RigidStop
 from stochvi.methods.monte_carlo.quantities import RATES
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import System
@@ -219,8 +220,12 @@ class WhitePlan:
         burn_in = 0 if record is not None else self._burn_in_steps
         stride = self._stride
         self._kernel(
-            x, v, streams, sums, *self._kernel_constants(), self.threshold,
-            burn_in, self.steps, stride, self.origin - self.rest, record, log,
+            x, v, streams, sums, *self._kernel_constants(),
+            Counting(
+                burn_in=burn_in, steps=self.steps, stride=stride, origin=self.origin - self.rest,
+                threshold=self.threshold,
+            ),
+            record, log,
         )  # fmt: skip
         sums[:N_LOWER] /= math.ceil(self.steps / stride)
         sums[N_LOWER:] /= self.steps * self.step
@@ -243,10 +248,10 @@ class WhitePlan:
         again = system.omega * math.tan(system.omega * self.step / 2.0)
 
         def stop(position: float | None, restitution: float | None, side: float) -> Any:
-            if position is None:
+            if position is None or restitution is None:
                 return None
             shifted = position - self.rest
-            return (shifted, restitution, -side * shifted * again)
+            return RigidStop(shifted, restitution, -side * shifted * again)
 
         return (
             _kick(system, self.step),
@@ -257,7 +262,7 @@ class WhitePlan:
             self._corner(),
         )
 
-    def _corner(self) -> tuple[Any, Any, NDArray[np.float64], float] | None:
+    def _corner(self) -> Corner | None:
         """Steps near a stop as short as slow impacts need, if they are asked for."""
         system, h = self.system, self.step
         if self.elastic or not self.slow_impacts:
@@ -266,8 +271,14 @@ class WhitePlan:
         levels = math.ceil(math.log2(max(system.intensity * h / slowest**2, 1.0)))
         ladder = [_flow(system, h / 2**level)[:3] for level in range(min(levels, MOST_LEVELS) + 1)]
         time = h / self.corner_share
-        box = math.sqrt(system.intensity * time**3), math.sqrt(system.intensity * time)
-        return box, (system.damping_rate, system.intensity), np.array(ladder), self.corner_share
+        return Corner(
+            width=math.sqrt(system.intensity * time**3),
+            speed=math.sqrt(system.intensity * time),
+            damping_rate=system.damping_rate,
+            intensity=system.intensity,
+            ladder=np.array(ladder),
+            share=self.corner_share,
+        )
 
     @cached_property
     def _law(self) -> CutNormal:
@@ -451,16 +462,16 @@ def _kick_variance(system: System, h: float) -> float:
     return system.intensity * (-math.expm1(-2.0 * b * h) / (2.0 * b) if b else h)
 
 
-def _kick(system: System, h: float) -> tuple[float, float]:
-    """(e, s) of the kick over h."""
-    return math.exp(-system.damping_rate * h), math.sqrt(_kick_variance(system, h))
+def _kick(system: System, h: float) -> Kick:
+    """The kick over h."""
+    return Kick(math.exp(-system.damping_rate * h), math.sqrt(_kick_variance(system, h)))
 
 
-def _flow(system: System, h: float) -> tuple[float, float, float, float]:
-    """(h, C, S, omega^2) of the flow over h."""
+def _flow(system: System, h: float) -> Flow:
+    """The flow over h."""
     angle = system.omega * h
     sine = math.sin(angle) / system.omega if angle else h
-    return h, math.cos(angle), sine, system.omega**2
+    return Flow(h, math.cos(angle), sine, system.omega**2)
 
 
 def _step(system: System, speed: float) -> float:

@@ -46,25 +46,27 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 )
 
 CONTACT_ANGLE = 0.125
-"""Sub-step of a contact, times the largest rate in it."""
+"""Sub-step of a contact times the largest rate in it, in rad: the longest for which CONTACT_ERROR
+holds."""
 
 HERTZ_START = 0.125
-"""First and last sub-step of a Hertz contact, in full ones; those between double."""
+"""First and last sub-step of a Hertz contact, as a share of a full one; those between double. The
+reason is that of `contact.HERTZ_START`."""
 
 CONTACT_ERROR = 3e-6
 """Relative error that such sub-steps leave in speed, duration, impulse and peak force of a free
-contact with an elastic or Hertz stop: largest of some thousand random ones."""
+contact with an elastic or Hertz stop: the largest error seen in some thousand random contacts."""
 
 KINK_ERROR = 6e-4
-"""The same of a viscoelastic stop, at the zero of its force, and of a table whose slope changes by
-a factor of some tens; 2e-3 where it falls from any value to nothing."""
+"""Relative error of the same quantities for a viscoelastic stop, from the zero of its force, and
+for a table whose slope changes by a factor of some tens; 2e-3 where the slope falls to zero."""
 
 MOST_NEWTON = 40
-"""Steps to the end of a contact."""
+"""Largest number of Newton steps to the end of a contact; each repeats the last sub-step."""
 
 TOP, SQUARE, LEVER = range(5, 8)
-"""Of a contact, beyond the rows of `contact`: largest absolute acceleration, and the integrals of
-F^2 and of x F, x from the mean position."""
+"""Rows of the tally of one contact, after those of `rows`: largest absolute acceleration, and the
+integrals of F^2 and of x F, with x from the mean position."""
 
 TALLY = 8
 
@@ -91,7 +93,7 @@ def stop_force(y, v, kind, data):
 
 @numba.njit(cache=True, error_model="numpy")
 def contact_rate(y, v, push, structure, kind, data):
-    """The largest rate in a contact: of its oscillation, or of its damping.
+    """Return the largest rate in a contact, that of its oscillation or of its damping, 1/s.
 
     `push` is the acceleration with which the mass may be pressed onto a Hertz stop.
     """

@@ -53,24 +53,29 @@ RIGID, PIECES, DAMPED, HERTZ = range(4)
 the pieces, (K, c), or (k,)."""
 
 MOST_EVENTS = 10_000
-"""In one step; after that a mass that bounces ever lower on a rigid stop rests there."""
+"""Largest number of events of a path in one step: touches, ends of pieces of a force, ends of
+contacts. It is ten times limits.MOST_BOUNCES because a mass that is pressed onto a stiff stop
+swings on it many times in a step. After so many events the motion of the step ends where it is."""
 
 HERTZ_ANGLE = 0.2
-"""Sub-step of a Hertz contact, times the largest frequency on its way."""
+"""Sub-step of a Hertz contact times the largest frequency on its way, in rad: the longest for which
+HERTZ_ERROR holds."""
 
 HERTZ_START = 0.125
-"""First sub-step after the touch, in full ones; the next ones double. The force y^(3/2) has no
-second derivative there, which lowers the order to 5/2: this takes the error down eight-fold."""
+"""First sub-step after the touch, as a share of a full one; the next ones double. The force y^(3/2)
+has no second derivative at the touch, which lowers the order to 5/2: a share of 1/8 was measured to
+take the error down eight-fold."""
 
 HERTZ_ERROR = 1.5e-5
 """Relative error that such sub-steps leave in energy, duration and peak force of a contact: the
 largest energy error of 10 000 random ones was 1.2e-5, that of the duration is below 1e-6."""
 
 MOST_NEWTON = 60
-"""Steps to a root that bisection alone would find in so many."""
+"""Largest number of steps to a root: bisection alone finds all digits of double precision in so
+many."""
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
-"""Coefficients of PEFRL."""
+"""Coefficients of PEFRL, from the paper named above."""
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -518,8 +523,7 @@ def fly_clear(x, v, z, near, kick, flow, lower, upper):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def run_contacts(
-    x, v, streams, sums, kick, flow, lower, upper, threshold, burn_in, steps, stride, origin,
-    record, log,
+    x, v, streams, sums, kick, flow, lower, upper, counting, record, log
 ):  # fmt: skip
     """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
 
@@ -527,15 +531,15 @@ def run_contacts(
     ----------
     x, v : (paths,) start, replaced by the end.
     streams : (2, paths) random streams, advanced.
-    sums : (CONTACT_SUMS, paths), added to. Moments are taken every `stride` steps, before the
-        kick; those of x about `origin`, which should be near its mean.
-    kick : (e, s); flow : (h, C, S, w0^2), as in `flight`.
+    sums : (CONTACT_SUMS, paths), added to.
+    kick, flow, counting : `steps.Kick`, `steps.Flow` and `steps.Counting`.
     lower, upper : None, or (stop, kind, data) with positions from the rest position.
     record : None, or zeros (steps, paths, 3) to take x, v and the speeds of first touches of every
         step, added up, negative at the lower stop; the burn-in must then be 0.
     log : None, or an `impact_log.Log` of the first touches as fast as the threshold in the counted
         steps.
     """
+    burn_in, steps, stride, origin, threshold = counting
     first, second, mark = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
     extra = np.zeros((LANES, CONTACT_SUMS))
@@ -562,15 +566,15 @@ def run_contacts(
                     xs[i], vs[i] = flow_through(
                         xs[i],
                         vs[i],
-                        flow[0],
-                        flow[3],
+                        flow.step,
+                        flow.stiff,
                         lower,
                         upper,
                         threshold,
                         tally,
                         peaks[i],
                         target,
-                        page_of(log, start + i, step - burn_in, flow[0]),
+                        page_of(log, start + i, step - burn_in, flow.step),
                     )
                     if record is not None:
                         after = target[N_UPPER + 1] - target[N_LOWER + 1]

@@ -37,12 +37,14 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     XX,
     X,
 )
+from stochvi.methods.monte_carlo.kernels.steps import Flow
 
 LANES = 256
-"""Paths that move together: their arrays stay in the first-level cache."""
+"""Number of paths that move together. Their dozen arrays of 2 kB stay in the first-level cache."""
 
 CORNER_SHARE = 0.25
-"""Usual length of a sub-step near a stop, in the time in which noise changes the state."""
+"""Usual length of a sub-step near a stop, as a share of the time in which noise changes the state.
+The error of slow impacts falls with its root, and the cost of sub-steps grows with its inverse."""
 
 AGAIN = np.inf
 """Marks a path whose step may hold more than one impact, in the array of impact speeds."""
@@ -50,7 +52,7 @@ AGAIN = np.inf
 
 @numba.njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
 def passage(x, v, x1, v1, stiff, stop):
-    """Does the free orbit from (x, v) to (x1, v1) pass `stop` upwards? Also w, E2 Sr, E2 Cr."""
+    """Whether the free orbit from (x, v) to (x1, v1) passes `stop` upwards; w, E2 Sr and E2 Cr."""
     # differences of squares keep their digits close to the stop
     square = v * v + stiff * (x - stop) * (x + stop)
     w = math.sqrt(max(square, 0.0))
@@ -62,7 +64,7 @@ def passage(x, v, x1, v1, stiff, stop):
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def drift(x, v, z, kick, flow):
-    """One step of every path where there is no stop."""
+    """Fly every path over one step where there is no stop."""
     e, s = kick
     _, cosine, sine, stiff = flow
     for i in range(x.shape[0]):
@@ -74,7 +76,7 @@ def drift(x, v, z, kick, flow):
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def fly(x, v, z, hit, kick, flow, lower, upper):
-    """One step of every path; `hit` gets +w at the upper stop, -w at the lower, 0, or AGAIN.
+    """Fly every path over one step; `hit` gets +w at the upper stop, -w at the lower, 0, or AGAIN.
 
     A path marked AGAIN has had its kick only. Returns how many there are.
     """
@@ -194,7 +196,7 @@ def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
-    """One flow with any number of impacts, added up in `sums`; returns the end (x, v).
+    """Fly one path through a flow with any number of impacts, added up in `sums`; returns (x, v).
 
     A mass that is pressed against a stop and bounces too low to leave it rests there; its impacts
     are the limit of ever lower bounces, whose impulses (1 + R) w add up to the pressing force.
@@ -249,9 +251,9 @@ def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def find_in_corner(x, v, owed, usual, box, lower, upper, found):
+def find_in_corner(x, v, owed, usual, corner, lower, upper, found):
     """Mark paths that are near a stop and slow, or come from there with less of a kick owed."""
-    width, speed = box
+    width, speed = corner.width, corner.speed
     count = 0
     for i in range(x.shape[0]):
         near = False
@@ -266,10 +268,8 @@ def find_in_corner(x, v, owed, usual, box, lower, upper, found):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
-def fly_corner(
-    x, v, owed, s0, s1, ladder, share, noise, stiff, lower, upper, threshold, sums, page=None
-):  # fmt: skip
-    """One step near a stop as shorter steps, each short enough for the state it starts from.
+def fly_corner(x, v, owed, s0, s1, corner, stiff, lower, upper, threshold, sums, page=None):
+    """Fly one path near a stop in sub-steps, each short enough for the state it starts from.
 
     Free of any other scale, noise of intensity S0 changes a velocity v in the time v^2 / S0 and a
     distance d in (d^2 / S0)^(1/3); a sub-step is at most `share` of the larger of the two.
@@ -278,10 +278,10 @@ def fly_corner(
     A step is half a kick, a flow, and half a kick; the last half is `owed` until the next step,
     whose first half it joins. With steps of one length that is a whole kick; here it is not.
 
-    `ladder` holds h / 2^k and (C, S) of it in row k, `noise` is (b, S0). Returns x, v, the time of
-    the kick that is owed, and the stream's state.
+    Returns x, v, the time of the kick that is owed, and the stream's state.
     """
-    damping_rate, intensity = noise
+    damping_rate, intensity = corner.damping_rate, corner.intensity
+    ladder, share = corner.ladder, corner.share
     deepest = ladder.shape[0] - 1
     unit = ladder[deepest, 0]
     left = 1 << deepest
@@ -308,7 +308,7 @@ def fly_corner(
         decay = math.exp(-damping_rate * kick)
         # S0 (1 - e^(-2 b t)) / (2 b), which is S0 t (1 + e^(-2 b t)) / 2 to third order in b t
         v = decay * v + math.sqrt(intensity * kick * 0.5 * (1.0 + decay * decay)) * z
-        flow = (length, ladder[level, 1], ladder[level, 2], stiff)
+        flow = Flow(length, ladder[level, 1], ladder[level, 2], stiff)
         elapsed = ladder[0, 0] - (left + (1 << (deepest - level))) * unit
         x, v = bounce(x, v, flow, lower, upper, threshold, sums, later(page, elapsed))
     return x, v, owed, s0, s1
@@ -337,7 +337,7 @@ def add_moments(x, v, origin, mean, square, speed):
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def negate(values, out):
-    """out = -values."""
+    """Put -values into `out`."""
     for i in range(values.shape[0]):
         out[i] = -values[i]
 
@@ -353,23 +353,7 @@ def take_several(several, counted, local, record, sample, first_path, i):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def run_white(
-    x,
-    v,
-    streams,
-    sums,
-    kick,
-    flow,
-    lower,
-    upper,
-    between,
-    corner,
-    threshold,
-    burn_in,
-    steps,
-    stride,
-    origin,
-    record,
-    log,
+    x, v, streams, sums, kick, flow, lower, upper, between, corner, counting, record, log
 ):
     """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
 
@@ -377,17 +361,17 @@ def run_white(
     ----------
     x, v : (paths,) start, replaced by the end.
     streams : (2, paths) random streams, advanced.
-    sums : (SUMS, paths), added to. Moments are taken every `stride` steps, before the kick; those
-        of x about `origin`, which should be near its mean.
-    kick : (e, s); flow : (h, C, S, w0^2).
-    lower, upper : None, or (stop, R, slow), slow = the speed after an impact under which the
-        same stop may be met again within a step (negative: never).
+    sums : (SUMS, paths), added to.
+    kick, flow : `steps.Kick` and `steps.Flow`.
+    lower, upper : None, or a `steps.RigidStop`.
     between : None, or () where the stops lie on either side of the rest position.
-    corner : None, or ((width, speed), (b, S0), ladder, share) to refine steps near a stop.
+    corner : None, or a `steps.Corner` to refine steps near a stop.
+    counting : `steps.Counting`.
     record : None, or zeros (steps, paths, 3) to take x, v and the impact speed of every step;
         the burn-in must then be 0.
     log : None, or an `impact_log.Log` of the impacts as fast as the threshold in the counted steps.
     """
+    burn_in, steps, stride, origin, threshold = counting
     first = np.empty(LANES)
     second = np.empty(LANES)
     hit = np.zeros(LANES)
@@ -395,7 +379,7 @@ def run_white(
     local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
     several = np.zeros(SUMS)
     slow, corner_x, corner_v = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
-    usual = 0.5 * flow[0]
+    usual = 0.5 * flow.step
     owed = np.empty(LANES)
     if log is not None:
         before_x, before_v = np.empty(LANES), np.empty(LANES)
@@ -413,15 +397,14 @@ def run_white(
             counted = step >= burn_in
             refined = 0
             if corner is not None:
-                box, noise, ladder, share = corner
-                refined = find_in_corner(xs, vs, owed, usual, box, lower, upper, slow)
+                refined = find_in_corner(xs, vs, owed, usual, corner, lower, upper, slow)
                 for i in range(end - start if refined > 0 else 0):
                     if slow[i] != 0.0:
                         several[:] = 0.0
                         corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = fly_corner(
-                            xs[i], vs[i], owed[i], state0[i], state1[i], ladder, share, noise,
-                            flow[3], lower, upper, threshold, several,
-                            page_of(log, start + i, step - burn_in, flow[0]),
+                            xs[i], vs[i], owed[i], state0[i], state1[i], corner, flow.stiff, lower,
+                            upper, threshold, several,
+                            page_of(log, start + i, step - burn_in, flow.step),
                         )  # fmt: skip
                         take_several(several, counted, local, record, step - burn_in, start, i)
             z = z1 if step % 2 == 0 else z2
@@ -443,7 +426,7 @@ def run_white(
                     several[:] = 0.0
                     xs[i], vs[i] = bounce(
                         xs[i], vs[i], flow, lower, upper, threshold, several,
-                        page_of(log, start + i, step - burn_in, flow[0]),
+                        page_of(log, start + i, step - burn_in, flow.step),
                     )  # fmt: skip
                     hits[i] = 0.0
                     take_several(several, counted, local, record, step - burn_in, start, i)
@@ -454,7 +437,7 @@ def run_white(
                             elapsed = time_of_hit(
                                 before_x[i], before_v[i], hits[i], kick, z[i], flow, lower, upper
                             )
-                            page = page_of(log, start + i, step - burn_in, flow[0])
+                            page = page_of(log, start + i, step - burn_in, flow.step)
                             write_down(page, 0, elapsed, hits[i])
                 if upper is not None:
                     count_side(hits, threshold, local[N_UPPER], local[F1_UPPER], local[F2_UPPER])
@@ -467,7 +450,7 @@ def run_white(
                     add_moments(xs, vs, origin, local[X], local[XX], local[VV])
                     if corner is not None:
                         # so that half the usual kick, added to all, brings what is owed
-                        _, intensity = corner[1]
+                        intensity = corner.intensity
                         for i in range(end - start if refined > 0 else 0):
                             local[VV, i] += intensity * (owed[i] - usual)
                 if record is not None:

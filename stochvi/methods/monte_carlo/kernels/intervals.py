@@ -75,7 +75,7 @@ def first_upward_root(c0, c1, c2, c3):
 
 @numba.njit(cache=True, error_model="numpy")
 def time_to_stop(x0, v0, x1, v1, span, stop):
-    """Fraction of the interval until x passes `stop` upwards, and the speed there."""
+    """Fraction of the interval until x passes `stop` upwards, 2 for never, and the speed then."""
     top = max(max(x0 + v0 * span / 3.0, x1 - v1 * span / 3.0), max(x0, x1))
     if top <= stop:  # the cubic lies in the hull of its four control points
         return 2.0, 0.0

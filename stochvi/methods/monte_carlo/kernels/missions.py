@@ -72,20 +72,20 @@ def pass_time(x, v, left, top, near, stiff, level, mark):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def fly_missions(
-    x, v, left, top, how, hits, streams, kick, flow, lower, upper, event, limit, threshold,
-    counted, level,
+    fleet, kick, flow, lower, upper, event, limit, threshold, counted, level
 ):  # fmt: skip
     """Fly every path that has steps left until its event, the level, or the end of its time.
 
     Parameters
     ----------
-    x, v : (paths,) start, replaced by the end.
-    left : (paths,) steps left, replaced by those left at the end.
-    top : (paths,) replaced by the largest E2 at the start and at the ends of steps.
-    how : (paths,) replaced by OVER, AT_LEVEL or HAPPENED; of a path without steps left untouched.
-    hits : (paths,) replaced by the impacts at `threshold` and faster in the steps that count.
-    streams : (2, paths) random streams, advanced.
-    kick : (e, s); flow : (h, C, S, w0^2), as in `flight`.
+    fleet : seven arrays,
+        x, v : (paths,) start, replaced by the end;
+        left : (paths,) steps left, replaced by those left at the end;
+        top : (paths,) replaced by the largest E2 at the start and at the ends of steps;
+        how : (paths,) replaced by OVER, AT_LEVEL or HAPPENED, but of a path without steps left;
+        hits : (paths,) replaced by the impacts at `threshold` and faster in the steps that count;
+        streams : (2, paths) random streams, advanced.
+    kick, flow : `steps.Kick` and `steps.Flow`.
     lower, upper : None, or (position, kind, data); where the event is PASSAGE the barriers.
     event, limit : what ends a mission, and its limits at the lower and the upper stop: m/s^2 for a
         force per unit mass; for a speed, m/s, the first holds for both.
@@ -95,7 +95,8 @@ def fly_missions(
 
     Returns the steps that were made.
     """
-    stiff = flow[3]
+    x, v, left, top, how, hits, streams = fleet
+    stiff = flow.stiff
     z1, z2, near, mark = np.empty((4, LANES))
     xs, vs, rest, high, seen = np.zeros((5, LANES))
     state = np.zeros((2, LANES), np.uint64)

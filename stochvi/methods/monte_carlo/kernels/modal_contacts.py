@@ -51,7 +51,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 )
 
 SHORTEST_SUB_STEP = 1e-12
-"""Of a sub-step, so that one which ends on an event has a length at all."""
+"""Shortest part of a sub-step that is taken to an event, so that its length is never zero."""
 
 D, R, D_END, R_END, D_STAGE, R_STAGE, A_1, A_2, A_3, A_4 = range(10)
 """Rows of the room for modal vectors."""
@@ -365,8 +365,8 @@ def add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums):
 
 @numba.njit(cache=True, error_model="numpy")
 def strike(room, elapsed, step, pair, upper, stops, contacts, peaks, sums, page):
-    """What happens at an event, `elapsed` after the step began: a contact begins or ends, or a
-    rigid stop throws back."""
+    """Make an event happen, `elapsed` after the step began: a contact begins or ends, or a rigid
+    stop throws the mass back."""
     modal, gap, inside = room.modal, room.gap, room.inside
     kinds = contacts.kinds
     rows, shares = contacts.gaps, contacts.shares

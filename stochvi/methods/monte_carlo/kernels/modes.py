@@ -38,7 +38,8 @@ from stochvi.methods.monte_carlo.kernels.rows import ROWS_OF_CONTACT_PAIR, ROWS_
 Table = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 
 LANES = 1024
-"""Paths that move together: many, for the loops over those that hit to be long enough."""
+"""Number of paths that move together. It is large so that the loops over the paths that hit in a
+step are long enough to fill the vectors of the processor."""
 
 
 class Passes(NamedTuple):

@@ -155,28 +155,26 @@ def sharpest(x, v, structure, extremes):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_response(
-    free, span, structure, lower, upper, peaks, threshold, scale, warm_up, counted, sums, record,
-    extremes, log,
+    free, sampling, lower, upper, peaks, sums, record, extremes, log
 ):  # fmt: skip
     """Add impacts to `free` responses, each periodic in time; sums of `counted` samples to `sums`.
 
     Parameters
     ----------
-    free : (samples, 2 paths), y and y' / w0 of each path in turn, at equal intervals `span`.
-    structure : (w0, b).
+    free : (samples, 2 paths), y and y' / w0 of each path in turn, at equal intervals.
+    sampling : `steps.Sampling`.
     lower, upper : None, or (stop, R) from the mean position; with `peaks`, (stop, kind, data) as
         in `contact`.
     peaks : None, or (paths, 2) where a stop gives way: the largest forces so far of contacts that
         last, of the lower and the upper stop.
-    warm_up, counted : samples flown first, at the end of the period, and samples that count.
-    scale : a velocity to compare the slowest impacts with.
     sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
     record : None, or (counted, paths, 3).
     extremes : None, or (paths, EXTREMES) as in `rows`, of the samples that count.
     log : None, or an `impact_log.Log` of the impacts as fast as the threshold in the intervals that
         end on samples that count.
     """
-    omega, damping_rate = structure
+    span, omega, damping_rate, threshold, scale, warm_up, counted = sampling
+    structure = (omega, damping_rate)
     column = decay(span, damping_rate, omega)
     samples, paths = free.shape[0], free.shape[1] // 2
     e, rate, near = np.zeros(paths), np.zeros(paths), np.zeros(paths)
