@@ -122,6 +122,31 @@ def test_a_regime_repeats_itself_and_its_stability_is_seen(name):
             assert len(moved) < 30 or max(away) > 2e-3
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_the_multiplier_is_that_of_the_map_from_impact_to_impact(name):
+    """Differences of the time and speed of the next impact, by those of the one before."""
+    case, clearance = CASES[name]
+    flight = Flight(case, clearance)
+    for regime in case.regimes(clearance):
+        if not regime.admissible:
+            continue
+        time, _ = after_impact(case, clearance, regime, 0.0)
+        start = np.array([time, regime.impact_speed])
+
+        def following(impact, flight=flight):
+            then, incident = flight.next_impact(
+                impact[0], np.array([clearance, -case.restitution * impact[1]])
+            )
+            return np.array([then, abs(incident[1])])
+
+        columns = []
+        for change in np.diag([1e-5 / case.frequency, 1e-5 * regime.impact_speed]):
+            moved = following(start + change) - following(start - change)
+            columns.append(moved / (2.0 * change.sum()))
+        largest = np.abs(np.linalg.eigvals(np.array(columns).T)).max()
+        assert largest == pytest.approx(regime.multiplier, rel=1e-4)
+
+
 def test_the_multiplier_is_the_factor_by_which_disturbances_shrink():
     case, clearance = CASES["book"]
     regime = case.regimes(clearance)[0]
