@@ -12,6 +12,7 @@ from stochvi.methods.fokker_planck.initial_states import Gaussian, Start
 from stochvi.methods.fokker_planck.linear_boxes import LinearBox
 from stochvi.methods.fokker_planck.operators import Walls
 from stochvi.model.model import Model
+from stochvi.results.errors import NotConverged
 
 REACH = 6.0
 """Speeds beyond that of a barrier by REACH in units of the scale, squared and added, are cut off:
@@ -123,7 +124,7 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
     gained = climb + REACH * _layer(model, length)
     fastest = max(
         min(math.hypot(climb, REACH * slow), gained),
-        math.sqrt(2.0 * energy) + START_MARGIN * slow,
+        math.sqrt(2.0 * max(energy, 0.0)) + START_MARGIN * slow,
     )
     speed = max(min(law, max(slow, fastest / FLATTEST)), fastest / WIDEST)
     left = lower if math.isfinite(lower) else _end(model, base, fastest, -1.0)
@@ -178,7 +179,7 @@ def stops_layout(
     """Between stops; an infinite one is none, and the box ends far out; `speed` is its scale."""
     base = lowest(model, left, right)
     energy = _start_energy(model, start, left, right, base)
-    fastest = max(REACH * speed, math.sqrt(2.0 * energy) + START_MARGIN * speed)
+    fastest = max(REACH * speed, math.sqrt(2.0 * max(energy, 0.0)) + START_MARGIN * speed)
     speed = max(speed, fastest / WIDEST)
     left = left if math.isfinite(left) else _end(model, base, fastest, -1.0)
     right = right if math.isfinite(right) else _end(model, base, fastest, 1.0)
@@ -254,6 +255,11 @@ def mesh(layout: Layout, level: Level) -> Mesh:
     """A mesh of some fineness, with narrow elements where slow paths meet a wall that takes."""
     size = level.size * layout.finest
     count = max(_whole(FEWEST_ELEMENTS / level.size), _whole(layout.length / size))
+    if count > MOST_UNKNOWNS:
+        raise NotConverged(
+            f"the density cannot be followed in time: its mesh would need {count:.2g} elements, as "
+            "the scales of spring, load, noise and stops are too far apart; simulate this scene"
+        )
     ends = np.linspace(-1.0, 1.0, count + 1)
     inner = ends[1:-1].tolist()
     layers = (ends[1] - ends[0]) * X_RATIO ** np.arange(1, level.x_layers + 1)

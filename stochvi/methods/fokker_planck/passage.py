@@ -209,6 +209,12 @@ def first_passage(
     layout = passage_layout(model, low, high, begin)
     most = passages_at_most(model, begin, low, high, moments)
     values, bounds = _refined(layout, begin, low, high, moments, most, rtol)
+    numbers = [values.mean_time, values.rate, bounds.mean_time, bounds.rate]
+    if not np.isfinite([*numbers, *values.probability, *bounds.probability]).all():
+        raise NotConverged(
+            f"{METHOD} found no finite answer on its meshes: the scales of spring, damping, noise "
+            "and barriers are too far apart; simulate this scene"
+        )
     found = FirstPassage(
         times=tuple(moments.tolist()),
         probability=tuple(

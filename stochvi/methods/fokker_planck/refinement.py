@@ -12,6 +12,7 @@ from stochvi.methods.fokker_planck.density import MARGINS, Averages, StripDensit
 from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion, scaled_motion
 from stochvi.methods.fokker_planck.strip_mesh import (
+    UNSOLVED,
     Degrees,
     Patch,
     Strips,
@@ -98,9 +99,6 @@ def refine(
     if refinement is None:
         raise NotConverged(UNSOLVED)
     return refinement
-
-
-UNSOLVED = "fokker-planck found no density on its first meshes: scales too far apart; simulate"
 
 
 def _field(scaled: ScaledMotion, strips: tuple[Strip, ...], slowest: float) -> StripDensity:
@@ -268,7 +266,12 @@ HITS = ("rate", "speed_rate", "speed_square_rate")
 
 
 def worst_relative_error(found: Averages, bounds: Averages) -> float:
-    """Largest relative error of what `rtol` governs: deviations, F1 and F2 of all stops."""
+    """Largest relative error of what `rtol` governs: deviations, F1 and F2 of all stops.
+
+    It is infinite where a mesh has found no density of finite and positive variances.
+    """
+    if not (found.variance > 0.0 and found.velocity_mean_square > 0.0):
+        return math.inf
     ratios = [
         bounds.variance / found.variance / 2.0,
         bounds.velocity_mean_square / found.velocity_mean_square / 2.0,

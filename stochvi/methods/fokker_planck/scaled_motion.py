@@ -37,6 +37,9 @@ METASTABLE = 30.0
 """Highest barrier between wells that is solved for, in units of the weight's energy: from there on
 rounding decides how often each well is visited, as 1e-16 exp(30) is a thousandth."""
 
+SMALLEST_BOX = 1e-12
+"""Shortest box, in units of the distance of its ends from the unloaded spring: it has 4 digits."""
+
 BARRIER_PLACES = 2048
 """Number of places at which the energy is compared to find a barrier."""
 
@@ -246,6 +249,11 @@ def scaled_motion(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = 
     if halved:
         left = (left + right) / 2.0
         barrier, top = _barrier(motion, left, right, weight)
+    if not right - left > SMALLEST_BOX * max(abs(left), abs(right)):
+        raise NotConverged(
+            f"fokker-planck cannot resolve the motion within {right - left:.1g} m at {right:.3g} m "
+            "from the unloaded spring: double precision ends at 1e-16 of that; simulate this scene"
+        )
     if barrier > METASTABLE:
         raise NotConverged(BARRIER_TOO_HIGH.format(barrier=barrier))
     return ScaledMotion(

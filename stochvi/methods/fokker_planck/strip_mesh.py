@@ -19,6 +19,7 @@ import numpy as np
 from stochvi.methods.fokker_planck.basis import Array, VelocityCells
 from stochvi.methods.fokker_planck.scaled_motion import Corner, ScaledMotion
 from stochvi.methods.fokker_planck.strips import Solved, Strip
+from stochvi.results.errors import NotConverged
 
 FIRST_BREAKS = (0.45, 1.0, 1.6, 2.3, 3.2)
 """Breaks of abs(u) of the first mesh; beyond the last one cells have the length LARGEST_CELL at
@@ -45,6 +46,17 @@ CORNER_CELL = 0.3
 ROOTED, ROOTED_STRIPS = 0.15, 4
 """Ratio and number of strips that narrow towards a root of the force: what the smallest leaves of
 an integral of y^(5/2) is 1e-11 of the strip it began with."""
+
+SHORTEST_STRIP = 1e-9
+"""Length of a strip, in units of half the box, below which the energy is dominated by rounding."""
+
+LARGEST_REACH = 1e3
+"""Largest velocity of a box, in units of the speed of the weight, for which a mesh is made."""
+
+UNSOLVED = (
+    "fokker-planck found no density on its first meshes: the scales of spring, load, noise and "
+    "stops are too far apart; simulate this scene"
+)
 
 KEPT = 0.1
 """Part of what the highest polynomials hold that stays unrefined."""
@@ -93,6 +105,8 @@ def _anchored(left: float, right: float, breaks: tuple[float, ...]) -> Patch:
 
 
 def _first_breaks(reach: float) -> tuple[float, ...]:
+    if not reach <= LARGEST_REACH:
+        raise NotConverged(UNSOLVED)
     last = FIRST_BREAKS[-1]
     count = math.ceil((reach - last) / LARGEST_CELL)
     half = [*FIRST_BREAKS, *np.linspace(last, reach, count + 1)[1:]]
@@ -108,6 +122,8 @@ def _cut(scaled: ScaledMotion, left: float, right: float, pieces: int) -> list[f
             for one, two in itertools.pairwise(edges)
             for end in _cut(scaled, float(one), float(two), 1)
         ]
+    if not right - left > SHORTEST_STRIP:
+        raise NotConverged(UNSOLVED)
     energy = scaled.energy(np.linspace(left, right, 9))
     wide = energy.max() - energy.min() > ENERGY_PER_STRIP
     if wide and energy.min() < scaled.reach**2 / 2.0:

@@ -14,11 +14,13 @@ from stochvi import (
     NonlinearOscillator,
     NotApplicable,
     NotConverged,
+    Oscillator,
     Restitution,
     Scene,
     WhiteNoise,
     exact,
     fokker_planck,
+    transient,
 )
 from stochvi.methods.fokker_planck import fokker_planck_many, refinement
 from stochvi.methods.fokker_planck.density import Averages, StripDensity
@@ -188,3 +190,41 @@ def test_a_mesh_without_a_variance_is_refined(monkeypatch: pytest.MonkeyPatch) -
     )
     with pytest.raises(NotConverged, match="no density"):
         fokker_planck(scene)
+
+
+# Scales too far apart -----------------------------------------------------------------------
+
+
+def test_a_motion_below_the_digits_of_its_place_is_refused(recwarn: Any) -> None:
+    """1e-17 m on a stop at 1 m."""
+    scene = oscillator(None, 1.0, 0.5, load=1e6, intensity=1e-16)
+    with pytest.raises(NotConverged, match="double precision"):
+        fokker_planck(scene)
+    assert not recwarn.list
+
+
+def test_a_transient_whose_mesh_would_not_fit_is_refused() -> None:
+    scene = oscillator(None, -0.02, 0.4, load=-44.0, omega=0.003, damping=0.0, intensity=1e-14)
+    with pytest.raises(NotConverged, match="too far apart"):
+        transient(scene, [1.0], (-0.03, 0.0))
+
+
+def test_a_transient_that_begins_below_the_lowest_place_of_the_box_has_a_scale() -> None:
+    """Rounding may put the energy of a start at rest below that of the lowest place."""
+    scene = Scene(
+        structure=Oscillator(mass=0.021953218586657015, damping=0.0, stiffness=33.470982194902206),
+        impact_pairs=[
+            ImpactPair(
+                lower=-0.00012969190525886332,
+                upper=8.640386514902214e-05,
+                lower_law=Restitution(coefficient=0.0),
+                upper_law=Restitution(coefficient=1.0),
+            )
+        ],
+        excitations=[
+            WhiteNoise(intensity=6.322694659920297e-13),
+            ConstantLoad(force=-0.5054179254609847),
+        ],
+    )
+    with pytest.raises(ValueError, match="start must lie between the stops"):
+        transient(scene, [1.0])
