@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.periodic.resonance import HarmonicResonance
-from stochvi.model.assembly import assemble
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
@@ -192,9 +191,9 @@ def jolts(
     (0.0, True)
     """
     sine = _check(scene, speeds, paths, duration)
-    assembly = assemble(scene)
-    plan = plan_modal(assembly, 0.0, None)
-    free = plan_modal(assemble(scene.model_copy(update={"impact_pairs": ()})), 0.0, None)
+    model = model_of(scene)
+    plan = plan_modal(model, 0.0, None)
+    free = plan_modal(replace(model, pairs=()), 0.0, None)
     period = 1.0 / sine.frequency_hz
     window = WINDOW_PERIODS * period
     windows = 10 * SETTLING_WINDOWS if duration is None else math.ceil(duration / window)
@@ -230,7 +229,7 @@ def _hits(
     state = free.start(streams)
     n = plan.modes.size
     # a velocity of the gap by an impulse on its reduced mass
-    gap, mass = plan.modes.gaps[0], plan.assembly.contacts[0].mass
+    gap, mass = plan.modes.gaps[0], plan.model.pairs[0].mass
     state[n : 2 * n] += speed * mass * gap[:, None]
     state = np.ascontiguousarray(plan.between_stops(state))
     return np.array([plan.counts(state, streams, steps)[0] for _ in range(windows)])

@@ -199,10 +199,10 @@ def bursts(
         As for `first_crossings`, or without stops on both sides of the mean position.
     """
     plan = crossing_plan(scene, WINDOW_RELAXATIONS / MEMORY_RELAXATIONS)
-    system = plan.system
-    lower = math.inf if system.lower is None else plan.rest - system.lower
-    upper = math.inf if system.upper is None else system.upper - plan.rest
-    if not scene.impact_pairs or min(lower, upper) <= 0.0:
+    model = plan.model
+    lower = model.rest - model.lower_position
+    upper = model.upper_position - model.rest
+    if not model.stops or min(lower, upper) <= 0.0:
         raise NotApplicable("bursts", ["needs a stop, and none beyond the mean position"])
     records = Records(plan, seed, np.array([lower]), np.array([upper]))
     started = 0.0
@@ -283,7 +283,7 @@ def _fly(
     rate = record[:, :, 1] + away[:, None] * back * rho_rate + change[:, None] * eta_rate
     rows = np.empty((len(sample), 2 * len(path)))
     rows[:, 0::2] = sign * y.T
-    rows[:, 1::2] = sign * rate.T / plan.system.omega
+    rows[:, 1::2] = sign * rate.T / plan.model.omega
     # the engine begins at the last row
     rows = np.ascontiguousarray(np.roll(rows, -1, axis=0))
     whole, extremes = _sums(records, rows, len(sample) - 1)

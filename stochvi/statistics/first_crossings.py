@@ -40,6 +40,8 @@ from stochvi.methods.monte_carlo.tabulated import (
     TabulatedPlan,
     plan_tabulated,
 )
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
@@ -338,13 +340,14 @@ def crossing_plan(scene: Scene, horizons: float = 1.0) -> TabulatedPlan:
     Raises `NotApplicable` if it is not a stationary Gaussian process of one oscillator, or too
     narrow for any block.
     """
-    unmet = scene.beyond_one_oscillator(filtered=True)
+    model = model_of(scene)
+    unmet = beyond_one_oscillator(model, with_filters=True)
     if unmet:
         raise NotApplicable("first_crossings", unmet)
-    if all(excitation.kind == "constant" for excitation in scene.excitations):
+    if not model.noisy:
         raise NotApplicable("first_crossings", ["excitation must contain noise"])
-    plan = plan_tabulated(scene, None, None)
-    period = 2.0 * math.pi / plan.system.omega
+    plan = plan_tabulated(model, None, None)
+    period = 2.0 * math.pi / plan.model.omega
     plan = plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
     while horizons * horizon_of(plan) > 0.5 * plan.block_length:
         if 2 * plan.samples > MOST_SAMPLES:
@@ -426,7 +429,7 @@ class Records:
         free = plan.free_response(self.seed, first_path, paths, 0)
         records = np.empty((paths, plan.samples, 2))
         records[:, :, 0] = free[:, 0::2].T
-        records[:, :, 1] = plan.system.omega * free[:, 1::2].T
+        records[:, :, 1] = plan.model.omega * free[:, 1::2].T
         random = np.random.default_rng([self.seed, SLOPES, first_path])
         return records, random.rayleigh(size=(paths, len(self.starts)))
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.plans import Plan, layout_of, make_plan
+from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.quantities import (
     RATES,
     Key,
@@ -28,7 +28,7 @@ from stochvi.methods.monte_carlo.runs import FEWEST_PATHS, Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
-from stochvi.model.assembly import assemble
+from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -356,21 +356,20 @@ def cost(
         raise ValueError(
             f"paths must be at least {FEWEST_PATHS} for honest standard errors, got {paths}"
         )
-    plan = make_plan(scene, None, None)
+    plan = make_plan(model_of(scene))
     plans = ladder(plan)
     workers = threads or usable_cores()
     for rung in plans:
         rung.shortest().averages(0, 0, 2)
     started = time.perf_counter()
-    layout = _joint_layout(scene, plans)
+    layout = _joint_layout(plans)
     statistics, cpu = _simulate(plans, layout, seed, budget, paths, workers, progress)
     known, reference = _known(scene, plan)
-    assembly = assemble(scene)
     rows: list[StepError] = []
     models: list[ModelError] = []
     left_out = []
     free = _deterministic(scene, plan)
-    for key, quantity in governed(assembly).items():
+    for key, quantity in governed(plan.model).items():
         size_of = quantity
         if key[1] == "displacement_mean":
             size_of = of_coordinate(key[0])["displacement_std"]
@@ -400,11 +399,10 @@ def cost(
 def ladder(plan: Plan) -> list[Plan]:
     """The plan at `FACTORS` of its step, longest first; none turns the fastest motion by more
     than `LARGEST_ANGLE` (rad), where kicks and flights become too coarse."""
-    fastest = plan.modes.fastest if isinstance(plan, ModalPlan) else plan.system.omega
     found: list[Plan] = []
     for factor in FACTORS:
         # a default step may be at the limit, up to rounding
-        if factor <= 1.0 or fastest * factor * plan.step <= LARGEST_ANGLE * (1.0 + 1e-9):
+        if factor <= 1.0 or plan.fastest * factor * plan.step <= LARGEST_ANGLE * (1.0 + 1e-9):
             found.append(plan if factor == 1.0 else plan.with_step(factor * plan.step))
     return found
 
@@ -477,9 +475,9 @@ def _simulate(
     return statistics, [float(spent) for spent in seconds]
 
 
-def _joint_layout(scene: Scene, plans: Sequence[Plan]) -> Layout:
+def _joint_layout(plans: Sequence[Plan]) -> Layout:
     """Rows of all steps, one under the other: the owner carries the number of the step."""
-    layouts = [layout_of(scene, plan) for plan in plans]
+    layouts = [plan.layout for plan in plans]
     return Layout(
         rows=tuple(
             (f"{k}/{owner}", what) for k, one in enumerate(layouts) for owner, what in one.rows
@@ -520,7 +518,7 @@ def _deterministic(scene: Scene, plan: Plan) -> list[Response]:
     """Responses of the methods that draw no random numbers; their rates count the same impacts as
     the simulated ones."""
     found = approximations(scene, [])
-    threshold = next(iter(layout_of(scene, plan).thresholds.values()), None)
+    threshold = next(iter(plan.layout.thresholds.values()), None)
     try:
         found.append(fokker_planck(scene, speed_threshold=threshold))
     except NotApplicable:

@@ -14,8 +14,9 @@ from statsmodels.stats.proportion import proportion_confint
 
 import stochvi
 from stochvi.methods.monte_carlo.missions import passage_plan
-from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.splitting import pilot_levels, repetition
+from stochvi.model.model import model_of
 
 Vector = NDArray[np.float64]
 MISSION = 20.0 * math.pi
@@ -44,9 +45,9 @@ Row = tuple[str, str, int, int, int]  # kind, of what, size of an answer, answer
 
 def simulated(answers: int, paths: int) -> Iterator[Row]:
     """Mean squares, rate, F1, F2 of paths of `simulate`: normal and Student's quantiles."""
-    plan = make_plan(BOX, None, None)
+    plan = make_plan(model_of(BOX), None, None)
     truth = stochvi.exact(BOX).estimates()
-    rows = [key[1] for key in layout_of(BOX, plan).rows]
+    rows = [key[1] for key in plan.layout.rows]
     pair = ("n_lower", "n_upper"), ("f1_lower", "f1_upper"), ("f2_lower", "f2_upper")
     for name, parts in zip(QUANTITIES, (("xx",), ("vv",), *pair), strict=True):
         known = truth["x" if "mean_square" in name else "stops", name].value
@@ -66,7 +67,7 @@ def simulated(answers: int, paths: int) -> Iterator[Row]:
 
 def counted(answers: int, barrier: float, truth: float, missions: int) -> Iterator[Row]:
     """Clopper and Pearson, Wilson, and exact Poisson intervals of failed missions."""
-    plan = passage_plan(FREE.system(), -barrier, barrier, MISSION, "rest")
+    plan = passage_plan(model_of(FREE), -barrier, barrier, MISSION, "rest")
     failed = np.empty(answers, int)
     for answer in range(answers):
         fleet = plan.fleet(14, answer * missions, missions)
@@ -87,7 +88,7 @@ def counted(answers: int, barrier: float, truth: float, missions: int) -> Iterat
 
 def split(answers: int, repetitions: int, particles: int) -> Iterator[Row]:
     """Intervals of splitting: Student's, of the mean and of its logarithm."""
-    plan = passage_plan(FREE.system(), -4.0, 4.0, MISSION, "rest")
+    plan = passage_plan(model_of(FREE), -4.0, 4.0, MISSION, "rest")
     levels = pilot_levels(plan, 5).levels
     chances = np.array(
         [

@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from stochvi.methods.monte_carlo.blocks import SENDING_SECONDS, Crew
-from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.model import model_of
 
 STRAGGLER = 10.0
 """How much longer a straggler takes."""
@@ -98,11 +99,11 @@ class Later(Future):
 
 def block_costs(scene, duration: float, merges: int) -> dict[str, float]:
     """CPU seconds of one block of paths of this length, and of one merge, here and now."""
-    plan = make_plan(scene, None, duration)
+    plan = make_plan(model_of(scene), None, duration)
     start = time.process_time()
     averages = plan.averages(0, 0, plan.block)
     seconds = time.process_time() - start
-    layout = layout_of(scene, plan)
+    layout = plan.layout
     known = [PathStatistics.of(averages + np.sin(k), layout) for k in range(100)]
     total, start = PathStatistics.none(layout), time.process_time()
     for number in range(merges):

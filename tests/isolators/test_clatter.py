@@ -11,6 +11,7 @@ from stochvi.isolators.sizing.clatter import clatter
 from stochvi.isolators.sizing.hits import at_clearance
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
+from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import CompliantLaw, Hertz
 from stochvi.testing import assert_agrees
@@ -59,9 +60,9 @@ def test_the_mean_square_is_that_of_samples(law: CompliantLaw) -> None:
     clearance = 1.5 * screen(scene).displacement_std
     row = clatter(scene, [clearance], rel_error=0.02, window=8.0, seed=2).iloc[0]
     stopped = at_clearance(scene, clearance)
-    plan = plan_tabulated(stopped, 0.0, 8.0)
+    plan = plan_tabulated(model_of(stopped), 0.0, 8.0)
     paths, system = 256, stopped.system()
-    record = np.zeros((plan.recorded_samples, paths, 3))
+    record = np.zeros((plan.steps, paths, 3))
     for first in range(0, paths, plan.block):
         plan.averages(7, first, plan.block, record[:, first : first + plan.block])
     x, v = record[:, :, 0], record[:, :, 1]

@@ -28,6 +28,7 @@ from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.method import Sizing, at_clearance, size
 from stochvi.methods.monte_carlo.kernels.rows import EXTREMES, FASTEST
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
+from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts
@@ -177,7 +178,7 @@ def test_a_frequent_rate_is_simulated_outright() -> None:
 def test_a_largest_impact_speed_against_whole_missions() -> None:
     scene, mission, limit, exceedance = truck(HALF), 40.0, 0.3, 0.1
     found = size(scene, impact_speed=limit, mission=mission, exceedance=exceedance, seed=4)
-    plan = plan_tabulated(at_clearance(scene, found.clearance.value), None, mission)
+    plan = plan_tabulated(model_of(at_clearance(scene, found.clearance.value)), None, mission)
     paths = 2048
     extremes = np.zeros((paths, EXTREMES))
     for first in range(0, paths, plan.block):

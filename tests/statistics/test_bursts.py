@@ -20,7 +20,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.mathematics.impact_rates import rice_rate
-from stochvi.methods.monte_carlo.compliant import _stop
+from stochvi.methods.monte_carlo.compliant import kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import TALLY, cross_contacts
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_SUMS,
@@ -31,6 +31,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     SHARPEST,
 )
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
+from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
 from stochvi.statistics.bursts import Bursts, bursts
@@ -141,7 +142,7 @@ def test_chance_of_a_sharp_hit_against_whole_missions() -> None:
     """Largest absolute acceleration in 6 s, from paths with everything simulated."""
     scene = truck(3.6, Elastic(stiffness=100.0 * (24.0 * math.pi) ** 2))
     limit, window, paths = 120.0, 6.0, 4096
-    plan = plan_tabulated(scene, None, window)
+    plan = plan_tabulated(model_of(scene), None, window)
     extremes = np.zeros((paths, EXTREMES))
     for first in range(0, paths, plan.block):
         plan.averages(3, first, plan.block, None, extremes[first : first + plan.block])
@@ -168,7 +169,7 @@ def test_a_contact_gives_its_largest_acceleration_and_integrals() -> None:
     stiffness, w, h = 400.0, 1.5, 0.05
     extremes, place = np.zeros(EXTREMES), 2.0
     x, v = place - 0.5 * h * w, w
-    stop = _stop(place, Elastic(stiffness=stiffness))
+    stop = kernel_stop(place, Elastic(stiffness=stiffness))
     sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
     for _ in range(8):
         x, v = cross_contacts(

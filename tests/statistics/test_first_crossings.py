@@ -22,6 +22,7 @@ from stochvi import (
 )
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
+from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.statistics.first_crossings import (
     FEWEST_PATHS,
@@ -246,7 +247,7 @@ def envelope_rate(scene: Scene, level: float) -> float:
 def test_an_input_narrower_than_the_mount_is_remembered_for_as_long_as_it_lasts() -> None:
     """Bursts are then excursions of the envelope, of some 14 crossings at 5 sigma each."""
     scene = narrow(0.02)
-    short = plan_tabulated(scene, None, None)
+    short = plan_tabulated(model_of(scene), None, None)
     assert short.block_length * 0.04 < 4.0  # bins
     sigma = deviations(scene)[0]
     found = first_crossings(scene, [5.0 * sigma], mission=HOUR, rel_error=0.05, seed=6)

@@ -289,7 +289,7 @@ def check_log_against_record(scene: Scene) -> None:
     """Impacts add up, step by step, to the speeds that a record holds, and fall within steps."""
     source = plan_impacts(scene, speed_threshold=0.0).source
     width = getattr(source, "record_width", 3)
-    record = np.zeros((source.recorded_samples, 3, width))
+    record = np.zeros((source.steps, 3, width))
     log = Log(np.empty((10**6, COLUMNS)), np.zeros(1, np.int64), 0.0)
     source.averages(3, 5, 3, record, log=log)
     path, pair, time, speed = log.events[: log.count[0]].T

@@ -12,6 +12,7 @@ import numpy as np
 
 from stochvi.methods.monte_carlo.compliant import plan_compliant
 from stochvi.methods.monte_carlo.plans import make_plan
+from stochvi.model.model import model_of
 from support import CHECKOUT
 from support.known import oscillator
 from support.mounts import COMPANY, bumpered_mount, isolator
@@ -32,14 +33,16 @@ def averages() -> dict[str, list[float]]:
     """Averages of a few short paths of each kernel, by the name of the case."""
     found = {}
     for name, case in RIGID.items():
-        plan = make_plan(case, None, 2.0).with_step(0.1)
+        plan = make_plan(model_of(case), None, 2.0).with_step(0.1)
         found[f"rigid: {name}"] = replace(plan, burn_in=0.1, duration=4.0).averages(3, 0, 3)
-    found["rigid: response domain"] = make_plan(isolator(0.002), None, 2.0).averages(3, 0, 3)
+    found["rigid: response domain"] = make_plan(model_of(isolator(0.002)), None, 2.0).averages(
+        3, 0, 3
+    )
     for name, case in SOFT.items():
-        plan = plan_compliant(case.system(), None, 4.0).with_step(0.25)
+        plan = plan_compliant(model_of(case), None, 4.0).with_step(0.25)
         found[f"soft: {name}"] = replace(plan, burn_in=0.5).averages(3, 0, 3)
     for name, (law, beside) in COMPANY.items():
-        plan = make_plan(bumpered_mount(law, sigmas=0.5, beside=beside), 0.0, 0.3)
+        plan = make_plan(model_of(bumpered_mount(law, sigmas=0.5, beside=beside)), 0.0, 0.3)
         plan = replace(plan, warm_up=0.05, block_length=2.0, samples=360)
         found[f"soft, tabulated: {name}"] = plan.averages(3, 0, 1)
     return {name: np.asarray(sums).ravel().tolist() for name, sums in found.items()}

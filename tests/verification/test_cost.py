@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from stochvi import Estimate, NotConverged, cost, exact, load_scene, simulate
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.quantities import GOVERNED
+from stochvi.model.model import model_of
 from stochvi.results.estimates import Cost
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.testing import assert_agrees
@@ -138,15 +139,17 @@ def test_the_limit_of_two_steps_is_exact_for_a_bias_of_its_order(order: float, r
 
 def test_order_is_that_by_which_simulate_tells_its_bias() -> None:
     """At R = 0.5 the corner exponent is 1: orders 1/2, 1 and 3/2 for sums of 1, w and w^2."""
-    plan = make_plan(LOSSY, None, None)
+    plan = make_plan(model_of(LOSSY), None, None)
     orders = {name: step_order(plan, ("stops", name)) for name in GOVERNED}
     assert orders["collision_rate"] == pytest.approx(0.5)
     assert orders["velocity_mean_square"] == pytest.approx(1.0)
     assert orders["impact_speed_rate"] == pytest.approx(1.0)
     assert orders["impact_speed_square_rate"] == pytest.approx(1.5)
-    unresolved = make_plan(oscillator(-1.0, 1.0, 0.3), None, None)
+    unresolved = make_plan(model_of(oscillator(-1.0, 1.0, 0.3)), None, None)
     assert step_order(unresolved, ("stops", "collision_rate")) is None
-    assert step_order(make_plan(ELASTIC, None, None), ("stops", "impact_speed_rate")) is None
+    assert (
+        step_order(make_plan(model_of(ELASTIC), None, None), ("stops", "impact_speed_rate")) is None
+    )
 
 
 # Prices -----------------------------------------------------------------------------------
@@ -274,7 +277,7 @@ def test_digits_depend_on_the_seed_and_not_on_the_threads() -> None:
 
 def test_the_steps_of_a_table_are_sampling_intervals_on_the_same_noise() -> None:
     scene = load_scene(shipped_scene("isolator-truck"))
-    plans = ladder(make_plan(scene, None, None))
+    plans = ladder(make_plan(model_of(scene), None, None))
     found = cost(scene, paths=256, seed=1)
     assert list(found.steps) == [plan.step for plan in plans]
     assert found.default_step in found.steps

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from stochvi.isolators.sizing.hits import at_clearance
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
+from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.intervals import jackknife_ratio, mean_and_error
@@ -127,22 +128,21 @@ def clatter(
 def _check(
     scene: Scene, clearances: Sequence[float], stiffness_ratios: Sequence[float] | None
 ) -> None:
-    unmet = scene.beyond_one_oscillator(filtered=True)
+    model = model_of(scene)
+    unmet = beyond_one_oscillator(model, with_filters=True)
     if unmet:
         raise NotApplicable("clatter", unmet)
     if not scene.impact_pairs:
         raise NotApplicable("clatter", ["the scene needs an impact_pair, for its law"])
-    laws = [law for _, law in scene.impact_pairs[0].stops()]
-    if any(law.rigid for law in laws):
+    if any(stop.rigid for stop in model.stops):
         unmet.append(
             "a stop with a restitution alone has no stiffness, so hits have no acceleration; give "
             "an elastic, viscoelastic, hertz or table law"
         )
     if stiffness_ratios is not None and not all(
-        isinstance(law, Elastic | Viscoelastic) for law in laws
+        isinstance(stop.law, Elastic | Viscoelastic) for stop in model.stops
     ):
         unmet.append("stiffness_ratios need elastic or viscoelastic stops")
-    model = model_of(scene)
     if not model.moving_base or model.noise_on_mass:
         unmet.append("structure.kind must be 'isolator' with noise on its base only")
     if unmet:
@@ -173,8 +173,8 @@ def _variants(
 def _plan(scene: Scene, window: float) -> TabulatedPlan:
     """Paths of the length of a window, sampled finely enough for free crests."""
     # every contact counts, however slow
-    plan = plan_tabulated(scene, 0.0, window)
-    period = 2.0 * math.pi / plan.system.omega
+    plan = plan_tabulated(model_of(scene), 0.0, window)
+    period = 2.0 * math.pi / plan.model.omega
     return plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
 
 
@@ -194,7 +194,7 @@ class _Averages:
 def _averages(plan: TabulatedPlan, seed: int, first_path: int, paths: int) -> _Averages:
     extremes = Extremes.zeros(paths)
     means = Sums(plan.averages(seed, first_path, paths, None, extremes.table))
-    b, stiff = plan.system.damping_rate, plan.system.omega**2
+    b, stiff = plan.model.damping_rate, plan.model.omega**2
     square = b**2 * means.velocity_square + stiff**2 * means.displacement_square
     if plan.contacts:
         within = extremes.force_square + 2.0 * stiff * extremes.position_force

@@ -19,7 +19,7 @@ from functools import cache
 from itertools import islice
 from typing import Any
 
-from stochvi.methods.monte_carlo.plans import Plan
+from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.results.machine import thread_seconds, usable_cores
 

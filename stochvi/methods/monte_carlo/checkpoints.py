@@ -22,7 +22,7 @@ import numpy as np
 
 from stochvi.mathematics.units import plain_number
 from stochvi.methods.monte_carlo.blocks import machine
-from stochvi.methods.monte_carlo.plans import Plan, layout_of
+from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.errors import CheckpointError
@@ -201,10 +201,10 @@ class Checkpoint:
                 "that the scene names has changed, or the package itself)"
             )
 
-    def resumed(self, scene: Scene, plan: Plan) -> State:
+    def resumed(self, plan: Plan) -> State:
         """The state to go on from."""
         try:
-            return State.from_document(self.state, layout_of(scene, plan))
+            return State.from_document(self.state, plan.layout)
         except (KeyError, TypeError, ValueError) as error:
             raise _incomplete(self.path) from error
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -36,10 +36,9 @@ from stochvi.methods.monte_carlo.white import (
     pressing,
 )
 from stochvi.model.gibbs_law import GibbsLaw
-from stochvi.model.model import LOWER, UPPER, Stop
+from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Restitution, Viscoelastic
-from stochvi.scenes.scene import System
 
 SUMS_OF_A_STOP = (
     ("force", IMPULSE),
@@ -48,6 +47,9 @@ SUMS_OF_A_STOP = (
     ("contact", TIME),
     ("ended", ENDED),
 )
+
+KernelStop = tuple[float, int, NDArray[np.float64]]
+"""A stop for the kernels: its position (m), the kind of its law, and the numbers of that law."""
 
 CONTACT_ROWS = {
     f"{name}_{side}": first + row
@@ -67,30 +69,36 @@ class CompliantPlan(WhitePlan):
     """Steps, start and lengths where a stop gives way; its `averages` have CONTACT_SUMS rows."""
 
     rows = CONTACT_SUMS
-    contacts = True
+    sums_of_contacts = tuple(CONTACT_ROWS)
     _kernel = staticmethod(run_contacts)
 
     def _kernel_constants(self) -> tuple[Any, ...]:
-        lower, upper = self.system.lower, self.system.upper
-        law_lower, law_upper = self.system.laws
         return (
-            _kick(self.system, self.step),
-            _flow(self.system, self.step),
-            None if lower is None or law_lower is None else _stop(lower - self.rest, law_lower),
-            None if upper is None or law_upper is None else _stop(upper - self.rest, law_upper),
+            _kick(self.model, self.step),
+            _flow(self.model, self.step),
+            *kernel_stops(self.model),
         )
 
     @cached_property
     def _law(self) -> GibbsLaw:  # type: ignore[override]
         """The Gibbs law at the expected speed, from the rest position."""
-        return _gibbs_law(self.system, self.speed, self.rest)
+        return _gibbs_law(self.model, self.speed, self.model.rest)
 
     @property
     def _walls(self) -> tuple[float, float]:
         return self._law.walls
 
 
-def _stop(position: float, law: Law) -> tuple[float, int, NDArray[np.float64]]:
+def kernel_stops(model: Model) -> tuple[KernelStop | None, KernelStop | None]:
+    """The lower and the upper stop of one oscillator for the kernel, from the rest position."""
+
+    def constants(stop: Stop | None) -> KernelStop | None:
+        return None if stop is None else kernel_stop(stop.position - model.rest, stop.law)
+
+    return constants(model.lower), constants(model.upper)
+
+
+def kernel_stop(position: float, law: Law) -> KernelStop:
     """(position, kind, data) of a stop for the kernel."""
     match law:
         case Restitution():
@@ -106,24 +114,24 @@ def _stop(position: float, law: Law) -> tuple[float, int, NDArray[np.float64]]:
     raise TypeError(f"no kernel knows a stop of the kind {law.kind!r}")
 
 
-def _gibbs_law(system: System, speed: float, rest: float = 0.0) -> GibbsLaw:
+def _gibbs_law(model: Model, speed: float, rest: float = 0.0) -> GibbsLaw:
     """Gibbs law at E v^2 = speed^2, from a rest position that takes the load if it is given."""
     return GibbsLaw(
         theta=speed**2,
-        omega=system.omega,
-        load=system.load - system.omega**2 * rest,
-        lower=_from_rest(LOWER, system.lower, system.law_lower, rest),
-        upper=_from_rest(UPPER, system.upper, system.law_upper, rest),
+        omega=model.omega,
+        load=model.load - model.omega**2 * rest,
+        lower=_from_rest(model.lower, rest),
+        upper=_from_rest(model.upper, rest),
     )
 
 
-def _from_rest(side: int, position: float | None, law: Law | None, rest: float) -> Stop | None:
+def _from_rest(stop: Stop | None, rest: float) -> Stop | None:
     """A stop with its position taken from the rest position; None for none."""
-    return None if position is None or law is None else Stop(side, position - rest, law)
+    return None if stop is None else replace(stop, position=stop.position - rest)
 
 
 def plan_compliant(
-    system: System, threshold: float | None, duration: float | None, slow_impacts: bool = False
+    model: Model, threshold: float | None, duration: float | None, slow_impacts: bool = False
 ) -> CompliantPlan:
     """Choose step, burn-in and length for white noise and stops of which one gives way.
 
@@ -138,55 +146,49 @@ def plan_compliant(
     ...     impact_pairs=[ImpactPair(upper=1.0, law=Elastic(stiffness=100.0))],
     ...     excitations=[WhiteNoise(intensity=0.2)],
     ... )
-    >>> plan = plan_compliant(scene.system(), None, None)
+    >>> from stochvi.model.model import model_of
+    >>> plan = plan_compliant(model_of(scene), None, None)
     >>> plan.step, plan.averages(seed=1, first_path=0, paths=3).shape
     (0.8, (19, 3))
     """
     unmet = []
     if slow_impacts:
         unmet.append("slow_impacts needs rigid stops, got one that gives way")
-    if system.omega == 0.0 and system.load != 0.0:
+    if model.omega == 0.0 and model.load != 0.0:
         unmet.append("a constant load needs stiffness > 0, got 0")
     try:
-        _gibbs_law(system, 1.0)
+        _gibbs_law(model, 1.0)
     except ValueError:
         unmet.append("without stiffness the mass needs a lower and an upper stop that hold it")
-    if system.damping_rate == 0.0 and system.elastic:
+    if model.damping_rate == 0.0 and model.elastic:
         unmet.append("damping must be positive or a stop must lose energy (no stationary state)")
     if unmet:
         raise NotApplicable("simulate", unmet)
-    speed = expected_speed(_rigid(system))
-    law = _gibbs_law(system, speed)
+    # rigid stops of the same restitution are close enough for the speed
+    speed = expected_speed(model)
+    law = _gibbs_law(model, speed)
     spread = math.sqrt(law.variance)
-    rate = system.intensity / (2.0 * speed**2)
+    rate = model.intensity / (2.0 * speed**2)
     slowest = max(1.0 / rate, spread / speed, spread**2 * rate / speed**2)
-    step = _step(system, speed, spread)
-    burn_in, length = lengths(system, step, slowest, duration)
+    step = _step(model, speed, spread)
+    burn_in, length = lengths(model, step, slowest, duration)
     return CompliantPlan(
-        system=system,
+        model=model,
         speed=speed,
         step=step,
         burn_in=burn_in,
         duration=length,
-        threshold=default_threshold(system.elastic, speed) if threshold is None else threshold,
+        threshold=default_threshold(model.elastic, speed) if threshold is None else threshold,
     )
 
 
-def _rigid(system: System) -> System:
-    """The scene with rigid stops of the same restitution: close enough for its speed."""
-    lower, upper = (None if law is None else law.restitution for law in system.laws)
-    return system._replace(
-        restitution_lower=lower, restitution_upper=upper, law_lower=None, law_upper=None
-    )
-
-
-def _step(system: System, speed: float, spread: float) -> float:
+def _step(model: Model, speed: float, spread: float) -> float:
     """A part of a radian, of the loss of energy, of the way through the law, of a bounce."""
     limits = [SPREAD_PER_STEP * spread / speed]
-    if system.omega > 0.0:
-        limits.append((LARGEST_ANGLE if system.elastic else LOSSY_ANGLE) / system.omega)
-    if not system.elastic:
-        limits.append(LOSSY_DECAY * 2.0 * speed**2 / system.intensity)
-    if pressing(system) > 0.0:
-        limits.append(BOUNCE_PER_STEP * speed / pressing(system))
+    if model.omega > 0.0:
+        limits.append((LARGEST_ANGLE if model.elastic else LOSSY_ANGLE) / model.omega)
+    if not model.elastic:
+        limits.append(LOSSY_DECAY * 2.0 * speed**2 / model.intensity)
+    if pressing(model) > 0.0:
+        limits.append(BOUNCE_PER_STEP * speed / pressing(model))
     return min(limits)

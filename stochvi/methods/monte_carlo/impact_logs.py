@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.compliant import CompliantPlan
 from stochvi.methods.monte_carlo.histories import plan_histories
+from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
-from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
-from stochvi.methods.monte_carlo.plans import Plan, layout_of, make_plan
-from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
-from stochvi.methods.monte_carlo.white import WhitePlan
+from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.plans import make_plan
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 
@@ -44,7 +41,8 @@ class ImpactPlan:
     """How impacts are had: the kernels write each of them down when it happens.
 
     `relaxation` is the relaxation time of the energy, s; `fastest` the largest frequency of the
-    motion, rad/s; `speeds` are the rms speeds of the pairs, m/s.
+    motion, rad/s; `speeds` are the rms speeds of the pairs, m/s; `corner_share` is that of
+    `white.WhitePlan` where slow impacts are resolved, else None.
     """
 
     source: Plan
@@ -52,18 +50,12 @@ class ImpactPlan:
     relaxation: float
     fastest: float
     speeds: dict[str, float]
-
-    @property
-    def corner_share(self) -> float | None:
-        """That of `WhitePlan`, where slow impacts are resolved; else None."""
-        if isinstance(self.source, WhitePlan) and self.source.slow_impacts:
-            return self.source.corner_share
-        return None
+    corner_share: float | None
 
     @property
     def duration(self) -> float:
         """Counted seconds of a path."""
-        return self.source.recorded_samples * self.source.step
+        return self.source.steps * self.source.step
 
     @property
     def step(self) -> float:
@@ -100,7 +92,7 @@ def plan_impacts(
     speed_threshold: float | None = None,
     duration: float | None = None,
     slow_impacts: bool = False,
-    corner_share: float | None = None,
+    corner_share: float = CORNER_SHARE,
 ) -> ImpactPlan:
     """How impacts of a scene would be had; any scene with an impact pair that `simulate` covers.
 
@@ -121,20 +113,17 @@ def plan_impacts(
     >>> bool((log.speed > 0.0).all())  # an upper stop alone
     True
     """
-    if not scene.expanded.impact_pairs:
+    model = model_of(scene)
+    if not model.pairs:
         raise NotApplicable("impacts", ["the scene must have an impact pair, got none"])
-    plan = make_plan(scene, speed_threshold, duration, slow_impacts)
-    thresholds = dict(layout_of(scene, plan).thresholds)
+    plan = make_plan(model, speed_threshold, duration, slow_impacts, corner_share)
     histories = plan_histories(scene)
-    pairs = plan.pairs if isinstance(plan, ModalPlan) else ()
-    rms = [pair.speed for pair in pairs] or [histories.speed]
-    if isinstance(plan, TabulatedPlan | ModalTablesPlan):
-        # one block a path: between blocks the motion jumps
-        length = histories.duration if duration is None else duration
-        plan = replace(histories, plan=plan).sampled(math.inf, length).plan
-    elif corner_share is not None and not isinstance(plan, ModalPlan | CompliantPlan):
-        plan = replace(plan, corner_share=corner_share)
+    thresholds = dict(plan.layout.thresholds)
     return ImpactPlan(
-        source=plan, thresholds=thresholds, relaxation=histories.slowest,
-        fastest=histories.fastest, speeds=dict(zip(thresholds, rms, strict=True)),
-    )  # fmt: skip
+        source=plan.unbroken(histories.duration if duration is None else duration),
+        thresholds=thresholds,
+        relaxation=histories.slowest,
+        fastest=histories.fastest,
+        speeds=dict(zip(thresholds, plan.speeds, strict=True)),
+        corner_share=corner_share if slow_impacts else None,
+    )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from stochvi.methods.monte_carlo.compliant import _stop, plan_compliant
+from stochvi.methods.monte_carlo.compliant import kernel_stops, plan_compliant
 from stochvi.methods.monte_carlo.kernels.missions import (
     FORCE,
     HAPPENED,
@@ -28,9 +28,9 @@ from stochvi.methods.monte_carlo.white import (
     _kick,
     plan_white,
 )
+from stochvi.model.model import LOWER, UPPER, Model
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import CompliantLaw, Law
-from stochvi.scenes.scene import System
+from stochvi.scenes.impact_laws import CompliantLaw
 
 Vector = NDArray[np.float64]
 Start = Literal["rest", "stationary"]
@@ -161,8 +161,8 @@ class MissionPlan:
             # a step is half a kick, a flow and half a kick: the first half is for itself
             first, second = np.empty((2, paths))
             normal_pairs(streams[0], streams[1], first, second)
-            _, spread = _kick(self.base.system, 0.5 * self.step)
-            _, cosine, sine, _ = _flow(self.base.system, self.step)
+            _, spread = _kick(self.base.model, 0.5 * self.step)
+            _, cosine, sine, _ = _flow(self.base.model, self.step)
             x, v = sine * spread * first, cosine * spread * first
             left -= 1.0
         fleet = _at(x, v, left, streams)
@@ -177,7 +177,7 @@ class MissionPlan:
         event = event or self.event
         return int(
             fly_missions(
-                fleet, _kick(self.base.system, self.step), _flow(self.base.system, self.step),
+                fleet, _kick(self.base.model, self.step), _flow(self.base.model, self.step),
                 self.lower, self.upper, event.kind, event.limit, self.base.threshold,
                 float(self.counted), level,
             )
@@ -203,58 +203,50 @@ AFTERWARDS = Event(kind=NOTHING)
 
 
 def passage_plan(
-    system: System, lower: float | None, upper: float | None, mission: float, start: Start
+    model: Model, lower: float | None, upper: float | None, mission: float, start: Start
 ) -> MissionPlan:
     """First passage of barriers (m): they end a mission, whatever stands there."""
-    free = system._replace(
-        lower=None, upper=None, restitution_lower=None, restitution_upper=None,
-        law_lower=None, law_upper=None,
-    )  # fmt: skip
-    base = plan_white(free, None, None)
-    ends = tuple(None if at is None else (at - base.rest, 0, WALL) for at in (lower, upper))
+    base = plan_white(replace(model, pairs=()), None, None)
+    ends = tuple(None if at is None else (at - model.rest, 0, WALL) for at in (lower, upper))
     return _plan(base, Event(kind=PASSAGE), start, mission, ends)
 
 
 def impact_plan(
-    system: System, mission: float, start: Start, speed: float | None = None
+    model: Model, mission: float, start: Start, speed: float | None = None
 ) -> MissionPlan:
     """An impact at `speed` (m/s) or faster, by default at the least that rates count."""
-    base = _base(system)
+    base = _base(model)
     limit = base.threshold if speed is None else speed
     event = Event(kind=IMPACT, limit=(limit, limit))
-    return _plan(base, event, start, mission, _stops(base), limit)
+    return _plan(base, event, start, mission, kernel_stops(model), limit)
 
 
 def acceleration_plan(
-    system: System, mission: float, start: Start, acceleration: float
+    model: Model, mission: float, start: Start, acceleration: float
 ) -> MissionPlan:
     """An absolute acceleration (m/s^2) above a limit in a contact, by stop and spring together.
 
     Where it is largest the mass is at rest, so that the damper takes no part.
     """
-    base = _base(system)
-    lower, upper = (
-        _force_at(law, side * (stop - base.rest), system.omega**2, acceleration)
-        for stop, law, side in (
-            (system.lower or 0.0, system.law_lower, -1.0),
-            (system.upper or 0.0, system.law_upper, 1.0),
-        )
-    )
-    speed = max(
-        math.sqrt(2.0 * float(law.potential_at(law.deflection_at(force))))
-        for law, force in ((system.law_lower, lower), (system.law_upper, upper))
-        if isinstance(law, CompliantLaw)
-    )
-    event = Event(kind=FORCE, limit=(lower, upper))
-    return _plan(base, event, start, mission, _stops(base), speed)
+    base = _base(model)
+    limits = {LOWER: math.inf, UPPER: math.inf}
+    speeds = []
+    for stop in model.stops_per_unit_mass:
+        law = stop.law
+        if not isinstance(law, CompliantLaw):
+            raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
+        force = _force_at(law, stop.side * (stop.position - model.rest), model, acceleration)
+        limits[stop.side] = force
+        speeds.append(math.sqrt(2.0 * float(law.potential_at(law.deflection_at(force)))))
+    speed = max(speeds)
+    event = Event(kind=FORCE, limit=(limits[LOWER], limits[UPPER]))
+    return _plan(base, event, start, mission, kernel_stops(model), speed)
 
 
-def _force_at(law: Law | None, distance: float, stiff: float, acceleration: float) -> float:
-    """Force of a stop, per unit mass, at which stop and spring bring an acceleration."""
-    if law is None:
-        return math.inf
-    if not isinstance(law, CompliantLaw):
-        raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
+def _force_at(law: CompliantLaw, distance: float, model: Model, acceleration: float) -> float:
+    """Force of a stop, per unit mass, at which stop and spring bring an acceleration; `distance` is
+    that of the stop from the rest position, m."""
+    stiff = model.omega**2
 
     def excess(force: float) -> float:
         return force + stiff * (distance + float(law.deflection_at(force))) - acceleration
@@ -263,32 +255,22 @@ def _force_at(law: Law | None, distance: float, stiff: float, acceleration: floa
     return float(brentq(excess, 0.0, most)) if excess(0.0) < 0.0 else 0.0
 
 
-def _base(system: System) -> WhitePlan:
-    if system.laws == (None, None):
+def _base(model: Model) -> WhitePlan:
+    if not model.stops:
         raise NotApplicable("reliability", ["impacts need a stop, got a scene without impact_pair"])
-    if system.not_rigid():
-        return plan_compliant(system, None, None)
-    return plan_white(system, None, None)
+    if model.not_rigid():
+        return plan_compliant(model, None, None)
+    return plan_white(model, None, None)
 
 
-def settling_time(system: System) -> float:
+def settling_time(model: Model) -> float:
     """Seconds that a stationary motion with stops is flown before a mission."""
-    return _settling(_base(system))
+    return _settling(_base(model))
 
 
 def _settling(base: WhitePlan) -> float:
     """What is not the stationary law itself at its start has to settle."""
     return CLIMB_RELAXATIONS / RELAXATIONS * base.burn_in if base.elastic else base.burn_in
-
-
-def _stops(base: WhitePlan) -> tuple[Any, Any]:
-    """Both stops for the kernel."""
-    system = base.system
-    lower, upper = (
-        None if at is None or law is None else _stop(at - base.rest, law)
-        for at, law in zip((system.lower, system.upper), system.laws, strict=True)
-    )
-    return lower, upper
 
 
 def _plan(
@@ -300,10 +282,10 @@ def _plan(
     speed: float = 0.0,
 ) -> MissionPlan:
     """Steps that divide the mission evenly, short enough for impacts at a speed (m/s)."""
-    system = base.system
-    step = min(base.step, MISSION_ANGLE / system.omega) if system.omega else base.step
-    if speed > 0.0 and system.lower is not None and system.upper is not None:
-        step = min(step, GAP_PER_STEP * (system.upper - system.lower) / speed)
+    model = base.model
+    step = min(base.step, MISSION_ANGLE / model.omega) if model.omega else base.step
+    if speed > 0.0 and len(model.stops) == 2:
+        step = min(step, GAP_PER_STEP * (model.upper_position - model.lower_position) / speed)
     if mission > MOST_STEPS * step:
         raise NotApplicable(
             "reliability",

@@ -23,7 +23,8 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.rows import ROWS_OF_PAIR
-from stochvi.methods.monte_carlo.quantities import RATES, Key, gap_of, is_relative, restitutions
+from stochvi.methods.monte_carlo.plan import Histories
+from stochvi.methods.monte_carlo.quantities import RATES, Key, gap_of
 from stochvi.methods.monte_carlo.statistics import Layout
 from stochvi.methods.monte_carlo.white import (
     BOUNCE_PER_STEP,
@@ -39,9 +40,10 @@ from stochvi.methods.monte_carlo.white import (
     WELL_RESOLVED_RESTITUTION,
     default_threshold,
     extrapolated,
+    settled_duration,
 )
-from stochvi.model.assembly import Assembly, Contact, modes_of
 from stochvi.model.modal import LinearLaw, ModalForm
+from stochvi.model.model import UPPER, Model, Pair
 from stochvi.model.scales import PairScale, scales_of
 from stochvi.results.errors import NotApplicable
 
@@ -85,8 +87,7 @@ SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in
 class ModalPlan:
     """Steps, start and lengths for a scene of any structure without tabulated noise (SI units)."""
 
-    assembly: Assembly
-    modes: ModalForm
+    model: Model
     law: LinearLaw
     pairs: tuple[PairScale, ...]
     step: float
@@ -96,12 +97,38 @@ class ModalPlan:
 
     method = "kick-flow-kick in modal coordinates"
     contacts = False
+    excitation_known = False
     sums_of_pair = SUMS_OF_PAIR
+
+    @property
+    def modes(self) -> ModalForm:
+        """The model in modal coordinates."""
+        return self.model.modal
+
+    @property
+    def fastest(self) -> float:
+        """Largest frequency of a mode or a signal, rad/s."""
+        return self.modes.fastest
+
+    @property
+    def kicked(self) -> bool:
+        """Whether white noise acts, in kicks a step apart."""
+        return self.modes.kicked
+
+    @property
+    def relaxation(self) -> float:
+        """Relaxation time of the energy, s."""
+        return self.law.slowest
+
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """Rms speed of the gap of each pair, m/s."""
+        return tuple(scale.speed for scale in self.pairs)
 
     @property
     def elastic(self) -> bool:
         """Whether any step leaves the stationary law exact: matched noise, elastic stops."""
-        return self.assembly.elastic and self.assembly.temperature is not None
+        return self.model.elastic and self.model.temperature is not None
 
     @property
     def states(self) -> int:
@@ -112,30 +139,28 @@ class ModalPlan:
     def layout(self) -> Layout:
         """What the rows of `averages` are."""
         rows: list[Key] = [
-            (name, what) for name in self.assembly.coordinates for what in ("x", "xx", "vv")
+            (name, what) for name in self.model.coordinates for what in ("x", "xx", "vv")
         ]
         rows += [("", what) for what in ("kinetic", "potential", "dissipation")]
-        rows += [
-            (gap_of(contact), what) for contact in self._relative for what in ("x", "xx", "vv")
-        ]
+        rows += [(gap_of(pair), what) for pair in self._relative for what in ("x", "xx", "vv")]
         thresholds = {}
-        for contact, scale in zip(self.assembly.contacts, self.pairs, strict=True):
-            rows += [(contact.name, name) for name in self.sums_of_pair]
-            thresholds[contact.name] = self._threshold(contact, scale)
-        origins = dict(zip(self.assembly.coordinates, self._origin.tolist(), strict=True))
-        for contact in self._relative:
-            origins[gap_of(contact)] = float(contact.direction @ self._origin)
+        for pair, scale in zip(self.model.pairs, self.pairs, strict=True):
+            rows += [(pair.name, name) for name in self.sums_of_pair]
+            thresholds[pair.name] = self._threshold(pair, scale)
+        origins = dict(zip(self.model.coordinates, self._origin.tolist(), strict=True))
+        for pair in self._relative:
+            origins[gap_of(pair)] = float(pair.direction @ self._origin)
         return Layout(rows=tuple(rows), origins=origins, thresholds=thresholds)
 
     @property
-    def _relative(self) -> list[Contact]:
+    def _relative(self) -> list[Pair]:
         """Pairs of two coordinates, whose difference is an answer of its own."""
-        return [contact for contact in self.assembly.contacts if is_relative(contact)]
+        return [pair for pair in self.model.pairs if pair.relative]
 
-    def _threshold(self, contact: Contact, scale: PairScale) -> float:
+    def _threshold(self, pair: Pair, scale: PairScale) -> float:
         if self.speed_threshold is not None:
             return self.speed_threshold
-        elastic = all(r == 1.0 for r in restitutions(contact))
+        elastic = all(stop.law.restitution == 1.0 for stop in pair.stops)
         return default_threshold(elastic, scale.speed)
 
     @property
@@ -162,7 +187,7 @@ class ModalPlan:
         """What the step leaves in a quantity, from its difference to twice the step; None for
         rates of slow impacts under white noise, as `WhitePlan.step_bias` says. Under signals
         alone the motion is smooth and the order is 2."""
-        found = [r for contact in self.assembly.contacts for r in restitutions(contact)]
+        found = [stop.law.restitution for stop in self.model.stops]
         if not self.modes.kicked or not found:
             return difference / 3.0
         lossiest = min(found)
@@ -184,11 +209,6 @@ class ModalPlan:
         """All steps of a path, burn-in included."""
         return self.steps + self._burn_in_steps
 
-    @property
-    def recorded_samples(self) -> int:
-        """Samples of a recorded path."""
-        return self.steps
-
     def coarser(self) -> ModalPlan:
         """The same paths at twice the step, to measure what the step leaves as bias."""
         return self.with_step(2.0 * self.step)
@@ -199,7 +219,7 @@ class ModalPlan:
 
     def with_step(self, step: float) -> ModalPlan:
         """The same paths at a chosen step, s; ValueError if impacts would go unseen in it."""
-        if self.assembly.contacts and self._size_of_flow * step > LONGEST_FLOW:
+        if self.model.pairs and self._size_of_flow * step > LONGEST_FLOW:
             longest = LONGEST_FLOW / self._size_of_flow
             raise ValueError(
                 f"step must be at most {longest:.3g} s where there are stops, got {step:g} s"
@@ -223,7 +243,7 @@ class ModalPlan:
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         state = self.start(streams)
-        n, pairs = self.modes.size, len(self.assembly.contacts)
+        n, pairs = self.modes.size, len(self.model.pairs)
         moments = n + n * (n + 1)
         sums = np.zeros((moments + len(self.sums_of_pair) * pairs, paths))
         stride = self._stride
@@ -256,28 +276,70 @@ class ModalPlan:
 
         `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
         """
-        n, pairs = self.modes.size, len(self.assembly.contacts)
+        n, pairs = self.modes.size, len(self.model.pairs)
         moments = n + n * (n + 1)
         sums = np.zeros((moments + ROWS_OF_PAIR * pairs, state.shape[1]))
         self._fly(state, streams, sums, 0, steps, steps, None, None)
         found: NDArray[np.float64] = sums[moments:].reshape(pairs, 2, -1, state.shape[1])[:, :, 0]
         return found
 
-    def recorded(self, record: NDArray[np.float64]) -> dict[str, Vector]:
+    def columns(self, record: NDArray[np.float64]) -> dict[str, Vector]:
         """Columns of one path: displacement and velocity of every coordinate, impact speeds."""
         n, shapes, found = self.modes.size, self.modes.shapes, {}
-        for row, name in enumerate(self.assembly.coordinates):
+        for row, name in enumerate(self.model.coordinates):
             rest = float(shapes[row] @ self.modes.rest)
             found[f"displacement of {name}"] = rest + record[:, 0, :n] @ shapes[row]
             found[f"velocity of {name}"] = record[:, 0, n : 2 * n] @ shapes[row]
-        for j, contact in enumerate(self.assembly.contacts):
-            found[f"impact_speed of {contact.name}"] = record[:, 0, 2 * n + j]
+        for j, pair in enumerate(self.model.pairs):
+            found[f"impact_speed of {pair.name}"] = record[:, 0, 2 * n + j]
         return found
+
+    def record(self, seed: int, path: int) -> dict[str, Vector]:
+        """One path from its start, by column."""
+        record = np.zeros((self.steps, 1, self.record_width))
+        self.averages(seed, path, 1, record)
+        return self.columns(record)
+
+    def sampled(self, step: float, duration: float) -> ModalPlan:
+        """The plan for histories at a step of at most `step`, that last `duration` seconds."""
+        plan = self.with_step(min(step, self.step))
+        return replace(plan, duration=settled_duration(plan.burn_in, duration, plan.step))
+
+    def history_samples(self, duration: float) -> int:
+        """Samples of a history."""
+        return max(2, math.ceil(duration / self.step))
+
+    @property
+    def settling(self) -> int:
+        """Recorded steps that a history leaves out."""
+        return math.ceil(self.burn_in / self.step)
+
+    def record_size(self, samples: int) -> int:
+        """Numbers that the record of one path takes."""
+        return self.record_width * (samples + self.settling)
+
+    def histories(self, seed: int, first_path: int, paths: int, samples: int) -> Histories:
+        """Settled records of the paths first_path, first_path + 1, ..."""
+        record = np.zeros((self.steps, paths, self.record_width))
+        self.averages(seed, first_path, paths, record)
+        n, shapes = self.modes.size, self.modes.shapes
+        kept = record[self.settling : self.settling + samples]
+        rest = shapes @ self.modes.rest
+        return Histories(
+            displacement=_mixed(shapes, kept[:, :, :n]) + rest[:, None, None],
+            velocity=_mixed(shapes, kept[:, :, n : 2 * n]),
+            impact_speed=np.ascontiguousarray(kept[:, :, 2 * n :].transpose(2, 1, 0)),
+            excitation=None,
+        )
+
+    def unbroken(self, duration: float) -> ModalPlan:
+        """The plan itself: its paths do not jump."""
+        return self
 
     @property
     def record_width(self) -> int:
         """Numbers to record of a sample."""
-        return 2 * self.modes.size + len(self.assembly.contacts)
+        return 2 * self.modes.size + len(self.model.pairs)
 
     @property
     def _stride(self) -> int:
@@ -307,7 +369,7 @@ class ModalPlan:
             np.einsum("i,iip->p", self.modes.squares, displacements),
             np.einsum("ij,ijp->p", self.modes.damping, velocities),
         )
-        relative = [is_relative(contact) for contact in self.assembly.contacts]
+        relative = [pair.relative for pair in self.model.pairs]
         rows[gaps] = _mean_squares(self.modes.gaps[relative], sums[:n], displacements, velocities)
         rows[gaps.stop :] = sums[n + 2 * half :]
         return rows
@@ -393,19 +455,20 @@ class ModalPlan:
     @property
     def _stops(self) -> NDArray[np.float64]:
         """Position from the rest, restitution and threshold: (pairs, lower and upper, 3)."""
-        stops = np.full((len(self.assembly.contacts), 2, 3), np.inf)
+        stops = np.full((len(self.model.pairs), 2, 3), np.inf)
         stops[:, 0, 0] = -np.inf
-        for j, contact in enumerate(self.assembly.contacts):
+        for j, pair in enumerate(self.model.pairs):
             rest = float(self.modes.gaps[j] @ self.modes.rest)
-            for side, stop, law in contact.stops:
-                threshold = self.layout.thresholds[contact.name]
-                stops[j, int(side == "upper")] = stop - rest, law.restitution, threshold
+            threshold = self.layout.thresholds[pair.name]
+            for stop in pair.stops:
+                row = int(stop.side == UPPER)
+                stops[j, row] = stop.position - rest, stop.law.restitution, threshold
         return stops
 
     def _resets(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> Resets:
         """Taylor series of the response to a unit change of each pair's speed."""
         pairs, n = len(speed), self.modes.size
-        masses = np.array([contact.mass for contact in self.assembly.contacts])
+        masses = np.array([pair.mass for pair in self.model.pairs])
         displacement = np.roll(speed, -n, axis=1)
         terms = [speed.T * masses]
         size = self._size_of_flow * self.step
@@ -474,24 +537,24 @@ class ModalPlan:
         return np.ascontiguousarray(state)
 
 
-def plan_modal(assembly: Assembly, threshold: float | None, duration: float | None) -> ModalPlan:
+def plan_modal(model: Model, threshold: float | None, duration: float | None) -> ModalPlan:
     """Choose step, burn-in and length for a scene of any structure with rigid stops, no tables."""
-    unmet = assembly.not_rigid()
-    if assembly.tables:
+    unmet = model.not_rigid()
+    if model.tables:
         unmet.append("excitation must not be tabulated where the paths are steps of states alone")
     if unmet:
         raise NotApplicable("simulate", unmet)
-    return ModalPlan(**basis(assembly, threshold, duration))
+    return ModalPlan(**basis(model, threshold, duration))
 
 
-def basis(assembly: Assembly, threshold: float | None, duration: float | None) -> dict[str, Any]:
+def basis(model: Model, threshold: float | None, duration: float | None) -> dict[str, Any]:
     """What any plan in modal coordinates begins with: modes, a rough law, step and lengths."""
-    if not np.any(assembly.white) and not assembly.signals and not assembly.tables:
+    if not np.any(model.white) and not model.signals and not model.tables:
         raise NotApplicable(
             "simulate", ["excitation must contain noise or a sine, got a constant load alone"]
         )
-    modes = modes_of(assembly)
-    found = scales_of(assembly, modes)  # type: ignore[arg-type]
+    modes = model.modal
+    found = scales_of(model, modes)
     if found is None:
         raise NotApplicable(
             "simulate",
@@ -501,7 +564,7 @@ def basis(assembly: Assembly, threshold: float | None, duration: float | None) -
             ],
         )
     law, pairs = found
-    step = _step(assembly, modes, law, pairs)
+    step = _step(model, modes, law, pairs)
     burn_in = RELAXATIONS * law.slowest
     length = DURATION * burn_in if duration is None else duration
     if burn_in + length > MOST_MODAL_STEPS * step:
@@ -512,15 +575,13 @@ def basis(assembly: Assembly, threshold: float | None, duration: float | None) -
              "the times in which the scene hits, swings and settles lie too far apart"],
         )  # fmt: skip
     return {
-        "assembly": assembly, "modes": modes, "law": law, "pairs": pairs, "step": step,
+        "model": model, "law": law, "pairs": pairs, "step": step,
         "burn_in": burn_in, "duration": length, "speed_threshold": threshold,
     }  # fmt: skip
 
 
-def _step(
-    assembly: Assembly, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale, ...]
-) -> float:
-    exact = not modes.kicked or (assembly.elastic and assembly.temperature is not None)
+def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale, ...]) -> float:
+    exact = not modes.kicked or (model.elastic and model.temperature is not None)
     limits = []
     if modes.fastest > 0.0:
         limits.append((LARGEST_ANGLE if exact else LOSSY_ANGLE) / modes.fastest)
@@ -530,9 +591,10 @@ def _step(
         # then the damping is in the flow, of which a fast decay must be followed as well
         fastest = float(np.linalg.eigvalsh(modes.damping)[-1])
         limits += [LARGEST_ANGLE / fastest] if fastest > 0.0 else []
-    for contact, scale in zip(assembly.contacts, pairs, strict=True):
-        if contact.lower is not None and contact.upper is not None:
-            limits.append(GAP_PER_STEP * (contact.upper - contact.lower) / scale.speed)
+    for pair, scale in zip(model.pairs, pairs, strict=True):
+        if pair.lower is not None and pair.upper is not None:
+            gap = pair.upper.position - pair.lower.position
+            limits.append(GAP_PER_STEP * gap / scale.speed)
         if scale.pressing > 0.0:
             limits.append(BOUNCE_PER_STEP * scale.speed / scale.pressing)
     return min(limits)
@@ -560,6 +622,12 @@ def _mean_squares(
     rows[1::3] = np.einsum("ij,jkp,ik->ip", shapes, displacements, shapes)
     rows[2::3] = np.einsum("ij,jkp,ik->ip", shapes, velocities, shapes)
     return rows
+
+
+def _mixed(shapes: Matrix, modal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Motion of the coordinates (coordinates, paths, samples) from that of modes (samples, paths,
+    modes)."""
+    return np.ascontiguousarray(np.einsum("im,kpm->ipk", shapes, modal))
 
 
 def _product(matrix: Matrix, columns: Matrix) -> Matrix:

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.methods.monte_carlo.compliant import SUMS_OF_A_STOP, _stop
+from stochvi.methods.monte_carlo.compliant import SUMS_OF_A_STOP, kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
 from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
 from stochvi.methods.monte_carlo.modal import SUMS_OF_PAIR, ModalPlan, basis
 from stochvi.methods.monte_carlo.tabulated import MOST_SUB_STEPS
-from stochvi.model.assembly import Assembly
+from stochvi.model.model import UPPER, Model
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 
@@ -41,7 +41,7 @@ class ModalContactsPlan(ModalPlan):
     @property
     def contacts(self) -> bool:  # type: ignore[override]
         """Whether a stop gives way; pairs then have SUMS_OF_CONTACT_PAIR."""
-        return bool(self.assembly.not_rigid())
+        return bool(self.model.not_rigid())
 
     @property
     def sums_of_pair(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -53,20 +53,20 @@ class ModalContactsPlan(ModalPlan):
         """Laws of the stops per unit of the reduced mass, and the structure that they act on."""
         if not self.contacts:
             return None
-        contacts, modes = self.assembly.contacts, self.modes
+        pairs, modes = self.model.pairs, self.modes
         found = {
-            (j, int(side == "upper")): _stop(0.0, law.per_unit_mass(contact.mass))[1:]
-            for j, contact in enumerate(contacts)
-            for side, _, law in contact.stops
+            (j, int(stop.side == UPPER)): kernel_stop(0.0, stop.per_unit_mass(pair.mass).law)[1:]
+            for j, pair in enumerate(pairs)
+            for stop in pair.stops
         }
         longest = max(len(data) for _, data in found.values())
-        kinds = np.zeros((len(contacts), 2), np.int64)
-        laws = np.zeros((len(contacts), 2, longest, 3))
+        kinds = np.zeros((len(pairs), 2), np.int64)
+        laws = np.zeros((len(pairs), 2, longest, 3))
         laws[:, :, 1:, 0] = np.inf
         for place, (kind, data) in found.items():
             kinds[place] = kind
             laws[(*place, slice(len(data)), slice(data.shape[1]))] = data
-        masses = np.array([contact.mass for contact in contacts])
+        masses = np.array([pair.mass for pair in pairs])
         damping = np.zeros((modes.size, 0)) if modes.kicked else modes.damping
         decay = 0.0 if modes.kicked else float(np.linalg.eigvalsh(modes.damping)[-1])
         return Contacts(
@@ -81,7 +81,7 @@ class ModalContactsPlan(ModalPlan):
 
 
 def plan_modal_contacts(
-    assembly: Assembly, threshold: float | None, duration: float | None
+    model: Model, threshold: float | None, duration: float | None
 ) -> ModalContactsPlan:
     """Choose step, burn-in and length where a stop of some pair gives way.
 
@@ -90,7 +90,7 @@ def plan_modal_contacts(
     NotApplicable
         Where there is no stationary state, or a mass lies on a stop that is too stiff to follow.
     """
-    plan = ModalContactsPlan(**basis(assembly, threshold, duration))
+    plan = ModalContactsPlan(**basis(model, threshold, duration))
     check_stiffness(plan)
     return plan
 
@@ -99,19 +99,19 @@ def check_stiffness(plan: ModalContactsPlan) -> None:
     """NotApplicable for stops that a mass stays on, as it is pressed onto them or comes to rest
     between noise and loss, and whose contact would take too many sub-steps."""
     unmet = []
-    for contact, scale in zip(plan.assembly.contacts, plan.pairs, strict=True):
-        for side, _, law in contact.stops:
-            stays = scale.pressing > 0.0 or law.restitution <= COLLAPSE_RESTITUTION
-            if not (isinstance(law, CompliantLaw) and stays):
+    for pair, scale in zip(plan.model.pairs, plan.pairs, strict=True):
+        for stop in pair.stops:
+            stays = scale.pressing > 0.0 or stop.law.restitution <= COLLAPSE_RESTITUTION
+            if not (isinstance(stop.law, CompliantLaw) and stays):
                 continue
-            _, kind, data = _stop(0.0, law.per_unit_mass(contact.mass))
+            _, kind, data = kernel_stop(0.0, stop.law.per_unit_mass(pair.mass))
             rate = contact_rate(0.0, scale.speed, scale.pressing, (0.0, 0.0), kind, data)
             needed = plan.step * math.hypot(rate, plan.modes.fastest) / CONTACT_ANGLE
             if needed > MOST_SUB_STEPS:
                 unmet.append(
-                    f"a mass that stays on the {side} stop of {contact.name}, which is this stiff, "
-                    f"needs {needed:.2g} sub-steps in each step, at most {MOST_SUB_STEPS} are "
-                    "made; take a rigid stop (law.kind = 'restitution')"
+                    f"a mass that stays on the {stop.name} stop of {pair.name}, which is this "
+                    f"stiff, needs {needed:.2g} sub-steps in each step, at most {MOST_SUB_STEPS} "
+                    "are made; take a rigid stop (law.kind = 'restitution')"
                 )
     if unmet:
         raise NotApplicable("simulate", unmet)

@@ -46,8 +46,8 @@ from stochvi.methods.monte_carlo.tabulated import (
     WARM_UP_RELAXATIONS,
     _even_fast_length,
 )
-from stochvi.model.assembly import Assembly
 from stochvi.model.modal import UNSTABLE, ModalForm
+from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 
 
@@ -101,6 +101,28 @@ class ModalTablesPlan(ModalContactsPlan):
         """The same paths at half the sampling rate."""
         return self._with_samples(2 * (self.samples // 4))
 
+    settling = 0
+    """Synthesised paths are flown in before they are recorded."""
+
+    def sampled(self, step: float, duration: float) -> ModalTablesPlan:
+        """The plan for histories at an interval of at most `step`, of `duration` seconds: one block
+        that repeats itself neither in the record nor in what is flown before."""
+        length = max(self.block_length, duration + self.burn_in)
+        plan = self.with_block(length).with_step(min(step, self.step))
+        return replace(plan, duration=duration)
+
+    def unbroken(self, duration: float) -> ModalTablesPlan:
+        """The plan with one block to a path, since the motion jumps from block to block."""
+        return self.sampled(math.inf, duration)
+
+    def history_samples(self, duration: float) -> int:
+        """Samples of a history."""
+        return self.steps
+
+    def record_size(self, samples: int) -> int:
+        """Numbers that the record of one path takes, or what it is synthesised from."""
+        return self.record_width * max(samples, self.samples)
+
     def _with_samples(self, samples: int) -> ModalTablesPlan:
         return replace(self, samples=samples, step=self.block_length / samples)
 
@@ -124,7 +146,7 @@ class ModalTablesPlan(ModalContactsPlan):
         # the last stream of a path is that of its kicks and signals: no block comes that far
         streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
         state = self.start(streams)
-        n, pairs = self.modes.size, len(self.assembly.contacts)
+        n, pairs = self.modes.size, len(self.model.pairs)
         moments = n + n * (n + 1)
         sums = np.zeros((moments + len(self.sums_of_pair) * pairs, paths))
         counted, stride = self._counted_of_block, self._stride
@@ -218,7 +240,7 @@ def _streams(seed: int, first_path: int, paths: int, number: int) -> NDArray[np.
 
 
 def plan_modal_tables(
-    assembly: Assembly, threshold: float | None, duration: float | None
+    model: Model, threshold: float | None, duration: float | None
 ) -> ModalTablesPlan:
     """Choose sampling and lengths for a structure of any kind with tabulated noise.
 
@@ -228,8 +250,8 @@ def plan_modal_tables(
         Where a mode has no damping of its own, there is no stationary state, or times lie too far
         apart.
     """
-    known = basis(assembly, threshold, duration)
-    modes: ModalForm = known["modes"]
+    known = basis(model, threshold, duration)
+    modes = model.modal
     warm_up = 2.0 * WARM_UP_RELAXATIONS * known["law"].slowest
     length = _block_length(modes, max(_resonance_length(modes), 2.0 * warm_up))
     blocks = 1 if duration is None else math.ceil(duration / length)
@@ -239,7 +261,7 @@ def plan_modal_tables(
             [f"a path of {duration:.3g} s needs more than {MOST_BLOCKS} blocks of {length:.3g} s; "
              "give a shorter duration and more paths"],
         )  # fmt: skip
-    samples = _samples(modes, length, 1.0 / _interval(assembly, known))
+    samples = _samples(modes, length, 1.0 / _interval(model, known))
     plan = ModalTablesPlan(**known, samples=samples, block_length=length, blocks=blocks)
     plan = replace(
         plan,
@@ -251,15 +273,16 @@ def plan_modal_tables(
     return plan
 
 
-def _interval(assembly: Assembly, known: dict[str, Any]) -> float:
+def _interval(model: Model, known: dict[str, Any]) -> float:
     """Longest time between samples: of the steps of states, of a period, of the way to a stop."""
     limits: list[float] = [known["step"]]
-    fastest = known["modes"].fastest
+    fastest = model.modal.fastest
     if fastest > 0.0:
         limits.append(2.0 * math.pi / fastest / SAMPLES_PER_PERIOD)
-    for contact, scale in zip(assembly.contacts, known["pairs"], strict=True):
-        if contact.lower is not None and contact.upper is not None:
-            limits.append(GAP_PER_SAMPLE * (contact.upper - contact.lower) / scale.speed)
+    for pair, scale in zip(model.pairs, known["pairs"], strict=True):
+        if pair.lower is not None and pair.upper is not None:
+            gap = pair.upper.position - pair.lower.position
+            limits.append(GAP_PER_SAMPLE * gap / scale.speed)
     return min(limits)
 
 

@@ -1,75 +1,74 @@
-"""Which plan a scene calls for, and what its averages are."""
+"""Which plan a model calls for, and which models `simulate` covers."""
 
 from __future__ import annotations
 
-import numpy as np
-
-from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, plan_compliant
+from stochvi.methods.monte_carlo.compliant import plan_compliant
+from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_contacts import plan_modal_contacts
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
-from stochvi.methods.monte_carlo.statistics import Layout
-from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
-from stochvi.methods.monte_carlo.white import WhitePlan, plan_white
-from stochvi.model.assembly import Assembly, assemble
+from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.tabulated import plan_tabulated
+from stochvi.methods.monte_carlo.white import plan_white
+from stochvi.model.coverage import beyond_one_oscillator, functions
+from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.scene import Scene
-from stochvi.scenes.structures import Matrices
 
-Plan = WhitePlan | TabulatedPlan | ModalPlan
+
+def unmet(model: Model) -> list[str]:
+    """The conditions of `simulate` that a model does not meet, before its scales are known."""
+    found = functions(model)
+    if not model.noisy and not model.sines:
+        found.append("excitation must contain noise or a sine, got a constant load alone")
+    return found
 
 
 def make_plan(
-    scene: Scene,
-    speed_threshold: float | None,
-    duration: float | None,
+    model: Model,
+    speed_threshold: float | None = None,
+    duration: float | None = None,
     slow_impacts: bool = False,
+    corner_share: float = CORNER_SHARE,
 ) -> Plan:
-    """Choose the method that the scene's excitation calls for, its step and its lengths."""
-    if unmet := scene.beyond_numbers():
-        raise NotApplicable("simulate", unmet)
-    assembly = assemble(scene)
-    single = not isinstance(scene.expanded.structure, Matrices) and len(assembly.contacts) <= 1
-    coloured = any(signal.intensity > 0.0 for signal in assembly.signals)
-    noisy = coloured or bool(np.any(assembly.white))
-    # where a stop gives way, signals are tables and sines beside them
-    giving_way = bool(assembly.signals) and noisy and bool(assembly.not_rigid())
-    if single and (assembly.tables or giving_way):
-        return plan_tabulated(scene, speed_threshold, duration)
-    if scene.beyond_one_oscillator():
+    """Choose the scheme that the excitation and the stops call for, its step and its lengths.
+
+    Parameters
+    ----------
+    speed_threshold
+        Slowest impacts that rates count, m/s; None for the default of the plan.
+    duration
+        Counted seconds of a path; None for the default of the plan.
+    slow_impacts, corner_share
+        Whether steps near a stop are refined, and how much (`white.WhitePlan`).
+
+    Raises
+    ------
+    NotApplicable
+        With every condition that the model does not meet.
+    """
+    if conditions := unmet(model):
+        raise NotApplicable("simulate", conditions)
+    # where a stop gives way, filtered noises are tables, to which sines are added
+    giving_way = bool(model.signals) and model.noisy and bool(model.not_rigid())
+    if model.single and (model.tables or giving_way):
+        return plan_tabulated(model, speed_threshold, duration)
+    # without a spring a load accelerates the mass, which only the modal kernels know
+    falling = model.single and model.omega == 0.0 and model.load != 0.0
+    if falling or beyond_one_oscillator(model):
         if slow_impacts:
             raise NotApplicable(
                 "slow_impacts", ["steps near stops are refined for one oscillator only"]
             )
-        return plan_several(assembly, speed_threshold, duration)
-    system = scene.system()
-    if system.intensity == 0.0:
-        raise NotApplicable(
-            "simulate", ["excitation must contain noise, got a constant load alone"]
-        )
-    if system.not_rigid():
-        return plan_compliant(system, speed_threshold, duration, slow_impacts)
-    return plan_white(system, speed_threshold, duration, slow_impacts)
+        return plan_several(model, speed_threshold, duration)
+    if model.not_rigid():
+        return plan_compliant(model, speed_threshold, duration, slow_impacts)
+    return plan_white(model, speed_threshold, duration, slow_impacts, corner_share)
 
 
-def plan_several(
-    assembly: Assembly, speed_threshold: float | None, duration: float | None
-) -> ModalPlan:
-    """The plan in modal coordinates, with no more in it than the scene calls for."""
-    if assembly.tables:
-        return plan_modal_tables(assembly, speed_threshold, duration)
-    if assembly.not_rigid():
-        return plan_modal_contacts(assembly, speed_threshold, duration)
-    return plan_modal(assembly, speed_threshold, duration)
-
-
-def layout_of(scene: Scene, plan: Plan) -> Layout:
-    """What the averages of a plan are."""
-    if isinstance(plan, ModalPlan):
-        return plan.layout
-    pair = scene.impact_pairs[0].name if scene.impact_pairs else ""
-    rows = [("x", "x"), ("x", "xx"), ("x", "vv")]
-    rows += [(pair, f"{sum_}_{side}") for side in ("lower", "upper") for sum_ in ("n", "f1", "f2")]
-    if plan.contacts:
-        rows += [(pair, name) for name in CONTACT_ROWS]
-    return Layout(rows=tuple(rows), origins={"x": plan.origin}, thresholds={pair: plan.threshold})
+def plan_several(model: Model, speed_threshold: float | None, duration: float | None) -> ModalPlan:
+    """The plan in modal coordinates, with no more in it than the model calls for."""
+    if model.tables:
+        return plan_modal_tables(model, speed_threshold, duration)
+    if model.not_rigid():
+        return plan_modal_contacts(model, speed_threshold, duration)
+    return plan_modal(model, speed_threshold, duration)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.model.assembly import Assembly, Contact
+from stochvi.model.model import Model, Pair, Stop
 
 Key = tuple[str, str]
 """Whose (a coordinate's, an impact pair's), and what."""
@@ -62,38 +62,33 @@ def of_pair(name: str) -> dict[str, Quantity]:
     }
 
 
-def is_relative(contact: Contact) -> bool:
-    """Whether a pair acts between two coordinates."""
-    return int((contact.direction != 0.0).sum()) > 1
-
-
-def gap_of(contact: Contact) -> str:
+def gap_of(pair: Pair) -> str:
     """Owner of the means of a pair's relative displacement and velocity."""
-    return f"gap of {contact.name}"
+    return f"gap of {pair.name}"
 
 
-def of_gap(contact: Contact) -> dict[str, Quantity]:
+def of_gap(pair: Pair) -> dict[str, Quantity]:
     """Quantities of the relative motion of a pair of two coordinates."""
-    known = of_coordinate(gap_of(contact))
+    known = of_coordinate(gap_of(pair))
     return {
         f"relative_{name}": known[name]
         for name in ("displacement_mean", "displacement_std", "velocity_std")
     }
 
 
-def of_compliant_pair(contact: Contact) -> dict[str, Quantity]:
+def of_compliant_pair(pair: Pair) -> dict[str, Quantity]:
     """Quantities of a pair of which a stop gives way, from the sums over its contacts.
 
     The peak force needs all stops to give way.
     """
-    name, mass = contact.name, contact.mass
-    sides = [side for side, _, law in contact.stops if not law.rigid]
+    name, mass = pair.name, pair.mass
+    sides = [stop.name for stop in pair.stops if not stop.rigid]
     found: dict[str, Quantity] = {
         f"contact_force_{side}": lambda m, side=side: mass * m[name, f"force_{side}"]  # type: ignore[misc]
         for side in sides
     }
     found["contact_probability"] = lambda m: sum(m[name, f"contact_{side}"] for side in sides)
-    if len(sides) == len(contact.stops):
+    if len(sides) == len(pair.stops):
         found["peak_force"] = lambda m: (
             mass
             * sum(m[name, f"peak_{side}"] for side in sides)
@@ -108,25 +103,20 @@ def speed_mean(name: str) -> Quantity:
     return lambda m: pair["impact_speed_rate"](m) / pair["collision_rate"](m)
 
 
-def governed(assembly: Assembly) -> dict[Key, Quantity]:
+def governed(model: Model) -> dict[Key, Quantity]:
     """What `rel_error` governs: a rate that has no limit as slow impacts are counted is not."""
     found: dict[Key, Quantity] = {}
-    for coordinate in assembly.coordinates:
+    for coordinate in model.coordinates:
         known = of_coordinate(coordinate)
         found |= {(coordinate, name): known[name] for name in GOVERNED if name in known}
-    for contact in assembly.contacts:
-        known = of_pair(contact.name)
+    for pair in model.pairs:
+        known = of_pair(pair.name)
         for name in GOVERNED:
-            if name in known and not (name in RATES and collapses(contact)):
-                found[contact.name, name] = known[name]
+            if name in known and not (name in RATES and any(map(collapses, pair.stops))):
+                found[pair.name, name] = known[name]
     return found
 
 
-def collapses(contact: Contact) -> bool:
-    """Whether the rate of all impacts is infinite at one of the stops."""
-    return any(law.rigid and law.restitution <= COLLAPSE_RESTITUTION for _, _, law in contact.stops)
-
-
-def restitutions(contact: Contact) -> Sequence[float]:
-    """Of the stops of a pair."""
-    return [law.restitution for _, _, law in contact.stops]
+def collapses(stop: Stop) -> bool:
+    """Whether the rate of all impacts at a stop is infinite under white noise."""
+    return stop.rigid and stop.law.restitution <= COLLAPSE_RESTITUTION

@@ -12,25 +12,24 @@ from threading import Timer
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_of, machine
 from stochvi.methods.monte_carlo.checkpoints import Keeper, State
-from stochvi.methods.monte_carlo.plans import Plan, layout_of
+from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
     RATES,
     Key,
     Means,
     Quantity,
+    collapses,
     governed,
-    is_relative,
     of_compliant_pair,
     of_coordinate,
     of_gap,
     of_pair,
-    restitutions,
     speed_mean,
 )
 from stochvi.methods.monte_carlo.statistics import PathStatistics
-from stochvi.model.assembly import Contact, assemble
 from stochvi.model.balances import residuals
-from stochvi.model.model import model_of
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import Pair
 from stochvi.model.responses import build_response
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Cost, Estimate
@@ -92,8 +91,8 @@ class Run:
 
     def __post_init__(self) -> None:
         self.started = time.perf_counter()
-        self.assembly = assemble(self.scene)
-        self.layout = layout_of(self.scene, self.plan)
+        self.model = self.plan.model
+        self.layout = self.plan.layout
         self.state = self.resumed or State.start(self.layout)
         self.first_seconds, self.first_steps = self.state.seconds, self.state.steps
         for _ in range(self.state.refinements):
@@ -239,9 +238,9 @@ class Run:
                 acceleration_std=self._acceleration(),
                 **{name: self.estimate(each) for name, each in of_coordinate(coordinate).items()},
             )
-            for coordinate in self.assembly.coordinates
+            for coordinate in self.model.coordinates
         }
-        pairs = {contact.name: self._pair(contact) for contact in self.assembly.contacts}
+        pairs = {pair.name: self._pair(pair) for pair in self.model.pairs}
         return build_response(
             self.scene,
             "simulate",
@@ -264,8 +263,8 @@ class Run:
             interrupted=interrupted,
         )
 
-    def _pair(self, contact: Contact) -> PairResponse:
-        known, sides = of_pair(contact.name), [side for side, _, _ in contact.stops]
+    def _pair(self, pair: Pair) -> PairResponse:
+        known, sides = of_pair(pair.name), [stop.name for stop in pair.stops]
         found: dict[str, Estimate | None] = {
             name: None
             if name in ("collision_rate_lower", "collision_rate_upper")
@@ -274,22 +273,22 @@ class Run:
             for name, quantity in known.items()
         }
         hit = self.fine.evaluate(known["collision_rate"])[0] > 0.0
-        found["impact_speed_mean"] = self._speed_mean(contact, found) if hit else None
-        if is_relative(contact):
-            for name, quantity in of_gap(contact).items():
+        found["impact_speed_mean"] = self._speed_mean(pair, found) if hit else None
+        if pair.relative:
+            for name, quantity in of_gap(pair).items():
                 found[name] = self.estimate(quantity)
-        if hit and any(not law.rigid for _, _, law in contact.stops):
+        if hit and not pair.rigid:
             pressed = {
                 name: self.estimate(quantity, name)
-                for name, quantity in of_compliant_pair(contact).items()
+                for name, quantity in of_compliant_pair(pair).items()
             }
             found |= _granted_alike(pressed)
-        return PairResponse(**found, speed_threshold=self.layout.thresholds[contact.name])
+        return PairResponse(**found, speed_threshold=self.layout.thresholds[pair.name])
 
-    def _speed_mean(self, contact: Contact, known: Mapping[str, Estimate | None]) -> Estimate:
+    def _speed_mean(self, pair: Pair, known: Mapping[str, Estimate | None]) -> Estimate:
         """Mean impact speed, F1 over the rate. What the step leaves in these two may cancel in
         its difference to twice the step and still be there: their biases are added."""
-        mean = self.estimate(speed_mean(contact.name), "impact_speed_mean")
+        mean = self.estimate(speed_mean(pair.name), "impact_speed_mean")
         parts = [known[name] for name in ("impact_speed_rate", "collision_rate")]
         relative = [
             None if part.bias is None else part.bias / part.value
@@ -302,29 +301,28 @@ class Run:
 
     def _rate_of_all(self) -> float:
         """Impacts per second, all pairs together."""
-        rates = (of_pair(contact.name)["collision_rate"] for contact in self.assembly.contacts)
+        rates = (of_pair(pair.name)["collision_rate"] for pair in self.model.pairs)
         return sum(self.fine.evaluate(rate)[0] for rate in rates)
 
     def _identities(self) -> dict[str, Estimate]:
-        origin = [self.layout.origins[name] for name in self.assembly.coordinates]
+        origin = [self.layout.origins[name] for name in self.model.coordinates]
 
         def of(means: Means) -> dict[str, float]:
-            return residuals(model_of(self.scene), means, origin)
+            return residuals(self.model, means, origin)
 
         names = of(self.fine.means())
         return {name: self.estimate(lambda means, name=name: of(means)[name]) for name in names}  # type: ignore[misc]
 
     def _acceleration(self) -> Estimate | None:
         """Absolute acceleration between impacts, -(b x' + w0^2 x): finite without rigid stops."""
-        if self.scene.expanded.impact_pairs or self.scene.beyond_one_oscillator():
+        model = self.model
+        if model.pairs or beyond_one_oscillator(model):
             return None
-        system = self.scene.system()
-        if not system.moving_base or system.noise_on_mass:
+        if not model.moving_base or model.noise_on_mass:
             return None
-        b, stiff = system.damping_rate, system.omega**2
-        return self.estimate(
-            lambda m: math.sqrt(b**2 * m["x", "vv"] + stiff**2 * m["x", "variance"])
-        )
+        (x,) = model.coordinates
+        b, stiff = model.damping_rate, model.omega**2
+        return self.estimate(lambda m: math.sqrt(b**2 * m[x, "vv"] + stiff**2 * m[x, "variance"]))
 
     def _assumptions(self) -> list[str]:
         plan = self.plan
@@ -341,47 +339,47 @@ class Run:
                 + "; ".join(self.state.machines)
                 + ")"
             )
-        contacts = self.assembly.contacts
-        if contacts and any(signal.amplitude for signal in self.assembly.signals):
+        pairs = self.model.pairs
+        if pairs and self.model.sines:
             yield (
                 "a sine between stops may keep several regimes, which paths leave rarely: compare "
                 "with a longer duration"
             )
-        several = len(contacts) > 1
+        several = len(pairs) > 1
         unresolved = not self.plan.elastic and self.plan.step_bias("collision_rate", 0.0) is None
         if unresolved and any(
-            COLLAPSE_RESTITUTION < r < 1.0 for pair in contacts for r in restitutions(pair)
+            COLLAPSE_RESTITUTION < stop.law.restitution < 1.0 for stop in self.model.stops
         ):
             remedy = (
                 "a higher speed threshold leaves them out"
-                if self.scene.beyond_one_oscillator()
+                if beyond_one_oscillator(self.model)
                 else "--slow-impacts (slow_impacts=True) resolves them"
             )
             yield (
                 "slow impacts at these stops are not resolved: the bias of the rates is unknown, "
                 f"that of F1, F2 and the moments is stated; {remedy}"
             )
-        for contact in contacts:
-            of = f" of {contact.name}" if several else ""
-            threshold = self.layout.thresholds[contact.name]
+        for pair in pairs:
+            of = f" of {pair.name}" if several else ""
+            threshold = self.layout.thresholds[pair.name]
             if threshold > 0.0:
                 yield (
                     f"rates{of} count impacts faster than {threshold:.3g} m/s; F1 and F2 count all"
                 )
-            for side, _, law in contact.stops:
-                if law.rigid and law.restitution <= COLLAPSE_RESTITUTION:
+            for stop in pair.stops:
+                if collapses(stop):
                     yield (
-                        f"restitution {law.restitution:g} at the {side} stop{of} is below "
-                        f"{COLLAPSE_RESTITUTION:.4f}: the rate of all impacts is infinite under "
-                        "white noise; rates above a speed threshold are given, rel_error does not "
-                        "govern them"
+                        f"restitution {stop.law.restitution:g} at the {stop.name} stop{of} is "
+                        f"below {COLLAPSE_RESTITUTION:.4f}: the rate of all impacts is infinite "
+                        "under white noise; rates above a speed threshold are given, rel_error "
+                        "does not govern them"
                     )
-                unseen = of_pair(contact.name)[f"collision_rate_{side}"]
+                unseen = of_pair(pair.name)[f"collision_rate_{stop.name}"]
                 if self.fine.evaluate(unseen)[0] == 0.0:
                     yield (
-                        f"no impact on the {side} stop{of} in {self.exposure:.3g} s of motion: its "
-                        "rate has an upper limit only, rel_error does not govern it; more paths "
-                        "or a longer duration look further"
+                        f"no impact on the {stop.name} stop{of} in {self.exposure:.3g} s of "
+                        "motion: its rate has an upper limit only, rel_error does not govern it; "
+                        "more paths or a longer duration look further"
                     )
 
 
@@ -439,7 +437,7 @@ def _relative_errors(run: Run) -> tuple[float, float]:
     """Largest relative standard error, and largest relative bias that is beyond its own noise."""
     biases = [0.0]
     if not run.plan.elastic:
-        for key, quantity in governed(run.assembly).items():
+        for key, quantity in governed(run.model).items():
             # halving the step would do little for the rates at lossy stops: it is only stated
             if key[1] in RATES:
                 continue
@@ -455,7 +453,7 @@ def _relative_errors(run: Run) -> tuple[float, float]:
 def relative_standard_errors(run: Run) -> dict[Key, float]:
     """Of each governed quantity that is not zero."""
     found = {}
-    for key, quantity in governed(run.assembly).items():
+    for key, quantity in governed(run.model).items():
         value, error = run.fine.evaluate(quantity)
         size = _size(run, key, value)
         if size > 0.0:

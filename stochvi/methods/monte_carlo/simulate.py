@@ -14,8 +14,8 @@ import numpy as np
 
 from stochvi.methods.monte_carlo.blocks import Crew, WorkersLost, workers_of
 from stochvi.methods.monte_carlo.checkpoints import Asked, Checkpoint, Keeper, State
-from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.plans import Plan, layout_of, make_plan, plan_several
+from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.plans import make_plan, plan_several
 from stochvi.methods.monte_carlo.quantities import (
     Key,
 )
@@ -27,7 +27,7 @@ from stochvi.methods.monte_carlo.runs import (
     relative_standard_errors,
     until,
 )
-from stochvi.model.assembly import assemble
+from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.machine import usable_cores
 from stochvi.results.response import Response
@@ -181,8 +181,9 @@ def _begun(
     _check_seconds(checkpoint_interval=checkpoint_interval)
     if before is not None:
         before.check(scene)
-    plan = make_plan(scene, asked.speed_threshold, asked.duration, asked.slow_impacts)
-    state = State.start(layout_of(scene, plan)) if before is None else before.resumed(scene, plan)
+    model = model_of(scene)
+    plan = make_plan(model, asked.speed_threshold, asked.duration, asked.slow_impacts)
+    state = State.start(plan.layout) if before is None else before.resumed(plan)
     target = resume if checkpoint is None else checkpoint
     keeper = None
     if target is not None:
@@ -263,23 +264,12 @@ def record_path(
     _check_seconds(step=step)
     if not 0 <= path < 2**40:
         raise ValueError(f"path must be in [0, 2^40), got {path}")
-    plan = make_plan(scene, None, duration)
+    plan = make_plan(model_of(scene), None, duration)
     if step is not None:
         plan = plan.with_step(step)
-    samples = plan.recorded_samples
-    time = {"time": plan.step * np.arange(1, samples + 1)}
-    if isinstance(plan, ModalPlan):
-        record = np.zeros((samples, 1, plan.record_width))
-        plan.averages(seed, path, 1, record)
-        return pd.DataFrame(time | plan.recorded(record))
-    record = np.zeros((samples, 1, 3))
-    plan.averages(seed, path, 1, record)
-    columns = {
-        "displacement": record[:, 0, 0] + plan.rest,
-        "velocity": record[:, 0, 1],
-        "impact_speed": record[:, 0, 2],
-    }
-    return pd.DataFrame(time | columns)
+    columns = plan.record(seed, path)
+    samples = len(next(iter(columns.values())))
+    return pd.DataFrame({"time": plan.step * np.arange(1, samples + 1), **columns})
 
 
 def record_paths(
@@ -292,14 +282,13 @@ def record_paths(
     import pandas as pd
 
     check_arguments(None, None, duration, seed, None, None, None)
-    settling = plan_several(assemble(scene), None, duration).burn_in
-    plan = plan_several(assemble(scene), None, settling + duration)
-    record = np.zeros((plan.recorded_samples, paths, plan.record_width))
+    model = model_of(scene)
+    settling = plan_several(model, None, duration).burn_in
+    plan = plan_several(model, None, settling + duration)
+    record = np.zeros((plan.steps, paths, plan.record_width))
     plan.averages(seed, 0, paths, record)
-    time = {"time": plan.step * np.arange(1, plan.recorded_samples + 1)}
-    return settling, [
-        pd.DataFrame(time | plan.recorded(record[:, [path]])) for path in range(paths)
-    ]
+    time = {"time": plan.step * np.arange(1, plan.steps + 1)}
+    return settling, [pd.DataFrame(time | plan.columns(record[:, [path]])) for path in range(paths)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,7 +316,8 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
     Standard errors fall with the square root of the scene time, so seconds(rel_error) =
     seconds(pilot) (pilot error / rel_error)^2, from the quantity that converges last.
     """
-    plan = make_plan(scene, None, None)
+    model = model_of(scene)
+    plan = make_plan(model)
     compile_time, _ = _compile(plan)
     crew = _crew(None, threads)
     with crew.executor:
@@ -336,9 +326,7 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
         elapsed = run.elapsed
     relative = relative_standard_errors(run)
     slowest = max(relative, key=lambda key: relative[key])
-    unseen = any(
-        (pair.name, "impact_speed_rate") not in relative for pair in scene.expanded.impact_pairs
-    )
+    unseen = any((pair.name, "impact_speed_rate") not in relative for pair in model.pairs)
     return Prospect(
         method=plan.method,
         states=plan.states,
@@ -351,16 +339,14 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
             target: None if unseen else elapsed * (relative[slowest] / target) ** 2
             for target in (0.01, 0.001)
         },
-        governed_by="no impact was seen" if unseen else _spoken(scene, slowest),
+        governed_by="no impact was seen" if unseen else _spoken(model, slowest),
     )
 
 
-def _spoken(scene: Scene, key: Key) -> str:
+def _spoken(model: Model, key: Key) -> str:
     """A quantity in words; of whom, where the scene has several coordinates or pairs."""
     owner, name = key
-    expanded = scene.expanded
-    alone = len(expanded.structure.coordinates) == 1 and len(expanded.impact_pairs) < 2
-    return name if alone else f"{name} of {owner}"
+    return name if model.single else f"{name} of {owner}"
 
 
 def check_asked(asked: Asked, budget: float | None, threads: int | None) -> None:

@@ -26,30 +26,37 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import ifft, next_fast_len
+from scipy.fft import ifft, irfft, next_fast_len, rfft
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
-from stochvi.methods.monte_carlo.compliant import _stop
+from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.response_domain import fill_spectrum, run_response
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, Sums
 from stochvi.methods.monte_carlo.kernels.steps import Sampling
+from stochvi.methods.monte_carlo.plan import (
+    Histories,
+    Records,
+    columns_of_one,
+    histories_of_one,
+    layout_of_one,
+)
 from stochvi.methods.monte_carlo.quantities import RATES
+from stochvi.methods.monte_carlo.statistics import Layout
 from stochvi.methods.monte_carlo.white import (
     WELL_RESOLVED_RESTITUTION,
     default_threshold,
     extrapolated,
+    lossiest,
 )
-from stochvi.model.assembly import assemble
-from stochvi.model.model import Signal
+from stochvi.model.model import Model, Signal, Stop
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import CompliantLaw, Law
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.impact_laws import CompliantLaw
 
 SAMPLES_PER_PERIOD = 20.0
 """Of the natural period; more where the response to the table is broader than the resonance."""
@@ -104,12 +111,13 @@ WHITE_LOSS = LARGEST_LOSS / 2.0
 class TabulatedPlan:
     """Sampling and lengths for one oscillator under tabulated noise, which may have company.
 
-    All in SI units, per unit mass. The tables of `system` hold all noise; `beyond` is the velocity
+    All in SI units, per unit mass. The `tables` hold all noise; `beyond` is the velocity
     variance that white noise brings above its table; `waves` are the sines, (omega, complex
     amplitude of the response without stops).
     """
 
-    system: System
+    model: Model
+    tables: tuple[Table, ...]
     beyond: float
     waves: tuple[tuple[float, complex], ...]
     samples: int
@@ -123,23 +131,23 @@ class TabulatedPlan:
     method = "response-domain synthesis"
     states = 2
     elastic = False
+    kicked = False
+    settling = 0
 
     @property
     def contacts(self) -> bool:
         """Whether a stop gives way; `averages` then have CONTACT_SUMS rows."""
-        return bool(self.system.not_rigid())
+        return bool(self.model.not_rigid())
 
     def step_bias(self, name: str, difference: float) -> float | None:
         """What the sampling leaves in a quantity, from its difference to half the rate: of second
         order where the response is smooth between samples, else as under white noise alone."""
         if not self.beyond:
             return difference / 3.0
-        lossiest = min(
-            (law.restitution for law in self.system.laws if law is not None), default=1.0
-        )
-        if name in RATES and lossiest < WELL_RESOLVED_RESTITUTION:
+        least = lossiest(self.model)
+        if name in RATES and least < WELL_RESOLVED_RESTITUTION:
             return None
-        return extrapolated(name, difference, lossiest)
+        return extrapolated(name, difference, least)
 
     @property
     def block(self) -> int:
@@ -177,7 +185,7 @@ class TabulatedPlan:
     @property
     def hits_in_a_cluster(self) -> float:
         """Periods in which the energy is remembered, at most one hit each on either stop."""
-        return max(1.0, self.system.omega / (2.0 * math.pi) / self.system.damping_rate)
+        return max(1.0, self.model.omega / (2.0 * math.pi) / self.model.damping_rate)
 
     @property
     def warm_up_samples(self) -> int:
@@ -190,14 +198,15 @@ class TabulatedPlan:
         return math.sqrt(self._velocity_variance)
 
     @property
-    def rest(self) -> float:
-        """Mean position without stops."""
-        return self.system.load / self.system.omega**2
-
-    @property
     def origin(self) -> float:
-        """Moments of x are taken from here."""
-        return self.rest
+        """The mean position without stops, from which moments of x are taken."""
+        return self.model.rest
+
+    @cached_property
+    def layout(self) -> Layout:
+        """What the rows of `averages` are."""
+        sums = tuple(CONTACT_ROWS) if self.contacts else ()
+        return layout_of_one(self.model, self.origin, self.threshold, sums)
 
     def coarser(self) -> TabulatedPlan:
         """The same paths at half the sampling rate: common bins have common amplitudes."""
@@ -210,15 +219,14 @@ class TabulatedPlan:
     def with_step(self, step: float) -> TabulatedPlan:
         """Paths at a chosen sampling interval, s."""
         samples = _even_fast_length(self.block_length / step)
-        system, beyond = self.system, self.beyond
+        omega, b = self.model.omega, self.model.damping_rate
+        tables, beyond = self.tables, self.beyond
         if beyond:  # white noise has no end: its table, the last one, goes as far as samples do
-            flat = _longer(system.tables[-1], 0.5 * samples / self.block_length)
-            system = system._replace(tables=(*system.tables[:-1], flat))
-            beyond = _white_beyond(flat, system)
-        bins, _ = _bin_variances(
-            system.tables, system.omega, system.damping_rate, self.block_length, samples // 2
-        )
-        return replace(self, system=system, beyond=beyond, samples=samples, bins=bins)
+            flat = _longer(tables[-1], 0.5 * samples / self.block_length)
+            tables = (*tables[:-1], flat)
+            beyond = _white_beyond(flat, omega, b)
+        bins, _ = _bin_variances(tables, omega, b, self.block_length, samples // 2)
+        return replace(self, tables=tables, beyond=beyond, samples=samples, bins=bins)
 
     def with_block(self, length: float) -> TabulatedPlan:
         """Paths of blocks of a chosen length, s, at the same sampling interval."""
@@ -229,9 +237,74 @@ class TabulatedPlan:
         return replace(self, samples=32, blocks_per_path=1)
 
     @property
-    def recorded_samples(self) -> int:
-        """Samples of a recorded path."""
+    def steps(self) -> int:
+        """Counted samples of a path."""
         return self._counted_samples * self.blocks_per_path
+
+    @property
+    def fastest(self) -> float:
+        """Natural frequency, rad/s."""
+        return self.model.omega
+
+    @property
+    def relaxation(self) -> float:
+        """Relaxation time of the energy, s."""
+        return self.warm_up / WARM_UP_RELAXATIONS / 2.0
+
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """The rms speed under the noise, without stops, m/s."""
+        return (self.speed,)
+
+    @property
+    def excitation_known(self) -> bool:
+        """Whether histories hold the excitation: not that of a sine."""
+        return not self.waves
+
+    def record(self, seed: int, path: int) -> dict[str, NDArray[np.float64]]:
+        """One path, by column."""
+        record = np.zeros((self.steps, 1, 3))
+        self.averages(seed, path, 1, record)
+        return columns_of_one(self.model, record[:, 0])
+
+    def sampled(self, step: float, duration: float) -> TabulatedPlan:
+        """The plan for histories at an interval of at most `step`, of `duration` seconds."""
+        plan = self
+        # a block repeats itself, but with a sine, which is not counted in what is flown first
+        length = duration + (plan.warm_up if plan.waves else 0.0)
+        if length > plan.block_length:
+            plan = plan.with_block(length)
+        plan = plan.with_step(min(step, plan.step))
+        return replace(plan, counted=duration, blocks_per_path=1)
+
+    def history_samples(self, duration: float) -> int:
+        """Samples of a history."""
+        return self.steps
+
+    def record_size(self, samples: int) -> int:
+        """Numbers that the record of one path takes."""
+        return 3 * samples
+
+    def histories(self, seed: int, first_path: int, paths: int, samples: int) -> Histories:
+        """Records of the paths first_path, first_path + 1, ...: synthesised, then with impacts."""
+        free = self.free_response(seed, first_path, paths, 0)
+        excitation = self._input_of(free)[: self.samples] if self.excitation_known else None
+        record = np.zeros((self.steps, paths, 3))
+        sums = Sums.zeros(paths, self.contacts).table
+        self.fly(free, self.warm_up_samples, self.steps, sums, record)
+        return histories_of_one(self.model, record, excitation)
+
+    def _input_of(self, free: Records) -> Records:
+        """What shakes a synthesised response (samples, 2 paths): bin by bin, f = y / H."""
+        omega, b = self.model.omega, self.model.damping_rate
+        bins = rfft(free[:, 0::2], axis=0)
+        w = 2.0 * math.pi / self.block_length * np.arange(len(bins))
+        bins *= ((omega - w) * (omega + w) + 1j * b * w)[:, None]
+        return np.asarray(irfft(bins, self.samples, axis=0))
+
+    def unbroken(self, duration: float) -> TabulatedPlan:
+        """The plan with one block to a path, since the motion jumps from block to block."""
+        return self.sampled(math.inf, duration)
 
     def averages(
         self,
@@ -281,15 +354,15 @@ class TabulatedPlan:
             free,
             Sampling(
                 span=self.step,
-                omega=self.system.omega,
-                damping_rate=self.system.damping_rate,
+                omega=self.model.omega,
+                damping_rate=self.model.damping_rate,
                 threshold=self.threshold,
                 scale=math.sqrt(self._velocity_variance),
                 warm_up=warm_up,
                 counted=counted,
             ),
-            self._stop(self.system.lower, self.system.law_lower),
-            self._stop(self.system.upper, self.system.law_upper),
+            self._stop(self.model.lower),
+            self._stop(self.model.upper),
             np.zeros((free.shape[1] // 2, 2)) if self.contacts else None,
             sums,
             record,
@@ -297,19 +370,20 @@ class TabulatedPlan:
             log,
         )
 
-    def _stop(self, position: float | None, law: Law | None) -> Any:
+    def _stop(self, stop: Stop | None) -> Any:
         """(stop, R) for a kernel that knows rigid stops alone, else (stop, kind, data)."""
-        if position is None or law is None:
+        if stop is None:
             return None
+        position = stop.position - self.model.rest
         if self.contacts:
-            return _stop(position - self.rest, law)
-        return (position - self.rest, law.restitution)
+            return kernel_stop(position, stop.law)
+        return position, stop.law.restitution
 
     @cached_property
     def _velocity_variance(self) -> float:
         """Of the noise, without stops."""
-        omega, b = self.system.omega, self.system.damping_rate
-        return response_moments(self.system.tables, omega, b).velocity + self.beyond
+        omega, b = self.model.omega, self.model.damping_rate
+        return response_moments(self.tables, omega, b).velocity + self.beyond
 
     @cached_property
     def amplitudes(self) -> NDArray[np.float64]:
@@ -335,7 +409,7 @@ class TabulatedPlan:
             seed_streams(np.uint64(seed), first, streams[:, index : index + 1])
         amplitudes = self.amplitudes
         bins = np.arange(1, len(amplitudes) + 1)
-        relative = 2.0 * np.pi / self.block_length / self.system.omega * bins
+        relative = 2.0 * np.pi / self.block_length / self.model.omega * bins
         spectrum = np.empty((self.samples, paths), complex)
         fill_spectrum(streams, amplitudes, relative, spectrum.view(np.float64))
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
@@ -370,27 +444,26 @@ class TabulatedPlan:
         time = self.step * (sample + number * self._counted_samples)
         turn = np.exp(1j * (omega * time[:, None] + np.arctan2(first, second)))
         free: NDArray[np.complex128] = (amplitude * turn).real + 1j * (
-            1j * omega / self.system.omega * amplitude * turn
+            1j * omega / self.model.omega * amplitude * turn
         ).real
         return free
 
 
-def plan_tabulated(scene: Scene, threshold: float | None, duration: float | None) -> TabulatedPlan:
+def plan_tabulated(model: Model, threshold: float | None, duration: float | None) -> TabulatedPlan:
     """Choose sampling and lengths for an oscillator with tabulated noise among its excitations."""
-    system = scene.system()
     unmet = []
-    if system.omega == 0.0:
+    if model.omega == 0.0:
         unmet.append("tabulated noise needs stiffness > 0, got 0")
-    if system.damping_rate == 0.0:
+    if model.damping_rate == 0.0:
         unmet.append("tabulated noise needs damping > 0, got 0")
     if unmet:
         raise NotApplicable("simulate", unmet)
-    system, beyond, waves = _as_tables(scene, system)
-    omega, b = system.omega, system.damping_rate
+    omega, b = model.omega, model.damping_rate
+    tables, beyond, waves = _as_tables(model)
     half = b / 2.0
     slowest = half - math.sqrt(max(half * half - omega * omega, 0.0))
     relaxation = 1.0 / max(slowest, omega**2 / b / 2.0 if half > omega else half)
-    length = _block_length(system, BLOCK_RELAXATIONS * max(relaxation, 1.0 / omega))
+    length = _block_length(tables, omega, b, BLOCK_RELAXATIONS * max(relaxation, 1.0 / omega))
     # the end of a block is flown first; a sine does not go on from there
     longest = length - (WARM_UP_RELAXATIONS * relaxation if waves else 0.0)
     counted, blocks = longest, 1
@@ -405,31 +478,32 @@ def plan_tabulated(scene: Scene, threshold: float | None, duration: float | None
             )
         blocks = math.ceil(duration / longest)
         counted = duration / blocks
-    highest = max(float(table.frequency_hz[-1]) for table in system.tables)
+    highest = max(float(table.frequency_hz[-1]) for table in tables)
     fastest = max([omega, *(frequency for frequency, _ in waves)])
     waving = sum(frequency**2 * abs(amplitude) ** 2 / 2.0 for frequency, amplitude in waves)
-    speed = math.sqrt(response_moments(system.tables, omega, b).velocity + beyond + waving)
-    rate = max(SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi), _rate_for_gap(system, speed))
-    if beyond and system.not_rigid():
+    speed = math.sqrt(response_moments(tables, omega, b).velocity + beyond + waving)
+    rate = max(SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi), _rate_for_gap(model, speed))
+    if beyond and model.not_rigid():
         # a long contact answers to frequencies that are folded otherwise: at half this rate, E v^2
         # of a mass on a preloaded stop is 5 % too high
-        rate = max(rate, 2.0 * float(system.tables[-1].frequency_hz[-1]))
+        rate = max(rate, 2.0 * float(tables[-1].frequency_hz[-1]))
     most = max(min(2.2 * highest * length, MOST_SAMPLES), rate * length)
     if rate * length > MOST_SAMPLES:
         raise NotApplicable("simulate", [_too_many(rate * length)])
-    bins, velocities = _bin_variances(system.tables, omega, b, length, math.ceil(most / 2.0) + 1)
+    bins, velocities = _bin_variances(tables, omega, b, length, math.ceil(most / 2.0) + 1)
     kept = np.cumsum(velocities)
     enough = 1 + int(np.searchsorted(kept, (1.0 - LARGEST_LOSS) * kept[-1]))
-    total = response_moments(system.tables, omega, b).velocity
+    total = response_moments(tables, omega, b).velocity
     if kept[-1] < (1.0 - LARGEST_LOSS) * total:
         raise NotApplicable("simulate", [_too_many(2.2 * highest * length)])
     samples = _even_fast_length(max(rate * length, 2.0 * (enough + 1)))
-    if too_stiff := _too_stiff(system, speed, length / samples):
+    if too_stiff := _too_stiff(model, speed, length / samples):
         raise NotApplicable("simulate", too_stiff)
     if threshold is None:
-        threshold = default_threshold(system.elastic, speed)
+        threshold = default_threshold(model.elastic, speed)
     return TabulatedPlan(
-        system=system,
+        model=model,
+        tables=tables,
         beyond=beyond,
         waves=waves,
         samples=samples,
@@ -455,31 +529,30 @@ def _too_many(samples: float) -> str:
     )
 
 
-def _rate_for_gap(system: System, speed: float) -> float:
+def _rate_for_gap(model: Model, speed: float) -> float:
     """Samples per second for a mass between narrow stops, at the rms speed without them; what
     gives way widens the gap."""
-    if system.lower is None or system.upper is None:
+    if len(model.stops) < 2:
         return 0.0
-    gap = system.upper - system.lower
-    for law in system.laws:
-        if isinstance(law, CompliantLaw):
-            gap += law.impact(speed, 1.0).peak_deflection
+    gap = model.upper_position - model.lower_position
+    for stop in model.stops_per_unit_mass:
+        if isinstance(stop.law, CompliantLaw):
+            gap += stop.law.impact(speed, 1.0).peak_deflection
     return speed / (GAP_PER_SAMPLE * gap)
 
 
-def _too_stiff(system: System, speed: float, step: float) -> list[str]:
+def _too_stiff(model: Model, speed: float, step: float) -> list[str]:
     """Stops that a mass stays on, as it is pressed onto them or comes to rest there between noise
     and loss, and whose contact would take too many sub-steps."""
     found = []
-    ends = ((-1.0, system.lower, system.law_lower), (1.0, system.upper, system.law_upper))
-    for side, stop, law in ends:
-        pressing = 0.0 if stop is None else side * (system.load - system.omega**2 * stop)
-        if not isinstance(law, CompliantLaw):
+    for stop in model.stops_per_unit_mass:
+        if not isinstance(stop.law, CompliantLaw):
             continue
-        if pressing <= 0.0 and law.restitution > COLLAPSE_RESTITUTION:
+        pressing = stop.side * (model.load - model.omega**2 * stop.position)
+        if pressing <= 0.0 and stop.law.restitution > COLLAPSE_RESTITUTION:
             continue
-        _, kind, data = _stop(0.0, law)
-        structure = (system.omega, system.damping_rate)
+        _, kind, data = kernel_stop(0.0, stop.law)
+        structure = (model.omega, model.damping_rate)
         push = max(pressing, 0.0)
         needed = step * contact_rate(0.0, speed, push, structure, kind, data) / CONTACT_ANGLE
         if needed > MOST_SUB_STEPS:
@@ -491,30 +564,30 @@ def _too_stiff(system: System, speed: float, step: float) -> list[str]:
 
 
 def _as_tables(
-    scene: Scene, system: System
-) -> tuple[System, float, tuple[tuple[float, complex], ...]]:
-    """The system with all its noise as tables; what lies beyond them; the sines' responses."""
-    omega, b = system.omega, system.damping_rate
-    assembly = assemble(scene)
-    tables, waves, beyond = list(system.tables), [], 0.0
-    for signal in assembly.signals:
-        share = float(signal.direction[0]) / system.mass
+    model: Model,
+) -> tuple[tuple[Table, ...], float, tuple[tuple[float, complex], ...]]:
+    """All noise as tables, that of white noise last; the velocity variance that white noise brings
+    beyond its table; and the responses to the sines."""
+    omega, b = model.omega, model.damping_rate
+    tables, waves, beyond = list(model.acceleration_tables), [], 0.0
+    for signal in model.signals:
+        share = float(signal.direction[0]) / model.unit_mass
         if signal.amplitude:
             gain = 1.0 / (omega**2 - signal.omega**2 + 1j * b * signal.omega)
             waves.append((signal.omega, share * signal.amplitude * gain))
         else:
             tables.append(_filtered(signal, omega).scaled(share**2))
-    if system.intensity > 0.0:
+    if model.intensity > 0.0:
         natural = omega / (2.0 * math.pi)
         # of the velocity variance S0 / 2b, b / (pi^2 f) lies beyond a frequency f >> omega, b
         highest = max(b / (math.pi**2 * WHITE_LOSS), SAMPLES_PER_PERIOD * natural)
         flat = Table(
             frequency_hz=np.array([LOWEST_FREQUENCY * natural, highest]),
-            density=np.full(2, density_from_intensity(system.intensity)),
+            density=np.full(2, density_from_intensity(model.intensity)),
         )
         tables.append(flat)
-        beyond = _white_beyond(flat, system)
-    return system._replace(tables=tuple(tables), intensity=0.0), beyond, tuple(waves)
+        beyond = _white_beyond(flat, omega, b)
+    return tuple(tables), beyond, tuple(waves)
 
 
 def _longer(flat: Table, highest: float) -> Table:
@@ -523,9 +596,8 @@ def _longer(flat: Table, highest: float) -> Table:
     return Table(frequency_hz=np.array([low, max(high, highest)]), density=flat.density)
 
 
-def _white_beyond(flat: Table, system: System) -> float:
+def _white_beyond(flat: Table, omega: float, b: float) -> float:
     """Velocity variance by white noise above its table: S0 / 2b less what the table brings."""
-    omega, b = system.omega, system.damping_rate
     theta = intensity_from_density(float(flat.density[0])) / (2.0 * b)
     return max(theta - response_moments([flat], omega, b).velocity, 0.0)
 
@@ -544,18 +616,17 @@ def _filtered(signal: Signal, omega: float) -> Table:
     return Table(frequency_hz=grid, density=density_from_intensity(signal.intensity) * gain)
 
 
-def _block_length(system: System, shortest: float) -> float:
+def _block_length(tables: tuple[Table, ...], omega: float, b: float, shortest: float) -> float:
     """Seconds of a block in which bins are narrow enough for the slowest part of the table.
 
     A bin has one frequency, its middle: the velocity variance so given must be the true one.
     """
-    omega, b = system.omega, system.damping_rate
     length = shortest
     for _ in range(MOST_DOUBLINGS):
         count = math.ceil(min(omega / math.pi * length, MOST_SAMPLES / 2)) + 2
-        variances, velocities = _bin_variances(system.tables, omega, b, length, count)
+        variances, velocities = _bin_variances(tables, omega, b, length, count)
         omega2 = (2.0 * np.pi / length * np.arange(1, count)) ** 2
-        total = response_moments(system.tables, omega, b).velocity
+        total = response_moments(tables, omega, b).velocity
         if abs(float(np.sum(omega2 * variances - velocities))) <= BIN_ERROR * total:
             return length
         length *= 2.0

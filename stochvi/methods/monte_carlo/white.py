@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,24 @@ from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent, gaussian_stop
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, run_white
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
+from stochvi.methods.monte_carlo.kernels.random_numbers import (
+    normal_pairs,
+    normal_rows,
+    seed_streams,
+)
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, SUMS, VV
 from stochvi.methods.monte_carlo.kernels.steps import Corner, Counting, Flow, Kick, RigidStop
+from stochvi.methods.monte_carlo.plan import (
+    Histories,
+    Records,
+    columns_of_one,
+    histories_of_one,
+    layout_of_one,
+)
 from stochvi.methods.monte_carlo.quantities import RATES
+from stochvi.methods.monte_carlo.statistics import Layout
+from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.scene import System
 
 LARGEST_ANGLE = 0.8
 """omega h of a step where any step is free of bias (elastic stops); kept well below pi / 2."""
@@ -83,7 +95,7 @@ class WhitePlan:
     the state altogether (`kernels.flight.fly_corner`).
     """
 
-    system: System
+    model: Model
     speed: float
     step: float
     burn_in: float
@@ -93,8 +105,10 @@ class WhitePlan:
     corner_share: float = CORNER_SHARE
 
     rows = SUMS
-    contacts = False
+    sums_of_contacts: ClassVar[tuple[str, ...]] = ()
     states = 2
+    kicked = True
+    excitation_known = True
     _kernel = staticmethod(run_white)
 
     @property
@@ -110,23 +124,23 @@ class WhitePlan:
     @property
     def hits_in_a_cluster(self) -> float:
         """Periods in which the energy is remembered, at most one hit each on either stop."""
-        remembered = 2.0 * self.speed**2 / self.system.intensity
-        return max(1.0, self.system.omega / (2.0 * math.pi) * remembered)
-
-    @property
-    def rest(self) -> float:
-        """Rest position under the load."""
-        return self.system.load / self.system.omega**2 if self.system.load else 0.0
+        remembered = 2.0 * self.speed**2 / self.model.intensity
+        return max(1.0, self.model.omega / (2.0 * math.pi) * remembered)
 
     @property
     def origin(self) -> float:
         """About where the mass stays: moments of x are taken from here."""
-        return self.rest + self._law.mean
+        return self.model.rest + self._law.mean
+
+    @cached_property
+    def layout(self) -> Layout:
+        """What the rows of `averages` are."""
+        return layout_of_one(self.model, self.origin, self.threshold, self.sums_of_contacts)
 
     @property
     def elastic(self) -> bool:
         """Whether no stop loses energy, so that any step leaves the stationary law exact."""
-        return self.system.elastic
+        return self.model.elastic
 
     def step_bias(self, name: str, difference: float) -> float | None:
         """What the step leaves in a quantity, from its difference to twice the step; None where
@@ -149,12 +163,12 @@ class WhitePlan:
     @property
     def _lossiest(self) -> float:
         """The smallest restitution of a stop, 1 where there is none."""
-        return min((law.restitution for law in self.system.laws if law is not None), default=1.0)
+        return lossiest(self.model)
 
     @property
     def _pressed(self) -> bool:
         """Whether the rest position lies beyond a stop, so that the mass leans on it."""
-        return pressing(self.system) > 0.0
+        return pressing(self.model) > 0.0
 
     @property
     def steps(self) -> int:
@@ -170,38 +184,102 @@ class WhitePlan:
     def _burn_in_steps(self) -> int:
         return math.ceil(self.burn_in / self.step)
 
-    def coarser(self) -> WhitePlan:
+    def coarser(self) -> Self:
         """The same paths at twice the step, to measure what the step leaves as bias."""
         return replace(self, step=2.0 * self.step)
 
-    def finer(self) -> WhitePlan:
+    def finer(self) -> Self:
         """The same paths with less bias: slow impacts resolved, where half the step would do
         little for what they leave (of a mass that leans on a stop they are too many); else half
         the step."""
-        refinable = not (self.system.not_rigid() or self.slow_impacts or self._pressed)
+        refinable = not (self.model.not_rigid() or self.slow_impacts or self._pressed)
         if self._lossiest < WELL_RESOLVED_RESTITUTION and refinable:
             return replace(self, slow_impacts=True)
         return replace(self, step=self.step / 2.0)
 
-    def with_step(self, step: float) -> WhitePlan:
+    def with_step(self, step: float) -> Self:
         """The same paths at a chosen step, s; ValueError if impacts would go unseen in it."""
-        angle = self.system.omega * step
-        if self.system.laws != (None, None) and angle >= LONGEST_ANGLE:
-            longest = LONGEST_ANGLE / self.system.omega
+        angle = self.model.omega * step
+        if self.model.stops and angle >= LONGEST_ANGLE:
+            longest = LONGEST_ANGLE / self.model.omega
             raise ValueError(
                 f"step must be below {longest:.3g} s, half a natural period, where there are "
                 f"stops, got {step:g} s"
             )
         return replace(self, step=step)
 
-    def shortest(self) -> WhitePlan:
+    def shortest(self) -> Self:
         """Two steps: enough to have the kernels compiled."""
         return replace(self, burn_in=self.step, duration=2.0 * self.step)
 
     @property
-    def recorded_samples(self) -> int:
-        """Samples of a recorded path."""
-        return self.steps
+    def fastest(self) -> float:
+        """Natural frequency, rad/s."""
+        return self.model.omega
+
+    @property
+    def relaxation(self) -> float:
+        """Relaxation time of the energy, s."""
+        if self.burn_in <= self.step:
+            raise NotApplicable("records", ["the scene settles in more steps than a path can have"])
+        return self.burn_in / RELAXATIONS
+
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """The expected rms speed, m/s."""
+        return (self.speed,)
+
+    def record(self, seed: int, path: int) -> dict[str, NDArray[np.float64]]:
+        """One path from its start, by column."""
+        return columns_of_one(self.model, self._records(seed, path, 1)[:, 0])
+
+    def sampled(self, step: float, duration: float) -> Self:
+        """The plan for histories at a step of at most `step`, that last `duration` seconds."""
+        plan = self.with_step(min(step, self.step))
+        return replace(plan, duration=settled_duration(plan.burn_in, duration, plan.step))
+
+    def history_samples(self, duration: float) -> int:
+        """Samples of a history."""
+        return max(2, math.ceil(duration / self.step))
+
+    @property
+    def settling(self) -> int:
+        """Recorded steps that a history leaves out."""
+        return self._burn_in_steps
+
+    def record_size(self, samples: int) -> int:
+        """Numbers that the record of one path takes."""
+        return 3 * (samples + self.settling)
+
+    def histories(self, seed: int, first_path: int, paths: int, samples: int) -> Histories:
+        """Settled records of the paths first_path, first_path + 1, ..."""
+        kept = slice(self.settling, self.settling + samples)
+        record = self._records(seed, first_path, paths)[kept]
+        return histories_of_one(self.model, record, self._kicks(seed, first_path, paths)[kept])
+
+    def _records(self, seed: int, first_path: int, paths: int) -> Records:
+        record = np.zeros((self.steps, paths, 3))
+        self.averages(seed, first_path, paths, record)
+        return record
+
+    def _kicks(self, seed: int, first_path: int, paths: int) -> Records:
+        """White noise (samples, paths) that acts from each sample on, from the paths' own streams.
+
+        The kernels draw a pair of normals for two steps in turn; the first pair is the start's.
+        """
+        steps = self.steps
+        streams = np.empty((2, paths), np.uint64)
+        seed_streams(np.uint64(seed), first_path, streams)
+        rows = 1 + math.ceil((steps + 1) / 2)
+        even, odd = np.empty((2, rows, paths))
+        normal_rows(streams[0], streams[1], even, odd)
+        drawn = np.stack([even[1:], odd[1:]], axis=1).reshape(-1, paths)
+        # a record begins at the end of the first step
+        return math.sqrt(self.model.intensity / self.step) * drawn[1 : steps + 1]
+
+    def unbroken(self, duration: float) -> Self:
+        """The plan itself: its paths do not jump."""
+        return self
 
     def averages(
         self,
@@ -222,8 +300,8 @@ class WhitePlan:
         self._kernel(
             x, v, streams, sums, *self._kernel_constants(),
             Counting(
-                burn_in=burn_in, steps=self.steps, stride=stride, origin=self.origin - self.rest,
-                threshold=self.threshold,
+                burn_in=burn_in, steps=self.steps, stride=stride,
+                origin=self.origin - self.model.rest, threshold=self.threshold,
             ),
             record, log,
         )  # fmt: skip
@@ -233,49 +311,49 @@ class WhitePlan:
 
     @property
     def _stride(self) -> int:
-        fastest = max(self.system.omega, 1.0 / self.burn_in)
+        fastest = max(self.model.omega, 1.0 / self.burn_in)
         return max(1, round(MOMENT_ANGLE / fastest / self.step))
 
     def _at_mid_kick(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
         """Velocities in the middle of the kick: half of it, over h / 2, after those summed."""
-        decay = math.exp(-self.system.damping_rate * self.step)
-        sums[VV] = decay * sums[VV] + _kick_variance(self.system, self.step / 2.0)
+        decay = math.exp(-self.model.damping_rate * self.step)
+        sums[VV] = decay * sums[VV] + _kick_variance(self.model, self.step / 2.0)
         return sums
 
     def _kernel_constants(self) -> tuple[Any, ...]:
-        system = self.system
+        model = self.model
         # the same stop is met again within the step after leaving slower than this
-        again = system.omega * math.tan(system.omega * self.step / 2.0)
+        again = model.omega * math.tan(model.omega * self.step / 2.0)
 
-        def stop(position: float | None, restitution: float | None, side: float) -> Any:
-            if position is None or restitution is None:
+        def constants(stop: Stop | None) -> RigidStop | None:
+            if stop is None:
                 return None
-            shifted = position - self.rest
-            return RigidStop(shifted, restitution, -side * shifted * again)
+            shifted = stop.position - model.rest
+            return RigidStop(shifted, stop.law.restitution, -stop.side * shifted * again)
 
         return (
-            _kick(system, self.step),
-            _flow(system, self.step),
-            stop(system.lower, system.restitution_lower, -1.0),
-            stop(system.upper, system.restitution_upper, +1.0),
+            _kick(model, self.step),
+            _flow(model, self.step),
+            constants(model.lower),
+            constants(model.upper),
             () if self._between else None,
             self._corner(),
         )
 
     def _corner(self) -> Corner | None:
         """Steps near a stop as short as slow impacts need, if they are asked for."""
-        system, h = self.system, self.step
+        model, h = self.model, self.step
         if self.elastic or not self.slow_impacts:
             return None
         slowest = max(self.threshold, 1e-3 * self.speed) / 6.0
-        levels = math.ceil(math.log2(max(system.intensity * h / slowest**2, 1.0)))
-        ladder = [_flow(system, h / 2**level)[:3] for level in range(min(levels, MOST_LEVELS) + 1)]
+        levels = math.ceil(math.log2(max(model.intensity * h / slowest**2, 1.0)))
+        ladder = [_flow(model, h / 2**level)[:3] for level in range(min(levels, MOST_LEVELS) + 1)]
         time = h / self.corner_share
         return Corner(
-            width=math.sqrt(system.intensity * time**3),
-            speed=math.sqrt(system.intensity * time),
-            damping_rate=system.damping_rate,
-            intensity=system.intensity,
+            width=math.sqrt(model.intensity * time**3),
+            speed=math.sqrt(model.intensity * time),
+            damping_rate=model.damping_rate,
+            intensity=model.intensity,
             ladder=np.array(ladder),
             share=self.corner_share,
         )
@@ -283,23 +361,17 @@ class WhitePlan:
     @cached_property
     def _law(self) -> CutNormal:
         """The Gibbs law at the expected speed, from the rest position."""
-        rest, system = self.rest, self.system
-        return CutNormal(
-            slope=0.0,
-            curvature=(system.omega / self.speed) ** 2,
-            lower=None if system.lower is None else system.lower - rest,
-            upper=None if system.upper is None else system.upper - rest,
-        )
+        return _law(self.model, self.speed, about_rest=True)
 
     @property
     def _between(self) -> bool:
         """Whether the stops lie on either side of the rest position, which is quicker to fly."""
-        lower, upper = self.system.lower, self.system.upper
-        if lower is None or upper is None:
+        if len(self.model.stops) < 2:
             return False
-        if self.system.omega * self.step > LONGEST_ANGLE_BETWEEN:
+        if self.model.omega * self.step > LONGEST_ANGLE_BETWEEN:
             return False
-        return self.system.omega == 0.0 or lower <= self.rest <= upper
+        lower, upper = self.model.lower_position, self.model.upper_position
+        return self.model.omega == 0.0 or lower <= self.model.rest <= upper
 
     def _start(
         self, streams: NDArray[np.uint64]
@@ -333,34 +405,39 @@ class WhitePlan:
 
 
 def plan_white(
-    system: System, threshold: float | None, duration: float | None, slow_impacts: bool = False
+    model: Model,
+    threshold: float | None,
+    duration: float | None,
+    slow_impacts: bool = False,
+    corner_share: float = CORNER_SHARE,
 ) -> WhitePlan:
     """Choose step, burn-in and length for a scene with white noise alone."""
-    unmet = system.not_rigid()
-    if system.omega == 0.0 and system.load != 0.0:
+    unmet = model.not_rigid()
+    if model.omega == 0.0 and model.load != 0.0:
         unmet.append("a constant load needs stiffness > 0, got 0")
-    if system.omega == 0.0 and (system.lower is None or system.upper is None):
+    if model.omega == 0.0 and len(model.stops) < 2:
         unmet.append("without stiffness the mass needs a lower and an upper stop")
-    if system.damping_rate == 0.0 and system.elastic:
+    if model.damping_rate == 0.0 and model.elastic:
         unmet.append("damping must be positive or a restitution below 1 (no stationary state)")
     if unmet:
         raise NotApplicable("simulate", unmet)
-    speed = expected_speed(system)
-    step = _step(system, speed)
-    burn_in, length = lengths(system, step, _slowest_time(system, speed), duration)
+    speed = expected_speed(model)
+    step = _step(model, speed)
+    burn_in, length = lengths(model, step, _slowest_time(model, speed), duration)
     return WhitePlan(
-        system=system,
+        model=model,
         speed=speed,
         step=step,
         burn_in=burn_in,
         duration=length,
-        threshold=default_threshold(system.elastic, speed) if threshold is None else threshold,
+        threshold=default_threshold(model.elastic, speed) if threshold is None else threshold,
         slow_impacts=slow_impacts,
+        corner_share=corner_share,
     )
 
 
 def lengths(
-    system: System, step: float, slowest: float, duration: float | None
+    model: Model, step: float, slowest: float, duration: float | None
 ) -> tuple[float, float]:
     """Burn-in and counted seconds of a path, from its slowest time constant.
 
@@ -372,7 +449,7 @@ def lengths(
     if burn_in + length <= MOST_STEPS * step:
         return burn_in, length
     short = ENOUGH_STEPS * step if duration is None else duration
-    if system.elastic and short < MOST_STEPS * step:
+    if model.elastic and short < MOST_STEPS * step:
         return step, short
     raise NotApplicable(
         "simulate",
@@ -380,6 +457,12 @@ def lengths(
          f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
          "times in which the scene hits, swings and settles lie too far apart"],
     )  # fmt: skip
+
+
+def settled_duration(burn_in: float, duration: float, step: float) -> float:
+    """Seconds to record so that a history of `duration` is left after the burn-in; one step more
+    than that, since both are rounded up to whole steps."""
+    return (math.ceil((burn_in + duration) / step) + 1) * step
 
 
 SPEED_POWER = {
@@ -414,7 +497,7 @@ def default_threshold(elastic: bool, speed: float) -> float:
     return 0.0 if elastic else 0.05 * speed
 
 
-def expected_speed(system: System) -> float:
+def expected_speed(model: Model) -> float:
     """Velocity scale s from the energy balance, if the law were Gibbs at temperature s^2.
 
     b s^2 + sum (1 - R^2) F2(s) / 2 = S0 / 2. A guess, for steps and starts only.
@@ -422,21 +505,17 @@ def expected_speed(system: System) -> float:
 
     def excess(log_speed: float) -> float:
         s = math.exp(log_speed)
-        law = _law(system, s)
-        loss = system.damping_rate * s * s
-        for position, restitution in (
-            (system.lower, system.restitution_lower),
-            (system.upper, system.restitution_upper),
-        ):
-            if position is not None and restitution is not None:
-                stop = gaussian_stop(law.density_at(position), s * s)
-                loss += (1.0 - restitution**2) / 2.0 * stop.speed_square_rate
-        return loss / (system.intensity / 2.0) - 1.0
+        law = _law(model, s)
+        loss = model.damping_rate * s * s
+        for stop in model.stops:
+            hits = gaussian_stop(law.density_at(stop.position), s * s)
+            loss += (1.0 - stop.law.restitution**2) / 2.0 * hits.speed_square_rate
+        return loss / (model.intensity / 2.0) - 1.0
 
-    if system.damping_rate > 0.0:
-        high = 0.5 * math.log(system.intensity / (2.0 * system.damping_rate))
+    if model.damping_rate > 0.0:
+        high = 0.5 * math.log(model.intensity / (2.0 * model.damping_rate))
     else:
-        high = math.log(system.intensity) / 3.0
+        high = math.log(model.intensity) / 3.0
         while excess(high) < 0.0:
             high += 1.0
     if excess(high) <= 1e-12:
@@ -447,66 +526,71 @@ def expected_speed(system: System) -> float:
     return math.exp(float(brentq(excess, low, high, xtol=1e-6)))
 
 
-def _law(system: System, speed: float) -> CutNormal:
+def _law(model: Model, speed: float, *, about_rest: bool = False) -> CutNormal:
+    """The Gibbs law between rigid stops at E v^2 = speed^2, of positions from the unloaded spring
+    or from the rest position, which takes up the load."""
+    origin = model.rest if about_rest else 0.0
     return CutNormal(
-        slope=system.load / speed**2,
-        curvature=(system.omega / speed) ** 2,
-        lower=system.lower,
-        upper=system.upper,
+        slope=0.0 if about_rest else model.load / speed**2,
+        curvature=(model.omega / speed) ** 2,
+        lower=None if model.lower is None else model.lower.position - origin,
+        upper=None if model.upper is None else model.upper.position - origin,
     )
 
 
-def _kick_variance(system: System, h: float) -> float:
+def lossiest(model: Model) -> float:
+    """The smallest restitution of a stop; 1 without stops."""
+    return min((stop.law.restitution for stop in model.stops), default=1.0)
+
+
+def _kick_variance(model: Model, h: float) -> float:
     """Variance of the velocity that noise brings in over h: S0 (1 - e^(-2 b h)) / (2 b)."""
-    b = system.damping_rate
-    return system.intensity * (-math.expm1(-2.0 * b * h) / (2.0 * b) if b else h)
+    b = model.damping_rate
+    return model.intensity * (-math.expm1(-2.0 * b * h) / (2.0 * b) if b else h)
 
 
-def _kick(system: System, h: float) -> Kick:
+def _kick(model: Model, h: float) -> Kick:
     """The kick over h."""
-    return Kick(math.exp(-system.damping_rate * h), math.sqrt(_kick_variance(system, h)))
+    return Kick(math.exp(-model.damping_rate * h), math.sqrt(_kick_variance(model, h)))
 
 
-def _flow(system: System, h: float) -> Flow:
+def _flow(model: Model, h: float) -> Flow:
     """The flow over h."""
-    angle = system.omega * h
-    sine = math.sin(angle) / system.omega if angle else h
-    return Flow(h, math.cos(angle), sine, system.omega**2)
+    angle = model.omega * h
+    sine = math.sin(angle) / model.omega if angle else h
+    return Flow(h, math.cos(angle), sine, model.omega**2)
 
 
-def _step(system: System, speed: float) -> float:
+def _step(model: Model, speed: float) -> float:
     limits = []
-    if system.omega > 0.0:
-        limits.append((LARGEST_ANGLE if system.elastic else LOSSY_ANGLE) / system.omega)
-    if system.lower is not None and system.upper is not None:
-        limits.append(GAP_PER_STEP * (system.upper - system.lower) / speed)
-    if not system.elastic:
-        limits.append(LOSSY_DECAY * 2.0 * speed**2 / system.intensity)
-    if pressing(system) > 0.0:
-        limits.append(BOUNCE_PER_STEP * speed / pressing(system))
+    if model.omega > 0.0:
+        limits.append((LARGEST_ANGLE if model.elastic else LOSSY_ANGLE) / model.omega)
+    if len(model.stops) == 2:
+        limits.append(GAP_PER_STEP * (model.upper_position - model.lower_position) / speed)
+    if not model.elastic:
+        limits.append(LOSSY_DECAY * 2.0 * speed**2 / model.intensity)
+    if pressing(model) > 0.0:
+        limits.append(BOUNCE_PER_STEP * speed / pressing(model))
     return min(limits)
 
 
-def pressing(system: System) -> float:
+def pressing(model: Model) -> float:
     """The acceleration that presses a mass onto a stop beyond which it would rest, or 0."""
-    stops = ((system.lower, -1.0), (system.upper, 1.0))
-    forces = [
-        side * (system.load - system.omega**2 * stop) for stop, side in stops if stop is not None
-    ]
+    forces = [stop.side * (model.load - model.omega**2 * stop.position) for stop in model.stops]
     return max([0.0, *forces])
 
 
-def _slowest_time(system: System, speed: float) -> float:
+def _slowest_time(model: Model, speed: float) -> float:
     """Relaxation of the energy, and of the position: overdamped, from stop to stop, or of a mass
     that leans on one."""
-    rate = system.intensity / (2.0 * speed**2)
+    rate = model.intensity / (2.0 * speed**2)
     positions = []
-    if system.omega > 0.0:
-        positions.append(max(1.0 / system.omega, system.damping_rate / system.omega**2))
-    if system.lower is not None and system.upper is not None:
-        gap = system.upper - system.lower
+    if model.omega > 0.0:
+        positions.append(max(1.0 / model.omega, model.damping_rate / model.omega**2))
+    if len(model.stops) == 2:
+        gap = model.upper_position - model.lower_position
         positions.append(max(gap / speed, gap**2 * rate / speed**2))
-    if pressing(system) > 0.0:
-        spread = math.sqrt(_law(system, speed).variance)
+    if pressing(model) > 0.0:
+        spread = math.sqrt(_law(model, speed).variance)
         positions.append(max(spread / speed, spread**2 * rate / speed**2))
     return max(1.0 / rate, min(positions))

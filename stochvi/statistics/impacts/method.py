@@ -20,9 +20,12 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
+from stochvi.methods.monte_carlo.quantities import collapses
 from stochvi.methods.monte_carlo.runs import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
-from stochvi.model.assembly import Assembly, Contact, assemble
+from stochvi.methods.monte_carlo.white import lossiest
+from stochvi.model.coverage import functions
+from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
@@ -155,16 +158,12 @@ def impacts(
     check_arguments(rel_error, paths, duration, seed, speed_threshold, budget, threads)
     asked = REL_ERROR if rel_error is None else rel_error
     started = time.perf_counter()
-    assembly = assemble(scene)
-    lossiest = min(
-        (law.restitution for contact in assembly.contacts for _, _, law in contact.stops),
-        default=1.0,
-    )
-    share = CORNER_SHARE if slow_impacts and lossiest < RESOLVED_EXPONENT else None
-    plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, share)
-    grids = {
-        contact.name: _grid(plan, contact, contact.name) for contact in assembly.contacts
-    }  # fmt: skip
+    model = model_of(scene)
+    if conditions := functions(model):
+        raise NotApplicable("simulate", conditions)
+    shares = {"corner_share": CORNER_SHARE} if lossiest(model) < RESOLVED_EXPONENT else {}
+    plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, **shares)
+    grids = {pair.name: _grid(plan, pair) for pair in model.pairs}
     with compiling(progress):
         plan.impacts(seed, 0, 1)
     workers = threads or usable_cores()
@@ -198,12 +197,11 @@ def impacts(
             target = done + math.ceil(done * min(1.1 * (error / asked) ** 2 - 1.0, 3.0))
             target = math.ceil(target / plan.block) * plan.block
     pairs = {
-        contact.name: _pair(
-            scene, assembly, contact, plan, grids[contact.name], merged(found[contact.name]),
-            first_hits, seed, threads,
+        pair.name: _pair(
+            scene, pair, plan, grids[pair.name], merged(found[pair.name]), first_hits, seed, threads
         )
-        for contact in assembly.contacts
-    }  # fmt: skip
+        for pair in model.pairs
+    }
     answer = ImpactStatistics(
         pairs=pairs,
         duration=plan.duration,
@@ -213,7 +211,7 @@ def impacts(
         warnings=(
             *(["the accuracy asked for was not reached"] if short else []),
             *_unseen(pairs, done * plan.duration),
-            *_warnings(plan, assembly),
+            *_warnings(plan, model),
         ),
         cost=Cost(
             wall_time=time.perf_counter() - started,
@@ -265,20 +263,20 @@ def _block(
     return {name: Tally.of(log, paths, grids[name]) for name, log in logs.items()}
 
 
-def _grid(plan: ImpactPlan, contact: Contact, name: str) -> Grid:
-    rms, threshold = plan.speeds[name], plan.thresholds[name]
+def _grid(plan: ImpactPlan, pair: Pair) -> Grid:
+    rms, threshold = plan.speeds[pair.name], plan.thresholds[pair.name]
     slowest = max(threshold, SLOWEST_SHARE * rms)
     start = max(threshold, FIT_FROM * rms)
     shortest = SHORTEST_ANGLE / plan.fastest
-    losses = dict.fromkeys(("lower", "upper"), 0.0) | {
-        side: 0.5 * contact.mass * (1.0 - law.restitution**2) for side, _, law in contact.stops
+    losses = {LOWER: 0.0, UPPER: 0.0} | {
+        stop.side: 0.5 * pair.mass * (1.0 - stop.law.restitution**2) for stop in pair.stops
     }
     return Grid(
         speeds=np.geomspace(slowest, FASTEST_SHARE * rms, BINS + 1),
         intervals=np.geomspace(shortest, max(plan.duration, 10.0 * shortest), BINS + 1),
         fits=((start, start * FIT_RANGE), (start, start * FIT_RANGE / 2.0)),
         window=plan.duration / WINDOWS,
-        losses=(losses["lower"], losses["upper"]),
+        losses=(losses[LOWER], losses[UPPER]),
     )
 
 
@@ -294,8 +292,8 @@ def _largest_error(tallies: list[Tally], plan: ImpactPlan) -> float:
 
 
 def _pair(
-    scene: Scene, assembly: Assembly, contact: Contact, plan: ImpactPlan, grid: Grid,
-    tally: Tally, first_hits: bool, seed: int, threads: int | None,
+    scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally, first_hits: bool,
+    seed: int, threads: int | None,
 ) -> PairStatistics:  # fmt: skip
     numbers = tally.numbers.sum(axis=1)
     hits = float(numbers.sum())
@@ -303,27 +301,27 @@ def _pair(
     spread = dispersion(tally.windows, grid.window) if hits >= FEWEST_HITS else None
     poisson = passes_for_poisson(spread)
     rates: dict[str, Rate] = {
-        side: rate(tally.numbers[:, 0 if side == "lower" else 1], plan.duration, poisson, how)
-        for side, _, _ in contact.stops
+        stop.name: rate(tally.numbers[:, int(stop.side == UPPER)], plan.duration, poisson, how)
+        for stop in pair.stops
     }
     rates["both"] = rate(numbers, plan.duration, poisson, how)
-    gap = linear_gap(scene, assembly, contact)
+    gap = linear_gap(plan.source.model, pair)
     square = ratio_and_error(tally.squares.sum(axis=1), numbers) if hits else None
     loss = ratio_and_error(tally.energies.sum(axis=1), numbers) if hits else None
     return PairStatistics(
-        speed_threshold=plan.thresholds[contact.name],
+        speed_threshold=plan.thresholds[pair.name],
         rates=rates,
         dispersion=spread,
         speeds=histogram(tally.speeds, grid.speeds) if hits else None,
         intervals=histogram(tally.intervals, grid.intervals) if tally.intervals.any() else None,
         speed_rms=None if square is None else _root(square, how),
-        exponents=_exponents(assembly, contact, tally, grid, plan),
+        exponents=_exponents(pair, tally, grid, plan),
         energy=None
         if loss is None
         else Estimate(value=loss[0], standard_error=loss[1], bias=None, how=how),
-        rice_rates=None if gap is None else rice_rates(gap, contact),
-        clump_rate=None if gap is None else vanmarcke_rate(gap, contact),
-        first_hit_rate=_first_hits(scene, contact, gap.mean, seed, threads)
+        rice_rates=None if gap is None else rice_rates(gap, pair),
+        clump_rate=None if gap is None else vanmarcke_rate(gap, pair),
+        first_hit_rate=_first_hits(scene, pair, gap.mean, seed, threads)
         if first_hits and gap is not None
         else None,
         energy_unit="J/kg" if scene.expanded.structure.mass is None else "J",
@@ -335,11 +333,9 @@ def _root(square: tuple[float, float], how: str) -> Estimate:
     return Estimate(value=value, standard_error=square[1] / (2.0 * value), bias=None, how=how)
 
 
-def _exponents(
-    assembly: Assembly, contact: Contact, tally: Tally, grid: Grid, plan: ImpactPlan
-) -> dict[str, Exponent]:
+def _exponents(pair: Pair, tally: Tally, grid: Grid, plan: ImpactPlan) -> dict[str, Exponent]:
     """Of both stops together where they have one restitution, else of each."""
-    restitutions = {side: law.restitution for side, _, law in contact.stops}
+    restitutions = {stop.name: stop.law.restitution for stop in pair.stops}
     if len(set(restitutions.values())) == 1:
         groups = {"both": (tally.fits.sum(axis=1), next(iter(restitutions.values())))}
     else:
@@ -347,7 +343,8 @@ def _exponents(
             side: (tally.fits[:, 0 if side == "lower" else 1], r)
             for side, r in restitutions.items()
         }
-    white = len(assembly.coordinates) == 1 and np.any(assembly.white) and not assembly.not_rigid()
+    model = plan.source.model
+    white = len(model.coordinates) == 1 and np.any(model.white) and not model.not_rigid()
     return {
         side: Exponent(
             fitted=_fitted(fits, grid, _shift(plan, r) if white else 0.0),
@@ -374,11 +371,11 @@ def _fitted(fits: NDArray[np.float64], grid: Grid, shift: float | None) -> Estim
 
 
 def _first_hits(
-    scene: Scene, contact: Contact, mean: float, seed: int, threads: int | None
+    scene: Scene, pair: Pair, mean: float, seed: int, threads: int | None
 ) -> Estimate | None:
     """Limiting rate of first crossings of the stops without them; None where it does not apply."""
-    lower = None if contact.lower is None else mean - contact.lower
-    upper = None if contact.upper is None else contact.upper - mean
+    lower = None if pair.lower is None else mean - pair.lower.position
+    upper = None if pair.upper is None else pair.upper.position - mean
     try:
         found = first_crossings(scene, lower=lower, upper=upper, seed=seed, threads=threads)
     except (NotApplicable, ValueError):  # a scene, or stops, that it does not cover
@@ -401,16 +398,15 @@ def _unseen(pairs: dict[str, PairStatistics], exposure: float) -> list[str]:
     ]
 
 
-def _warnings(plan: ImpactPlan, assembly: Assembly) -> list[str]:
+def _warnings(plan: ImpactPlan, model: Model) -> list[str]:
     found = []
-    for contact in assembly.contacts:
-        threshold = plan.thresholds[contact.name]
+    for pair in model.pairs:
+        threshold = plan.thresholds[pair.name]
         if threshold > 0.0:
-            found.append(f"{contact.name}: only impacts faster than {threshold:.3g} m/s count")
-        if any(law.rigid and law.restitution <= COLLAPSE_RESTITUTION
-               for _, _, law in contact.stops):  # fmt: skip
+            found.append(f"{pair.name}: only impacts faster than {threshold:.3g} m/s count")
+        if any(map(collapses, pair.stops)):
             found.append(
-                f"{contact.name}: at a restitution up to {COLLAPSE_RESTITUTION:.4f} the rate of "
+                f"{pair.name}: at a restitution up to {COLLAPSE_RESTITUTION:.4f} the rate of "
                 "all impacts is infinite: everything here hangs on the threshold"
             )
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +11,9 @@ from scipy.special import ndtr
 
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
-from stochvi.model.assembly import Assembly, Contact, modes_of
+from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.modal import linear_law
-from stochvi.scenes.scene import Scene
+from stochvi.model.model import Model, Pair
 
 CLUMPING = 1.2
 """Power of the bandwidth in E. H. Vanmarcke's rate (J. Appl. Mech. 42 (1975) 215)."""
@@ -31,39 +32,38 @@ class LinearGap(NamedTuple):
     bandwidth: float | None
 
 
-def linear_gap(scene: Scene, assembly: Assembly, contact: Contact) -> LinearGap | None:
+def linear_gap(model: Model, pair: Pair) -> LinearGap | None:
     """None where noise and structure have no Gaussian stationary law, or a sine is in it."""
-    if any(signal.amplitude for signal in assembly.signals):
+    if model.sines:
         return None
-    if not assembly.tables:
-        modes = modes_of(assembly._replace(contacts=(contact,)))
+    if not model.tables:
+        modes = replace(model, pairs=(pair,)).modal
         law = linear_law(modes)
         if law is None:
             return None
         gap, n = modes.gaps[0], modes.size
         x, v = (math.sqrt(law.variances(gap, first)) for first in (0, n))
         mean = float(gap @ (modes.rest + law.mean))
-        single = len(assembly.coordinates) == 1 and not assembly.signals
-        return LinearGap(mean, x, v, _white_bandwidth(scene) if single else None)
-    if assembly.signals or scene.beyond_one_oscillator():
+        single = len(model.coordinates) == 1 and not model.signals
+        return LinearGap(mean, x, v, _white_bandwidth(model) if single else None)
+    if model.signals or beyond_one_oscillator(model):
         return None
-    system = scene.system()
-    omega, b = system.omega, system.damping_rate
+    omega, b = model.omega, model.damping_rate
     if omega == 0.0 or b == 0.0:
         return None
-    moments, theta = response_moments(system.tables, omega, b), system.intensity / (2.0 * b)
+    tables = model.acceleration_tables
+    moments, theta = response_moments(tables, omega, b), model.intensity / (2.0 * b)
     x2, v2 = moments.displacement + theta / omega**2, moments.velocity + theta
     bandwidth = None
     if theta == 0.0:
-        first = sum(_first_moment(table, omega, b) for table in system.tables)
+        first = sum(_first_moment(table, omega, b) for table in tables)
         bandwidth = math.sqrt(max(1.0 - first**2 / (x2 * v2), 0.0))
-    return LinearGap(system.load / omega**2, math.sqrt(x2), math.sqrt(v2), bandwidth)
+    return LinearGap(model.rest, math.sqrt(x2), math.sqrt(v2), bandwidth)
 
 
-def _white_bandwidth(scene: Scene) -> float | None:
+def _white_bandwidth(model: Model) -> float | None:
     """q of an oscillator under white noise, in closed form below critical damping."""
-    system = scene.system()
-    zeta = system.damping_rate / (2.0 * system.omega) if system.omega else math.inf
+    zeta = model.damping_rate / (2.0 * model.omega) if model.omega else math.inf
     if not 0.0 < zeta < 1.0:
         return None
     root = math.sqrt(1.0 - zeta**2)
@@ -79,37 +79,37 @@ def _first_moment(table: Table, omega: float, damping_rate: float) -> float:
     return float(np.trapezoid(density, f))
 
 
-def rice_rates(gap: LinearGap, contact: Contact) -> dict[str, float]:
+def rice_rates(gap: LinearGap, pair: Pair) -> dict[str, float]:
     """Of each stop, as if nothing hit them; "both" for their sum."""
     found = {
-        side: rice_rate(position - gap.mean, gap.displacement_std, gap.velocity_std)
-        for side, position, _ in contact.stops
+        stop.name: rice_rate(stop.position - gap.mean, gap.displacement_std, gap.velocity_std)
+        for stop in pair.stops
     }
     return found | {"both": sum(found.values())}
 
 
-def vanmarcke_rate(gap: LinearGap, contact: Contact) -> float | None:
+def vanmarcke_rate(gap: LinearGap, pair: Pair) -> float | None:
     """Rate of clumps of crossings, 1/s, of one stop or of two evenly about the mean.
 
     nu [1 - exp(-(pi / 2)^(1/2) q^1.2 r)] / [1 - exp(-r^2 / 2)] at r deviations for |x|, nu Rice's
     rate of both; for one stop (2 pi)^(1/2) stands for (pi / 2)^(1/2) and the share of time within
     it for the denominator (Vanmarcke 1975).
 
+    >>> from stochvi.model.model import Stop
     >>> from stochvi.scenes.impact_laws import Restitution
     >>> gap = LinearGap(0.0, 1.0, 1.0, 0.2456120698613)
-    >>> law = Restitution(coefficient=1.0)
-    >>> two = Contact("", np.ones(1), 1.0, -2.0, 2.0, law, law)
+    >>> stops = [Stop(side, 2.0 * side, Restitution(coefficient=1.0)) for side in (-1, 1)]
+    >>> two = Pair("", np.ones(1), 1.0, False, tuple(stops))
     >>> round(vanmarcke_rate(gap, two) / rice_rates(gap, two)["both"], 4)
     0.43
     """
     if gap.bandwidth is None:
         return None
-    positions = [position - gap.mean for _, position, _ in contact.stops]
+    positions = [stop.position - gap.mean for stop in pair.stops]
     levels = [abs(position) / gap.displacement_std for position in positions]
-    width, nu = gap.bandwidth**CLUMPING, rice_rates(gap, contact)["both"]
+    width, nu = gap.bandwidth**CLUMPING, rice_rates(gap, pair)["both"]
     if len(levels) == 1:
-        beyond = positions[0] * (1.0 if contact.lower is None else -1.0) <= 0.0
-        if beyond:
+        if positions[0] * pair.stops[0].side <= 0.0:  # the stop lies beyond the mean position
             return None
         share = -math.expm1(-math.sqrt(2.0 * math.pi) * width * levels[0])
         return nu * share / float(ndtr(levels[0]))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import logarithmic_interval, normal_quantile
@@ -33,8 +34,7 @@ def first_hit(
 ) -> Chance | None:
     """P(any hit, or passage) of the stationary motion; None where another way is better, unless
     it is to be this one `surely`."""
-    system = scene.system()
-    rest = system.load / system.omega**2 if system.load else 0.0
+    rest = model_of(scene).rest
     below, above = (
         math.inf if end is None else side * (end - rest)
         for side, end in zip((-1.0, 1.0), ends, strict=True)

@@ -26,10 +26,12 @@ from stochvi.methods.monte_carlo.missions import (
 )
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.machine import usable_cores
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import deviations
 from stochvi.statistics.reliability.answer import Chance, Reliability
 from stochvi.statistics.reliability.choice import Hits, Jobs, Way
@@ -113,9 +115,10 @@ def reliability(
     _check(mission, impact_speed, peak_acceleration, start, way, rel_error, confidence)
     check_arguments(None, None, None, seed, None, budget, threads)
     started = time.perf_counter()
-    ends = _barriers(scene, barrier)
-    coloured = _is_coloured(scene, start, way)
-    outside = _outside(scene, ends)
+    model = model_of(scene)
+    ends = _barriers(model, barrier)
+    coloured = _is_coloured(scene, model, start, way)
+    outside = _outside(model, ends)
     if outside and start == "rest":
         raise ValueError(
             f"start = 'rest' is out of reach: {outside}; move them, or take start = 'stationary'"
@@ -137,9 +140,7 @@ def reliability(
             chances, hits = by_conditioning(scene, ends, limits, mission, jobs)
             missing: dict[str, str] = {}
         else:
-            chances, hits, missing = _sampled(
-                scene.system(), scene, ends, limits, mission, start, way, jobs
-            )
+            chances, hits, missing = _sampled(model, scene, ends, limits, mission, start, way, jobs)
     found = Reliability(
         mission=mission,
         start=start,
@@ -151,8 +152,8 @@ def reliability(
         warnings=[
             *([f"{outside}: nearly every mission ends as it starts"] if outside else []),
             *_warnings(chances, rel_error),
-            *_beyond_at_the_start(scene, ends, start, coloured, chances),
-            *_by_the_spring(scene, ends, peak_acceleration),
+            *_beyond_at_the_start(scene, model, ends, start, coloured, chances),
+            *_by_the_spring(model, ends, peak_acceleration),
         ],
         missing=missing,
         cost=Cost(
@@ -171,39 +172,39 @@ def reliability(
 
 
 def _sampled(
-    system: System, scene: Scene, ends: Ends, limits: dict[str, float], mission: float,
+    model: Model, scene: Scene, ends: Ends, limits: dict[str, float], mission: float,
     start: Start, way: Way | None, jobs: Jobs,
 ) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:  # fmt: skip
     """Of white noise: missions, and first crossings where the start allows it; and why what is
     missing was not found."""
-    name = "hit" if scene.impact_pairs else "passage"
+    name = "hit" if model.stops else "passage"
     chances: dict[str, Chance] = {}
     missing: dict[str, str] = {}
     found = None
     if way == "first crossings" or (way is None and start == "stationary"):
         found = first_hit(scene, ends, mission, jobs, surely=way is not None)
     missions = None if way == "first crossings" else way
-    plans = {} if found else {name: passage_plan(system, *ends, mission, start)}
+    plans = {} if found else {name: passage_plan(model, *ends, mission, start)}
     if found is not None:
         chances[name] = found
     if "impact_speed" in limits:
-        plans["impact_speed"] = impact_plan(system, mission, start, limits["impact_speed"])
+        plans["impact_speed"] = impact_plan(model, mission, start, limits["impact_speed"])
     if "peak_acceleration" in limits:
         sharpest = limits["peak_acceleration"]
-        plans["peak_acceleration"] = acceleration_plan(system, mission, start, sharpest)
+        plans["peak_acceleration"] = acceleration_plan(model, mission, start, sharpest)
     for event, plan in plans.items():
         try:
             chances[event] = jobs.chance(plan, event, limits.get(event), missions)
         except NotConverged as error:
             missing[event] = str(error)
-    if not scene.impact_pairs:
+    if not model.stops:
         return chances, None, missing
     # hits of a stationary motion are proportional to its duration: one in which it forgets its
     # start tells all, and is shorter than long missions and sees more than short ones
-    part = settling_time(system) if start == "stationary" else mission
+    part = settling_time(model) if start == "stationary" else mission
     hits = None
     try:
-        hits = jobs.hits(impact_plan(system, part, start), missions, mission / part)
+        hits = jobs.hits(impact_plan(model, part, start), missions, mission / part)
     except NotConverged as error:
         missing["expected_hits"] = str(error)
     return chances, hits, missing
@@ -235,16 +236,19 @@ def _check(
         raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
 
 
-def _barriers(scene: Scene, barrier: float | Ends | None) -> Ends:
+def _barriers(model: Model, barrier: float | Ends | None) -> Ends:
     """Lower and upper stop, or barrier, m; checked."""
-    if scene.impact_pairs:
+    if model.pairs:
         if barrier is not None:
             raise ValueError(
                 "barrier is for scenes without stops: a hit of the stops is what is asked after "
                 "here; leave barrier out, or take impact_pair out of the scene"
             )
-        pair = scene.impact_pairs[0]
-        return pair.lower, pair.upper
+        pair = model.pairs[0]
+        lower, upper = (
+            None if stop is None else stop.position for stop in (pair.lower, pair.upper)
+        )
+        return lower, upper
     if barrier is None:
         raise ValueError("barrier must be given where the scene has no impact_pair, got none")
     if isinstance(barrier, tuple):
@@ -261,26 +265,25 @@ def _barriers(scene: Scene, barrier: float | Ends | None) -> Ends:
     return lower, upper
 
 
-def _outside(scene: Scene, ends: Ends) -> str:
+def _outside(model: Model, ends: Ends) -> str:
     """That stops or barriers leave out the position where spring and load balance; empty if they
     do not. A mass may rest on a stop, but a barrier there is passed before the start."""
-    system = scene.system()
-    if system.omega == 0.0:  # nothing holds the mass anywhere
+    if model.omega == 0.0:  # nothing holds the mass anywhere
         return ""
-    rest = system.load / system.omega**2
+    rest = model.rest
     lower, upper = ends
     below = -math.inf if lower is None else lower
     above = math.inf if upper is None else upper
-    if below < rest < above or (scene.impact_pairs and rest in (below, above)):
+    if below < rest < above or (model.stops and rest in (below, above)):
         return ""
-    what = "stops" if scene.impact_pairs else "barriers"
+    what = "stops" if model.stops else "barriers"
     words = ("none" if end is None else f"{end:g} m" for end in ends)
     return f"spring and load balance at {rest:g} m, not between the {what} ({', '.join(words)})"
 
 
-def _is_coloured(scene: Scene, start: str, way: str | None) -> bool:
+def _is_coloured(scene: Scene, model: Model, start: str, way: str | None) -> bool:
     """Whether the noise has a memory of its own; raises for what no way covers."""
-    unmet = scene.beyond_one_oscillator(filtered=True)
+    unmet = beyond_one_oscillator(model, with_filters=True)
     if unmet:
         raise NotApplicable("reliability", unmet)
     kinds = {excitation.kind for excitation in scene.excitations}
@@ -313,19 +316,18 @@ def _assumptions(scene: Scene, start: str) -> list[str]:
 
 
 def _beyond_at_the_start(
-    scene: Scene, ends: Ends, start: str, coloured: bool, chances: dict[str, Chance]
+    scene: Scene, model: Model, ends: Ends, start: str, coloured: bool, chances: dict[str, Chance]
 ) -> list[str]:
     """Where much of P(hit) is that of a start beyond the stops, which impacts do not share."""
     chance = chances.get("hit") or chances.get("passage")
     if start == "rest" or chance is None:
         return []
-    system = scene.system()
     if coloured:
         std = deviations(scene)[0]
     else:
-        std = math.sqrt(system.intensity / (2.0 * system.damping_rate)) / system.omega
+        std = math.sqrt(model.intensity / (2.0 * model.damping_rate)) / model.omega
     outside = sum(
-        float(ndtr(-side * (end - system.load / system.omega**2) / std))
+        float(ndtr(-side * (end - model.rest) / std))
         for side, end in zip((-1.0, 1.0), ends, strict=True)
         if end is not None
     )
@@ -343,13 +345,11 @@ def _beyond_at_the_start(
     ]
 
 
-def _by_the_spring(scene: Scene, ends: Ends, limit: float | None) -> list[str]:
+def _by_the_spring(model: Model, ends: Ends, limit: float | None) -> list[str]:
     """Where the spring alone brings an acceleration, which is not counted: contacts are."""
     if limit is None:
         return []
-    system = scene.system()
-    rest = system.load / system.omega**2 if system.load else 0.0
-    most = max(system.omega**2 * abs(end - rest) for end in ends if end is not None)
+    most = max(model.omega**2 * abs(end - model.rest) for end in ends if end is not None)
     if most < limit:
         return []
     return [

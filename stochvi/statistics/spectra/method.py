@@ -28,11 +28,11 @@ import numpy as np
 from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.runs import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import CONFIDENCE, PathMoments, delta_method, student_quantile
 from stochvi.results.machine import usable_cores
-from stochvi.scenes.excitations import Sine
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.answer import UNITS, Curve, ResponseSpectrum
@@ -178,7 +178,7 @@ def spectrum(
         ["the accuracy asked for was not reached"] if short else [],
         Cost(
             wall_time=time.perf_counter() - started,
-            steps=moments.count * (plan.samples + plan.settling),
+            steps=moments.count * (plan.samples + plan.plan.settling),
             paths=moments.count,
             threads=workers,
         ),
@@ -206,7 +206,7 @@ def _planned(
     length = SEGMENT_BANDWIDTHS / bandwidth if segment is None else segment
     top = HIGHEST * plan.fastest / (2.0 * math.pi) if highest is None else highest
     step = math.sqrt(6.0 * STEP_BIAS) / (2.0 * math.pi * max(top, plan.fastest / (2.0 * math.pi)))
-    step = min(step, plan.step, _contact_time(scene, plan) / CONTACT_SAMPLES)
+    step = min(step, plan.step, _contact_time(plan) / CONTACT_SAMPLES)
     duration = length * TIME_HALF_BANDWIDTH
     if method == "welch":
         duration = length * min(max(LONG_PATH * step / length, FEWEST_LENGTHS), MOST_LENGTHS)
@@ -227,13 +227,13 @@ def _planned(
     return plan, layout_of(plan, method, length, top), bandwidth
 
 
-def _contact_time(scene: Scene, plan: HistoryPlan) -> float:
+def _contact_time(plan: HistoryPlan) -> float:
     """Shortest contact of a stop that gives way, s; infinite without one."""
     times = [
-        law.impact(plan.speed, contact.mass).contact_time
-        for contact in plan.assembly.contacts
-        for _, _, law in contact.stops
-        if isinstance(law, CompliantLaw)
+        stop.law.impact(plan.speed, pair.mass).contact_time
+        for pair in plan.model.pairs
+        for stop in pair.stops
+        if isinstance(stop.law, CompliantLaw)
     ]
     return min(times, default=math.inf)
 
@@ -263,10 +263,10 @@ def _run(
     return found, late
 
 
-def _jumps(scene: Scene) -> list[float]:
+def _jumps(model: Model) -> list[float]:
     """Where the density of the excitation jumps, Hz: within a main lobe of it both sides leak into
     one bin, with gains and phases of both, which no smearing of densities tells."""
-    ends = (table.frequency_hz[[0, -1]] for table in scene.system().tables)
+    ends = (table.frequency_hz[[0, -1]] for table in model.acceleration_tables)
     return [float(end) for pair in ends for end in pair]
 
 
@@ -293,7 +293,7 @@ def _answer(
     twice = np.apply_along_axis(np.convolve, 1, once, layout.kernel, "same")
     omega = 2.0 * math.pi * f
     kicked = np.maximum(omega, plan.fastest) * layout.step
-    by_step = kicked**2 / 6.0 if plan.kicked else np.zeros_like(f)
+    by_step = kicked**2 / 6.0 if plan.plan.kicked else np.zeros_like(f)
     quantile = student_quantile(1.0 - CONFIDENCE, moments.count - 1)
     curves: dict[str, dict[str, Curve]] = {}
     quantities, meanings = quantities_of(scene, plan, omega)
@@ -312,7 +312,7 @@ def _answer(
         if UNITS[name] == "1":
             into = quantities[owner, "excitation"](moments.mean)
             told = inside & (into > EXCITED * np.max(into[inside]))
-            for jump in _jumps(scene):
+            for jump in _jumps(plan.model):
                 told &= np.abs(f - jump) > KERNEL_BINS[method] * (f[1] - f[0])
         curves.setdefault(owner, {})[name] = Curve(
             frequency_hz=f[told],
@@ -322,7 +322,7 @@ def _answer(
             lower=np.maximum(value / spread - bias, 0.0)[told],
             upper=(value * spread + bias)[told],
         )
-    if any(isinstance(excitation, Sine) for excitation in scene.excitations):
+    if plan.model.sines:
         warnings.append("a sine is a line: its height here is that of its power over a bin")
     first = next(iter(curves.values()))["displacement"]
     freedom = 2.0 * np.median((first.value / first.standard_error) ** 2)

@@ -7,8 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.histories import Histories, HistoryPlan
-from stochvi.model.assembly import Assembly
+from stochvi.methods.monte_carlo.histories import HistoryPlan
+from stochvi.methods.monte_carlo.plan import Histories
+from stochvi.methods.monte_carlo.quantities import gap_of
+from stochvi.model.model import Model
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 from stochvi.scenes.scene import Scene
@@ -22,46 +24,42 @@ def channels_of(plan: HistoryPlan, histories: Histories) -> NDArray[np.float64]:
     """(channels, paths, samples): displacements, forces of stops that give way per unit mass (of
     one oscillator), and the excitation if it is known."""
     found = [*histories.displacement]
-    if _gives_way(plan.assembly):
-        found.append(_stop_force(plan.assembly, histories))
+    if _gives_way(plan.model):
+        found.append(_stop_force(plan.model, histories))
     if histories.excitation is not None:
         found.append(histories.excitation)
     return np.stack(found)
 
 
-def _gives_way(assembly: Assembly) -> bool:
-    return bool(assembly.not_rigid())
+def _gives_way(model: Model) -> bool:
+    return bool(model.not_rigid())
 
 
-def _stop_force(assembly: Assembly, histories: Histories) -> Matrix:
+def _stop_force(model: Model, histories: Histories) -> Matrix:
     """Force of the stops on one oscillator per unit mass, positive at the upper stop, (paths,
     samples); rigid ones, beside another that gives way, are left out."""
-    (contact,) = assembly.contacts
+    (pair,) = model.pairs
     x, v = histories.displacement[0], histories.velocity[0]
     force: Matrix = np.zeros_like(x)
-    for side, position, law in contact.stops:
-        sign = 1.0 if side == "upper" else -1.0
-        beyond, rate = sign * (x - position), sign * v
-        if isinstance(law, Viscoelastic):
-            force += sign * law.force_at(beyond, rate, contact.mass)
-        elif isinstance(law, CompliantLaw):
-            force += sign * law.force_at(beyond)
-    return np.asarray(force / contact.mass)
+    for stop in pair.stops:
+        if isinstance(stop.law, Viscoelastic):
+            force += stop.side * stop.law.force_at(stop.deflection(x), stop.side * v, pair.mass)
+        elif isinstance(stop.law, CompliantLaw):
+            force += stop.side * stop.law.force_at(stop.deflection(x))
+    return np.asarray(force / pair.mass)
 
 
 def quantities_of(
     scene: Scene, plan: HistoryPlan, omega: Vector
 ) -> tuple[dict[tuple[str, str], Quantity], dict[str, str]]:
     """What is asked of the rows of `products`, by owner and name; and what it means here."""
-    assembly = plan.assembly
-    n, gives_way = len(assembly.coordinates), _gives_way(assembly)
-    known = plan.excitation_known
+    model = plan.model
+    n, gives_way = len(model.coordinates), _gives_way(model)
+    known = plan.plan.excitation_known
     channels = n + gives_way + known
     found: dict[tuple[str, str], Quantity] = {}
-    owners = dict(zip(assembly.coordinates, np.eye(n), strict=True))
-    for contact in assembly.contacts:
-        if np.count_nonzero(contact.direction) > 1:
-            owners[f"gap of {contact.name}"] = contact.direction
+    owners = dict(zip(model.coordinates, np.eye(n), strict=True))
+    owners |= {gap_of(pair): pair.direction for pair in model.pairs if pair.relative}
     for owner, direction in owners.items():
         weights: Weights = np.zeros((channels, len(omega)), complex)
         weights[:n] = direction[:, None]
@@ -69,7 +67,7 @@ def quantities_of(
         found[owner, "velocity"] = _density(weights * (1j * omega))
     # forces of springs, dampers and stops, per unit mass of each coordinate
     pulled = np.linalg.solve(
-        assembly.mass[None], assembly.stiffness + 1j * omega[:, None, None] * assembly.damping
+        model.mass[None], model.stiffness + 1j * omega[:, None, None] * model.damping
     )
     carried = np.zeros((n, channels, len(omega)), complex)
     carried[:, :n] = -np.moveaxis(pulled, 0, -1)
@@ -77,10 +75,10 @@ def quantities_of(
         carried[:, n] = -1.0
     meanings = _meanings(scene, plan)
     if "acceleration" in _present(scene):
-        for row, owner in enumerate(assembly.coordinates):
+        for row, owner in enumerate(model.coordinates):
             found[owner, "acceleration"] = _density(carried[row])
     if known:
-        (owner,) = assembly.coordinates
+        (owner,) = model.coordinates
         shaken = np.zeros((channels, len(omega)), complex)
         shaken[-1] = 1.0
         out, cross, into = _density(carried[0]), _cross(shaken, carried[0]), _density(shaken)
@@ -98,7 +96,7 @@ def _present(scene: Scene) -> list[str]:
 
 
 def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
-    rigid = scene.expanded.impact_pairs and not _gives_way(plan.assembly)
+    rigid = plan.model.pairs and not _gives_way(plan.model)
     if not _present(scene):
         acceleration = "left out: a force acts on a mass, whose acceleration has it in it"
     elif rigid:
@@ -110,12 +108,12 @@ def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
         "velocity": "(2 pi f)^2 times that of the displacement",
         "acceleration": acceleration,
     }
-    if plan.excitation_known:
+    if plan.plan.excitation_known:
         of = "base acceleration to absolute acceleration" if _present(scene) else "force to support"
         meanings["transmissibility_h1"] = f"{of}, the part that is linear in the excitation"
         meanings["transmissibility_ratio"] = f"{of}, root of the ratio of densities"
         meanings["coherence"] = "of what is transmitted with the excitation"
-        if scene.system().tables:
+        if plan.model.tables:
             meanings["coherence"] += "; like transmissibilities, not told at the ends of a table"
     else:
         meanings["coherence"] = (

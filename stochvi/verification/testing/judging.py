@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NoExactSolution
 from stochvi.results.estimates import Cost, Estimate, format_with_error
@@ -331,7 +332,7 @@ def _solved(scene: Scene) -> Response:
     try:
         return exact(scene)
     except NoExactSolution:
-        thresholds = layout_of(scene, make_plan(scene, None, None)).thresholds
+        thresholds = make_plan(model_of(scene)).layout.thresholds
         return fokker_planck(scene, speed_threshold=next(iter(thresholds.values()), None))
 
 

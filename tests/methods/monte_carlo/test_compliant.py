@@ -11,7 +11,12 @@ import pytest
 from stochvi import check, simulate
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, CompliantPlan, _stop, plan_compliant
+from stochvi.methods.monte_carlo.compliant import (
+    CONTACT_ROWS,
+    CompliantPlan,
+    kernel_stop,
+    plan_compliant,
+)
 from stochvi.methods.monte_carlo.kernels.contact import HERTZ_ERROR, flow_through, symplectic
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.kernels.rows import (
@@ -30,6 +35,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 from stochvi.methods.monte_carlo.white import WhitePlan, plan_white
 from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
+from stochvi.model.model import model_of
 from stochvi.results.errors import NoExactSolution, NotApplicable, SceneError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.excitations import WhiteNoise
@@ -132,8 +138,8 @@ def test_the_mean_peak_force_is_that_of_rayleigh_impacts(name: str) -> None:
     """The contact without noise, integrated for each impact speed, averaged over their law."""
     system = EXACT[name].system()
     side, stop, law = stops_of(system)[-1]
-    kernel_stop = _stop(stop, law)
-    ends = (kernel_stop, None) if side < 0.0 else (None, kernel_stop)
+    constants = kernel_stop(stop, law)
+    ends = (constants, None) if side < 0.0 else (None, constants)
 
     def peak_force(speed: float) -> float:
         """Of the contacts within some seconds, which are all alike."""
@@ -197,7 +203,7 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
         length += 3.0 * law.damping_ratio / math.sqrt(law.stiffness)
     for _ in range(parts):
         x, v = flow_through(
-            x, v, length / parts, 0.0, None, _stop(0.0, law), 0.0, np.zeros(5), peaks, sums
+            x, v, length / parts, 0.0, None, kernel_stop(0.0, law), 0.0, np.zeros(5), peaks, sums
         )
     near = HERTZ_ERROR if law is BALL else 1e-9
     found = sums[CONTACT_UPPER:]
@@ -242,13 +248,13 @@ TWINS = {
 def test_a_path_equals_its_plain_twin(name: str) -> None:
     case, step, steps, path = TWINS[name], 0.4, 40, 5
     system = case.system()
-    plan = plan_compliant(system, None, steps * step).with_step(step)
+    plan = plan_compliant(model_of(case), None, steps * step).with_step(step)
     record = np.zeros((plan.steps, 1, 3))
     averages = plan.averages(9, path, 1, record)[:, 0]
     streams = np.empty((2, 1), np.uint64)
     seed_streams(np.uint64(9), path, streams)
     (start,), (speed,) = plan._start(streams)
-    stops = [(stop - plan.rest, side, law) for side, stop, law in stops_of(system)]
+    stops = [(stop - plan.model.rest, side, law) for side, stop, law in stops_of(system)]
     noise = normals(9, path, plan.steps + 2)[2:]
     x, v, sums, touches = kick_flow_kick_with_forces(
         start, speed, noise, step, system.omega, 0.1, 0.2, stops
@@ -270,7 +276,7 @@ def test_a_path_equals_its_plain_twin(name: str) -> None:
 
 
 def test_digits_do_not_depend_on_how_paths_are_gathered() -> None:
-    plan = plan_compliant(TWINS["viscoelastic"].system(), None, 20.0)
+    plan = plan_compliant(model_of(TWINS["viscoelastic"]), None, 20.0)
     whole = plan.averages(4, 0, 300)
     parts = [plan.averages(4, first, count) for first, count in ((0, 1), (1, 258), (259, 41))]
     assert np.array_equal(whole, np.concatenate(parts, axis=1))
@@ -305,7 +311,7 @@ PATHS = 512
 @pytest.mark.parametrize("case", EXACT.values(), ids=EXACT.keys())
 def test_conservative_stops_agree_with_the_exact_law(case: Scene) -> None:
     system = case.system()
-    plan = plan_compliant(system, None, None)
+    plan = plan_compliant(model_of(case), None, None)
     assert plan.elastic
     found = moments(plan, 21, PATHS)
     truth = values(exact(case))
@@ -360,7 +366,7 @@ LOSSY = {
 
 @pytest.mark.parametrize("case", LOSSY.values(), ids=LOSSY.keys())
 def test_balances_hold_where_stops_lose_energy(case: Scene) -> None:
-    plan = plan_compliant(case.system(), None, None)
+    plan = plan_compliant(model_of(case), None, None)
     found = moments(plan, 22, 256)
     coarse = balances_of(case, moments(plan.coarser(), 22, 256))
     balances = balances_of(case, found)
@@ -373,7 +379,7 @@ def test_balances_hold_where_stops_lose_energy(case: Scene) -> None:
 
 def test_the_energy_balance_notices_a_loss_that_is_left_out() -> None:
     case = LOSSY["viscoelastic"]
-    found = moments(plan_compliant(case.system(), None, None), 22, 256)
+    found = moments(plan_compliant(model_of(case), None, None), 22, 256)
     found["loss_upper"] = 0.0 * found["loss_upper"]
     with pytest.raises(AssertionError, match="standard errors"):
         assert_agrees(estimate(balances_of(case, found)["energy"]), 0.0)
@@ -382,12 +388,12 @@ def test_the_energy_balance_notices_a_loss_that_is_left_out() -> None:
 def test_stiff_viscoelastic_stops_become_rigid_ones_of_their_restitution() -> None:
     """On the same noise, path by path: differences shrink as the stiffness grows."""
     rigid_scene = scene(-1.0, 1.0, Restitution(coefficient=RUBBER.restitution))
-    rigid_plan = plan_white(rigid_scene.system(), None, None)
+    rigid_plan = plan_white(model_of(rigid_scene), None, None)
     rigid = moments(rigid_plan, 23, PATHS)
     off = []
     for stiffness in (1e3, 1e5, 1e8):
         law = Viscoelastic(stiffness=stiffness, damping_ratio=RUBBER.damping_ratio)
-        plan = plan_compliant(scene(-1.0, 1.0, law).system(), None, rigid_plan.duration)
+        plan = plan_compliant(model_of(scene(-1.0, 1.0, law)), None, rigid_plan.duration)
         plan = plan.with_step(rigid_plan.step)
         found = moments(plan, 23, PATHS)
         off.append(
@@ -433,7 +439,7 @@ def test_methods_for_rigid_stops_refuse_the_others() -> None:
     case = scene(-1.0, 1.0, lower_law=STEEL, upper_law=RUBBER)
     for refuse in (
         lambda case: linearise(case, variant="box"),
-        lambda case: plan_white(case.system(), None, None),
+        lambda case: plan_white(model_of(case), None, None),
     ):
         with pytest.raises(NotApplicable) as failure:
             refuse(case)
@@ -454,7 +460,7 @@ def test_methods_for_rigid_stops_refuse_the_others() -> None:
 )
 def test_what_has_no_stationary_state_here_is_refused(case, slow_impacts, words):
     with pytest.raises(NotApplicable, match=words):
-        plan_compliant(case.system(), None, None, slow_impacts)
+        plan_compliant(model_of(case), None, None, slow_impacts)
 
 
 def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
@@ -466,7 +472,7 @@ def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
         stiff = float(rng.choice([0.0, 1.0, 10.0 ** rng.uniform(-3.0, 3.0)]))
         stops = [(-1.0, centre - half, random_stop(rng)), (1.0, centre + half, random_stop(rng))]
         keep = rng.integers(0, 3)
-        ends = [None if keep == k else _stop(stops[k][1], stops[k][2]) for k in (0, 1)]
+        ends = [None if keep == k else kernel_stop(stops[k][1], stops[k][2]) for k in (0, 1)]
         held = [stop for end, stop in zip(ends, stops, strict=True) if end is not None]
         x, v = centre + rng.uniform(-1.0, 1.0) * half, 10.0 ** rng.uniform(-3.0, 1.0)
         h = 0.8 / math.sqrt(stiff) if stiff else 10.0 ** rng.uniform(-2.0, 0.0)

@@ -21,6 +21,7 @@ from stochvi.methods.monte_carlo.kernels.steps import Counting, Kick
 from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.white import ENOUGH_STEPS, WhitePlan, _flow
+from stochvi.model.model import model_of
 from stochvi.results.intervals import upper_limit_unseen
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
@@ -103,7 +104,7 @@ def test_elastic_stops_agree_with_the_exact_law(name: str, rel_error: float) -> 
 
 
 def test_a_narrow_elastic_gap_starts_in_its_law_and_stays_in_it() -> None:
-    plan = make_plan(CASES["gap 1e-6, R = 1"], None, None)
+    plan = make_plan(model_of(CASES["gap 1e-6, R = 1"]), None, None)
     assert plan.steps_per_path == ENOUGH_STEPS + 1
     sums = plan.averages(4, 0, 256)
     width, error = sums[1] * 3e12, 1.0 / math.sqrt(256)
@@ -154,7 +155,7 @@ def test_a_stop_that_is_never_reached_has_an_upper_limit() -> None:
     response = answer("gap 1e6")
     rate = response.impact_pairs["stops"]["collision_rate"]
     assert rate.value == rate.standard_error == 0.0
-    exposure = response.cost.paths * make_plan(CASES["gap 1e6"], None, None).duration
+    exposure = response.cost.paths * make_plan(model_of(CASES["gap 1e6"]), None, None).duration
     assert rate.upper_95 >= upper_limit_unseen(exposure)
     assert any("no impact on the upper stop" in line for line in response.warnings)
 
@@ -183,7 +184,7 @@ def test_exponent_of_slow_impacts_below_the_critical_restitution(restitution: fl
 
 def test_rate_at_no_restitution_grows_with_the_root_of_the_threshold() -> None:
     rates = []
-    plan = make_plan(CASES["R = 0"], None, None, slow_impacts=True)
+    plan = make_plan(model_of(CASES["R = 0"]), None, None, slow_impacts=True)
     for share in (0.05, 0.005):
         # steps as short as those in which noise brings a third of the threshold
         fine = replace(plan, threshold=share * plan.speed, burn_in=10.0, duration=20.0)
@@ -206,10 +207,10 @@ def test_a_start_beyond_a_stop_comes_back(name: str, monkeypatch: pytest.MonkeyP
 
     def beyond(plan: WhitePlan, streams: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         paths = streams.shape[1]
-        return np.full(paths, upper - plan.rest + 3.0), np.full(paths, 2.0)
+        return np.full(paths, upper - plan.model.rest + 3.0), np.full(paths, 2.0)
 
     monkeypatch.setattr(WhitePlan, "_start", beyond)
-    plan = make_plan(CASES[name], None, None)
+    plan = make_plan(model_of(CASES[name]), None, None)
     path = record_path(CASES[name], duration=400 * plan.step)
     assert np.isfinite(path.to_numpy()).all()
     assert path["displacement"].max() <= upper + 1e-12
@@ -271,11 +272,11 @@ def test_two_pairs_are_hit_in_one_step() -> None:
 def test_energy_between_elastic_stops_does_not_drift(steps: int) -> None:
     lanes = 64
     scene = CASES["R = 1"]
-    plan = make_plan(scene, None, None)
+    plan = make_plan(model_of(scene), None, None)
     x, v = np.linspace(-0.9, 0.9, lanes), np.linspace(0.3, 2.0, lanes)
     before = v**2 + x**2
     constants = (*plan._kernel_constants()[1:],)
-    assert constants[0] == _flow(scene.system(), plan.step)
+    assert constants[0] == _flow(plan.model, plan.step)
     run_white(
         x, v, np.ones((2, lanes), np.uint64), np.zeros((SUMS, lanes)), Kick(1.0, 0.0), *constants,
         Counting(0, steps // lanes, 10**6, 0.0, 0.0), None, None,
@@ -301,7 +302,7 @@ def test_energy_between_elastic_stops_does_not_drift(steps: int) -> None:
 )
 def test_halves_of_a_long_run_agree(name: str, steps: int) -> None:
     paths = 32
-    plan = make_plan(CASES[name], None, None)
+    plan = make_plan(model_of(CASES[name]), None, None)
     half = steps / paths / 2.0 * plan.step
     first = replace(plan, burn_in=plan.burn_in, duration=half).averages(6, 0, paths)
     second = replace(plan, burn_in=plan.burn_in + half, duration=half).averages(6, 0, paths)

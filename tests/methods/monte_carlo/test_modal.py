@@ -28,8 +28,8 @@ from stochvi.methods.monte_carlo.kernels.modal_stops import first_root
 from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.methods.monte_carlo.quantities import of_coordinate, of_pair
 from stochvi.methods.monte_carlo.statistics import PathStatistics
-from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
+from stochvi.model.model import model_of
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
@@ -69,7 +69,7 @@ def absorber(
 
 def by_modes(scene: Scene, paths: int, seed: int = 1, **changes: float) -> dict[str, Estimate]:
     """A scene of one oscillator by the engine for any structure."""
-    plan = replace(plan_modal(assemble(scene), None, None), **changes)
+    plan = replace(plan_modal(model_of(scene), None, None), **changes)
     found = PathStatistics.of(plan.averages(seed, 0, paths), plan.layout)
     pair = plan.layout.rows[-1][0]
     estimates = {}
@@ -114,14 +114,14 @@ def test_a_path_equals_that_of_the_engine_for_one_oscillator() -> None:
     """Two kernels that share the random numbers and nothing else: modes find impacts as roots of
     quintics, the other in closed form."""
     scene = oscillator(-0.6, 0.8, 0.8)
-    plan = replace(plan_modal(assemble(scene), 0.0, 30.0), step=0.1)
+    plan = replace(plan_modal(model_of(scene), 0.0, 30.0), step=0.1)
     record = np.zeros((plan.steps, 1, plan.record_width))
     one_by_one, by_lanes = (
         Log(np.empty((1000, COLUMNS)), np.zeros(1, np.int64), 0.0) for _ in range(2)
     )
     plan.averages(3, 5, 1, record, one_by_one)
     replace(plan, burn_in=plan.step).averages(3, 5, 1, log=by_lanes)
-    ours = plan.recorded(record)
+    ours = plan.columns(record)
     # the start of the other is another: from the first state of this one, by its plain twin
     start = -(-len(plan.law.covariance) // 2) * 2
     x, v, hits = kick_flow_kick(
@@ -182,9 +182,9 @@ def test_balances_hold_for_absorbers(case: dict) -> None:
 def test_a_wrong_mass_breaks_the_balances() -> None:
     """Simulated with 0.1 kg, judged as 0.11 kg."""
     scene = absorber(0.8)
-    plan = plan_modal(assemble(scene), None, None)
+    plan = plan_modal(model_of(scene), None, None)
     found = PathStatistics.of(plan.averages(4, 0, 2048), plan.layout)
-    wrong = assemble(absorber(0.8, mass=0.11))
+    wrong = model_of(absorber(0.8, mass=0.11))
     origin = [plan.layout.origins[name] for name in ("structure", "absorber")]
     value, error = found.evaluate(lambda means: residuals(wrong, means, origin)["virial"])
     assert abs(value) > 4.5 * error
@@ -237,7 +237,7 @@ def test_a_chain_between_elastic_stops_obeys_the_gibbs_law() -> None:
             WhiteNoise(on="b", intensity=0.6),
         ],
     )
-    assert assemble(scene).temperature == pytest.approx(1.0)
+    assert model_of(scene).temperature == pytest.approx(1.0)
     nodes, weights = np.polynomial.legendre.leggauss(80)
     a, wa = 0.1 + 0.8 * nodes, weights
     y, wy = 0.25 + 0.75 * nodes, weights
@@ -396,7 +396,7 @@ def test_step_covariances_add_up_to_the_stationary_one() -> None:
 
 
 def test_digits_of_a_path_do_not_depend_on_its_block_or_the_threads() -> None:
-    plan = plan_modal(assemble(absorber(0.8)), None, 50.0)
+    plan = plan_modal(model_of(absorber(0.8)), None, 50.0)
     whole = plan.averages(1, 0, 40)
     np.testing.assert_array_equal(whole[:, 30:], plan.averages(1, 30, 10))
     one, two = (simulate(absorber(0.8), paths=300, duration=40.0, threads=n) for n in (1, 2))

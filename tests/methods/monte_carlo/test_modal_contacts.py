@@ -26,8 +26,8 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import KINK_ERROR
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
-from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
+from stochvi.model.model import model_of
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law
@@ -194,20 +194,20 @@ def test_balances_hold_for_random_scenes(seed: int) -> None:
 def test_a_wrong_damper_breaks_the_energy_balance() -> None:
     """What the stops take, judged as 1.2 times as much."""
     scene = matched(Viscoelastic(stiffness=20.0, damping_ratio=0.3))
-    plan = make_plan(scene, None, 100.0)
+    plan = make_plan(model_of(scene), None, 100.0)
     found = PathStatistics.of(plan.averages(4, 0, 192), plan.layout)
-    assembly = assemble(scene)
-    origin = [plan.layout.origins[name] for name in assembly.coordinates]
+    model = model_of(scene)
+    origin = [plan.layout.origins[name] for name in model.coordinates]
 
     def energy(means: dict) -> float:
         wrong = {
             key: 1.2 * value if key[1].startswith("loss") else value for key, value in means.items()
         }
-        return residuals(assembly, wrong, origin)["energy"]
+        return residuals(model, wrong, origin)["energy"]
 
     value, error = found.evaluate(energy)
     assert abs(value) > 4.5 * error
-    value, error = found.evaluate(lambda means: residuals(assembly, means, origin)["energy"])
+    value, error = found.evaluate(lambda means: residuals(model, means, origin)["energy"])
     assert abs(value) < 4.5 * error
 
 
@@ -228,7 +228,7 @@ def test_a_path_is_that_of_brute_force(laws: tuple[Law, Law]) -> None:
     """Two stages on a truck, both gaps narrow: the same smooth input, integrated naively."""
     first, second = laws
     scene = two_stages(first, second)
-    plan = make_plan(scene, None, 1.0)
+    plan = make_plan(model_of(scene), None, 1.0)
     assert isinstance(plan, ModalTablesPlan)
     plan = replace(plan, burn_in=0.05)
     record = np.zeros((plan.steps, 1, plan.record_width))
@@ -247,20 +247,19 @@ def test_a_path_is_that_of_brute_force(laws: tuple[Law, Law]) -> None:
             [y0 + s * (v0 + s * (c2 + s * c3)), (v0 + s * (2.0 * c2 + 3.0 * s * c3)) / h]
         )
 
-    contacts = assemble(scene).contacts
+    pairs = model_of(scene).pairs
     touched = [0, 0]
 
     def rate(t: float, e: np.ndarray) -> np.ndarray:
         total = smooth(t) + e
         pull = -plan.modes.squares * e[:n] - plan.modes.damping @ e[n:]
-        for j, contact in enumerate(contacts):
+        for j, pair in enumerate(pairs):
             y, v = plan.modes.gaps[j] @ total[:n], plan.modes.gaps[j] @ total[n:]
-            for side, stop, law in contact.stops:
-                sign = 1.0 if side == "upper" else -1.0
-                more = {"mass": contact.mass} if isinstance(law, Viscoelastic) else {}
-                force = float(law.force_at(sign * (y - stop), sign * v, **more))
+            for stop in pair.stops:
+                more = {"mass": pair.mass} if isinstance(stop.law, Viscoelastic) else {}
+                force = float(stop.law.force_at(stop.deflection(y), stop.side * v, **more))
                 touched[j] += force > 0.0
-                pull -= sign * force * plan.modes.gaps[j]
+                pull -= stop.side * force * plan.modes.gaps[j]
         return np.concatenate([e[n:], pull])
 
     # from the end of the first counted step, at sample 0
@@ -284,7 +283,7 @@ def test_a_path_is_that_of_brute_force(laws: tuple[Law, Law]) -> None:
 
 def test_digits_do_not_depend_on_blocks_or_threads() -> None:
     scene = absorber(Viscoelastic(stiffness=20.0, damping_ratio=0.2))
-    plan = make_plan(scene, None, 30.0)
+    plan = make_plan(model_of(scene), None, 30.0)
     whole = plan.averages(1, 0, 40)
     np.testing.assert_array_equal(whole[:, 30:], plan.averages(1, 30, 10))
     one, two = (simulate(scene, paths=70, duration=20.0, threads=n) for n in (1, 2))

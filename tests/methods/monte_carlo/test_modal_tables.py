@@ -24,11 +24,11 @@ from stochvi.mathematics.frequency_response import beyond, bin_amplitudes, covar
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.state_space import stationary_covariance
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
-from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
+from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.tabulated import LARGEST_LOSS, TabulatedPlan
-from stochvi.model.assembly import assemble, modes_of
 from stochvi.model.modal import linear_law
+from stochvi.model.model import model_of
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law
@@ -64,7 +64,7 @@ def mount(law: Law | None, matrices: bool, more: tuple = ()) -> Scene:
 
 def structure() -> tuple[np.ndarray, np.ndarray, list]:
     """Modal stiffness, damping (which couples the modes), and the truck's forces."""
-    modes = modes_of(assemble(without_pairs(two_stages(SOFT, SOFT))))
+    modes = model_of(without_pairs(two_stages(SOFT, SOFT))).modal
     assert abs(modes.damping[0, 1]) > 1e-3 * abs(modes.damping[0, 0])
     return np.diag(modes.squares), modes.damping, list(modes.tables)
 
@@ -110,7 +110,7 @@ def test_bins_hold_all_of_the_response() -> None:
 
 
 def test_a_rough_law_knows_of_tables() -> None:
-    modes = modes_of(assemble(without_pairs(two_stages(SOFT, SOFT))))
+    modes = model_of(without_pairs(two_stages(SOFT, SOFT))).modal
     law = linear_law(modes)
     assert law is not None
     whole = covariance(modes.tables, np.diag(modes.squares), modes.damping)
@@ -126,7 +126,7 @@ def test_without_stops_the_variances_are_exact(white: bool) -> None:
     if white:
         noise = WhiteNoise(on="box", intensity=4e3)
         scene = scene.model_copy(update={"excitations": (TRUCK, noise)})
-    modes = modes_of(assemble(scene))
+    modes = model_of(scene).modal
     law = linear_law(modes)
     assert law is not None
     shapes = np.kron(np.eye(2), modes.shapes)
@@ -156,13 +156,13 @@ def test_without_stops_the_variances_are_exact(white: bool) -> None:
 def test_paths_are_those_of_the_engine_for_one_oscillator(law: Law) -> None:
     """The same free responses, impacts by other kernels: one takes the whole motion between two
     samples for a cubic, the other the response to the table alone."""
-    ours = make_plan(mount(law, matrices=True), 0.0, 10.0)
-    other = make_plan(mount(law, matrices=False), 0.0, 10.0)
-    assert isinstance(ours, ModalTablesPlan) and isinstance(other, TabulatedPlan)
+    ours = plan_modal_tables(model_of(mount(law, matrices=True)), 0.0, 10.0)
+    other = make_plan(model_of(mount(law, matrices=False)), 0.0, 10.0)
+    assert isinstance(other, TabulatedPlan)
     assert (ours.samples, ours.block_length) == (other.samples, pytest.approx(other.block_length))
     ours = replace(ours, burn_in=other.warm_up)
     found = ours.averages(1, 0, 8)
-    rows = layout_of(mount(law, matrices=False), other).rows
+    rows = other.layout.rows
     sums = np.zeros((len(rows), 8))
     free = ours.free_response(1, 0, 8, 0)[:, 0].copy()
     other.fly(free, other.warm_up_samples, other._counted_samples, sums)
@@ -255,7 +255,7 @@ def test_a_loose_mass_on_a_shaken_base() -> None:
 
 def test_nothing_much_lies_beyond_the_cut() -> None:
     scene = without_pairs(two_stages(SOFT, SOFT))
-    plan = make_plan(scene, None, None)
+    plan = make_plan(model_of(scene), None, None)
     modes = plan.modes
     f, left = beyond(modes.tables, np.diag(modes.squares), modes.damping, modes.shapes)
     assert np.all(left[f > 0.5 / plan.step][0] <= LARGEST_LOSS * left[0])
@@ -268,7 +268,7 @@ def test_nothing_much_lies_beyond_the_cut() -> None:
 
 def test_digits_do_not_depend_on_blocks_or_threads() -> None:
     scene = two_stages(SOFT, Restitution(coefficient=0.6))
-    plan = make_plan(scene, None, 3.0)
+    plan = make_plan(model_of(scene), None, 3.0)
     whole = plan.averages(1, 0, 6)
     np.testing.assert_array_equal(whole[:, 4:], plan.averages(1, 4, 2))
     one, two = (simulate(scene, paths=40, duration=2.0, threads=n) for n in (1, 2))

@@ -25,11 +25,12 @@ from stochvi import (
 from stochvi.methods.monte_carlo import record_path, runs
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
+from stochvi.model.model import model_of
 from stochvi.testing import assert_agrees
 from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, Units, oscillator, values
 from support.mounts import TRUCK, isolator
@@ -40,7 +41,7 @@ QUANTITIES = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_s
 
 def run(scene: Scene, plan, seed: int, paths: int) -> PathStatistics:
     """Statistics of the first paths of a plan."""
-    return PathStatistics.of(plan.averages(seed, 0, paths), layout_of(scene, plan))
+    return PathStatistics.of(plan.averages(seed, 0, paths), plan.layout)
 
 
 def rate(means: dict) -> float:
@@ -84,7 +85,7 @@ def compare_with_twin(case: dict, load: float, omega: float) -> None:
     step, path = 0.25, 5
     # not longer: bounces in quick succession double the rounding errors again and again
     record = record_path(scene, duration=30.0, seed=9, path=path, step=step)
-    plan = make_plan(scene, 0.0, 30.0)
+    plan = make_plan(model_of(scene), 0.0, 30.0)
     log = Log(np.empty((10**5, COLUMNS)), np.zeros(1, np.int64), 0.0)
     whole = np.zeros((len(record), 1, 3))
     plan.with_step(step).averages(9, path, 1, whole, log=log)
@@ -93,14 +94,14 @@ def compare_with_twin(case: dict, load: float, omega: float) -> None:
     (start,), (speed,) = plan._start(streams)
     steps = len(record)
     stops = [
-        (position - plan.rest, case["restitution"], side)
+        (position - plan.model.rest, case["restitution"], side)
         for position, side in ((case["lower"], -1.0), (case["upper"], 1.0))
         if position is not None
     ]
     x, v, hits = kick_flow_kick(
         start, speed, normals(9, path, steps + 2)[2:], step, omega, 0.1, 0.2, stops
     )
-    np.testing.assert_allclose(record["displacement"], x + plan.rest, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(record["displacement"], x + plan.model.rest, rtol=0, atol=1e-9)
     np.testing.assert_allclose(record["velocity"], v, rtol=0, atol=1e-8)
     signed = sum(side * w for side, w, _ in hits)
     assert record["impact_speed"].sum() == pytest.approx(signed, rel=0, abs=1e-7)
@@ -152,7 +153,7 @@ def test_elastic_stops_agree_with_the_exact_law(case: dict) -> None:
 def test_half_the_step_is_free_of_bias_too() -> None:
     scene = oscillator(-1.0, 1.0, 1.0)
     truth = values(exact(scene))
-    plan = make_plan(scene, None, None)
+    plan = make_plan(model_of(scene), None, None)
     for factor in (0.5, 2.0):
         changed = plan.with_step(factor * plan.step)
         value, error = run(scene, changed, 5, 4096).evaluate(rate)
@@ -205,7 +206,7 @@ def test_the_stated_bias_covers_that_of_a_coarse_step() -> None:
     """At four times the default step F2 is off beyond its noise; the stated bias knows."""
     truth = near_exact(0.5)["velocity_std"]
     scene = oscillator(-1.0, 1.0, 0.5)
-    coarse = make_plan(scene, None, None).with_step(0.6)
+    coarse = make_plan(model_of(scene), None, None).with_step(0.6)
     half = run(scene, coarse.with_step(0.3), 6, 32768)
     full = run(scene, coarse, 6, 32768)
 
@@ -225,7 +226,7 @@ def test_rates_of_slow_impacts_do_not_depend_on_a_refined_step() -> None:
     scene = oscillator(-1.0, 1.0, 0.2)
 
     def rate_at(step: float, slow_impacts: bool, paths: int) -> tuple[float, float]:
-        plan = make_plan(scene, None, 400.0, slow_impacts).with_step(step)
+        plan = make_plan(model_of(scene), None, 400.0, slow_impacts).with_step(step)
         return run(scene, plan, 31, paths).evaluate(rate)
 
     (coarse, coarse_error), (fine, fine_error) = rate_at(0.2, True, 6144), rate_at(0.05, True, 1024)
@@ -278,7 +279,7 @@ def test_the_end_of_step_mirror_is_caught() -> None:
 def test_a_wrong_restitution_breaks_the_energy_balance() -> None:
     """Simulated with R = 0.8, judged as R = 0.81."""
     scene = oscillator(-1.0, 1.0, 0.8)
-    statistics = run(scene, make_plan(scene, None, None), 8, 8192)
+    statistics = run(scene, make_plan(model_of(scene), None, None), 8, 8192)
     claimed = assemble(oscillator(-1.0, 1.0, 0.81))
     value, error = statistics.evaluate(lambda means: residuals(claimed, means, (0.0,))["energy"])
     assert abs(value) > 4.5 * error
@@ -310,7 +311,7 @@ def test_a_wide_flat_table_is_white_noise() -> None:
 def test_truck_isolator_agrees_with_a_full_band_record() -> None:
     gap, scene = 0.004, isolator(0.004)
     xx, vv, rate = full_band_isolator(
-        np.random.default_rng(22), scene.system().tables[0], scene.structure.omega,
+        np.random.default_rng(22), model_of(scene).acceleration_tables[0], scene.structure.omega,
         scene.structure.damping_rate, gap, 0.5, paths=512, rate=2048.0, length=16.0,
     )  # fmt: skip
     found = quantities(scene, rel_error=0.01, seed=17, speed_threshold=0.0)
@@ -351,10 +352,10 @@ def test_digits_do_not_depend_on_the_executor() -> None:
 
 
 def test_digits_of_a_path_do_not_depend_on_its_block() -> None:
-    plan = make_plan(oscillator(-1.0, 1.0, 0.8), None, 50.0)
+    plan = make_plan(model_of(oscillator(-1.0, 1.0, 0.8)), None, 50.0)
     whole = plan.averages(1, 0, 300)
     np.testing.assert_array_equal(whole[:, 290:300], plan.averages(1, 290, 10))
-    table = make_plan(isolator(0.004), None, 40.0)
+    table = make_plan(model_of(isolator(0.004)), None, 40.0)
     np.testing.assert_array_equal(table.averages(1, 0, 8)[:, 5:], table.averages(1, 5, 3))
 
 
@@ -446,7 +447,7 @@ def test_a_table_far_below_the_resonance_keeps_its_velocity(band: list, zeta: fl
 def test_a_narrow_gap_under_a_table_is_sampled_finely_enough() -> None:
     """Elastic stops at 0.05 sigma: halving the samples' distance changes nothing of substance."""
     scene = isolator(1e-4, 1.0)
-    plan = make_plan(scene, None, 2.0)
+    plan = make_plan(model_of(scene), None, 2.0)
     usual, finer = (run(scene, p, 5, 32) for p in (plan, plan.finer()))
     for quantity in (lambda m: m["x", "vv"], of_pair("stops")["impact_speed_rate"]):
         (value, error), (other, other_error) = usual.evaluate(quantity), finer.evaluate(quantity)
@@ -470,11 +471,11 @@ def test_a_mass_at_rest_on_a_stop_still_presses_on_it(restitution: float) -> Non
 
 def test_one_path_with_all_the_hits_is_an_answer_too() -> None:
     scene = oscillator(-4.0, 4.0, 1.0)
-    plan = make_plan(scene, None, 100.0)
+    plan = make_plan(model_of(scene), None, 100.0)
     averages = plan.averages(1, 0, 64)
     averages[3:] = 0.0
     averages[3:6, 17] = 0.01
-    statistics = PathStatistics.of(averages, layout_of(scene, plan))
+    statistics = PathStatistics.of(averages, plan.layout)
     value, error = statistics.evaluate(speed_mean("stops"))
     assert value == pytest.approx(1.0)
     assert math.isfinite(error)

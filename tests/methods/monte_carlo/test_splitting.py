@@ -25,6 +25,7 @@ from stochvi.methods.monte_carlo.splitting import (
     pilot_levels,
     repetition,
 )
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.testing import assert_agrees
@@ -32,7 +33,7 @@ from support.known import P_AT_3, P_AT_4, RARE, TEN_PERIODS, oscillator
 
 
 def passage(barrier: float, start: str = "rest") -> MissionPlan:
-    return passage_plan(oscillator().system(), -barrier, barrier, TEN_PERIODS, start)  # type: ignore[arg-type]
+    return passage_plan(model_of(oscillator()), -barrier, barrier, TEN_PERIODS, start)  # type: ignore[arg-type]
 
 
 def estimate(sample: Sample) -> Estimate:
@@ -47,8 +48,8 @@ def repeated(
 
 def plain_flight(plan: MissionPlan, fleet: Fleet, path: int, level: float) -> tuple[float, ...]:
     """One path of a passage, step by step: x, v, steps left, whether it passed."""
-    h, b = plan.step, plan.base.system.damping_rate
-    intensity = plan.base.system.intensity
+    h, b = plan.step, plan.base.model.damping_rate
+    intensity = plan.base.model.intensity
     decay = math.exp(-b * h)
     spread = math.sqrt(intensity * (1.0 - math.exp(-2.0 * b * h)) / (2.0 * b))
     x, v, left = fleet.x[path], fleet.v[path], int(fleet.left[path])
@@ -86,7 +87,7 @@ def test_a_flight_is_that_of_its_plain_twin() -> None:
 
 
 def test_digits_do_not_depend_on_how_paths_fly_together() -> None:
-    plan = impact_plan(oscillator(-1.0, 1.0, 0.8).system(), 20.0, "stationary", 1.5)
+    plan = impact_plan(model_of(oscillator(-1.0, 1.0, 0.8)), 20.0, "stationary", 1.5)
     together, apart = plan.fleet(2, 0, 700), plan.fleet(2, 0, 700)
     plan.fly(together, 4.0)
     for first in range(0, 700, 175):
@@ -146,7 +147,7 @@ def test_intervals_cover_and_a_count_of_the_last_level_does_not() -> None:
 
 def test_expected_hits_of_a_rare_hit_are_the_exact_rate() -> None:
     scene = oscillator(-4.0, 4.0)
-    plan = impact_plan(scene.system(), TEN_PERIODS, "stationary")
+    plan = impact_plan(model_of(scene), TEN_PERIODS, "stationary")
     levels = pilot_levels(plan, 1).levels
     found = of_repetitions([repetition(plan, levels, 2, i, 1024, True) for i in range(24)])
     rate = exact(scene).impact_pairs["stops"]["collision_rate"]
@@ -159,7 +160,7 @@ def test_expected_hits_of_a_rare_hit_are_the_exact_rate() -> None:
 
 @pytest.mark.parametrize(("restitution", "speed"), [(1.0, 3.5), (0.8, 2.5)])
 def test_fast_impacts_by_splitting_and_by_counting(restitution: float, speed: float) -> None:
-    plan = impact_plan(oscillator(-1.0, 1.0, restitution).system(), 30.0, "rest", speed)
+    plan = impact_plan(model_of(oscillator(-1.0, 1.0, restitution)), 30.0, "rest", speed)
     levels = pilot_levels(plan, 1).levels
     split = of_repetitions(repeated(plan, levels, 24, 512))
     counted = of_missions([crude(plan, 2, 0, 30_000, False)])
@@ -174,7 +175,7 @@ def test_fast_impacts_between_elastic_stops_are_no_more_than_expected() -> None:
     """Impact speeds are Rayleigh: nu exp(-w^2 / (2 theta)) a second are faster than w (B 13.38),
     which bounds the chance of any, and is some clumps times it."""
     speed, scene = 5.0, oscillator(-1.0, 1.0)
-    plan = impact_plan(scene.system(), TEN_PERIODS, "stationary", speed)
+    plan = impact_plan(model_of(scene), TEN_PERIODS, "stationary", speed)
     found = of_repetitions(repeated(plan, pilot_levels(plan, 1).levels, 20, 512))
     rate = exact(scene).impact_pairs["stops"]["collision_rate"]
     assert isinstance(rate, Estimate)
@@ -196,8 +197,8 @@ def test_peak_accelerations_are_those_of_the_speeds_that_bring_them() -> None:
     chances = [
         of_missions([crude(plan, seed, 0, 8000, False)])
         for seed, plan in (
-            (1, acceleration_plan(scene.system(), 30.0, "rest", sharpest)),
-            (2, impact_plan(scene.system(), 30.0, "rest", speed)),
+            (1, acceleration_plan(model_of(scene), 30.0, "rest", sharpest)),
+            (2, impact_plan(model_of(scene), 30.0, "rest", speed)),
         )
     ]
     first, second = chances

@@ -27,6 +27,7 @@ from stochvi.methods.monte_carlo.tabulated import (
     LARGEST_LOSS,
     TabulatedPlan,
 )
+from stochvi.model.model import model_of
 from stochvi.scenes.datasets import profiles
 from support.mounts import TRUCK, isolator
 from support.naive import held_force, response_domain
@@ -47,7 +48,7 @@ def mount(frequency_hz: float, profile: str, sigmas: float | None, restitution: 
 
 
 def plan_of(scene: Scene, duration: float | None = None) -> TabulatedPlan:
-    plan = make_plan(scene, 0.0, duration)
+    plan = make_plan(model_of(scene), 0.0, duration)
     assert isinstance(plan, TabulatedPlan)
     return plan
 
@@ -61,8 +62,8 @@ SHIPPED = pytest.mark.parametrize(
 
 def true_moments(plan: TabulatedPlan) -> tuple[float, float]:
     """E x^2, E v^2 by frequency integrals."""
-    system = plan.system
-    moments = response_moments(system.tables, system.omega, system.damping_rate)
+    model = plan.model
+    moments = response_moments(plan.tables, model.omega, model.damping_rate)
     return moments.displacement, moments.velocity
 
 
@@ -165,21 +166,21 @@ def test_a_path_equals_its_plain_twin(case: tuple[float | None, float | None, fl
     plan = plan_of(isolator(None).model_copy(update={"impact_pairs": (pair,)}), duration=0.5)
     plan = replace(plan, warm_up=0.0)
     stops = [(u, restitution, side) for u, side in ((lower, -1.0), (upper, 1.0)) if u is not None]
-    record = np.zeros((plan.recorded_samples, 3, 3))
+    record = np.zeros((plan.steps, 3, 3))
     log = Log(np.empty((1000, COLUMNS)), np.zeros(1, np.int64), 0.0)
     averages = plan.averages(SEED, 0, 3, record, log=log)
     events = log.events[: log.count[0]]
     compared = 0
     for path in range(3):
         # y and y' as sums of cosines, from one sample before the first
-        when = plan.step * np.arange(-1, plan.recorded_samples)
+        when = plan.step * np.arange(-1, plan.steps)
         omega = frequencies(plan)
         wave = coefficients(plan, path, plan.amplitudes) * np.exp(1j * when[:, None] * omega)
         free = np.stack([wave.real.sum(axis=1), (1j * omega * wave).real.sum(axis=1)], axis=1)
         if any(side * free[0, 0] > side * u for u, _, side in stops):
             continue  # the twin begins inside
         x, v, hits = response_domain(
-            free, plan.step, plan.system.omega, plan.system.damping_rate, stops
+            free, plan.step, plan.model.omega, plan.model.damping_rate, stops
         )
         compared += len(hits)
         np.testing.assert_allclose(record[:, path, 0], x, rtol=0, atol=1e-10)
@@ -201,7 +202,7 @@ def test_a_path_equals_its_plain_twin(case: tuple[float | None, float | None, fl
 
 def test_a_record_holds_what_the_averages_count_and_nothing_of_the_warm_up() -> None:
     plan = plan_of(isolator(0.003), duration=20.0)
-    record = np.zeros((plan.recorded_samples, 3, 3))
+    record = np.zeros((plan.steps, 3, 3))
     averages = plan.averages(SEED, 4, 3, record)
     x, v, speed = (record[:, :, part] for part in range(3))
     np.testing.assert_allclose(averages[X], x.mean(axis=0), rtol=1e-10)
@@ -238,18 +239,18 @@ def paired_differences(
     scene: Scene, paths: int, rate: float, group: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """(x^2, v^2, hits, F1, F2) of the engine and of a held force with the same coefficients."""
-    plan = make_plan(scene, None, None)
+    plan = make_plan(model_of(scene), None, None)
     assert isinstance(plan, TabulatedPlan)
-    system, pair = plan.system, scene.impact_pairs[0]
-    top = max(float(table.frequency_hz[-1]) for table in system.tables)
+    model = plan.model
+    top = max(float(table.frequency_hz[-1]) for table in plan.tables)
     # all of the table, and no fold
     full = plan.with_step(0.5 / (1.01 * top))
     omega = 2.0 * np.pi / plan.block_length * np.arange(1, full.samples // 2)
     response = np.sqrt(full.bins[: len(omega)])
-    gain = 1.0 / (system.omega**2 - omega**2 + 1j * system.damping_rate * omega)
+    gain = 1.0 / (model.omega**2 - omega**2 + 1j * model.damping_rate * omega)
     np.testing.assert_allclose(
         np.abs(gain) ** 2,
-        squared_gain(omega / (2.0 * np.pi), system.omega, system.damping_rate),
+        squared_gain(omega / (2.0 * np.pi), model.omega, model.damping_rate),
         rtol=1e-9,
     )
     samples = round(rate * plan.block_length / 4.0) * 4
@@ -262,8 +263,8 @@ def paired_differences(
             spectrum[index, 1 : len(omega) + 1] = coefficients(full, first + index, response) / gain
         force = np.fft.irfft(spectrum * samples / 2.0, samples, axis=1)
         brute[0, here], brute[1, here], brute[2:, here] = held_force(
-            np.ascontiguousarray(force.T).T, samples / plan.block_length, system.omega,
-            system.damping_rate, pair.upper, system.restitution_upper, plan.threshold,
+            np.ascontiguousarray(force.T).T, samples / plan.block_length, model.omega,
+            model.damping_rate, model.upper.position, model.upper.coefficient, plan.threshold,
         )  # fmt: skip
         sums = plan.averages(SEED, first, group)
         engine[:, here] = [sums[XX], sums[VV], *(sums[N_LOWER : N_LOWER + 3] + sums[-3:])]

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from stochvi import Estimate, NotApplicable, Restitution, Scene, TabulatedNoise, exact, simulate
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, _stop
+from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     CONTACT_ERROR,
     KINK_ERROR,
@@ -39,9 +39,10 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     XX,
     X,
 )
-from stochvi.methods.monte_carlo.plans import layout_of, make_plan
+from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
+from stochvi.model.model import model_of
 from stochvi.results.response import QUANTITY_UNITS
 from stochvi.scenes.excitations import FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, Law, Viscoelastic
@@ -59,7 +60,7 @@ FAINT = TabulatedNoise(frequency_hz=[0.1, 0.2], density=[1e-12, 1e-12], unit="N2
 
 
 def plan_of(scene: Scene, duration: float | None = None) -> TabulatedPlan:
-    plan = make_plan(scene, 0.0, duration)
+    plan = make_plan(model_of(scene), 0.0, duration)
     assert isinstance(plan, TabulatedPlan) and plan.contacts
     return plan
 
@@ -85,7 +86,7 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
     near, h = NEAR.get(law.kind, KINK_ERROR), length / parts
     for side, row, count in ((1.0, CONTACT_UPPER, N_UPPER), (-1.0, CONTACT_LOWER, N_LOWER)):
         sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
-        stops = (None, _stop(0.0, law)) if side > 0.0 else (_stop(0.0, law), None)
+        stops = (None, kernel_stop(0.0, law)) if side > 0.0 else (kernel_stop(0.0, law), None)
         x, v = 0.0, side * SPEED
         for _ in range(parts):
             x, v = cross_contacts(
@@ -153,8 +154,8 @@ def test_an_interval_equals_that_of_a_general_solver(law: Law) -> None:
         x1 = x0 + 0.5 * span * (v0 + v1)
         sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
         x, v = cross_contacts(
-            x0, v0, x1, v1, span, (1.0, 0.1), None, _stop(stop, law), 0.0, 1.0, np.zeros(TALLY),
-            peaks, np.zeros(EXTREMES), sums,
+            x0, v0, x1, v1, span, (1.0, 0.1), None, kernel_stop(stop, law), 0.0, 1.0,
+            np.zeros(TALLY), peaks, np.zeros(EXTREMES), sums,
         )  # fmt: skip
         q = cubic_between(x0, v0, x1, v1, span)
         expected = interval_by_a_general_solver((x0, v0), q, span, law, stop)
@@ -172,7 +173,7 @@ def test_an_interval_equals_that_of_a_general_solver(law: Law) -> None:
 def estimates(scene: Scene, paths: int, seed: int) -> dict[str, Estimate]:
     """Quantities with the bias from twice the interval."""
     plan = plan_of(scene)
-    layout = layout_of(scene, plan)
+    layout = plan.layout
     averages = plan.averages(seed, 0, paths)
     fine = PathStatistics.of(averages, layout)
     coarse = PathStatistics.of(plan.coarser().averages(seed, 0, paths), layout)
@@ -234,11 +235,11 @@ NAMES = ("x^2", "v^2", "onsets", "peaks", "ended", "force")
 def paired(scene: Scene, paths: int, rate: float, parts: int, law: Law, group: int) -> np.ndarray:
     """(2, NAMES, paths) of the engine and of a held force with the same coefficients."""
     plan = plan_of(scene)
-    top = max(float(table.frequency_hz[-1]) for table in plan.system.tables)
+    top = max(float(table.frequency_hz[-1]) for table in plan.tables)
     full = plan.with_step(0.5 / (1.01 * top))
     omega = 2.0 * np.pi / plan.block_length * np.arange(1, full.samples // 2)
-    response, b = np.sqrt(full.bins[: len(omega)]), plan.system.damping_rate
-    gain = 1.0 / (plan.system.omega**2 - omega**2 + 1j * b * omega)
+    response, b = np.sqrt(full.bins[: len(omega)]), plan.model.damping_rate
+    gain = 1.0 / (plan.model.omega**2 - omega**2 + 1j * b * omega)
     samples = round(rate * plan.block_length / 4.0) * 4
     assert samples > 2 * len(omega)
     found = np.zeros((2, len(NAMES), paths))
@@ -253,7 +254,7 @@ def paired(scene: Scene, paths: int, rate: float, parts: int, law: Law, group: i
             spectrum[index, 1 : len(omega) + 1] = coefficients(full, first + index, response) / gain
         force = np.fft.irfft(spectrum * samples / 2.0, samples, axis=1)
         found[1, :, here] = held_force_with_contacts(
-            np.ascontiguousarray(force.T).T, samples / plan.block_length, plan.system.omega, b,
+            np.ascontiguousarray(force.T).T, samples / plan.block_length, plan.model.omega, b,
             scene.impact_pairs[0].upper, law, parts,
         )  # fmt: skip
         sums = plan.averages(SEED, first, group)
@@ -321,7 +322,7 @@ def test_hits_and_forces_agree_whatever_the_stiffness(
 def test_stiff_stops_become_rigid_ones_of_their_restitution(z: float) -> None:
     """On the same noise, path by path: differences shrink as the stiffness grows."""
     rigid_law = Restitution(coefficient=Viscoelastic(stiffness=1.0, damping_ratio=z).restitution)
-    rigid_plan = make_plan(bumpered_mount(rigid_law), 0.0, None)
+    rigid_plan = make_plan(model_of(bumpered_mount(rigid_law)), 0.0, None)
     rigid = rigid_plan.averages(SEED, 0, 64)
     rows, off = [XX, VV, N_UPPER, F1_UPPER], []
     for ratio in (1e2, 1e8):
@@ -451,7 +452,7 @@ def test_any_interval_ends_and_gains_no_energy_from_a_stop() -> None:
     for _ in range(400):
         half, v = 10.0 ** rng.uniform(-6.0, 0.0), 10.0 ** rng.uniform(-3.0, 1.0)
         laws = [random_stop(rng), random_stop(rng)]
-        stops = [_stop(side * half, law) for side, law in zip((-1.0, 1.0), laws, strict=True)]
+        stops = [kernel_stop(side * half, law) for side, law in zip((-1.0, 1.0), laws, strict=True)]
         # some crossings of the gap, or an interval as long as a contact
         times = [law.impact(v, 1.0).contact_time for law in laws if not law.rigid]
         h = float(rng.choice([*times, 10.0 * half / v]))
