@@ -34,7 +34,7 @@ from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
-from stochvi.statistics.bursts import Bursts, bursts
+from stochvi.statistics.bursts import Bursts, _widened, bursts
 from stochvi.testing import assert_agrees
 
 
@@ -107,6 +107,21 @@ def test_a_mount_that_its_stops_pump_against_simulation() -> None:
     assert_agrees(difference, 0.0)
     assert found.hits_per_burst().value > 15.0
     assert by_bursts.value > 15.0 * found.first_rate.value
+
+
+def test_weights_of_faster_first_hits_give_back_the_moments_of_rayleighs_law() -> None:
+    """Slopes at even quantiles, half of them made larger: E 1 = 1, E s^2 = 2, E s^4 = 8."""
+
+    def moments(count: int) -> np.ndarray:
+        quantiles = (np.arange(count) + 0.5) / count
+        slopes, weight = _widened(
+            np.repeat(np.sqrt(-2.0 * np.log1p(-quantiles)), 2)[None, :], widening=2.0
+        )
+        return np.array([(weight * slopes**power).mean() for power in (0, 2, 4)])
+
+    fine, coarse = moments(40_000), moments(10_000)
+    # the tails that the quantiles leave out shrink with their number
+    np.testing.assert_array_less(np.abs(fine - [1.0, 2.0, 8.0]), np.abs(fine - coarse) + 1e-9)
 
 
 def test_faster_first_hits_are_weighted_back() -> None:
