@@ -139,3 +139,13 @@ def test_each_side_of_the_scene_brings_half_the_bursts_of_its_distance(sizing: S
         assert probability_of_stops(replace(sizing, scene=scene)) == pytest.approx(
             -math.expm1(-0.5 * sum(expected)), rel=1e-9
         )
+
+
+def test_the_only_stop_of_a_scene_brings_all_the_bursts_of_its_distance(sizing: Sizing) -> None:
+    """The curve of a sizing with one stop counts the hits on it alone."""
+    pair = sizing.scene.impact_pairs[0].model_copy(update={"lower": None, "upper": 8e-3})
+    scene = sizing.scene.model_copy(update={"impact_pairs": (pair,)})
+    expected = bursts(sizing, 8e-3 + sizing.scene.structure.sag)
+    assert probability_of_stops(replace(sizing, scene=scene)) == pytest.approx(
+        -math.expm1(-expected), rel=1e-9
+    )
