@@ -29,8 +29,9 @@ from stochvi import (
 )
 from stochvi.absorbers import design_absorber
 from stochvi.absorbers.design import GRID, _best_box, alone
-from stochvi.absorbers.performance import linear_rms, without_absorber
+from stochvi.absorbers.performance import _absorbed, linear_rms, without_absorber
 from stochvi.cli import main
+from stochvi.model.model import model_of
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
@@ -326,6 +327,21 @@ def test_what_impacts_absorb_is_what_dampers_do_not(rel_error: float) -> None:
         bias=scale * loss.bias + share.bias,
     )
     assert_agrees(expected, share.value)
+    # a velocity that may be off moves the share by what its damper would take more
+    response, off = found.response, 1e-3
+    speed = response.coordinates["structure"]["velocity_std"]
+    coordinates = dict(response.coordinates)
+    coordinates["structure"] = {
+        **coordinates["structure"], "velocity_std": replace(speed, bias=speed.bias + off),
+    }  # fmt: skip
+    doubtful = _absorbed(model_of(scene), replace(response, coordinates=coordinates))
+    assert doubtful is not None
+    taken = reduced * (1.0 - 0.5**2) / 2.0 * loss.value
+    whole = taken / share.value
+    moved = share.value - taken / (whole + 0.02 * ((speed.value + off) ** 2 - speed.value**2))
+    assert moved > 1e-4
+    # the bound is of first order in what is off
+    assert doubtful.bias - share.bias == pytest.approx(moved, rel=off / speed.value)
 
 
 def test_rubber_walls_take_what_white_noise_supplies() -> None:
