@@ -123,7 +123,7 @@ def plan_for(costs: dict[str, float], steps: float, cores: int) -> dict[str, flo
     blocks = steps / costs["steps_of_a_block"]
     tasks = 0.0
     if cores > 1:
-        crew = Crew(None, cores, theirs=True, block_seconds=costs["block_s"])
+        crew = Crew(None, cores, external_executor=True, block_seconds=costs["block_s"])
         tasks = blocks / crew.per_task(math.ceil(blocks))
     rounds = math.ceil(tasks / cores) * cores / tasks if tasks else 1.0  # some wait at the end
     found = {

@@ -11,6 +11,7 @@ import hashlib
 import importlib.metadata
 import math
 import platform
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
@@ -18,6 +19,9 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import islice
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
@@ -50,6 +54,21 @@ SHORTEST_BLOCK = 1e-6
 
 MOST_ATTEMPTS = 4
 """How often a block is begun before it is given up. Schedulers do lost blocks again themselves."""
+
+LANES = 16
+"""Paths of the smallest piece of a block: the loops of the kernels over paths fill vectors of 8
+numbers."""
+
+LONG_PATH = 2.0e5
+"""Steps of a path from which the first piece of a block has only `FEWEST_AT_ONCE` paths: 16 of them
+would take a second or more."""
+
+FEWEST_AT_ONCE = 2
+"""Paths of the first piece where paths are long: as many as a standard error needs."""
+
+PIECE_SECONDS = 0.25
+"""Seconds that a piece of a block takes at most, as far as the piece before tells: a budget is
+overrun by no more."""
 
 Block = tuple[int, int]
 """First path, and how many."""
@@ -91,18 +110,50 @@ def machine() -> str:
 
 
 def simulate_blocks(
-    plan: Plan, layout: Layout, seed: int, blocks: tuple[Block, ...], attempt: int = 1
+    plan: Plan,
+    layout: Layout,
+    seed: int,
+    blocks: tuple[Block, ...],
+    deadline: float = math.inf,
+    attempt: int = 1,
 ) -> Done:
     """One task: a function of its arguments alone, so any worker may do it, twice if need be.
 
-    `attempt` changes nothing but the name by which a scheduler may remember that it failed.
+    Once `time.time()` has passed the `deadline`, the block under way ends with fewer paths, and the
+    blocks after it are left out. `attempt` changes nothing but the name by which a scheduler may
+    remember that it failed.
     """
     start = thread_seconds()
-    statistics = tuple(
-        PathStatistics.of(plan.averages(seed, first_path, paths), layout)
-        for first_path, paths in blocks
-    )
-    return Done(statistics=statistics, machine=machine(), seconds=thread_seconds() - start)
+    found: list[PathStatistics] = []
+    for first_path, paths in blocks:
+        averages = averages_in_time(plan, seed, first_path, paths, deadline)
+        found.append(PathStatistics.of(averages, layout))
+        if averages.shape[1] < paths:
+            break
+    return Done(statistics=tuple(found), machine=machine(), seconds=thread_seconds() - start)
+
+
+def averages_in_time(
+    plan: Plan, seed: int, first_path: int, paths: int, deadline: float
+) -> NDArray[np.float64]:
+    """The averages of a block of paths, or of its first paths where the deadline passes.
+
+    A block that takes long is simulated in pieces, between which the clock is looked at; the paths
+    do not depend on the pieces.
+    """
+    if math.isinf(deadline):
+        return plan.averages(seed, first_path, paths)
+    done: list[NDArray[np.float64]] = []
+    made, size = 0, LANES if plan.steps_per_path <= LONG_PATH else FEWEST_AT_ONCE
+    while made < paths and (not made or time.time() < deadline):
+        size = min(size, paths - made)
+        began = time.perf_counter()
+        done.append(plan.averages(seed, first_path + made, size))
+        each = max((time.perf_counter() - began) / size, SHORTEST_BLOCK)
+        made += size
+        left = min(PIECE_SECONDS, max(deadline - time.time(), 0.0))
+        size = LANES * max(1, int(left / each / LANES))
+    return np.concatenate(done, axis=1)
 
 
 def blocks_of(first_path: int, paths: int, size: int) -> Iterator[Block]:
@@ -128,11 +179,12 @@ def workers_of(executor: Executor) -> int:
 
 @dataclass
 class Crew:
-    """An executor, and how it is asked. `theirs`: it was not started here, and may be far away."""
+    """An executor, and how it is asked. `external_executor` says that it was not started here
+    and may be far away."""
 
     executor: Executor
     workers: int
-    theirs: bool
+    external_executor: bool
     block_seconds: float = math.inf
 
     def per_task(self, blocks: int) -> int:
@@ -141,7 +193,7 @@ class Crew:
         Enough that one sender keeps all workers at work, but some for everybody; unless that makes
         so many tasks that sending them takes longer than the last of them.
         """
-        if not self.theirs or math.isinf(self.block_seconds):
+        if not self.external_executor or math.isinf(self.block_seconds):
             return 1
         each = max(self.block_seconds, SHORTEST_BLOCK)
         enough = max(TASK_SECONDS, 2.0 * self.workers * SENDING_SECONDS) / each
@@ -151,7 +203,11 @@ class Crew:
     @property
     def window(self) -> int:
         """Tasks that may be under way; one, far away, until it is known how long a block takes."""
-        return 1 if self.theirs and math.isinf(self.block_seconds) else WINDOW * self.workers
+        return (
+            1
+            if self.external_executor and math.isinf(self.block_seconds)
+            else WINDOW * self.workers
+        )
 
     def do(
         self,
@@ -161,10 +217,13 @@ class Crew:
         blocks: Iterator[Block],
         total: int,
         late: Callable[[], bool],
+        deadline: float = math.inf,
     ) -> Generator[BlockDone, None, None]:
         """Each block in order, once it is done.
 
-        `total` is how many blocks there are. Once `late()`, no task is begun that has not been.
+        `total` is how many blocks there are. Once `late()`, no task is begun that has not been. A
+        block that is under way at the `deadline`, a time of `time.time()`, is handed on with fewer
+        paths, and is the last one.
 
         Raises
         ------
@@ -172,13 +231,22 @@ class Crew:
             If a block cannot be done; all before it have been handed on.
         """
         waiting: deque[_Task] = deque()
+        begun, attempts = 0, MOST_ATTEMPTS if self.external_executor else 1
         try:
-            while not late() and (chunk := tuple(islice(blocks, self.per_task(total)))):
-                calls = [(plan, layout, seed, chunk) for plan in plans]
-                waiting.append(_Task(self.executor, calls, MOST_ATTEMPTS if self.theirs else 1))
+            # one task is begun and finished in any case: it ends soon by itself
+            while (not begun or not late()) and (
+                chunk := tuple(islice(blocks, self.per_task(total)))
+            ):
+                # the clock is looked at within blocks that are long, or may be
+                quick = self.block_seconds < PIECE_SECONDS
+                calls = [
+                    (plan, layout, seed, chunk, math.inf if quick else deadline) for plan in plans
+                ]
+                waiting.append(_Task(self.executor, calls, attempts))
+                begun += 1
                 while len(waiting) >= min(self.window, max(1, MOST_WAITING // len(chunk))):
                     yield from self._hand_on(waiting)
-            while waiting and not (late() and waiting[0].cancel()):
+            while waiting and not (begun > 1 and late() and waiting[0].cancel()):
                 yield from self._hand_on(waiting)
         finally:
             for task in waiting:
@@ -201,10 +269,12 @@ class Crew:
         self.block_seconds = sum(each.seconds for each in done) / (len(done) * len(task.blocks))
         where = [each.machine for each in done]
         for number, block in enumerate(task.blocks):
+            if any(number >= len(each.statistics) for each in done):
+                return
             yield block, [each.statistics[number] for each in done], where
 
 
-Call = tuple[Plan, Layout, int, tuple[Block, ...]]
+Call = tuple[Plan, Layout, int, tuple[Block, ...], float]
 """Arguments of `simulate_blocks`."""
 
 
@@ -212,7 +282,7 @@ class _Task:
     """Some blocks by every plan."""
 
     def __init__(self, executor: Executor, calls: list[Call], attempts: int) -> None:
-        self.blocks = calls[0][-1]
+        self.blocks = calls[0][3]
         self.asked = [_Asked(executor, call, attempts) for call in calls]
 
     def results(self, look: Callable[[float], None], every: float) -> list[Done]:
@@ -284,7 +354,7 @@ class _Asked:
             raise WorkersLost(f"the executor lost its workers ({error})") from error
         if self.begun >= self.attempts:
             raise WorkersLost(
-                f"the block that starts at path {self.call[-1][0][0]} failed {self.begun} times "
+                f"the block that starts at path {self.call[3][0][0]} failed {self.begun} times "
                 f"({type(error).__name__}: {error})"
             ) from error
         self.tries.remove(future)

@@ -101,6 +101,7 @@ class Run:
         self.shown = 0.0
         self.sentence, self.said = "", -math.inf
         self.unwritten = ""
+        self.kept: State | None = None
 
     @property
     def fine(self) -> PathStatistics:
@@ -146,15 +147,29 @@ class Run:
         left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
         total = math.ceil((goal - self.fine.count) / self.plan.block)
         results = self.crew.do(
-            plans, self.layout, self.seed, left, total, lambda: self.elapsed > deadline
-        )
+            plans, self.layout, self.seed, left, total, lambda: self.elapsed > deadline,
+            time.time() + deadline - self.elapsed,
+        )  # fmt: skip
         with closing(results):  # at once, so that an interrupt leaves no task to be begun
             for (_, paths), statistics, where in results:
+                if any(each.count < paths for each in statistics):
+                    self._end_early(statistics, steps_per_path, where)
+                    break
                 self.state = self.state.with_block(statistics, paths * steps_per_path, where)
                 if self.keeper and self.keeper.due():
                     self.keep()
                 self._report()
         return self.fine.count == goal
+
+    def _end_early(
+        self, statistics: list[PathStatistics], steps_per_path: int, where: list[str]
+    ) -> None:
+        """Take up the paths of a block that the budget cut short, where there are no others. The
+        checkpoint goes on without them: a run that resumes simulates the whole block."""
+        if not self.fine.count:
+            self.kept = self.state
+            steps = statistics[0].count * steps_per_path
+            self.state = self.state.with_block(statistics, steps, where)
 
     def keep(self) -> None:
         """Write the checkpoint now, if there is one; `unwritten` says if that failed: a full disk
@@ -162,7 +177,7 @@ class Run:
         if not self.keeper:
             return
         try:
-            self.keeper.keep(replace(self.state, seconds=self.seconds))
+            self.keeper.keep(replace(self.kept or self.state, seconds=self.seconds))
             self.unwritten = ""
         except OSError as error:
             reason = error.strerror or str(error)

@@ -231,9 +231,9 @@ def _noted(run: Run, response: Response) -> Response:
 
 def _crew(executor: Executor | None, threads: int | None) -> Crew:
     if executor is not None:
-        return Crew(executor, threads or workers_of(executor), theirs=True)
+        return Crew(executor, threads or workers_of(executor), external_executor=True)
     workers = threads or usable_cores()
-    return Crew(ThreadPoolExecutor(workers), workers, theirs=False)
+    return Crew(ThreadPoolExecutor(workers), workers, external_executor=False)
 
 
 def record_path(

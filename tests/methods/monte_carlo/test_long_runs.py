@@ -323,8 +323,8 @@ def test_a_task_that_is_late_is_begun_again_and_counted_once(
     class Hangs(ThreadPoolExecutor):
         def submit(self, function, *arguments):
             first, _ = arguments[3][0]
-            begun.append((first, arguments[0].step, arguments[4]))
-            if first == 5 * 1024 and arguments[4] == 1:
+            begun.append((first, arguments[0].step, arguments[5]))
+            if first == 5 * 1024 and arguments[5] == 1:
                 return super().submit(hangs.wait, 60.0)
             return super().submit(function, *arguments)
 
@@ -357,14 +357,14 @@ def test_a_mixed_cluster_is_said() -> None:
 def test_blocks_to_a_task_never_show() -> None:
     """Tasks for other machines hold several blocks once it is known how long one takes."""
     with ThreadPoolExecutor(1) as executor:
-        crew = Crew(executor, 1, theirs=True)
+        crew = Crew(executor, 1, external_executor=True)
         assert crew.per_task(1000) == crew.window == 1  # to know how long a block takes
         crew.block_seconds = TASK_SECONDS / 10.0
         assert (crew.per_task(1000), crew.window) == (10, WINDOW)
         crew.workers = 200
         assert crew.per_task(1000) == math.ceil(math.sqrt(1000 * SENDING_SECONDS / 0.05))
         assert crew.per_task(4000) == 20  # some for everybody
-        assert Crew(executor, 1, theirs=False, block_seconds=1e-3).per_task(1000) == 1
+        assert Crew(executor, 1, external_executor=False, block_seconds=1e-3).per_task(1000) == 1
         far = simulate(oscillator(), paths=30_000, duration=1.0, seed=3, executor=executor)
     assert digits(far) == digits(simulate(oscillator(), paths=30_000, duration=1.0, seed=3))
 

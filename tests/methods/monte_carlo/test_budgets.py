@@ -1,0 +1,85 @@
+"""A budget ends a simulation within a block, and every answer so far is kept."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from stochvi import (
+    ImpactPair,
+    NotConverged,
+    Oscillator,
+    Restitution,
+    Scene,
+    WhiteNoise,
+    exact,
+    simulate,
+)
+from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE, LANES, averages_in_time
+from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.plans import make_plan
+from stochvi.methods.monte_carlo.white import COLLAPSE_RESTITUTION
+from stochvi.model.model import model_of
+from stochvi.scenes.excitations import ConstantLoad
+from stochvi.testing import assert_agrees
+from support.known import oscillator
+
+
+def plan_of(duration: float) -> Plan:
+    return make_plan(model_of(oscillator(-1.0, 1.0, 0.5)), None, duration)
+
+
+def test_a_block_that_is_late_ends_with_its_first_paths() -> None:
+    plan = plan_of(20.0)
+    whole = plan.averages(3, 64, 64)
+    late = averages_in_time(plan, 3, 64, 64, deadline=time.time() - 1.0)
+    assert late.shape[1] == LANES
+    np.testing.assert_array_equal(late, whole[:, :LANES])
+
+
+def test_paths_do_not_depend_on_the_pieces_of_their_block() -> None:
+    plan = plan_of(20.0)
+    pieces = averages_in_time(plan, 3, 0, 64, deadline=time.time() + 1000.0)
+    np.testing.assert_array_equal(pieces, plan.averages(3, 0, 64))
+
+
+def test_long_paths_are_begun_two_at_a_time() -> None:
+    plan = plan_of(1e5)
+    assert averages_in_time(plan, 3, 0, 64, deadline=0.0).shape[1] == FEWEST_AT_ONCE
+
+
+@pytest.mark.parametrize("asked", [{"paths": 4096}, {"rel_error": 1e-4}], ids=str)
+def test_a_budget_shorter_than_a_block_leaves_an_answer(asked: dict) -> None:
+    """It used to end after the first whole block, however long that took."""
+    scene = oscillator(-1.0, 1.0, 0.5)
+    with pytest.raises(NotConverged) as found:
+        simulate(scene, budget=1e-6, **asked)
+    response = found.value.response
+    assert response is not None
+    assert FEWEST_AT_ONCE <= response.cost.paths < make_plan(model_of(scene)).block
+
+
+def between_stops(r: float, load: float, stiffness: float) -> Scene:
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.2, stiffness=stiffness),
+        impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=r))],
+        excitations=[WhiteNoise(intensity=0.2), ConstantLoad(force=load)],
+    )
+
+
+def test_a_mass_without_a_spring_falls_between_its_stops() -> None:
+    scene = between_stops(1.0, 0.3, 0.0)
+    known = exact(scene).estimates()
+    found = simulate(scene, rel_error=0.03, seed=4).estimates()
+    for key in [("x", "displacement_mean"), ("x", "velocity_std"), ("stops", "collision_rate")]:
+        assert_agrees(found[key], known[key].value)
+
+
+def test_f2_of_a_mass_that_a_load_holds_at_a_dead_stop_states_no_bias() -> None:
+    scene = between_stops(0.0, 0.3, 1.0)
+    plan = make_plan(model_of(scene))
+    assert plan.step_bias("impact_speed_square_rate", 0.01) is None
+    free = make_plan(model_of(between_stops(2.0 * COLLAPSE_RESTITUTION, 0.3, 1.0)))
+    assert free.step_bias("impact_speed_square_rate", 0.01) is not None
