@@ -38,6 +38,8 @@ def exact(options: Common, scene: str) -> None:
     """Closed form, where there is one: white noise, elastic stops."""
     from stochvi.methods.closed_form import exact as solve
     from stochvi.methods.closed_form import exact_density
+    from stochvi.model.coverage import beyond_one_oscillator
+    from stochvi.model.model import model_of
     from stochvi.scenes.scene import load_scene
 
     def density() -> Axes:
@@ -47,7 +49,8 @@ def exact(options: Common, scene: str) -> None:
 
     loaded = load_scene(scene)
     show_response(options, solve(loaded))
-    if not loaded.beyond_one_oscillator() and not loaded.system().tables:
+    model = model_of(loaded)
+    if not beyond_one_oscillator(model) and not model.tables:
         options.draw("density", density)
 
 
@@ -192,6 +195,8 @@ def simulate(
 ) -> None:  # fmt: skip
     """Monte Carlo, with standard errors and the bias of the step."""
     from stochvi.methods.monte_carlo import simulate as solve
+    from stochvi.model.coverage import beyond_one_oscillator
+    from stochvi.model.model import model_of
     from stochvi.results.errors import NotConverged
     from stochvi.scenes.scene import load_scene
 
@@ -219,5 +224,6 @@ def simulate(
         return draw_overview(overview(loaded), loaded.title)
 
     show_response(options, response)
-    if not loaded.beyond_one_oscillator() and loaded.system().omega > 0.0:
+    model = model_of(loaded)
+    if not beyond_one_oscillator(model) and model.omega > 0.0:
         options.draw("overview", picture)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.periodic.resonance import HarmonicResonance
+from stochvi.model.coverage import functions
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
@@ -242,11 +243,12 @@ def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | 
         raise ValueError(f"paths must be at least 1, got {paths}")
     if duration is not None and not 0.0 < duration < math.inf:
         raise ValueError(f"duration must be a positive number of seconds, got {duration}")
-    unmet = scene.beyond_numbers()
+    model = model_of(scene)
+    unmet = functions(model)
     sines = [each for each in scene.excitations if isinstance(each, Sine)]
     if len(sines) != 1:
         unmet.append(f"the scene must have one sine, got {len(sines)}")
-    if len(scene.impact_pairs) != 1 or len(scene.structure.coordinates) != 1:
+    if len(model.pairs) != 1 or len(model.coordinates) != 1:
         unmet.append("the scene must be one oscillator with one impact pair")
     if unmet:
         raise NotApplicable("jolt", unmet)

@@ -16,6 +16,7 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.cautions import scene_notes
+from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -94,10 +95,10 @@ def screen(scene: Scene) -> Screening:
     >>> round(1e3 * screen(mount).displacement_std, 2)
     1.99
     """
-    unmet = scene.beyond_one_oscillator()
+    model = model_of(scene)
+    unmet = beyond_one_oscillator(model)
     if unmet:
         raise NotApplicable("screening", unmet)
-    model = model_of(scene)
     tables = model.acceleration_tables
     if not model.moving_base or model.noise_on_mass:
         unmet.append("structure.kind must be 'isolator' with noise on its base only")

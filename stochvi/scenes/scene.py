@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from stochvi.mathematics.spectra import Filter, Table
+from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
 from stochvi.scenes.datasets import read_text
@@ -26,12 +25,9 @@ from stochvi.scenes.excitations import (
     check_unit,
     louder,
 )
-from stochvi.scenes.impact_laws import Law, Restitution, SpeedRestitution, not_rigid
+from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.validation import Checked, Number
-
-PerUnitMass = Callable[[ArrayLike], NDArray[np.float64]]
-"""A force per unit mass (m/s^2), or an energy (m^2/s^2), as a function of x (m) or v (m/s)."""
 
 
 class ImpactPair(Checked):
@@ -99,59 +95,6 @@ class ImpactPair(Checked):
         """(side, law) of each stop that there is."""
         sides = ("lower", "upper")
         return [(side, self.law_of(side)) for side in sides if getattr(self, side) is not None]
-
-
-class System(NamedTuple):
-    """A scene as numbers, per unit mass: x'' + b x' + omega^2 x = f(t) + load, stops in metres.
-
-    `intensity` is S0 of the white part of f; `tables` are one-sided acceleration densities;
-    `filters` are white noises behind a resonance.
-    What the scene does not have is None or empty; a stop that is not rigid has no restitution, nor
-    has one whose law says R by speed (`law.restitution_at(speed)`). A spring that is a function has
-    omega = 0, and `restoring` and `potential` stand for omega^2 x and its integral; a damper
-    that is one has damping_rate = 0, and `damping_law` stands for b v.
-    """
-
-    mass: float
-    omega: float
-    damping_rate: float
-    moving_base: bool
-    noise_on_mass: bool
-    intensity: float
-    tables: tuple[Table, ...]
-    load: float
-    lower: float | None
-    upper: float | None
-    restitution_lower: float | None
-    restitution_upper: float | None
-    law_lower: Law | None = None
-    law_upper: Law | None = None
-    restoring: PerUnitMass | None = None
-    potential: PerUnitMass | None = None
-    damping_law: PerUnitMass | None = None
-    filters: tuple[Filter, ...] = ()
-
-    @property
-    def laws(self) -> tuple[Law | None, Law | None]:
-        """The law of the lower and of the upper stop, for forces per unit mass (N/kg)."""
-        return self.law_lower, self.law_upper
-
-    @property
-    def elastic(self) -> bool:
-        """Whether no stop loses energy."""
-        return all(law is None or law.conservative for law in self.laws)
-
-    @property
-    def held(self) -> bool:
-        """Whether spring, or stops and load, keep the mass from being lost on either side."""
-        left = self.lower is not None or self.load > 0.0
-        right = self.upper is not None or self.load < 0.0
-        return self.omega > 0.0 or (left and right)
-
-    def not_rigid(self) -> list[str]:
-        """What stands in the way of a method that needs rigid stops."""
-        named = zip(("lower", "upper"), self.laws, strict=True)
-        return not_rigid((side, law) for side, law in named if law is not None)
 
 
 class Scene(Checked):
@@ -320,20 +263,30 @@ class Scene(Checked):
             if value is not None and not _fits(value)
         ]
 
-    def _numbers_per_unit_mass(self) -> list[tuple[str, str, float | None]]:
-        """What the methods for a single oscillator compute with, and its names."""
-        system = self.system()
-        numbers: list[tuple[str, str, float | None]] = [
-            ("structure", "the natural frequency (rad/s)", system.omega),
-            ("structure", "the damping per unit mass (1/s)", system.damping_rate),
-            ("excitation", "the intensity per unit mass squared", system.intensity),
-            ("excitation", "the load per unit mass (m/s^2)", system.load),
-        ]
-        for table in system.tables:
-            for column in (table.frequency_hz, table.density):
-                extremes = float(column.min()), float(column.max())
-                numbers += [("excitation", "the table per unit mass", size) for size in extremes]
-        return numbers
+    def _numbers_per_unit_mass(self) -> Iterator[tuple[str, str, float | None]]:
+        """The numbers that methods for one oscillator compute with, and their names."""
+        structure = self.structure
+        if isinstance(structure, Oscillator):
+            yield "structure", "the natural frequency (rad/s)", structure.omega
+            yield "structure", "the load of gravity per unit mass (m/s^2)", structure.gravity_load
+        if isinstance(structure, Oscillator | NonlinearOscillator):
+            yield "structure", "the damping per unit mass (1/s)", structure.damping_rate
+        for excitation in self.excitations:
+            mass = 1.0
+            if self.place(excitation) != BASE and not isinstance(structure, Matrices):
+                mass = structure.mass or 1.0
+            match excitation:
+                case WhiteNoise() | FilteredNoise():
+                    intensity = excitation.si_intensity / mass**2
+                    yield "excitation", "the intensity per unit mass squared", intensity
+                case ConstantLoad():
+                    load = excitation.magnitude / mass
+                    yield "excitation", "the load per unit mass (m/s^2)", load
+                case DensityNoise():
+                    table = self.table_of(excitation).scaled(mass**-2)
+                    for column in (table.frequency_hz, table.density):
+                        for size in (float(column.min()), float(column.max())):
+                            yield "excitation", "the table per unit mass", size
 
     def _misfit(self, excitation: Excitation) -> str:
         """What is wrong with the place of an excitation; empty if nothing is."""
@@ -371,44 +324,6 @@ class Scene(Checked):
             return BASE
         coordinates = self.structure.coordinates
         return coordinates[0] if len(coordinates) == 1 else ""
-
-    def beyond_numbers(self) -> list[str]:
-        """What is given as a function, for the methods that take numbers only."""
-        found = []
-        if isinstance(self.structure, NonlinearOscillator):
-            found.append(
-                "structure.kind must not be 'nonlinear' (a restoring force that is a function)"
-            )
-        found += [
-            "law.coefficient must be a number, got a function of speed "
-            f"at the {side} stop of {pair.name}"
-            for pair in self.expanded.impact_pairs
-            for side, law in pair.stops()
-            if isinstance(law, SpeedRestitution)
-        ]
-        return found
-
-    def beyond_one_oscillator(
-        self, *, functions: bool = False, filtered: bool = False
-    ) -> list[str]:
-        """What the methods for a single oscillator do not cover here; `system()` needs none.
-
-        With `functions` for a method that takes forces and restitution as functions too, with
-        `filtered` for one that takes filtered noise.
-        """
-        found = [] if functions else self.beyond_numbers()
-        scene = self.expanded
-        if isinstance(scene.structure, Matrices):
-            found.append("structure.kind must be 'oscillator' or 'isolator', got 'matrices'")
-        if len(scene.impact_pairs) > 1:
-            found.append(f"the scene must have one impact pair, got {len(scene.impact_pairs)}")
-        covered = ["white", *["filtered"] * filtered, "psd", "road", "record"]
-        kinds = {excitation.kind for excitation in self.excitations} - {*covered, "constant"}
-        found += [
-            f"excitation must be {', '.join(covered)} or constant, got {kind}"
-            for kind in sorted(kinds)
-        ]
-        return found
 
     def effects(self) -> tuple[str, ...]:
         """The effects this scene calls for; nothing else is simulated."""
@@ -449,7 +364,8 @@ class Scene(Checked):
                 "contact with a viscoelastic stop ends at zero force; the limiter has no mass and "
                 "recovers at once"
             )
-        if any("of speed" in sentence for sentence in self.beyond_numbers()):
+        laws = [law for pair in self.impact_pairs for _, law in pair.stops()]
+        if any(isinstance(law, SpeedRestitution) for law in laws):
             found.append("restitution depends on the speed of the impact alone")
         if any(isinstance(excitation, Sine) for excitation in self.excitations):
             found.append("the phase of a sine is random, uniform, in each path")
@@ -469,69 +385,6 @@ class Scene(Checked):
             return 0.0, 0.0
         return self.structure.omega, self.structure.damping_rate
 
-    def system(self) -> System:
-        """A scene of a single oscillator per unit mass, as numbers that a method computes with."""
-        assert not isinstance(self.structure, Matrices)
-        mass = self.structure.mass or 1.0
-        load = 0.0
-        if isinstance(self.structure, Oscillator):
-            load = self.structure.gravity_load
-        intensity, tables, noise_on_mass = 0.0, [], False
-        filters: list[Filter] = []
-        for excitation in self.excitations:
-            on_mass = self.place(excitation) != BASE
-            noise_on_mass |= on_mass and not isinstance(excitation, ConstantLoad)
-            match excitation:
-                case WhiteNoise():
-                    intensity += excitation.si_intensity / (mass**2 if on_mass else 1.0)
-                case DensityNoise():
-                    table = self.table_of(excitation)
-                    tables.append(table.scaled(mass**-2 if on_mass else 1.0))
-                case FilteredNoise():
-                    strength = excitation.si_intensity / (mass**2 if on_mass else 1.0)
-                    rate = 2.0 * excitation.zeta * excitation.omega
-                    filters.append(Filter(excitation.omega, rate, strength))
-                case ConstantLoad():
-                    load += excitation.magnitude / mass if on_mass else -excitation.magnitude
-        pair = self.impact_pairs[0] if self.impact_pairs else None
-        lower, upper = (pair.lower, pair.upper) if pair else (None, None)
-        laws = dict(pair.stops()) if pair else {}
-        law_lower, law_upper = (
-            laws[side].per_unit_mass(mass) if side in laws else None for side in ("lower", "upper")
-        )
-        return System(
-            mass=mass,
-            **self._spring_and_damper(mass),
-            moving_base=isinstance(self.structure, Isolator),
-            noise_on_mass=noise_on_mass,
-            intensity=intensity,
-            tables=tuple(tables),
-            load=load,
-            lower=lower,
-            upper=upper,
-            restitution_lower=_restitution(law_lower),
-            restitution_upper=_restitution(law_upper),
-            law_lower=law_lower,
-            law_upper=law_upper,
-            filters=tuple(filters),
-        )
-
-    def _spring_and_damper(self, mass: float) -> dict[str, Any]:
-        """Natural frequency and damping per unit mass, or the functions in their places."""
-        assert not isinstance(self.structure, Matrices)
-        structure = self.structure
-        if not isinstance(structure, NonlinearOscillator):
-            return {"omega": structure.omega, "damping_rate": structure.damping_rate}
-        return {
-            "omega": 0.0,
-            "damping_rate": structure.damping_rate or 0.0,
-            "restoring": lambda x: structure.force_at(x) / mass,
-            "potential": lambda x: structure.potential_at(x) / mass,
-            "damping_law": None
-            if structure.damping_force is None
-            else lambda v: structure.damping_at(v) / mass,
-        }
-
     def at_level(self, level_db: float) -> Scene:
         """The scene with everything that shakes raised by a level in dB; constant loads stay."""
         raised = tuple(louder(excitation, level_db) for excitation in self.excitations)
@@ -544,10 +397,6 @@ class Scene(Checked):
 
 LARGEST_NUMBER = 1e50
 """Of anything in a scene, per unit mass, and the inverse of the smallest: squares stay finite."""
-
-
-def _restitution(law: Law | None) -> float | None:
-    return law.coefficient if isinstance(law, Restitution) else None
 
 
 def _one_of(names: Sequence[str]) -> str:

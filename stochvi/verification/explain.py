@@ -12,6 +12,7 @@ from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import Prospect, prospect
 from stochvi.model.cautions import scene_notes
+from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -115,7 +116,7 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         ),
         methods=methods,
         assumptions=scene.assumptions(),
-        notes=() if scene.beyond_one_oscillator() else tuple(scene_notes(model)),
+        notes=() if beyond_one_oscillator(model) else tuple(scene_notes(model)),
         simulation=simulation,
         provenance=provenance(scene.document()),
     )

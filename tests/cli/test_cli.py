@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from stochvi.methods.closed_form import exact
+from stochvi.model.model import model_of
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
 from support.commands import ELASTIC, ISOLATOR, LOSSY, QUICK, Finished, Run, one_document, refused
@@ -360,7 +361,7 @@ def test_new_writes_an_isolator_of_a_kind_with_its_tables(tmp_path, stochvi, kin
     assert code == 0
     assert {path.name for path in file.parent.iterdir()} == {"mine.toml"} | tables
     assert all(name in err for name in {"mine.toml"} | tables)
-    assert load_scene(file).system().tables
+    assert model_of(load_scene(file)).tables
     if tables:
         file.unlink()
         assert "exists already" in refused(stochvi("new", file, "--kind", kind))

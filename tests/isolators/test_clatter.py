@@ -61,13 +61,13 @@ def test_the_mean_square_is_that_of_samples(law: CompliantLaw) -> None:
     row = clatter(scene, [clearance], rel_error=0.02, window=8.0, seed=2).iloc[0]
     stopped = at_clearance(scene, clearance)
     plan = plan_tabulated(model_of(stopped), 0.0, 8.0)
-    paths, system = 256, stopped.system()
+    paths, model = 256, model_of(stopped)
     record = np.zeros((plan.steps, paths, 3))
     for first in range(0, paths, plan.block):
         plan.averages(7, first, plan.block, record[:, first : first + plan.block])
     x, v = record[:, :, 0], record[:, :, 1]
     push = law.force_at(x - clearance) - law.force_at(-x - clearance)
-    square = ((system.damping_rate * v + system.omega**2 * x + push) ** 2).mean(axis=0)
+    square = ((model.damping_rate * v + model.omega**2 * x + push) ** 2).mean(axis=0)
     found = Estimate(
         value=row["acceleration_rms"] ** 2,
         standard_error=math.hypot(
@@ -76,7 +76,7 @@ def test_the_mean_square_is_that_of_samples(law: CompliantLaw) -> None:
         ),
     )
     assert_agrees(found, float(square.mean()))
-    without = ((system.damping_rate * v + system.omega**2 * x) ** 2).mean()
+    without = ((model.damping_rate * v + model.omega**2 * x) ** 2).mean()
     with pytest.raises(AssertionError):
         assert_agrees(found, float(without))
 

@@ -14,6 +14,7 @@ from stochvi.mathematics.units import (
     intensity_from_density,
     power_ratio,
 )
+from stochvi.model.model import model_of
 from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator
@@ -62,4 +63,4 @@ def test_decibels_are_of_power(level_db, ratio):
 def test_an_acceleration_of_the_base_pushes_the_relative_motion_the_other_way():
     load = ConstantLoad(acceleration=9.80665)
     scene = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[load])
-    assert scene.system().load == -9.80665
+    assert model_of(scene).load == -9.80665

@@ -12,6 +12,8 @@ from stochvi.isolators.screening import screen
 from stochvi.methods.averaging import average
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import prospect, record_path, simulate
+from stochvi.model.coverage import functions
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, SceneError
 from stochvi.scenes.excitations import WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution, SpeedRestitution
@@ -54,13 +56,13 @@ def test_forces_and_energies_are_carried_per_unit_mass():
         mass=2.0, restoring_force=cubic, damping_force=lambda v: v * np.abs(v)
     )
     x = np.linspace(-2.0, 2.0, 9)
-    system = scene(damper).system()
-    assert (system.omega, system.damping_rate, system.intensity) == (0.0, 0.0, 0.05)
-    assert system.restoring(x) == pytest.approx(cubic(x) / 2.0, rel=1e-15)
-    assert system.damping_law(x) == pytest.approx(x * np.abs(x) / 2.0, rel=1e-15)
-    assert system.potential(x) == pytest.approx((x**2 + x**4) / 4.0, rel=1e-14)
-    linear = scene().system()
-    assert linear.damping_rate == 0.05 and linear.damping_law is None
+    model = model_of(scene(damper))
+    assert (model.omega, model.damping_rate, model.intensity) == (0.0, 0.0, 0.05)
+    assert model.restoring(x) == pytest.approx(cubic(x) / 2.0, rel=1e-15)
+    assert model.drag(x) == pytest.approx(x * np.abs(x) / 2.0, rel=1e-15)
+    assert model.potential(x) == pytest.approx((x**2 + x**4) / 4.0, rel=1e-14)
+    linear = model_of(scene())
+    assert linear.damping_rate == 0.05 and linear.drag is None
 
 
 def test_the_potential_by_quadrature_is_the_integral_of_the_force():
@@ -85,10 +87,10 @@ def test_a_potential_of_its_own_counts_from_zero_and_is_not_integrated():
 
 
 def test_restitution_by_speed_is_asked_where_it_is_needed():
-    law = SCENES["restitution"].system().law_upper
+    law = model_of(SCENES["restitution"]).upper.law
     assert law.restitution_at([1.0, 16.0]) == pytest.approx([1 / 1.1, 1 / 1.2])
-    assert SCENES["restitution"].system().restitution_upper is None
-    assert not SCENES["restitution"].system().elastic
+    assert model_of(SCENES["restitution"]).upper.coefficient is None
+    assert not model_of(SCENES["restitution"]).elastic
     constant = SpeedRestitution(coefficient=lambda speed: 1.0)
     assert constant.conservative and constant.restitution_at([1.0, 2.0]).tolist() == [1.0, 1.0]
     assert Restitution(coefficient=0.5).restitution_at([1.0, 2.0]).tolist() == [0.5, 0.5]
@@ -174,4 +176,4 @@ def test_a_scene_file_is_told_that_functions_are_for_python_only():
     law = {"kind": "speed-restitution", "coefficient": "steel"}
     with pytest.raises(SceneError, match=r"impact_pair.0.law.kind 'speed-restitution' takes"):
         scene_from(changed(["impact_pair", 0, "law"], law))
-    assert scene_from(DOCUMENT).beyond_numbers() == []
+    assert functions(model_of(scene_from(DOCUMENT))) == []

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stochvi.model.model import model_of
 from stochvi.results.errors import SceneError
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
@@ -30,7 +31,7 @@ def test_a_scene_file_says_what_the_same_scene_says_in_python(tmp_path: Path):
     file.write_text(to_toml(DOCUMENT), encoding="utf-8")
     loaded = load_scene(file)
     assert loaded.title == "a valid scene"
-    assert loaded.system() == oscillator(-1.0, 1.0).system()
+    assert loaded == oscillator(-1.0, 1.0).model_copy(update={"title": "a valid scene"})
 
 
 @pytest.mark.parametrize(
@@ -57,7 +58,7 @@ def test_a_table_beside_the_scene_file_is_found_from_anywhere(tmp_path: Path, mo
     noise = {"kind": "psd", "file": "tables/force.csv", "unit": "N2/Hz"}
     (tmp_path / "scene.toml").write_text(to_toml(changed(["excitation"], [noise])))
     monkeypatch.chdir(tmp_path / "tables")
-    (table,) = load_scene(tmp_path / "scene.toml").system().tables
+    (table,) = model_of(load_scene(tmp_path / "scene.toml")).acceleration_tables
     assert table.frequency_hz.tolist() == [1.0, 10.0]
     assert table.density.tolist() == [2.0, 4.0]
 
@@ -65,7 +66,7 @@ def test_a_table_beside_the_scene_file_is_found_from_anywhere(tmp_path: Path, mo
 def test_a_scene_without_stops_is_valid():
     scene = scene_from(changed(["impact_pair"], NOTHING))
     assert scene.effects() == ("white noise on x",)
-    assert scene.system().lower is scene.system().restitution_upper is None
+    assert model_of(scene).stops == ()
 
 
 def test_a_scene_becomes_numbers_per_unit_mass():
@@ -85,14 +86,14 @@ def test_a_scene_becomes_numbers_per_unit_mass():
             ConstantLoad(acceleration=1.0),
         ],
     )
-    system = scene.system()
-    assert (system.mass, system.omega, system.damping_rate) == (2.0, 2.0, 0.2)
-    assert system.intensity == pytest.approx(0.4 / 4.0 + 0.3, rel=1e-15)
-    assert system.load == 3.0 / 2.0 - 1.0
-    assert system.tables[0].density.tolist() == [1.0, 2.0]
-    assert (system.lower, system.upper) == (-0.5, -0.1)
-    assert (system.restitution_lower, system.restitution_upper) == (0.2, 0.9)
-    assert system.moving_base and system.noise_on_mass
+    model = model_of(scene)
+    assert (model.unit_mass, model.omega, model.damping_rate) == (2.0, 2.0, 0.2)
+    assert model.intensity == pytest.approx(0.4 / 4.0 + 0.3, rel=1e-15)
+    assert model.load == 3.0 / 2.0 - 1.0
+    assert model.acceleration_tables[0].density.tolist() == [1.0, 2.0]
+    assert [stop.position for stop in model.stops] == [-0.5, -0.1]
+    assert [stop.coefficient for stop in model.stops] == [0.2, 0.9]
+    assert model.moving_base and model.noise_on_mass
     assert scene.effects() == (
         "white noise on x",
         "white noise on base",
@@ -290,7 +291,7 @@ def test_the_lists_of_a_scene_cannot_be_changed_either():
     excitations = [WhiteNoise(intensity=0.2)]
     scene = Scene(structure=DOCUMENT["structure"], excitations=excitations)
     excitations.append(WhiteNoise(intensity=0.3))
-    assert scene.system().intensity == 0.2
+    assert model_of(scene).intensity == 0.2
     assert isinstance(scene.excitations, tuple) and isinstance(scene.impact_pairs, tuple)
 
 
@@ -345,8 +346,8 @@ def test_any_change_to_a_document_gives_a_scene_or_sentences(changes):
             continue  # an earlier change took this place away
     sentences, numbers = ["a scene has none"], (0.0,)
     try:
-        system = scene_from(document).system()
-        numbers = system.omega, system.damping_rate, system.intensity, system.load
+        model = model_of(scene_from(document))
+        numbers = model.omega, model.damping_rate, model.intensity, model.load
     except SceneError as error:
         sentences = [text for _, text in error.problems]
     assert sentences and all(text and "\n" not in text for text in sentences)

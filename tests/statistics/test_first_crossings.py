@@ -235,9 +235,9 @@ def narrow(half_width: float) -> Scene:
 def envelope_rate(scene: Scene, level: float) -> float:
     """Upcrossings of `level` standard deviations by the envelope, s_w u exp(-u^2 / 2) / sqrt(2 pi)
     with s_w the standard deviation of the angular frequency in the response density."""
-    system = scene.system()
-    frequency = np.linspace(*system.tables[0].frequency_hz, 2001)
-    weight = squared_gain(frequency, system.omega, system.damping_rate)
+    model = model_of(scene)
+    frequency = np.linspace(*model.acceleration_tables[0].frequency_hz, 2001)
+    weight = squared_gain(frequency, model.omega, model.damping_rate)
     weight /= weight.sum()
     omega = 2.0 * np.pi * frequency
     spread = math.sqrt(np.sum(weight * (omega - np.sum(weight * omega)) ** 2))

@@ -12,7 +12,7 @@ from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.closed_form import autocorrelation, exact
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo.histories import plan_histories
-from stochvi.model.assembly import assemble
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import CONFIDENCE
 from stochvi.scenes.excitations import FilteredNoise, Sine, TabulatedNoise, WhiteNoise
@@ -176,12 +176,12 @@ def truck(**stops) -> Scene:
 
 def test_mount_on_a_truck() -> None:
     found = spectrum(truck(), seed=1, threads=1)
-    curves, system = found.curves["x"], truck().system()
-    (table,) = system.tables
+    curves, model = found.curves["x"], model_of(truck())
+    (table,) = model.acceleration_tables
     f = curves["coherence"].frequency_hz
     inside = f > 5.0 + 3.0 / found.segment  # the table begins with a jump, which is smeared
-    gain = squared_gain(f, system.omega, system.damping_rate)
-    square = (system.omega**4 + (system.damping_rate * 2.0 * np.pi * f) ** 2) * gain
+    gain = squared_gain(f, model.omega, model.damping_rate)
+    square = (model.omega**4 + (model.damping_rate * 2.0 * np.pi * f) ** 2) * gain
     for name, truth in (
         ("transmissibility_h1", np.sqrt(square)),
         ("transmissibility_ratio", np.sqrt(square)),
@@ -215,7 +215,7 @@ def test_two_storeys_on_a_truck(sine: bool) -> None:
         away &= np.abs(f - 30.0) > 5.0 / found.segment
     w = 2.0 * np.pi * f[:, None, None]
     gain = -np.linalg.inv(stiffness - w**2 * mass + 1j * w * damping) @ mass.sum(axis=1)
-    (density,) = (signal for signal, _ in assemble(scene).tables)
+    (density,) = (signal for signal, _ in model_of(scene).tables)
     for row, name in enumerate(("box", "board")):
         truth = density(f) * np.abs(gain[:, row]) ** 2
         curve = found.curves[name]["displacement"]

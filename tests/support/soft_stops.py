@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from stochvi.model.model import Model
 from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Restitution, Viscoelastic
-from stochvi.scenes.scene import ImpactPair, Scene, System
+from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
 
 STEEL, RUBBER = Elastic(stiffness=100.0), Viscoelastic(stiffness=100.0, damping_ratio=0.2)
@@ -61,10 +62,9 @@ EXACT = {
 }
 
 
-def stops_of(system: System) -> list[tuple[float, float, Law]]:
-    """(side, position, law) of each stop."""
-    ends = ((-1.0, system.lower, system.law_lower), (1.0, system.upper, system.law_upper))
-    return [(side, stop, law) for side, stop, law in ends if stop is not None and law is not None]
+def stops_of(model: Model) -> list[tuple[float, float, Law]]:
+    """(side, position, law per unit mass) of each stop of one oscillator."""
+    return [(stop.side, stop.position, stop.law) for stop in model.stops_per_unit_mass]
 
 
 CONTACTS = {

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
+from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
@@ -125,7 +126,7 @@ class Hits:
 
 def compile_kernels(scene: Scene) -> None:
     """Compile the kernels that a sizing needs, so that its budget does not pay for it."""
-    if not scene.impact_pairs or scene.beyond_one_oscillator():
+    if not scene.impact_pairs or beyond_one_oscillator(model_of(scene)):
         return
     free = scene.model_copy(update={"impact_pairs": ()})
     plan = crossing_plan(at_clearance(scene, 3.0 * deviations(free)[0])).shortest()

@@ -23,6 +23,7 @@ from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.targets import check_laws, target_of, widening
 from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.model.cautions import scene_notes
+from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -559,8 +560,9 @@ class _Job:
         scene = self.scene
         if scene.impact_pairs:
             scene = at_clearance(scene, clearance)
-        if not scene.beyond_one_oscillator():
-            self.warnings += scene_notes(model_of(scene))
+        model = model_of(scene)
+        if not beyond_one_oscillator(model):
+            self.warnings += scene_notes(model)
         if not self.scene.impact_pairs:
             self.warnings.append(
                 "the scene has no stops, so the hits and their speeds are not known"

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import Model, Stop, model_of
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.scene import Scene, System
+from stochvi.scenes.scene import Scene
 
 SETTLED = 6.0
 """Relaxation times of burn-in: e^-6 of the start is left after them, and e^-12 of its energy."""
@@ -110,27 +112,27 @@ def problem_of(
         raise ValueError(f"paths must be a whole number of at least 1, got {paths!r}")
     if not 0.0 < relaxations < math.inf:
         raise ValueError(f"relaxations must be a positive number, got {relaxations}")
-    unmet = scene.beyond_one_oscillator()
+    model = model_of(scene)
+    unmet = beyond_one_oscillator(model)
     if not unmet:
-        system = scene.system()
-        unmet = system.not_rigid()
-        if system.tables or system.intensity == 0.0:
+        unmet = model.not_rigid()
+        if model.tables or model.intensity == 0.0:
             unmet.append("excitation must be white noise")
-        if system.damping_rate == 0.0:
+        if model.damping_rate == 0.0:
             unmet.append("structure.damping must be above 0")
     if unmet:
         raise NotApplicable("judge", unmet)
-    relaxation = _relaxation_time(system)
+    relaxation = _relaxation_time(model)
     return Problem(
         name=name or scene.title,
-        omega=system.omega,
-        damping_rate=system.damping_rate,
-        intensity=system.intensity,
-        load=system.load,
-        lower=-math.inf if system.lower is None else system.lower,
-        upper=math.inf if system.upper is None else system.upper,
-        restitution_lower=_or_elastic(system.restitution_lower),
-        restitution_upper=_or_elastic(system.restitution_upper),
+        omega=model.omega,
+        damping_rate=model.damping_rate,
+        intensity=model.intensity,
+        load=model.load,
+        lower=model.lower_position,
+        upper=model.upper_position,
+        restitution_lower=_restitution(model.lower),
+        restitution_upper=_restitution(model.upper),
         speed_threshold=speed_threshold,
         burn_in=SETTLED * relaxation,
         duration=relaxations * relaxation,
@@ -139,13 +141,14 @@ def problem_of(
     )
 
 
-def _or_elastic(restitution: float | None) -> float:
-    return 1.0 if restitution is None else restitution
+def _restitution(stop: Stop | None) -> float:
+    """R of a rigid stop; 1 where there is none."""
+    return 1.0 if stop is None else stop.law.restitution
 
 
-def _relaxation_time(system: System) -> float:
+def _relaxation_time(model: Model) -> float:
     """One over the real part of the slowest eigenvalue, s; without a spring, of the velocity."""
-    half = 0.5 * system.damping_rate
-    if system.omega == 0.0:
-        return 1.0 / system.damping_rate
-    return 1.0 / (half - math.sqrt(max(half**2 - system.omega**2, 0.0)))
+    half = 0.5 * model.damping_rate
+    if model.omega == 0.0:
+        return 1.0 / model.damping_rate
+    return 1.0 / (half - math.sqrt(max(half**2 - model.omega**2, 0.0)))

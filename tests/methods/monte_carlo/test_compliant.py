@@ -33,7 +33,6 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     TIME,
 )
 from stochvi.methods.monte_carlo.white import WhitePlan, plan_white
-from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
 from stochvi.results.errors import NoExactSolution, NotApplicable, SceneError
@@ -79,10 +78,10 @@ def test_stops_give_the_printed_moments_and_onset_rates(law, square, onsets, mas
 
 def gibbs(case: Scene, spread: float, mean: float, count: int) -> dict[str, float]:
     """Integrals of exp(-U / theta), theta = 1, by Gauss-Legendre panels between all kinks."""
-    system = case.system()
+    model = model_of(case)
     places = [mean + part * spread for part in (-50, -9, -3, 3, 9, 50)]
     low, high = places[0], places[-1]
-    for side, stop, law in stops_of(system):
+    for side, stop, law in stops_of(model):
         if law.rigid:
             low, high = (low, min(high, stop)) if side > 0.0 else (max(low, stop), high)
             continue
@@ -95,8 +94,8 @@ def gibbs(case: Scene, spread: float, mean: float, count: int) -> dict[str, floa
     x = ((edges[:-1, None] + edges[1:, None]) / 2.0 + half * nodes).ravel()
 
     def potential(x: np.ndarray) -> np.ndarray:
-        energy = system.omega**2 * x * x / 2.0 - system.load * x
-        for side, stop, law in stops_of(system):
+        energy = model.omega**2 * x * x / 2.0 - model.load * x
+        for side, stop, law in stops_of(model):
             if not law.rigid:
                 energy = energy + law.potential_at(side * (x - stop))
         return energy
@@ -107,7 +106,7 @@ def gibbs(case: Scene, spread: float, mean: float, count: int) -> dict[str, floa
         "displacement_mean": float(p @ x / p.sum()),
         "displacement_mean_square": float(p @ x**2 / p.sum()),
     }
-    for side, stop, law in stops_of(system):
+    for side, stop, law in stops_of(model):
         name = "upper" if side > 0.0 else "lower"
         height = math.exp(bottom - float(potential(np.array(stop)))) / p.sum()
         found[f"collision_rate_{name}"] = height / math.sqrt(2.0 * math.pi)
@@ -136,15 +135,15 @@ def test_the_exact_law_is_the_integral_of_the_gibbs_density(case: Scene) -> None
 @pytest.mark.parametrize("name", ["linear", "Hertz", "table", "preload", "preload, Hertz"])
 def test_the_mean_peak_force_is_that_of_rayleigh_impacts(name: str) -> None:
     """The contact without noise, integrated for each impact speed, averaged over their law."""
-    system = EXACT[name].system()
-    side, stop, law = stops_of(system)[-1]
+    model = model_of(EXACT[name])
+    side, stop, law = stops_of(model)[-1]
     constants = kernel_stop(stop, law)
     ends = (constants, None) if side < 0.0 else (None, constants)
 
     def peak_force(speed: float) -> float:
         """Of the contacts within some seconds, which are all alike."""
         sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
-        flow_through(stop, side * speed, 4.0, system.omega**2, *ends, 0.0, np.zeros(5), peaks, sums)
+        flow_through(stop, side * speed, 4.0, model.omega**2, *ends, 0.0, np.zeros(5), peaks, sums)
         row, count = (CONTACT_UPPER, N_UPPER) if side > 0.0 else (CONTACT_LOWER, N_LOWER)
         assert sums[row + ENDED] == sums[count] - (peaks.max() > 0.0)
         return float(sums[row + PEAK] / sums[row + ENDED])
@@ -247,17 +246,17 @@ TWINS = {
 @pytest.mark.parametrize("name", TWINS)
 def test_a_path_equals_its_plain_twin(name: str) -> None:
     case, step, steps, path = TWINS[name], 0.4, 40, 5
-    system = case.system()
+    model = model_of(case)
     plan = plan_compliant(model_of(case), None, steps * step).with_step(step)
     record = np.zeros((plan.steps, 1, 3))
     averages = plan.averages(9, path, 1, record)[:, 0]
     streams = np.empty((2, 1), np.uint64)
     seed_streams(np.uint64(9), path, streams)
     (start,), (speed,) = plan._start(streams)
-    stops = [(stop - plan.model.rest, side, law) for side, stop, law in stops_of(system)]
+    stops = [(stop - plan.model.rest, side, law) for side, stop, law in stops_of(model)]
     noise = normals(9, path, plan.steps + 2)[2:]
     x, v, sums, touches = kick_flow_kick_with_forces(
-        start, speed, noise, step, system.omega, 0.1, 0.2, stops
+        start, speed, noise, step, model.omega, 0.1, 0.2, stops
     )
     # rounding and the error of the twin grow with every contact; sub-steps of Hertz are coarser
     near = 20.0 * HERTZ_ERROR if name == "Hertz" else 1e-7
@@ -302,7 +301,7 @@ def balances_of(case: Scene, found: dict[str, np.ndarray]) -> dict[str, np.ndarr
     """Residuals of the balances, one value per path."""
     owners = {"x": "x", "xx": "x", "vv": "x", "variance": "x"}
     keyed = {(owners.get(name, "stops"), name): sample for name, sample in found.items()}
-    return residuals(assemble(case), keyed, (0.0,))
+    return residuals(model_of(case), keyed, (0.0,))
 
 
 PATHS = 512
@@ -310,7 +309,7 @@ PATHS = 512
 
 @pytest.mark.parametrize("case", EXACT.values(), ids=EXACT.keys())
 def test_conservative_stops_agree_with_the_exact_law(case: Scene) -> None:
-    system = case.system()
+    model = model_of(case)
     plan = plan_compliant(model_of(case), None, None)
     assert plan.elastic
     found = moments(plan, 21, PATHS)
@@ -326,7 +325,7 @@ def test_conservative_stops_agree_with_the_exact_law(case: Scene) -> None:
     }
     for name, sample in pairs.items():
         assert_agrees(estimate(sample), truth[name])
-    for side, _, law in stops_of(system):
+    for side, _, law in stops_of(model):
         end = "upper" if side > 0.0 else "lower"
         if not law.rigid:
             assert_agrees(estimate(found[f"force_{end}"]), truth[f"contact_force_{end}"])
@@ -416,14 +415,14 @@ def test_stiff_viscoelastic_stops_become_rigid_ones_of_their_restitution() -> No
 
 def test_a_scene_names_its_stops_and_their_law_per_unit_mass() -> None:
     case = scene(-1.0, 1.0, lower_law=BALL, upper_law=RUBBER, mass=2.5)
-    system = case.system()
+    model = model_of(case)
     assert case.effects()[1:] == ("Hertz stop lower", "viscoelastic stop upper")
-    assert system.restitution_lower is None and system.restitution_upper is None
-    assert system.law_lower == BALL and isinstance(system.law_upper, Viscoelastic)
-    assert system.law_upper.stiffness == pytest.approx(100.0)
+    assert model.lower.coefficient is None and model.upper.coefficient is None
+    assert model.lower.law == BALL and isinstance(model.upper.law, Viscoelastic)
+    assert model.upper.law.stiffness == pytest.approx(100.0)
     assert any("recovers at once" in sentence for sentence in case.assumptions())
     assert not any("rigid" in sentence for sentence in case.assumptions())
-    assert not system.elastic and scene(None, 1.0, BUMPER).system().elastic
+    assert not model.elastic and model_of(scene(None, 1.0, BUMPER)).elastic
 
 
 def test_a_stop_with_a_force_needs_a_mass() -> None:

@@ -28,7 +28,6 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean
 from stochvi.methods.monte_carlo.statistics import PathStatistics
-from stochvi.model.assembly import assemble
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
 from stochvi.testing import assert_agrees
@@ -280,7 +279,7 @@ def test_a_wrong_restitution_breaks_the_energy_balance() -> None:
     """Simulated with R = 0.8, judged as R = 0.81."""
     scene = oscillator(-1.0, 1.0, 0.8)
     statistics = run(scene, make_plan(model_of(scene), None, None), 8, 8192)
-    claimed = assemble(oscillator(-1.0, 1.0, 0.81))
+    claimed = model_of(oscillator(-1.0, 1.0, 0.81))
     value, error = statistics.evaluate(lambda means: residuals(claimed, means, (0.0,))["energy"])
     assert abs(value) > 4.5 * error
 
