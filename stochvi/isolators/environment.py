@@ -28,7 +28,7 @@ from stochvi.scenes.scene import Scene
 Vector = NDArray[np.float64]
 
 POINTS = 801
-"""Frequencies of a smooth curve over the whole input, besides those around the resonance."""
+"""Number of frequencies of a curve over the whole input; those around the resonance are extra."""
 
 RESONANCE_POINTS, RESONANCE_WIDTHS = 121, 3.0
 """Frequencies around the resonance, and how many half-power bandwidths they reach to each side."""
@@ -53,7 +53,7 @@ class BaseMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class Environment:
-    """What shakes an isolator.
+    """The excitation of an isolator and its transmission without stops, as numbers.
 
     Parameters
     ----------

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 WINDOW_PERIODS = 10
-"""Periods of the sine in which impacts are counted."""
+"""Length of a window in which impacts are counted, periods of the sine."""
 
 SETTLING_WINDOWS = 10
-"""Windows after a jolt until which a path is not yet said to be captured."""
+"""Number of windows after a jolt before a path counts as captured."""
 
 CLATTER = 0.5
 """Hits per period from which on a window belongs to clatter, both stops together, and to the
@@ -39,7 +39,7 @@ resonant regime, on each of them: that regime has one on each, occasional hits a
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Jolts(Result):
-    """What became of jolted paths.
+    """How many jolted paths were captured by clatter, and how long they stayed.
 
     Parameters
     ----------
@@ -72,13 +72,14 @@ class Jolts(Result):
 
     @property
     def paths(self) -> int:
-        """Flown for each jolt."""
+        """Number of paths that were simulated for each jolt."""
         return int(self.captured.shape[1])
 
     def escape_rate(self) -> tuple[float, float, float]:
-        """1/s with its exact 95 % interval, of all captured paths together (Poisson).
+        """Rate of escape of all captured paths, 1/s, with its exact 95 % interval (Poisson).
 
-        0 with an upper limit where none left; (nan, 0, inf) where none was captured.
+        The rate is 0, with an upper limit, where no path left clatter; the answer is (nan, 0, inf)
+        where no path was captured.
         """
         time, events = float(self.watched.sum()), int(self.left.sum())
         if time == 0.0:
@@ -123,7 +124,7 @@ class Jolts(Result):
         }
 
     def summary(self) -> str:
-        """The verdict in sentences."""
+        """Capture and escape, in sentences."""
         caught = bool(self.captured.any())
         found = "jolts throw the mount into clatter" if caught else "no jolt led to clatter"
         known = self.resonance
@@ -249,7 +250,10 @@ def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | 
     if len(sines) != 1:
         unmet.append(f"the scene must have one sine, got {len(sines)}")
     if len(model.pairs) != 1 or len(model.coordinates) != 1:
-        unmet.append("the scene must be one oscillator with one impact pair")
+        unmet.append(
+            "the scene must be one oscillator with one impact pair, got "
+            f"{len(model.coordinates)} coordinates and {len(model.pairs)} impact pairs"
+        )
     if unmet:
         raise NotApplicable("jolt", unmet)
     return sines[0]

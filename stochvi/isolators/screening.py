@@ -25,7 +25,7 @@ from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.scene import ImpactPair, Scene
 
 SMOOTH_POINTS = 61
-"""Clearances of a smooth curve of hit rates."""
+"""Number of clearances of a smooth curve of hit rates."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -84,7 +84,7 @@ def screen(scene: Scene) -> Screening:
     """Linear screening of an isolator on its moving base, stops left out.
 
     sigma_x, sigma_v and the absolute acceleration are integrals of the response density;
-    Miles' equation, G_rms = sqrt(pi / 2 f_n Q W(f_n)), stands beside them.
+    Miles' equation, G_rms = sqrt(pi / 2 f_n Q W(f_n)), is listed with them.
 
     Examples
     --------

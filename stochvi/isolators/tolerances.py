@@ -13,10 +13,10 @@ from stochvi.scenes.structures import Isolator
 
 FREQUENCY_TOLERANCE = 0.1
 DAMPING_TOLERANCE = 0.3
-"""Relative tolerances where the isolator states none: usual ones of elastomer mounts."""
+"""Relative tolerance of the damping ratio where the isolator states none: usual for elastomers."""
 
 LEVEL_DB = 3.0
-"""Decibels up and down: twice and half the density, a usual test tolerance."""
+"""Tolerance of the level, dB up and down: twice and half the density, usual for vibration tests."""
 
 
 def within_tolerances(scene: Scene, clearance: float) -> pd.DataFrame:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.quadrature import gauss_legendre
 
 NODES, WEIGHTS = gauss_legendre(64)
-"""Gauss-Legendre rule in each panel of a density."""
+"""Nodes and weights of the Gauss-Legendre rule in each panel of a density."""
 
 CUT = 50.0
 """Panels end where the density has fallen by e^-50, far below rounding."""
@@ -65,7 +65,7 @@ class CutNormal:
 
     @cached_property
     def peak(self) -> float:
-        """Where the density is largest; the origin of the centred quantities below."""
+        """Place of the largest density, m: the origin of the centred quantities below."""
         low = -math.inf if self.lower is None else self.lower
         high = math.inf if self.upper is None else self.upper
         if self.curvature > 0.0:
@@ -133,7 +133,7 @@ class CutNormal:
 
     @cached_property
     def mean(self) -> float:
-        """E x, m."""
+        """Mean of x, m."""
         return self.peak + self.expect(self._quadrature[0])
 
     @cached_property
@@ -144,7 +144,7 @@ class CutNormal:
 
     @cached_property
     def mean_square(self) -> float:
-        """E x^2, m^2."""
+        """Mean square of x, m^2."""
         return self.expect((self.peak + self._quadrature[0]) ** 2)
 
     def density(self, x: ArrayLike) -> NDArray[np.float64]:

@@ -20,17 +20,17 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Waves = NDArray[np.complex128]
 Tables = Sequence[tuple[Table, Vector]]
-"""Densities, and the modal forces p per unit of what they describe."""
+"""Each density, with the modal forces per unit of the quantity that the density describes."""
 
 NODES = 6
-"""Of Gauss-Legendre quadrature on each panel, which narrow geometrically towards resonances."""
+"""Number of Gauss-Legendre nodes on each panel; panels narrow geometrically towards resonances."""
 
 NARROWEST = 1e-9
-"""Width of a resonance, relative to its frequency, that is looked at."""
+"""Smallest width of a resonance, relative to its frequency, that panels resolve."""
 
 
 def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Vector) -> Waves:
-    """H of displacements over what shakes, complex (frequencies, n).
+    """Frequency responses of the displacements to an excitation, complex (frequencies, n).
 
     >>> still = gains(np.array([0.0]), np.diag([4.0]), np.diag([0.1]), np.array([2.0]))
     >>> still.real.tolist()
@@ -60,7 +60,7 @@ def quadrature(table: Table, stiffness: Matrix, damping: Matrix) -> tuple[Vector
 
 
 def eigenvalues(stiffness: Matrix, damping: Matrix) -> Waves:
-    """Of the free motion q'' + B q' + K q = 0, one of each conjugate pair."""
+    """Eigenvalues of the free motion q'' + B q' + K q = 0, one of each conjugate pair."""
     n = len(stiffness)
     companion = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]])
     found = np.linalg.eigvals(companion).astype(complex)
@@ -105,7 +105,7 @@ def beyond(
 
 
 NODES_OF_BIN = 3
-"""Of Gauss-Legendre quadrature in a bin, or in each part of one that a breakpoint cuts."""
+"""Number of Gauss-Legendre nodes in a bin, or in each part of a bin that a breakpoint cuts."""
 
 
 def bin_amplitudes(

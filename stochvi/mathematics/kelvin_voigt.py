@@ -21,7 +21,7 @@ class Impact(NamedTuple):
 
 
 def half_contact(z: float) -> float:
-    """arccos z / sqrt(1 - z^2), and what it goes over into for z >= 1."""
+    """arccos z / sqrt(1 - z^2), and its continuation arcosh z / sqrt(z^2 - 1) for z >= 1."""
     if z == 1.0:
         return 1.0
     if z < 1.0:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.quadrature import gauss_panels
 
 NODES = 16
-"""Gauss-Legendre nodes in each panel of a table."""
+"""Number of Gauss-Legendre nodes in each panel of a table."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

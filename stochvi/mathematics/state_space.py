@@ -9,7 +9,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 Matrix = NDArray[np.float64]
 
 DOUBLINGS_FROM = 0.5
-"""Norm of A h up to which a step is computed at once; longer ones by doubling."""
+"""Largest norm of A h for which a step is computed at once; longer steps are found by doubling."""
 
 
 def transition(generator: Matrix, step: float) -> Matrix:

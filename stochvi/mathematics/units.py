@@ -1,4 +1,4 @@
-"""One place for units and spectral conventions.
+"""Conversion factors of units, and the conventions of spectral densities.
 
 Inside the package white noise is described by its intensity S0,
 
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 STANDARD_GRAVITY = 9.80665
-"""m/s^2, exact by definition (CGPM 1901)."""
+"""Standard acceleration of gravity, m/s^2: exact by definition (CGPM 1901)."""
 
 ACCELERATION_DENSITY_UNITS = {"g2/Hz": STANDARD_GRAVITY**2, "(m/s2)2/Hz": 1.0}
 """One-sided acceleration densities: unit -> factor to (m/s^2)^2/Hz."""

@@ -160,8 +160,13 @@ class OscillatorArrays(NamedTuple):
             outside = (column < 0.0) | (column > 1.0)
             if name.startswith("restitution") and outside.any():
                 raise ValueError(f"{name} must be in [0, 1], got {column[outside][0]:g}")
-        if not (self.lower < self.upper).all():
-            raise ValueError("needs lower < upper in every scene")
+        crossed = np.flatnonzero(~(self.lower < self.upper))
+        if crossed.size:
+            index = crossed[0]
+            lower, upper = self.lower.flat[index], self.upper.flat[index]
+            raise ValueError(
+                f"lower must be below upper, got {lower:g} and {upper:g} at index {index}"
+            )
 
     def unmet(self) -> list[str]:
         """The conditions of a stationary state that not all of the oscillators meet."""

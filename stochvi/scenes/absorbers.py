@@ -18,22 +18,23 @@ CARRIER = "structure"
 """Name of the coordinate that carries the boxes, in the short form."""
 
 MOST_UNITS = 64
-"""Of one absorber; each is a coordinate of its own."""
+"""Largest number of units of one absorber; each unit is a coordinate of its own."""
 
 
 class Absorber(Checked):
     """Masses that a structure carries in boxes, to take energy from it by their impacts.
 
-    Either the names of their coordinates, beside a structure of kind `matrices` and its impact
-    pairs, or, beside an oscillator or isolator, what is needed to build both. Units that differ
-    are several absorbers: `absorber=[...]` of a scene, `[[absorber]]` in its file.
+    A scene with a structure of kind `matrices` has the coordinates and impact pairs already, and
+    the absorber names the coordinates in `mass_on`. In a scene with an oscillator or isolator the
+    absorber gives mass, play and law, from which both are built. Units that differ are several
+    absorbers: `absorber=[...]` of a scene, `[[absorber]]` in its file.
 
     Parameters
     ----------
     mass_on
         Names of the coordinates that are absorber masses.
     mass
-        Of all units together, kg; each has an equal share.
+        Mass of all units together, kg; each has an equal share.
     play
         Total travel of a unit in its box, m, the box about its rest position. Instead `lower` and
         `upper`, the stops of the relative displacement, of which one may be left out.
@@ -42,8 +43,8 @@ class Absorber(Checked):
     units
         Number of equal units, each in a box of its own.
     stiffness, damping
-        Of the springs and dampers between the units and the structure, all units together, N/m
-        and N s/m; 0 for loose masses.
+        Springs and dampers between the units and the structure, all units together, N/m and
+        N s/m; 0 for loose masses.
 
     Examples
     --------
@@ -76,7 +77,7 @@ class Absorber(Checked):
         if self.mass_on:
             if described != "none":
                 raise ValueError(
-                    f"takes mass_on, beside matrices, or mass, play and law, got both ({described})"
+                    f"takes either mass_on, or mass, play and law, got mass_on and {described}"
                 )
             if len(set(self.mass_on)) < len(self.mass_on):
                 raise ValueError(
@@ -146,7 +147,9 @@ def carrying(carrier: Oscillator, units: Sequence[Absorber]) -> Matrices:
         If the oscillator has no mass to compare with.
     """
     if carrier.mass is None:
-        raise SceneError([("structure.mass", "is needed beside an absorber, got none")])
+        raise SceneError(
+            [("structure.mass", "is needed where the scene has an absorber, got none")]
+        )
     mass, damping, stiffness = (float(matrix[0, 0]) for matrix in carrier.matrices)
     return Matrices(
         coordinates=(CARRIER, *unit_names(len(units))),
@@ -187,8 +190,9 @@ def on_oscillator(
     """
     if not isinstance(carrier, Oscillator):
         raise SceneError(
-            [("absorber", "of mass, play and law needs structure.kind 'oscillator' or 'isolator'; "
-              "beside matrices, name its coordinates in mass_on")]
+            [("absorber", "given by mass, play and law needs structure.kind 'oscillator' or "
+              f"'isolator', got {carrier.kind!r}; for matrices give mass_on, the names of the "
+              "coordinates that are its masses")]
         )  # fmt: skip
     units = [each.unit for each in absorbers for _ in range(each.units)]
     if len(units) > MOST_UNITS:
@@ -228,7 +232,7 @@ def absorbers_of(given: Any) -> list[Absorber]:
             raise SceneError([(f"absorber.{number}", f"must be a table of keys, got {each!r}")])
         if each.mass_on:
             raise SceneError(
-                [(f"absorber.{number}", "of a list needs mass, play and law; beside matrices, name "
+                [(f"absorber.{number}", "in a list needs mass, play and law; for matrices, name "
                   "all coordinates in the mass_on of one [absorber]")]
             )  # fmt: skip
     if not entries:
@@ -237,7 +241,7 @@ def absorbers_of(given: Any) -> list[Absorber]:
 
 
 def _at(key: str, kind: type[Checked], entries: Mapping[str, Any]) -> Checked:
-    """A part of a scene from its keys; what is wrong with them is said of `key`."""
+    """A part of a scene from its keys; an error names the keys as parts of `key`."""
     try:
         return kind(**entries)
     except SceneError as error:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stochvi.results.errors import SceneError
 
 LARGEST_TEXT_FILE = 10_000_000
-"""Bytes; a table of breakpoints or a scene is a few kilobytes, anything larger is a mistake."""
+"""Largest size of a table or scene file, bytes: such files have some kilobytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,12 +29,12 @@ class Profile:
 
 
 def data_folder() -> Path:
-    """The folder `data/`: inside an installed wheel, or beside the package in a checkout."""
+    """The folder `data/`: inside an installed wheel, or next to the package in a checkout."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "data", package.parent / "data"):
         if (folder / "psd_profiles").is_dir():
             return folder
-    raise SceneError(f"the folder data/ is missing beside {package}; reinstall stochvi")
+    raise SceneError(f"the folder data/ is missing next to {package}; reinstall stochvi")
 
 
 @cache
@@ -76,7 +76,7 @@ def zoo_files() -> dict[str, Path]:
 
 
 def scene_files(name: str) -> list[Path]:
-    """A scene that ships, and the tables beside it that it names."""
+    """A scene that ships, with the tables that it names."""
     path = shipped_scene(name)
     text = path.read_text(encoding="utf-8")
     return [path, *(table for table in sorted(path.parent.glob("*.csv")) if table.name in text)]

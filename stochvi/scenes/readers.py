@@ -17,7 +17,7 @@ from stochvi.scenes.datasets import check_file, read_table
 Vector = NDArray[np.float64]
 
 LARGEST_DATA_FILE = 200_000_000
-"""Bytes; an hour at 1 kHz takes some 70 million as text."""
+"""Largest size of a record file, bytes: an hour at 1 kHz takes about 70 million bytes as text."""
 
 UFF_SUFFIXES = (".uff", ".unv", ".ufb", ".uf")
 MATLAB_SUFFIXES = (".mat",)
@@ -41,7 +41,7 @@ UNIT_LABELS = {
     "m/s2": "m/s2",
     "n": "N",
 }
-"""How instruments write a unit (small letters, no blanks), and the key's word for it."""
+"""Unit as instruments write it (small letters, no blanks) -> unit as scene files write it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,7 +64,7 @@ def read_columns(
     dataset: int | None = None,
     function_type: int = SPECTRAL_DENSITY,
 ) -> Columns:
-    """The columns `names` (one or two) of a text, UFF or MATLAB file, told by its ending.
+    """The columns `names` (one or two) of a text, UFF or MATLAB file; the ending tells which.
 
     Parameters
     ----------

@@ -18,28 +18,28 @@ from stochvi.scenes.readers import TIME_RESPONSE, read_columns
 Vector = NDArray[np.float64]
 
 FEWEST_SAMPLES = 256
-"""Below, no segment of the record would resolve anything."""
+"""Smallest number of samples of a record: the segments of a shorter one would resolve nothing."""
 
 FEWEST_SEGMENT_LENGTHS = 8
-"""A record is cut into at least so many lengths of a segment: one bin then scatters by 37 %."""
+"""Smallest length of a record in segments: one bin of the density then scatters by 37 %."""
 
 BINS_IN_BANDWIDTH = 6.0
-"""Bins to a half-power bandwidth: a Hann window, 1.5 bins wide, then covers a quarter of it."""
+"""Number of bins in a half-power bandwidth, of which a Hann window covers a quarter (1.5 bins)."""
 
 BINS_BELOW_RESONANCE = 10.0
-"""Bins up to the natural frequency: what lies below the first bin is lost."""
+"""Number of bins up to the natural frequency: the energy below the first bin is lost."""
 
 HANN_OVERLAP_VARIANCE = 19.0 / 18.0
 """K times the variance of a mean over K half-overlapping Hann segments: 1 + 2 / 6^2."""
 
 SMALLEST_DENSITY = 1e-16
-"""Of the largest one: what a bin without energy counts for, since a table is in logarithms."""
+"""Density of a bin without energy, relative to the largest: a table in logarithms cannot hold 0."""
 
 UNEVEN = 0.1
-"""Part of a sampling interval by which a time may lie off the even grid (printed digits)."""
+"""Largest distance of a time from the even grid, in sampling intervals: printed digits are few."""
 
 BLOCKS = 16
-"""Of a record, for the standard error of its kurtosis."""
+"""Number of blocks of a record from which the standard error of its kurtosis is taken."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 from stochvi.mathematics.spectra import Table
 
 REFERENCE_WAVENUMBER = 0.1
-"""n0 of ISO 8608, cycles/m."""
+"""Reference wavenumber n0 of ISO 8608, cycles/m."""
 
 ROUGHNESS = {
     "A": 16e-6,

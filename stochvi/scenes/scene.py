@@ -27,7 +27,7 @@ from stochvi.scenes.excitations import (
 )
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
-from stochvi.scenes.validation import Checked, Number
+from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number
 
 
 class ImpactPair(Checked):
@@ -396,7 +396,7 @@ class Scene(Checked):
 
 
 LARGEST_NUMBER = 1e50
-"""Of anything in a scene, per unit mass, and the inverse of the smallest: squares stay finite."""
+"""Largest number in a scene, per unit mass, and inverse of the smallest: squares stay finite."""
 
 
 def _one_of(names: Sequence[str]) -> str:
@@ -415,7 +415,7 @@ def _range_sentence(name: str, value: float) -> str:
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene file (TOML); tables that it names are looked for beside it.
+    """Read a scene file (TOML); the tables that it names are looked for in its folder.
 
     Raises
     ------
@@ -457,10 +457,6 @@ def _files_from(folder: Path, entry: Any) -> Any:
     if isinstance(entry.get("file"), str):
         found["file"] = str(folder / entry["file"])
     return found
-
-
-PYTHON_ONLY = ("nonlinear", "speed-restitution")
-"""Kinds that hold functions, which a scene file cannot say."""
 
 
 def _refuse_functions(document: Mapping[str, Any]) -> None:

@@ -250,11 +250,11 @@ class Matrices(Checked):
 
 
 SYMMETRY = 1e-9
-"""Relative rounding error that matrices are granted."""
+"""Largest relative difference of two entries that counts as rounding where symmetry is checked."""
 
 
 def _smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
-    """Of D^-1/2 A D^-1/2 with D the diagonal of A: coordinates of any size count alike."""
+    """Smallest eigenvalue of D^-1/2 A D^-1/2 with D the diagonal of A, which is free of units."""
     size = np.sqrt(np.abs(np.diag(matrix)))
     if np.any(matrix[size == 0.0]):
         return -1.0  # a zero on the diagonal of a matrix without negative eigenvalues is alone
@@ -349,16 +349,19 @@ class NonlinearOscillator(Checked):
 
 
 ABOUT_ZERO = np.array([-1e-9, 0.0, 1e-9])
-"""Where functions are looked at once: no length is known that others could be measured by."""
+"""Displacements (m) or velocities (m/s) at which a function is evaluated once to check its values.
+
+They are close to 0, because the scale of the motion is not known yet.
+"""
 
 NODES, WEIGHTS = gauss_legendre(16)
-"""Gauss-Legendre rule on each interval of an integral of a force."""
+"""Nodes and weights of the Gauss-Legendre rule on each interval of an integral of a force."""
 
 MOST_HALVINGS = 60
-"""Of an interval about a kink or a jump, until it holds nothing."""
+"""Largest number of times that an interval about a kink or a jump is halved."""
 
 ROUNDING = 1e-14
-"""Relative size below which what halving an interval changes of an integral is rounding."""
+"""Relative change of an integral, when an interval is halved, below which it counts as rounding."""
 
 
 def _integral(function: Function, ends: Vector) -> Vector:
@@ -399,4 +402,4 @@ def _panel(function: Function, starts: Vector, stops: Vector) -> tuple[Vector, V
 
 
 Structure = Oscillator | Isolator | Matrices | NonlinearOscillator
-"""Every structure that a scene may hold."""
+"""A structure that a scene may hold, of any kind."""

@@ -133,8 +133,11 @@ def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str,
     return problems
 
 
+PYTHON_ONLY = ("nonlinear", "speed-restitution")
+"""Kinds of parts that hold functions, which a scene file cannot express."""
+
 KINDS_AFTER = {"structure": 1, "excitation": 2, "law": 1, "lower_law": 1, "upper_law": 1}
-"""Keys that hold parts of several kinds, and where in a path the kind then stands."""
+"""Keys that hold parts of several kinds -> place of the kind in the path of an error."""
 
 
 def _without_kind(path: Sequence[Any]) -> list[Any]:
@@ -177,7 +180,9 @@ def _sentence(detail: Any) -> str:
         case "literal_error":
             return f"must be {limits['expected']}, got {got}"
         case "union_tag_invalid":
-            return f"has kind {limits['tag']!r}, expected {limits['expected_tags']}"
+            tags = limits["expected_tags"].split(", ")
+            kinds = ", ".join(tag for tag in tags if tag.strip("'") not in PYTHON_ONLY)
+            return f"has kind {limits['tag']!r}, expected {kinds}"
         case "union_tag_not_found":
             return f"needs the key {limits['discriminator']}, got {got}"
         case "tuple_type" | "list_type":

@@ -148,7 +148,7 @@ def test_a_list_of_absorbers_in_a_file(tmp_path) -> None:
     ("absorbers", "sentence"),
     [
         ([], "absorber needs at least one entry"),
-        ([{"mass_on": "x"}], r"absorber\.0 of a list needs mass, play and law"),
+        ([{"mass_on": "x"}], r"absorber\.0 in a list needs mass, play and law"),
         ([3.0], r"absorber\.0 must be a table of keys"),
         (
             [{"mass": 0.1, "play": 1.0, "units": 40, "law": Restitution(coefficient=0.5)}] * 2,
@@ -200,7 +200,7 @@ def test_a_scene_file_may_use_either_form(tmp_path) -> None:
         ({"mass": 0.1}, "absorber needs play, or lower and upper"),
         ({"mass": 0.1, "play": 1.0, "units": 0}, "absorber.units must be at least 1"),
         ({"mass": 0.1, "upper": 1.0}, "needs both walls where no spring holds the mass"),
-        ({"mass": 0.1, "play": 1.0, "mass_on": "x"}, "takes mass_on, beside matrices, or mass"),
+        ({"mass": 0.1, "play": 1.0, "mass_on": "x"}, "takes either mass_on, or mass, play and law"),
         ({"mass": 0.1, "plya": 1.0}, "did you mean 'play'"),
     ],
 )
@@ -222,7 +222,9 @@ def test_a_coordinate_is_named_once_in_mass_on() -> None:
 
 def test_an_absorber_needs_the_mass_that_it_is_compared_with() -> None:
     law = Restitution(coefficient=0.5)
-    with pytest.raises(SceneError, match=r"structure\.mass is needed beside an absorber"):
+    with pytest.raises(
+        SceneError, match=r"structure\.mass is needed where the scene has an absorber"
+    ):
         Scene(
             structure=Isolator(frequency_hz=10.0, zeta=0.01),
             absorber=Absorber(mass=0.1, play=1.0, law=law),

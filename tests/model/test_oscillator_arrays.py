@@ -58,7 +58,7 @@ def test_masks_slices_and_indices_take_the_same_oscillators() -> None:
         ({"load": math.inf}, "load must be finite, got inf"),
         ({"intensity": -0.1}, "intensity must be at least 0, got -0.1"),
         ({"restitution_upper": 1.2}, r"restitution_upper must be in \[0, 1\], got 1.2"),
-        ({"lower": 1.0, "upper": 1.0}, "needs lower < upper in every scene"),
+        ({"lower": 1.0, "upper": 1.0}, "lower must be below upper, got 1 and 1 at index 0"),
     ],
 )
 def test_numbers_out_of_range_are_named(changes: dict[str, float], sentence: str) -> None:

@@ -164,7 +164,7 @@ class Sizing(Result):
         return seed if isinstance(seed, int) else 0
 
     def verdict(self) -> str:
-        """The answer in a sentence, then what three sigma would be."""
+        """The clearance, the risk that it keeps, and the risk at three sigma, in one sentence."""
         three = self.three_sigma
         return (
             f"{self._answer()}; 3 sigma = {1e3 * three.clearance:.4g} mm is hit with a chance of "
@@ -172,7 +172,7 @@ class Sizing(Result):
         )
 
     def _answer(self) -> str:
-        """The clearance and what it keeps, in words."""
+        """The clearance and the risk that it keeps, in words."""
         mm, c = 1e3, self.clearance
         in_sigma = f"{c.value / self.sigma:.3g} sigma"
         if self.kept_with is None:
@@ -188,7 +188,7 @@ class Sizing(Result):
         )
 
     def _keeps(self) -> str:
-        """What the clearance keeps, in words."""
+        """The requirement that the clearance keeps, in words."""
         target, mission = self.target, spoken_mission(self.mission)
         if target.name == "probability":
             return f"keeps the chance of any hit in {mission} at {spoken_percent(target.value)}"
@@ -205,7 +205,7 @@ class Sizing(Result):
         return self.curve
 
     def summary(self) -> str:
-        """The verdict."""
+        """The clearance and the risk that it keeps, in one sentence: the same as `verdict`."""
         return self.verdict()
 
     def _shown(self) -> pd.DataFrame:

@@ -1,4 +1,8 @@
-"""Where stops lie, and the chance of any hit there, read off the curve of a sizing."""
+"""Where the stops of a sizing lie, and the chance of any hit there.
+
+This module only reads the chance off the curve of risk against clearance. The chance itself is
+calculated in `stochvi.statistics.first_crossings`, and `risk_curve` makes the curve of it.
+"""
 
 from __future__ import annotations
 
@@ -92,7 +96,7 @@ def _bursts_at(sizing: Sizing, clearance: float) -> float | None:
 
 
 LEAST, CERTAIN = 1e-300, 1.0 - 1e-15
-"""Limits that a chance is kept within before its logarithm is taken."""
+"""Smallest and largest chance of which a logarithm is taken; others are moved to these limits."""
 
 
 def two_sided(scene: Scene) -> bool:

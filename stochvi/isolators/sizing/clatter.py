@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 SAMPLES_PER_PERIOD = 40.0
-"""Of the natural period: of a free crest between samples at most 0.3 % is missed."""
+"""Samples per natural period: a free crest between two of them is missed by at most 0.3 %."""
 
 FIRST_PATHS = 128
-"""Windows in the first round, for an honest standard error."""
+"""Number of windows in the first round: enough for a trustworthy standard error."""
 
 MOST_ROUNDS = 12
-"""Of windows, each growing with what the last one says is missing."""
+"""Largest number of rounds; each simulates as many windows as the last error asks for."""
 
 
 def clatter(

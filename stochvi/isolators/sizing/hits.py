@@ -78,7 +78,7 @@ class Hits:
         return self.tried[clearance]
 
     def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
-        """The hits by bursts; None if bursts do not end or cannot be told from each other."""
+        """The hits by bursts; None if bursts do not end or no pause separates them."""
         try:
             found = bursts(
                 scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()

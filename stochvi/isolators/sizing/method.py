@@ -447,7 +447,7 @@ class _Job:
             )
         self.warnings.append(
             f"a clearance below {1e3 * place:.4g} mm may do as well: there hits come without the "
-            "pauses by which bursts are told apart, and no chance can be calculated"
+            "pauses that separate one burst from the next, and no chance can be calculated"
         )
         self.kept_with = _chance(rate, self.mission)
         if self.kept_with.upper_95 is not None:

@@ -1,4 +1,4 @@
-"""The review of a sizing: every number that a design review asks for beside the clearance."""
+"""The review of a sizing: every number that a design review needs besides the clearance."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PLACES = ("three_sigma", "recommended")
-"""The clearances that a review looks at closely: names of `Sizing.evidence`."""
+"""Keys of `Sizing.evidence`: the clearances at which a review gives every number."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -388,7 +388,7 @@ def _estimate(answer: Response, quantity: str, factor: float) -> Estimate | None
 
 
 def _warnings(sizing: Sizing) -> tuple[str, ...]:
-    """Those of the sizing, of the screening and of measured records, each once."""
+    """Warnings of the sizing, of the screening and of measured records, each once."""
     found = list(sizing.warnings)
     if sizing.screening is not None:
         found += sizing.screening.notes

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 CERTAIN = 0.999
-"""The largest chance of a hit that may be asked for."""
+"""Largest chance of a hit that a target may have."""
 
 KNOWN = 1.0 - 1e-12
 """Largest chance of a hit whose ln(1 - P) still has four digits after rounding."""

@@ -43,13 +43,13 @@ RECORD_BITS = 16
 """Binary logarithm of the number of samples in a record that is not Gaussian."""
 
 RECORDS = 32
-"""Number of such records: the standard error of the kurtosis is then about 0.02."""
+"""Number of records that are not Gaussian: the standard error of the kurtosis is about 0.02."""
 
 SAMPLES_PER_PERIOD = 2.5
-"""Samples in a period of the highest frequency of the tables."""
+"""Number of samples in a period of the highest frequency of the tables."""
 
 ROUNDS = 10
-"""Rounds in which the law and the density of a record are set in turn."""
+"""Number of rounds in which first the law and then the density of a record is set."""
 
 MODULATION_NODES = 200
 """Nodes of the Gauss-Laguerre rule over the variance of slow bursts."""

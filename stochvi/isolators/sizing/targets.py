@@ -15,7 +15,7 @@ TYPICAL_SPEED = 1.25
 """Speed of a usual first hit in rms velocities: about half of the first hits are faster."""
 
 WIDEST = 3.0
-"""Largest factor by which the law of first speeds is widened: statistical weights grow with it."""
+"""Largest factor on the speeds of first hits; statistical weights grow with this factor."""
 
 
 def target_of(

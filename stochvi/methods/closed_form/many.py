@@ -334,7 +334,7 @@ def _coupled_pairs(model: Model, split: Split, theta: float, block: NDArray[np.i
 
 
 def _gaussian(model: Model) -> Solution:
-    """Linear structure, white and filtered noise."""
+    """Response of a linear structure to white and filtered noise: a Gaussian law."""
     modes = model.modal
     law = linear_law(modes)
     assert law is not None
