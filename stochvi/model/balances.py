@@ -79,7 +79,7 @@ def residuals(
 
 
 def _pushes(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[tuple[Any, float, Any]]:
-    """(direction, stop, mean force on y) of every stop, the force positive upwards."""
+    """Every stop as (direction, stop, mean force on y), the force positive upwards."""
     found = []
     for pair in model.pairs:
         for stop in pair.stops:

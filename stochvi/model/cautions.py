@@ -1,4 +1,4 @@
-"""What a user should know of a scene before believing any number: printed as notes."""
+"""Warnings that concern a scene itself, whatever the method; they are printed as notes."""
 
 from __future__ import annotations
 

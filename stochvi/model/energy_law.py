@@ -80,13 +80,13 @@ class Well:
     upper: float
 
     def energy(self, x: float) -> float:
-        """U(x), with all its digits close to the place where it is 0."""
+        """Potential energy U(x), with all its digits close to the place where it is 0."""
         away = x - self.place
         return away * (0.5 * self.omega**2 * away + (self.omega**2 * self.place - self.load))
 
     @cached_property
     def place(self) -> float:
-        """Where the energy is least between the stops."""
+        """Place of the least energy between the stops, m."""
         if self.omega:
             return min(max(self.load / self.omega**2, self.lower), self.upper)
         place = self.upper if self.load > 0.0 else self.lower
@@ -179,7 +179,7 @@ class EnergyLaw:
 
     @cached_property
     def _edges(self) -> list[tuple[float, float, float]]:
-        """(E_k, s from, s to) of every panel."""
+        """Every panel as (E_k, s from, s to)."""
         starts = _starts(self.stops)
         ends = [*starts[1:], starts[-1] + self.span]
         found = []
@@ -214,7 +214,7 @@ class EnergyLaw:
 
     @cached_property
     def nodes(self) -> tuple[Vector, Vector]:
-        """Energies, and dE / ds there."""
+        """Energies at the nodes, and dE / ds there."""
         start, one, two = (np.array(column)[:, None] for column in zip(*self._edges, strict=True))
         s = (one + two) / 2.0 + (two - one) / 2.0 * NODES
         return (start + s**2).ravel(), (2.0 * s).ravel()
@@ -291,12 +291,12 @@ class EnergyLaw:
 
     @property
     def centre(self) -> float:
-        """E x of a box without a spring and a load."""
+        """Mean displacement in a box without a spring and a load, m."""
         return (self.well.lower + self.well.upper) / 2.0
 
     @property
     def velocity_mean_square(self) -> float:
-        """E v^2: the action is the integral of v^2 dt over a cycle."""
+        """Mean square velocity, from the action: the integral of v^2 dt over a cycle."""
         return self.moment(lambda orbits: orbits.action)
 
     def rate_of_cycles_above(self, energy: float) -> float:
@@ -367,7 +367,7 @@ def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
 
 
 def _starts(stops: dict[str, Barrier]) -> list[float]:
-    """Energies from which on an orbit is another: the bottom, and those of the stops."""
+    """Energies at which orbits change their form: the lowest one, and those of the stops."""
     return sorted({0.0, *(stop.energy for stop in stops.values())})
 
 

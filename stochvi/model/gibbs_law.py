@@ -72,7 +72,7 @@ class WellSearch:
 
 
 SEARCH = WellSearch()
-"""The search that all laws use."""
+"""Settings of the search for wells that all laws use."""
 
 
 class Spring(NamedTuple):
@@ -151,7 +151,7 @@ class GibbsLaw:
 
     @cached_property
     def walls(self) -> tuple[float, float]:
-        """Where rigid stops cut the density below and above; infinite where none does."""
+        """Places at which rigid stops cut the density below and above; infinite where none does."""
         walls = {name: stop.position for name, stop in self._stops.items() if stop.rigid}
         return walls.get("lower", -math.inf), walls.get("upper", math.inf)
 
@@ -172,14 +172,14 @@ class GibbsLaw:
     # The potential ------------------------------------------------------------------------
 
     def _pull(self, x: ArrayLike) -> Vector:
-        """U'(x)."""
+        """Slope U'(x) of the potential energy per unit mass, m/s^2."""
         x = np.asarray(x, dtype=float)
         spring = (self.spring.force(x) if self.spring else self.omega**2 * x) - self.load
         stops = [stop.side * law.force_at(stop.deflection(x)) for stop, law in self._soft]
         return np.asarray(sum(stops, spring))
 
     def _rise(self, offset: ArrayLike, origin: float) -> Vector:
-        """U(origin + offset) - U(origin)."""
+        """Rise of the potential energy, U(origin + offset) - U(origin), m^2/s^2."""
         offset = np.asarray(offset, dtype=float)
         spring = offset * (self.omega**2 * (origin + offset / 2.0) - self.load)
         if self.spring is not None:
@@ -206,7 +206,7 @@ class GibbsLaw:
 
     @cached_property
     def peak(self) -> float:
-        """Where the density is largest: U' = 0, or a rigid stop."""
+        """Place of the largest density, m: where U' = 0, or a rigid stop."""
         if self.spring is not None:
             return self._deepest_well()
         start = self.load / self.omega**2 if self.omega else 0.0
@@ -230,7 +230,7 @@ class GibbsLaw:
         return self.walls[1] if away > 0.0 else self.walls[0]
 
     def _within(self, x: ArrayLike) -> Vector:
-        """x, on the near side of rigid stops."""
+        """Place x moved to the near side of rigid stops, m."""
         return np.asarray(np.clip(np.asarray(x, dtype=float), *self.walls))
 
     def _outer(self, origin: float, away: float) -> float:
@@ -371,7 +371,7 @@ class GibbsLaw:
         return self._weights(halved, origin)
 
     def _panels(self, edges: list[float], origin: float) -> Vector:
-        """Integral over each panel."""
+        """Integral of the density over each panel."""
         return np.asarray(self._weights(edges, origin)[1].reshape(-1, len(NODES)).sum(axis=1))
 
     def _weights(self, edges: list[float], origin: float) -> tuple[Vector, Vector]:
@@ -399,7 +399,7 @@ class GibbsLaw:
 
     @cached_property
     def mean(self) -> float:
-        """E x, m."""
+        """Mean of x, m."""
         return self.peak + self.expect(self._quadrature[0]) + self._beyond(1)
 
     @cached_property

@@ -73,7 +73,7 @@ class ModalForm(NamedTuple):
 
     @property
     def kicked(self) -> bool:
-        """Whether there is white noise, together with which the damping is kicked."""
+        """Whether there is white noise; the damping then acts in its kicks."""
         return bool(np.any(self.white))
 
     @property
@@ -98,7 +98,7 @@ class ModalForm(NamedTuple):
         return np.concatenate([np.arange(2 * self.size), 2 * self.size + np.flatnonzero(kept)])
 
     def generator(self, damping: Matrix, stiffness: Matrix) -> Matrix:
-        """A of s' = A s + noise with these modal matrices."""
+        """Matrix A of s' = A s + noise with these modal matrices."""
         n, m = self.size, len(self.signals)
         a = np.zeros((2 * n + m, 2 * n + m))
         a[:n, n : 2 * n] = np.eye(n)
@@ -108,7 +108,7 @@ class ModalForm(NamedTuple):
 
     @property
     def flow(self) -> Matrix:
-        """A between impacts, without what is kicked."""
+        """Matrix A of the motion between impacts, without the damping that acts in kicks."""
         damping = np.zeros_like(self.damping) if self.kicked else self.damping
         return self.generator(damping, np.diag(self.squares))
 
@@ -181,7 +181,7 @@ class LinearLaw(NamedTuple):
 
 
 class Substitute(NamedTuple):
-    """What stands for the impacts of a pair: spring N/m, its centre m, damper N s/m."""
+    """Linear substitute for the impacts of a pair: spring N/m, its centre m, damper N s/m."""
 
     spring: float
     centre: float

@@ -64,7 +64,7 @@ class Stop:
 
     @property
     def name(self) -> str:
-        """The word for its side, "lower" or "upper"."""
+        """Name of the side of the stop, "lower" or "upper"."""
         return "upper" if self.side > 0 else "lower"
 
     @property
@@ -280,7 +280,7 @@ class Model:
 
     @property
     def damping_rate(self) -> float:
-        """b = c / m of one oscillator, 1/s; 0 where the damper is a function."""
+        """Damping rate b = c / m of one oscillator, 1/s; 0 where the damper is a function."""
         return self._rates[1]
 
     @property
@@ -362,7 +362,7 @@ class Model:
 
     @property
     def rest(self) -> float:
-        """Where one oscillator rests under its load, m, if no stop is met. Without a spring: 0
+        """Rest position of one oscillator under its load, m, if no stop is met. Without a spring: 0
         without a load, and infinity in the direction of a load."""
         if self.load == 0.0:
             return 0.0
@@ -452,7 +452,7 @@ def _signals(shaken: list[tuple[Excitation, Vector]]) -> Iterator[Signal]:
 def _constants(
     scene: Scene, mass: Matrix, shaken: list[tuple[Excitation, Vector]]
 ) -> Iterator[tuple[float, Vector]]:
-    """Gravity, which is an acceleration of the base in all but name, and constant loads."""
+    """Gravity, as an acceleration of the base, and constant loads: size and direction of each."""
     if isinstance(scene.structure, Oscillator) and scene.structure.gravity_load:
         yield -scene.structure.gravity_load, -mass.sum(axis=1)
     for excitation, direction in shaken:

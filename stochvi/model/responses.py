@@ -1,4 +1,4 @@
-"""From the few numbers that a deterministic method computes to the `Response` it returns."""
+"""Responses of deterministic methods, made from the few numbers that these compute."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ class StationaryMoments:
         )
 
     def at(self, stop: Stop) -> tuple[StopStatistics, ContactStatistics | None]:
-        """What a stop sees: its impacts, and its contacts if it gives way."""
+        """Statistics of a stop: its impacts, and its contacts if it gives way."""
         if stop.side > 0:
             return self.upper, self.contact_upper
         return self.lower, self.contact_lower
@@ -255,7 +255,7 @@ class StationaryMoments:
         }
 
     def _moments(self, model: Model) -> dict[tuple[str, str], float] | None:
-        """The moments that the balances are made of; None if a rate is missing."""
+        """Moments from which the balances are calculated; None if a rate is missing."""
         (name,) = model.coordinates
         moments: dict[tuple[str, str], float] = {
             (name, "x"): self.mean,

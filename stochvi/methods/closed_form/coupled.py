@@ -94,12 +94,12 @@ class CoupledLaw:
     # The energy ---------------------------------------------------------------------------
 
     def _soft(self, place: int) -> list[tuple[Stop, CompliantLaw]]:
-        """The stops of a pair that give way, with their laws."""
+        """Compliant stops of a pair, with their laws."""
         stops = self.pairs[place].stops
         return [(stop, stop.law) for stop in stops if isinstance(stop.law, CompliantLaw)]
 
     def _walls(self, place: int) -> tuple[float, float]:
-        """Where rigid stops cut the density of a coordinate; infinite for none."""
+        """Places of the rigid stops that cut the density of a coordinate; infinite for none."""
         held = {stop.side: stop.position for stop in self.pairs[place].stops if stop.rigid}
         return held.get(LOWER, -math.inf), held.get(UPPER, math.inf)
 
@@ -120,8 +120,8 @@ class CoupledLaw:
 
     @cached_property
     def _mode(self) -> Vector:
-        """Where the density is largest: each coordinate in turn is put where the energy is least,
-        which is convex."""
+        """Place of the largest density: each coordinate in turn is put where the energy, which is
+        convex, is least."""
         low, high = np.array([self._walls(place) for place in range(len(self.pairs))]).T
         unit = np.sqrt(self.theta / np.diag(self.stiffness))
         y = np.clip(np.zeros(len(unit)), low, high)
@@ -136,7 +136,7 @@ class CoupledLaw:
         raise Intractable(f"no place was found where the density of the pairs {names} is largest")
 
     def _lowest(self, place: int, y: Vector, low: float, high: float) -> float:
-        """Where the energy is least in one coordinate, with the others held."""
+        """Value of one coordinate at which the energy is least, with the others held."""
 
         def slope(x: float) -> float:
             moved = y.copy()
@@ -242,7 +242,7 @@ class CoupledLaw:
 
     @cached_property
     def mean(self) -> Vector:
-        """E y, m."""
+        """Mean of the gaps y, m."""
         return _moments(self._fine_rule)[0]
 
     @cached_property

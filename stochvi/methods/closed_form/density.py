@@ -40,7 +40,7 @@ class ExactDensity:
         return _exp(self.log_density(x, v))
 
     def log_density(self, x: ArrayLike, v: ArrayLike) -> Vector:
-        """Its logarithm; minus infinity beyond rigid stops."""
+        """Logarithm of the joint density; minus infinity beyond rigid stops."""
         return np.asarray(self.law.log_density(x) + _log_normal(v, self.law.theta))
 
     def displacement_density(self, x: ArrayLike) -> Vector:
@@ -52,7 +52,7 @@ class ExactDensity:
         return _exp(_log_normal(v, self.law.theta))
 
     def tail(self, x: ArrayLike) -> Vector:
-        """P(X > x)."""
+        """Probability of a displacement above x (m), P(X > x)."""
         return _exp(self.log_tail(x))
 
     def log_tail(self, x: ArrayLike) -> Vector:
@@ -151,7 +151,7 @@ def displacement_density(scene: Scene, x: ArrayLike) -> Vector:
 
 
 def _law(scene: Scene, response: Response) -> GibbsLaw:
-    """The law of the displacement; of filtered noise the Gaussian one with its moments."""
+    """Law of the displacement; for filtered noise the Gaussian law with its moments."""
     if one_oscillator(model_of(scene)):
         return one.displacement_law(scene)
     (found,) = response.coordinates.values()

@@ -208,7 +208,7 @@ def _pair(law: PairLaw, mass: float, error: float, how: str) -> dict[str, Estima
 
 
 def _moments(model: Model, found: Solution) -> dict[tuple[str, str], float]:
-    """The moments that the balances are made of."""
+    """Moments from which the balances are calculated."""
     moments: dict[tuple[str, str], float] = {}
     for row, name in enumerate(model.coordinates):
         moments[name, "x"] = float(found.mean[row])
@@ -284,7 +284,7 @@ def _split(model: Model, theta: float) -> Split:
 
 
 def _one_pair(model: Model, split: Split, theta: float, block: NDArray[np.intp]) -> Solution:
-    """A pair of its own, like an oscillator of its reduced mass."""
+    """Law of a pair that no spring couples to others: that of an oscillator of its reduced mass."""
     row = int(block[0])
     pair = model.pairs[row]
     omega = float(np.sqrt(max(split.stiffness[row, row], 0.0) / pair.mass))
@@ -303,7 +303,7 @@ def _one_pair(model: Model, split: Split, theta: float, block: NDArray[np.intp])
 
 
 def _coupled_pairs(model: Model, split: Split, theta: float, block: NDArray[np.intp]) -> Solution:
-    """Pairs that springs couple, integrated together."""
+    """Laws of pairs that springs couple, by integrals over all of them."""
     pairs = tuple(model.pairs[row] for row in block)
     if len(block) > MOST_PAIRS:
         names = ", ".join(pair.name for pair in pairs)

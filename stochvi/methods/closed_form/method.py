@@ -1,4 +1,4 @@
-"""What `exact` answers: by the law of one oscillator, or by that of several coordinates."""
+"""`exact`: the closed form of one oscillator, or that of several coordinates."""
 
 from __future__ import annotations
 

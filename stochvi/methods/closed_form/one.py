@@ -90,7 +90,7 @@ def lossy(law: Law, at: str) -> str:
 
 
 def displacement_law(scene: Scene) -> GibbsLaw:
-    """exp(-U / theta) between the stops; of tables the Gaussian law that they leave.
+    """Law exp(-U / theta) between the stops; under tabulated noise the Gaussian law.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _gibbs_law(model: Model, theta: float) -> GibbsLaw:
 
 
 def _white_theta(model: Model) -> float:
-    """theta = E v^2 = S0 / (2 b) of the white noise."""
+    """Mean square velocity theta = S0 / (2 b) under white noise, m^2/s^2."""
     return model.intensity / (2.0 * model.damping_rate)
 
 
@@ -142,7 +142,7 @@ energies there and to theta."""
 
 
 def _check_potential(structure: NonlinearOscillator, law: GibbsLaw) -> None:
-    """Compare a potential of its own with the integral of the force, where the mass is."""
+    """Compare a given potential with the integral of the force, where the mass is found."""
     if structure.potential is None:
         return
     places = np.linspace(law.mean - law.deviation, law.mean + law.deviation, 5)

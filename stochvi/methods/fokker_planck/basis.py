@@ -51,17 +51,17 @@ class Mesh:
 
     @property
     def unknowns(self) -> int:
-        """How many coefficients the density has."""
+        """Number of coefficients of the density."""
         return (len(self.x_breaks) - 1) * (self.x_degree + 1) * self.velocity.size
 
     @cached_property
     def velocity(self) -> VelocityBasis:
-        """The functions of velocity and the integrals that no scene changes."""
+        """Functions of velocity, with the integrals that do not depend on a scene."""
         return VelocityBasis(self.u_breaks, self.u_degree)
 
     @cached_property
     def displacement(self) -> tuple[DisplacementElement, ...]:
-        """The elements in xi."""
+        """Elements of displacement, in xi."""
         ends = zip(self.x_breaks[:-1], self.x_breaks[1:], strict=True)
         return tuple(DisplacementElement(left, right, self.x_degree) for left, right in ends)
 
@@ -125,7 +125,7 @@ class VelocityBasis:
         return found[0], found[1]
 
     def _places(self, element: int) -> NDArray[np.intp]:
-        """Of an element's functions among the half: both ends, then those inside."""
+        """Indices of an element's functions in its half: both ends first, then those inside."""
         inner = self.elements + 1 + element * (self.degree - 1)
         return np.array([element, element + 1, *range(inner, inner + self.degree - 1)])
 
@@ -175,7 +175,7 @@ class VelocityBasis:
         return flux
 
     def wall(self, restitution: Array) -> tuple[Array, Array]:
-        """What a stop takes and gives back, one pair of matrices per restitution R.
+        """Matrices of what arrives at a stop and of what leaves it, one pair per restitution R.
 
         integral over u > 0 of g u N_l(u) N_k(u), and of g u N_l(u) N_k(R u), the second by Gauss
         between mesh points and mesh points / R, where its integrand is smooth.
@@ -208,7 +208,7 @@ class DisplacementElement:
         self.at_left: Array = np.where(np.arange(self.size) % 2 == 0, 1.0, -1.0)
 
     def local(self, xi: Array) -> Array:
-        """xi on the scale of the element, from -1 to 1."""
+        """Place xi on the scale of the element, from -1 to 1."""
         return (2.0 * xi - self.left - self.right) / (self.right - self.left)
 
 
@@ -281,14 +281,14 @@ class VelocityCells:
         return found
 
     def _local(self, u: Array) -> tuple[Indices, Array, Array]:
-        """The cell of each u, and values and slopes of its functions there."""
+        """Cell of each velocity u, with the values and slopes of its functions there."""
         cell = np.clip(np.searchsorted(self.breaks, u, side="right") - 1, 0, self.cells - 1)
         length = np.diff(self.breaks)[cell]
         values, slopes = lobatto(self.degree, 2.0 * (u - self.breaks[cell]) / length - 1.0)
         return cell, values, slopes * (2.0 / length)[..., None]
 
     def _places(self) -> Indices:
-        """Of the functions of each cell among all: both ends, then those inside."""
+        """Indices of the functions of each cell among all: both ends first, then those inside."""
         cell = np.arange(self.cells)[:, None]
         inside = self.vertices + cell * self.inner + np.arange(self.inner)
         return np.concatenate([cell, cell + 1, inside], axis=1)

@@ -1,4 +1,4 @@
-"""What of a model the Fokker-Planck equation is solved for, as conditions in sentences."""
+"""Conditions that a model must meet for the Fokker-Planck equation to be solved."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def passages_at_most(model: Model, start: Start, lower: float, upper: float, tim
 
 
 def _crossings(model: Model, state: Array, distances: Array, duration: float) -> float:
-    """Of all barriers together, at most; infinite where the bound knows nothing."""
+    """Bound on the crossings of all barriers together; infinite where there is no bound."""
     step = duration / PANELS
     generator = np.array([[0.0, 1.0], [-(model.omega**2), -model.damping_rate]])
     move = transition(generator, step)

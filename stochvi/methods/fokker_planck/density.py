@@ -22,7 +22,7 @@ from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
 MARGINS = ErrorMargins(safety=1.5, shared=0.2, floor=1e-9)
-"""The margins of refined strips."""
+"""Margins of the error bounds on refined strips."""
 
 
 class Averages(NamedTuple):
@@ -120,7 +120,7 @@ class StripDensity:
         return found.reshape(places.shape)
 
     def displacement_density(self, x: ArrayLike) -> Array:
-        """p(x), 1/m."""
+        """Density of the displacement, 1/m."""
         places = np.asarray(x, dtype=float)
         folded, _ = self._folded(places.ravel())
         found = np.zeros(folded.shape)
@@ -144,7 +144,7 @@ class StripDensity:
         return scale * np.array(found).reshape(speeds.shape)
 
     def flux_density(self, x: float, side: int, w: ArrayLike) -> Array:
-        """w p(x, side w), 1/m."""
+        """Flux per unit of speed, w p(x, side w), 1/m."""
         folded, sign = self._folded(np.array([x]))
         side = int(side * sign[0])
         strip, q = self._leaving(folded, side)
@@ -172,7 +172,7 @@ class StripDensity:
             yield strip, x, weights, values @ q
 
     def velocity_density(self, v: ArrayLike) -> Array:
-        """p(v), s/m."""
+        """Density of the velocity, s/m."""
         velocities = np.asarray(v, dtype=float)
         u = velocities.ravel() / self.scaled.speed
         found = np.zeros(u.shape)
@@ -183,7 +183,7 @@ class StripDensity:
         return (found * np.exp(-(u**2) / 2.0) / self.scaled.speed).reshape(velocities.shape)
 
     def velocity_tail(self, v: ArrayLike) -> Array:
-        """P(velocity > v)."""
+        """Probability of a velocity above v (m/s)."""
         velocities = np.asarray(v, dtype=float)
         u = velocities.ravel() / self.scaled.speed
         beyond = np.zeros(u.shape)
@@ -228,7 +228,7 @@ class StripDensity:
         return found
 
     def averages(self, slowest: float) -> Averages:
-        """All of them; rates count impacts faster than `slowest`, m/s."""
+        """All averages; rates count impacts faster than `slowest`, m/s."""
         scaled = self.scaled
         parts = [(x, w * (q @ _mass_of(s.cells)), s, w @ q) for s, x, w, q in self._strips()]
         mean = scaled.left if scaled.halved else sum(float(x @ w) for x, w, _, _ in parts)
@@ -359,7 +359,7 @@ OF_STOPS = ("rate", "speed_rate", "speed_square_rate", "contact", "force", "powe
 
 
 def _mass_of(cells: VelocityCells) -> Array:
-    """Integral of g N_k for each function."""
+    """Integrals of g N_k, one for each function."""
     return cells.functional(np.ones_like(cells.u))
 
 
@@ -400,7 +400,7 @@ class StationaryDensity:
         return self.fine.density(x, v)
 
     def density_error(self, x: ArrayLike, v: ArrayLike) -> Vector:
-        """By how much the last two meshes differ in the joint density, 1/m * s/m."""
+        """Difference of the joint densities on the last two meshes, 1/m * s/m."""
         return np.abs(self.fine.density(x, v) - self.coarse.density(x, v))
 
     def displacement_density(self, x: ArrayLike) -> Vector:
@@ -471,7 +471,7 @@ class StationaryDensity:
         )
 
     def slow_impact_exponent(self, side: str) -> Estimate:
-        """beta of p(stop, v) ~ |v|^-beta at a rigid stop, as the solution has it.
+        """Exponent beta of p(stop, v) ~ |v|^-beta at a rigid stop, read off the solution.
 
         From the slowest impacts that the mesh resolves; `bias` is 1.5 times the difference of
         the two meshes, which resolve different speeds. What it should be is

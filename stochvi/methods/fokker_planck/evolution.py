@@ -114,7 +114,7 @@ own."""
 
 
 def time_groups(times: Array, natural: float) -> Iterator[tuple[NDArray[np.intp], float]]:
-    """Places of times that a Krylov space is good for, and the pole of that space.
+    """Groups of times that share a Krylov space, as indices, each with the pole of its space.
 
     `natural` is the rate of the inner dynamics. Short times call for faster modes; the numbers
     were found best at damping ratios from 0.005 to 0.5.
@@ -146,7 +146,7 @@ SETTLED = 1e-12
 
 
 def slowest_mode(operator: Operator, factors: Factors) -> SlowestMode:
-    """By inverse iteration, with the factors of the matrix itself.
+    """Slowest mode by inverse iteration, with the factors of the matrix itself.
 
     The rate is what flows out over what is there. Unlike a Rayleigh quotient, which is the
     difference of numbers of the size of the inner dynamics, this keeps its digits however small

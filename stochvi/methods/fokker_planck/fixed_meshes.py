@@ -92,7 +92,7 @@ def solve(scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array
 
 
 def _in_si(scaled: Boxes, found: BoxMoments) -> Solution:
-    """Out of the box: a halved one stands for both halves of its scene."""
+    """Averages in SI units from those of the box; a halved box stands for its whole scene."""
     length, speed, halved = scaled.half_length, scaled.speed, scaled.halved
     sign = np.where(scaled.mirrored, -1.0, 1.0)
     frequency = speed / length
@@ -153,7 +153,7 @@ def _leans(scenes: OscillatorArrays) -> Booleans:
 
 
 def _damper_alone(scenes: OscillatorArrays) -> Array:
-    """E v^2 without stops, S0 / (2 b); infinite without damping."""
+    """Mean square velocity without stops, S0 / (2 b), m^2/s^2; infinite without damping."""
     with np.errstate(divide="ignore"):
         return np.asarray(scenes.intensity / (2.0 * scenes.damping_rate), dtype=np.float64)
 

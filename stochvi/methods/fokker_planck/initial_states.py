@@ -1,4 +1,4 @@
-"""Where an oscillator starts: at a point, or in a Gaussian law of displacement and velocity."""
+"""Initial states of an oscillator: a point, or a Gaussian law of displacement and velocity."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Gaussian:
         return math.sqrt(self.covariance[0][0]), math.sqrt(self.covariance[1][1])
 
     def density(self, x: Array, v: Array) -> Array:
-        """Per m and per m/s; broadcasts."""
+        """Joint density per metre and per metre a second; the arguments are broadcast."""
         (xx, xv), (_, vv) = self.covariance
         determinant = xx * vv - xv * xv
         a, b = x - self.mean[0], v - self.mean[1]
@@ -111,7 +111,7 @@ barriers and stops, a point (m, m/s), a law."""
 
 
 def start_of(given: StartChoice, model: Model) -> Start:
-    """The point or law that is meant.
+    """The initial state from any of the forms in which a user may give it.
 
     Raises
     ------

@@ -104,7 +104,7 @@ def rise(model: Model, x: float, base: float) -> float:
 
 
 def passage_layout(model: Model, lower: float, upper: float, start: Start) -> Layout:
-    """Between absorbing barriers; an infinite one is none, and the box ends far from the other.
+    """Layout between absorbing barriers; for an infinite one the box ends far from the other.
 
     The scale of speed is that of the stationary law, or, if that is larger, the speed that takes a
     path to a barrier or that noise gives it on the way there.
@@ -140,14 +140,14 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
 
 
 def _law(model: Model) -> float:
-    """The rms velocity without barriers."""
+    """Rms velocity of the stationary law without barriers, m/s; infinite without damping."""
     if model.damping_rate == 0.0:
         return math.inf
     return math.sqrt(model.intensity / 2.0 / model.damping_rate)
 
 
 def _climbs(model: Model, lower: float, upper: float, base: float) -> tuple[float, float]:
-    """The speeds at the lowest place that reach either barrier."""
+    """Speeds at the lowest place that just reach the lower and the upper barrier, m/s."""
     first, second = (
         math.sqrt(max(2.0 * rise(model, x, base), 0.0)) if math.isfinite(x) else math.inf
         for x in (lower, upper)
@@ -156,13 +156,13 @@ def _climbs(model: Model, lower: float, upper: float, base: float) -> tuple[floa
 
 
 def barrier_height(model: Model, lower: float, upper: float) -> float:
-    """Speed that the lower of two barriers takes, in standard deviations; 0 without damping."""
+    """Speed that just reaches the lower of two barriers, in rms velocities; 0 without damping."""
     climbs = _climbs(model, lower, upper, lowest(model, lower, upper))
     return min(climbs) / _law(model)
 
 
 def _felt(model: Model, lower: float, upper: float, base: float) -> tuple[float, float]:
-    """The barriers without one that is met exp(-REACH^2 / 2) times as often as the other."""
+    """The barriers, infinite where met less than exp(-REACH^2 / 2) times as often as the other."""
     first, second = _climbs(model, lower, upper, base)
     most = math.hypot(min(first, second), REACH * _law(model))
     return (lower if first <= most else -math.inf), (upper if second <= most else math.inf)
@@ -176,7 +176,7 @@ count as symmetric."""
 def stops_layout(
     model: Model, left: float, right: float, walls: Walls, speed: float, start: Start
 ) -> Layout:
-    """Between stops; an infinite one is none, and the box ends far out; `speed` is its scale."""
+    """Layout between stops; for an infinite one the box ends far out; `speed` is its scale, m/s."""
     base = lowest(model, left, right)
     energy = _start_energy(model, start, left, right, base)
     fastest = max(REACH * speed, math.sqrt(2.0 * max(energy, 0.0)) + START_MARGIN * speed)
@@ -225,7 +225,7 @@ def _place(start: Start) -> float:
 
 
 def _start_energy(model: Model, start: Start, lower: float, upper: float, base: float) -> float:
-    """The highest that matters among those of a start, per unit mass."""
+    """Highest energy of a start that matters, per unit mass, m^2/s^2."""
     if not isinstance(start, Gaussian):
         return start.v**2 / 2.0 + rise(model, start.x, base)
     dx, dv = start.deviations
@@ -241,7 +241,7 @@ TAIL_KEPT = 6.0
 
 
 def _end(model: Model, base: float, speed: float, side: float) -> float:
-    """How far a path of this speed at the lowest place gets."""
+    """Farthest place that a path reaches with this speed at the lowest place, m."""
     slope = abs(model.load - model.omega**2 * base)
     energy = speed**2 / 2.0
     if model.omega > 0.0 and model.load == model.omega**2 * base:
@@ -252,7 +252,7 @@ def _end(model: Model, base: float, speed: float, side: float) -> float:
 
 
 def mesh(layout: Layout, level: Level) -> Mesh:
-    """A mesh of some fineness, with narrow elements where slow paths meet a wall that takes."""
+    """Mesh of a level, with narrow elements where slow paths meet a wall that absorbs them."""
     size = level.size * layout.finest
     count = max(_whole(FEWEST_ELEMENTS / level.size), _whole(layout.length / size))
     if count > MOST_UNKNOWNS:
@@ -276,7 +276,7 @@ def mesh(layout: Layout, level: Level) -> Mesh:
 
 
 def _whole(number: float) -> int:
-    """The next whole number; the same in any units, where rounding differs."""
+    """Next whole number from a ratio, which rounding must not change with the units."""
     return math.ceil(number - 1e-9)
 
 

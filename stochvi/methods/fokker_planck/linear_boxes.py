@@ -63,7 +63,7 @@ class LinearBox(Generic[Number]):
 
     @property
     def time(self) -> Number:
-        """The unit of time, s."""
+        """Unit of time of the box, s."""
         return self.half_length / self.speed
 
     def xi(self, x: Array) -> Array:
@@ -164,7 +164,7 @@ def _swing(scenes: OscillatorArrays, power: Array) -> Array:
 
 
 def _power_taken(scenes: OscillatorArrays, speed: Array) -> Array:
-    """By damping and by the stops, under the law exp(-energy / s^2)."""
+    """Power that damping and stops take under the law exp(-energy / s^2)."""
     lowest, energy = scenes.lowest(), speed**2 * LAW_REACH**2 / 2.0
     climb = scenes.climb(energy)
     left = np.minimum(lowest - scenes.lower, climb)
@@ -227,7 +227,7 @@ def boxes_of(scenes: OscillatorArrays, speed: Array, reach: float) -> Boxes:
 
 
 def _widening(scenes: OscillatorArrays, speed: Array) -> Array:
-    """From 1 to 1 + LEANING, the more a mass leans on a stop and the more that stop takes.
+    """Factor of 1 to 1 + LEANING on the width of the weight of a mass that leans on a lossy stop.
 
     Such a mass lies near the stop most of the time, at a lower speed than s, with rare excursions
     that reach far beyond what exp(-energy / s^2) allows.

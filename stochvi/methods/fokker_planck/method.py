@@ -1,4 +1,4 @@
-"""The method: what it covers, which accuracy it reaches, what it says about its answer."""
+"""`fokker_planck` and its relatives: conditions, accuracy, warnings and the response."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ def _on_fixed_meshes(
 
 
 def _averages(found: Moments) -> Averages:
-    """Of one rigid scene."""
+    """Averages of one scene with rigid stops."""
     numbers = {name: float(column[0]) for name, column in found._asdict().items()}
     rest = dict.fromkeys(set(Averages._fields) - numbers.keys(), 0.0)
     return Averages(**numbers, **rest)
@@ -210,7 +210,7 @@ def _response(
     started: float,
     balances: Mapping[str, Estimate] | None = None,
 ) -> Response:
-    """What was found, or `NotConverged` with it; `balances` where numbers do not say them."""
+    """The response; where its errors are larger than `rtol`, `NotConverged` carries it."""
     model = model_of(scene)
     answer = _answer(model, *found, speed_threshold)
     response = answer.response(
@@ -231,7 +231,7 @@ def _response(
 
 
 def _balances(answered: Refinement) -> dict[str, Estimate]:
-    """Residuals of the balances, granted what the largest of their terms may be wrong by."""
+    """Residuals of the balances, with a bound on what the errors of their terms leave."""
     bias = 2.0 * worst_relative_error(answered.averages, answered.errors)
     residuals = answered.field.balances()
     return {
@@ -251,7 +251,7 @@ def _collapses(model: Model) -> list[str]:
 def _refine(
     scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array, coarse: Moments
 ) -> tuple[Moments, Moments]:
-    """The averages on a level, and bounds on their errors."""
+    """Averages on a level of meshes, with bounds on their errors."""
     fine = solve(scenes, speed, level, threshold)
     far = unreached(scenes, speed, fine.moments.upcrossing_rate)
     return fine.moments, errors(scenes, coarse, fine, far)

@@ -167,7 +167,7 @@ class Motion:
 
     @property
     def _rest(self) -> float:
-        """Where a linear spring balances the load, or else 0, between the rigid stops, m."""
+        """Place where a linear spring balances the load, or else 0, between the rigid stops, m."""
         rest = self.model.rest if self.model.omega else 0.0
         return min(max(rest, self.wall(-1)), self.wall(1))
 
@@ -205,7 +205,7 @@ class Motion:
         return left, right
 
     def _border(self, places: Array, energies: Array, level: float) -> float:
-        """Where the energy crosses a level for the last time on the way outwards."""
+        """Place at which the energy crosses a level for the last time on the way outwards, m."""
         last = int(np.flatnonzero(energies < level)[-1]) if (energies < level).any() else 0
         if last + 1 == len(places):
             return float(places[last])
@@ -239,7 +239,7 @@ class Motion:
         return x, weights, energy - energy.min()
 
     def knots(self, left: float, right: float) -> list[float]:
-        """Places where the force has a kink."""
+        """Places at which the force has a kink, m."""
         found = []
         for stop in self.stops:
             if isinstance(stop.law, CompliantLaw):
@@ -294,7 +294,7 @@ class Motion:
 
     @property
     def weight(self) -> float:
-        """t of the weight exp(-energy / t), m^2/s^2."""
+        """Parameter t of the weight exp(-energy / t), m^2/s^2."""
         square, hottest = self.squares
         return min(hottest, WIDENED**2 * square)
 
@@ -324,5 +324,5 @@ def _root(function: Callable[[float], float], start: float) -> float:
 
 
 def _elastic(law: CompliantLaw) -> CompliantLaw:
-    """The law without its damper, which has a potential."""
+    """Law of the elastic stops without their dampers: it has a potential."""
     return law.model_copy(update={"damping_ratio": 0.0}) if isinstance(law, Viscoelastic) else law

@@ -49,11 +49,11 @@ class Factors:
         )
 
     def solve(self, right: Array) -> Array:
-        """matrix^-1 right, (n,)."""
+        """Solution of matrix x = right, (n,)."""
         return np.asarray(self._factors.solve(right), dtype=np.float64)
 
     def solve_transposed(self, right: Array) -> Array:
-        """matrix'^-1 right, (n,)."""
+        """Solution of matrix' x = right with the transpose, (n,)."""
         solution = self._factors.solve(right, "T")  # type: ignore[call-overload]  # not in the stubs
         return np.asarray(solution, dtype=np.float64)
 
@@ -126,7 +126,7 @@ class Operator:
         return sparse.csc_array(matrix), sparse.csc_array(mass)
 
     def _displacement_matrices(self) -> tuple[Array, Array, Array, Array]:
-        """Of M N_i N_j, of the same times the force, and the transport of u > 0 and of u < 0.
+        """Integrals of M N_i N_j, of M N_i N_j force, and of the transport for u > 0 and for u < 0.
 
         Between elements the flux is taken from the side that it comes from.
         """
@@ -165,7 +165,7 @@ class Operator:
         return velocity.both(half, half)
 
     def _given_back(self, restitution: float, side: int) -> Array:
-        """What a wall returns, (test, trial) in velocity."""
+        """Matrix of the flux that a wall gives back, (test, trial) in velocity."""
         velocity = self.mesh.velocity
         outward, inward = velocity.plus, velocity.minus
         if side < 0:
@@ -204,7 +204,7 @@ class Operator:
         return values
 
     def integrals(self, density: Density, x_grid: Array, v_grid: Array) -> Array:
-        """int int density N_i over the box, (n,).
+        """Integrals of density N_i over the box, (n,).
 
         Gauss's rule between the mesh points and those of two grids that resolve the density.
         """
@@ -269,7 +269,7 @@ class Operator:
         return found
 
     def displacement_density(self, coefficients: Array, x: Array) -> Array:
-        """int p dv at displacements, per metre."""
+        """Density at displacements, the integral of p over v, per metre."""
         box = self.box
         xi = box.xi(x)
         inside = np.abs(xi) <= 1.0

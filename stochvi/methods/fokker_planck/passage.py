@@ -76,7 +76,7 @@ PLAUSIBLE = 10.0
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class FirstPassage(Result):
-    """When a barrier is first reached.
+    """First passage of a barrier: probabilities, mean time and decay rate.
 
     Attributes
     ----------
@@ -321,7 +321,7 @@ def _worst(values: _Values, errors: _Values) -> float:
 
 
 def _bounds(coarse: _Values, fine: _Values, doubt: Array, projected: NDArray[np.bool_]) -> _Values:
-    """Of the errors; `projected` are the probabilities whose difference is that of the meshes."""
+    """Bounds on the errors; `projected` are the probabilities in which the meshes differ."""
     differences = fine._replace(
         probability=MARGINS.safety * np.abs(fine.probability - coarse.probability),
         mean_time=MARGINS.safety * abs(fine.mean_time - coarse.mean_time),
@@ -373,7 +373,7 @@ def _projected(
     operator: Operator, natural: float, mode: SlowestMode, weights: Array, times: Array,
     allowed: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """y(t) of the start at times of the box, and how far the projection may be off."""
+    """Functional y(t) of the start at times of the box, and the error of the projection."""
     source = operator.outflow - mode.rate * (operator.mass @ mode.backward)
     fast, change, doubt = np.zeros((3, len(times)))
     for places, shift in time_groups(times, natural):

@@ -61,7 +61,7 @@ class Grip(NamedTuple):
 
 
 class Corner(NamedTuple):
-    """Where, at u = 0, a stop begins to take energy, and the speed up to which noise hides that."""
+    """Place where a stop begins to take energy, and speed below which noise smooths the density."""
 
     place: float
     slowest: float
@@ -121,7 +121,7 @@ class ScaledMotion:
         return tuple(stop for stop in self.reached if not self.halved or stop.side == UPPER)
 
     def place(self, stop: Stop) -> float:
-        """xi of a stop; a rigid one ends the box."""
+        """Place xi of a stop; a rigid one ends the box."""
         if stop.rigid:
             return float(stop.side)
         return (stop.position - self.centre) / self.length
@@ -130,7 +130,7 @@ class ScaledMotion:
 
     @property
     def _acceleration(self) -> float:
-        """What turns an acceleration into the units of the box, s^2/m."""
+        """Factor that turns an acceleration into the units of the box, s^2/m."""
         return self.length / self.speed**2
 
     @property

@@ -1,4 +1,4 @@
-"""Which strips and velocity cells a box is solved on: first by its scales, then by what is found.
+"""Strips and velocity cells of a box: first from its scales, then refined where needed.
 
 Near the corner of a lossy stop and zero velocity the density goes as |v|^-beta on the scale
 v^3 ~ S0 times the distance from the stop: strips narrow geometrically towards the stop, and the
@@ -72,14 +72,14 @@ class Patch(NamedTuple):
 
 
 class Degrees(NamedTuple):
-    """Of polynomials in xi and in u."""
+    """Degrees of the polynomials in xi and in u."""
 
     place: int
     velocity: int
 
 
 def first_patches(scaled: ScaledMotion) -> tuple[Patch, ...]:
-    """By energies and knots, not yet graded towards the corners."""
+    """Strips from energies and knots, not yet graded towards the corners."""
     edges = [-1.0, *(knot for knot in scaled.knots), 1.0]
     inner = []
     for left, right in itertools.pairwise(edges):
@@ -132,7 +132,7 @@ def _cut(scaled: ScaledMotion, left: float, right: float, pieces: int) -> list[f
 
 
 def graded(scaled: ScaledMotion, patches: Iterable[Patch], slowest: float) -> tuple[Patch, ...]:
-    """Narrower towards corners until impacts of the speed `slowest` are resolved."""
+    """The strips, cut towards corners until impacts of the speed `slowest` are resolved."""
     found = list(patches)
     for corner in scaled.corners:
         depth = max(slowest, corner.slowest) ** 3 / scaled.diffusion
@@ -178,7 +178,7 @@ class Strips:
         self._cells: dict[tuple[tuple[float, ...], int], VelocityCells] = {}
 
     def make(self, patches: Iterable[Patch], degrees: Degrees) -> tuple[Strip, ...]:
-        """The strips of all patches."""
+        """Make the strips of all patches."""
         return tuple(
             Strip(
                 anchor=patch.anchor,

@@ -31,7 +31,7 @@ from stochvi.model.model import LOWER, UPPER
 
 @dataclass(frozen=True, kw_only=True)
 class Strip:
-    """From anchor + near to anchor + far; offsets keep their digits close to the anchor."""
+    """A strip from anchor + near to anchor + far; offsets keep their digits close to the anchor."""
 
     anchor: float
     near: float
@@ -41,22 +41,22 @@ class Strip:
 
     @property
     def left(self) -> float:
-        """Where it begins."""
+        """Left end of the strip, xi."""
         return self.anchor + self.near
 
     @property
     def right(self) -> float:
-        """Where it ends."""
+        """Right end of the strip, xi."""
         return self.anchor + self.far
 
     @property
     def length(self) -> float:
-        """In xi."""
+        """Length of the strip, in xi."""
         return self.far - self.near
 
     @property
     def unknowns(self) -> int:
-        """How many coefficients q has here."""
+        """Number of coefficients of q in the strip."""
         return (self.degree + 1) * self.cells.size
 
     @cached_property
@@ -119,7 +119,7 @@ def _followed(pieces: list[_Piece], kept: list[Array], q: Array, side: int) -> l
 
 
 def _handed(source: _Piece, target: _Piece, side: int) -> Array:
-    """From what leaves one strip to what enters its neighbour, towards `side`."""
+    """Matrix from what leaves one strip to what enters its neighbour, towards `side`."""
     weight = source.weight_right if side > 0 else source.weight_left
     one, other = source.strip.cells, target.strip.cells
     matrix = source.flux_matrix(side) if one is other else transmitted_flux(other, one, side)
@@ -138,7 +138,7 @@ def _reduced(piece: _Piece, wall: Array, side: int) -> tuple[Array, Array]:
 
 
 def _closed(piece: _Piece, left_wall: Array, right_wall: Array) -> tuple[Array, Array]:
-    """What enters the last strip from both its sides, up to a factor."""
+    """Coefficients of what enters the last strip from both sides, up to a factor."""
     out_left, cross_left, back_right, cross_right = piece.through(1)
     cells = piece.strip.cells
     first = len(cells.plus)
@@ -170,7 +170,7 @@ class _Piece:
         self.incoming = len(cells.plus), len(cells.minus)
 
     def _equations(self, motion: ScaledMotion, lowest: float) -> Array:
-        """(cell, test Legendre, test function, trial Legendre, trial function)."""
+        """Equations as (cell, test Legendre, test function, trial Legendre, trial function)."""
         cells, strip = self.strip.cells, self.strip
         xi, weights, values, slopes = strip.nodes
         weights = weights * np.exp(lowest - motion.energy(xi))

@@ -108,13 +108,13 @@ class Transient(Result):
     _states: tuple[_State, ...] = field(default=())
 
     def density(self, x: ArrayLike, v: ArrayLike, index: int) -> Array:
-        """p(x, v) at times[index], per m and m/s; x and v are broadcast to one shape."""
+        """Joint density at times[index], per m and m/s; x and v are broadcast to one shape."""
         places, speeds = np.broadcast_arrays(np.asarray(x, float), np.asarray(v, float))
         found = self._states[index].density(places.ravel(), speeds.ravel())
         return found.reshape(places.shape)
 
     def displacement_density(self, x: ArrayLike, index: int) -> Array:
-        """p(x) at times[index], per m."""
+        """Density of the displacement at times[index], per m."""
         places = np.asarray(x, float)
         return self._states[index].displacement_density(places.ravel()).reshape(places.shape)
 
@@ -292,7 +292,7 @@ def _law_after(model: Model, start: Start, seconds: float) -> Gaussian:
 def _flight(
     model: Model, start: Start, lower: float, upper: float, layout: Layout
 ) -> tuple[float, Gaussian]:
-    """Until when a start flies free of the stops, and its law then."""
+    """Time until which a start is free of the stops, and its law then."""
     if isinstance(start, Gaussian):
         beyond = start.beyond(lower, upper)
         if beyond > MOST_BEYOND:
@@ -338,7 +338,7 @@ def _functionals(operator: Operator, problem: _Problem) -> Array:
 
 
 def _averages(found: Array, problem: _Problem) -> Moments:
-    """From the functionals, (times, 11)."""
+    """Averages from the functionals, (times, 11)."""
     mass, first, second = found[:, 0], found[:, 1], found[:, 2]
     mean = first / mass
     scaled = found[:, 3:] / mass[:, None]
@@ -350,7 +350,7 @@ def _averages(found: Array, problem: _Problem) -> Moments:
 
 
 def _with_early(values: Moments, problem: _Problem) -> Moments:
-    """With the exact averages of the times before any stop was met."""
+    """Averages completed by the exact ones of the times before any stop was met."""
     columns = [column.copy() for column in values]
     for place, law in enumerate(problem.early):
         if law is not None:
@@ -420,7 +420,7 @@ def _refined(problem: _Problem, rtol: float) -> tuple[Moments, Moments, tuple[_S
 
 
 def _sizes(values: Moments) -> Moments:
-    """What errors are relative to: the largest over the times and over both stops."""
+    """Sizes to which errors are relative: the largest over the times and over both stops."""
 
     def largest(*columns: Array) -> Array:
         return np.full(len(values.mean), max(float(np.max(np.abs(c))) for c in columns))

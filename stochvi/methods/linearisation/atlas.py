@@ -101,7 +101,7 @@ class Grid(NamedTuple):
         return found.reshape(-1, len(QUANTITIES))
 
     def holds(self, gap: float, zeta: float) -> bool:
-        """Whether the grid reaches there."""
+        """Whether a place lies within the grid."""
         inside = self.gaps[0] <= gap <= self.gaps[-1]
         return bool(inside and self.zetas[0] <= zeta <= self.zetas[-1])
 
@@ -227,7 +227,7 @@ def _unlike_safety(method: str, quantity: str) -> float:
 
 
 def _widened(errors: NDArray[np.float64], safety: float) -> Span:
-    """What errors span, with no error among them, times a safety."""
+    """Span of errors, widened to hold zero and multiplied by a safety factor."""
     low, high = min(float(errors.min()), 0.0), max(float(errors.max()), 0.0)
     return Span(safety * low - GRANTED, safety * high + GRANTED)
 

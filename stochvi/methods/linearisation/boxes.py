@@ -170,7 +170,7 @@ def moments(box: Box) -> dict[str, float]:
 
 
 def shaken_box(restitution: float, plays: Vector) -> dict[str, Vector]:
-    """What a loose mass does in a box that moves as cos t, for plays in amplitudes of the box.
+    """Response of a loose mass in a box that moves as cos t, for plays in amplitudes of the box.
 
     Powers of the play between the places of the table and below them; above the last one its
     values, as the amplitudes that small matter little.
@@ -204,7 +204,7 @@ def _rows(name: str) -> list[dict[str, str]]:
 
 
 def gain(box: Box, velocity: float) -> float:
-    """Log of the rms velocity without absorber over that with it."""
+    """Logarithm of the ratio of rms velocities without and with the absorber."""
     return math.log(box.omega * box.sigma / math.sqrt(velocity))
 
 
@@ -281,13 +281,13 @@ def response(scene: Scene, model: Model, box: Box, method: str) -> Response:
 
 
 def _squared(root: Estimate) -> Estimate:
-    """The square, whose relative error is that of (1 + e)^2."""
+    """Square of an estimate; its relative error is that of (1 + e)^2."""
     bias = None if root.bias is None else root.bias * (2.0 * root.value + root.bias)
     return Estimate(value=root.value**2, bias=bias, how=root.how)
 
 
 def _balance(box: Box, found: dict[str, float]) -> dict[tuple[str, str], float]:
-    """The moments that the balances of energy, virial and force are made of."""
+    """Moments from which the balances of energy, virial and force are calculated."""
     name, half = box.pair.name, 0.5
     known = {
         ("", "kinetic"): box.mass * found["velocity"] + box.loose_mass * found["loose_velocity"],

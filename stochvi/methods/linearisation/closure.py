@@ -82,7 +82,7 @@ def curvature_floor(restitutions: Iterable[float], box: bool = False) -> float:
 
 
 def _closure_candidate(gap: Gap, unknowns: Unknowns, floor: float, box: bool) -> Candidate:
-    """Unknowns lambda, kappa and log s_v; two stops.
+    """Candidate of the unknowns lambda, kappa and log s_v, between two stops.
 
     Below its floor kappa stays there, and the density right at the stops rises instead, as for
     a single stop.
@@ -146,7 +146,7 @@ def _closed(
 
 
 def _boxed(gap: Gap, hits: list[StopStatistics], speed: float) -> list[StopStatistics]:
-    """What the stops see, by the law of a box as far as impacts take the energy."""
+    """Statistics of the stops, by the law of a box as far as impacts take the energy."""
     strengths = [float(_DENSITY(stop.law.restitution)) for stop in gap.stops]
     loss = sum(
         (1.0 - stop.law.restitution**2) * strength * own.speed_square_rate / (2.0 * speed**2)
@@ -214,7 +214,7 @@ def _one_stop_start(gap: Gap) -> Unknowns:
 
 
 def _one_stop_candidate(gap: Gap, unknowns: Unknowns) -> Candidate:
-    """Unknowns shape, log s_x and log s_v; an upper stop alone."""
+    """Candidate of the unknowns shape, log s_x and log s_v, with an upper stop alone."""
     (stop,) = gap.stops
     shape, log_deviation, log_speed = unknowns.tolist()
     law, deviation = _one_stop_law(shape), math.exp(log_deviation)

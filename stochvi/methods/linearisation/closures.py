@@ -1,4 +1,4 @@
-"""Which form linearises a gap: the one that its name, its variant and the stops call for."""
+"""Choice of the form that linearises a gap, by its name, its variant and the stops."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ UNSEEN = 1e-6
 
 
 def energy_weight(model: Model) -> float:
-    """w, between 0 (the closure; all of a preload) and 1.
+    """Weight of the law of the energy: 0 for the closure alone, as for a preload, up to 1.
 
     A mass without a spring or a damper has no deviation to measure by: its w is 0.
     """
@@ -48,7 +48,7 @@ def energy_weight(model: Model) -> float:
 
 
 def clumped(model: Model, closure: Candidate) -> Candidate:
-    """The answer of the closure, SI units, corrected."""
+    """The answer of the closure corrected by the law of the energy, in SI units."""
     weight = energy_weight(model)
     if weight < UNSEEN:
         return closure

@@ -101,7 +101,7 @@ def _integrable(slope: Vector, curvature: Vector, lower: Vector, upper: Vector) 
 
 
 def _peak(slope: Vector, curvature: Vector, lower: Vector, upper: Vector) -> Vector:
-    """Where each density is largest."""
+    """Place of the largest value of each density, m."""
     rise = (upper - lower) * (slope - curvature * (lower + upper) / 2.0)
     higher = np.where(rise > 0.0, upper, lower)
     only = np.where(np.isfinite(lower), lower, upper)

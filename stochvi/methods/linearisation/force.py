@@ -51,7 +51,7 @@ def _start(gap: Gap) -> Unknowns:
 
 @dataclass(frozen=True, kw_only=True)
 class Inverse:
-    """What the inverse characteristic does on average.
+    """Averages over the inverse characteristic, displacement against force.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ def layer(log_density: Callable[[Vector], Vector], law: CompliantLaw) -> Layer:
 
 
 def _peak(log_density: Callable[[Vector], Vector]) -> tuple[float, float]:
-    """Where the density is largest, and L there."""
+    """Place of the largest density, and L there."""
     places = np.concatenate([[0.0], DISTANCES])
     for _ in range(LOOKS):
         values = log_density(places)

@@ -209,7 +209,7 @@ def _accepted(state: _State) -> Booleans:
 
 
 def _size(imbalance: Vector) -> Vector:
-    """The largest imbalance of each; infinite where it is not a number."""
+    """Largest imbalance of each oscillator; infinite where it is not a number."""
     largest = np.abs(imbalance).max(axis=0)
     return np.where(np.isnan(largest), np.inf, largest)
 
@@ -389,7 +389,7 @@ def _newton(unit: _Unit, start: Vector) -> _State:
 
 
 def _put(state: _State, places: Booleans, found: _State) -> _State:
-    """`state` with some columns renewed."""
+    """Copy of `state` with some columns replaced."""
     for old, new in zip((*state.law, *_rows(state)), (*found.law, *_rows(found)), strict=True):
         old[..., places] = new
     return state
@@ -463,7 +463,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def _search(unit: _Unit, state: _State, step: Vector) -> tuple[_State, Booleans]:
-    """The state after the step, or the largest part of it that lowers the imbalance."""
+    """State after the step, or after the largest part of the step that lowers the imbalance."""
     with np.errstate(all="ignore"):
         step = step * np.minimum(1.0, LARGEST_STEP / np.abs(step).max(axis=0))
     step = np.where(np.isfinite(step), step, 0.0)

@@ -347,7 +347,7 @@ def _warnings_of_losses(model: Model, stop: Stop, law: Viscoelastic) -> list[str
         off = 100.0 * float(np.interp(ratio, MEASURED_RATIOS, PRESSED_ERROR))
         return [
             f"a load presses the mass onto the {side} stop, whose damping_ratio is {ratio:g}: "
-            f"displacement_std may be off by {off:.0f} %, and what is said of impacts by far more; "
+            f"displacement_std may be off by {off:.0f} %, and statistics of impacts by far more; "
             "simulate this scene"
         ]
     if law.stiffness <= LONG_CONTACT * model.omega**2:

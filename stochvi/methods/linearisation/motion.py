@@ -140,7 +140,7 @@ def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
 def _within(
     law: CompliantLaw, log_surface: float, shape: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Probability of contact, E Phi, and E Phi (x - mean) outwards, of one stop.
+    """Probability of contact, mean force, and covariance of force and x outwards, of one stop.
 
     `shape` holds slope and curvature of the log density within the stop, and how far outwards of
     the mean the stop lies.

@@ -55,7 +55,7 @@ class _PairGap(NamedTuple):
     forms: tuple[Form, ...]
 
     def form(self, stage: int) -> Form:
-        """The one to try at a stage, the last one from there on."""
+        """Form to try at a stage; after the last form this one is kept."""
         return self.forms[min(stage, len(self.forms) - 1)]
 
     def candidate(self, unknowns: Unknowns, stage: int) -> Candidate:
@@ -161,7 +161,7 @@ def _starts(
 
 
 def _gaps(model: Model, scales: Sequence[PairScale], speeds: Sequence[float]) -> list[_PairGap]:
-    """Every pair on its own, in the frame of its speed."""
+    """Gaps of all pairs, each on its own in the frame of its speed."""
     white = len(model.coordinates) == 1 and not model.signals and not model.tables
     modes, gaps = model.modal, []
     for pair, row, scale, speed in zip(model.pairs, modes.gaps, scales, speeds, strict=True):
@@ -249,7 +249,7 @@ def _imbalance(
 
 
 class _Outline(NamedTuple):
-    """What all responses of a scene have in common."""
+    """Parts that all responses of a scene have in common."""
 
     scene: Scene
     model: Model
@@ -365,7 +365,7 @@ def _several(found: Sequence[_Solution]) -> list[str]:
 
 
 def _energies(modes: ModalForm, law: LinearLaw) -> dict[tuple[str, str], float]:
-    """E v'M v, E (q - E q)'K (q - E q) and E v'C v."""
+    """Averages E v'M v, E (q - E q)'K (q - E q) and E v'C v."""
     n = modes.size
     displacement, velocity = (
         law.covariance[part, part]

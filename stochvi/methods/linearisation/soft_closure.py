@@ -1,4 +1,4 @@
-"""The moment closure for stops that give way, alone or beside a rigid one.
+"""The moment closure for stops that give way, alone or opposite a rigid one.
 
 x has the density C exp(lambda x - kappa x^2 / 2) between the stops, and within a stop this times
 exp(-V(y) / tau), V the energy stored at the deflection y; x' is Gaussian with the mean square s^2.
@@ -156,7 +156,7 @@ class SoftLaw:
 
     @cached_property
     def layers(self) -> dict[int, _Within]:
-        """What lies within each stop that gives way, by its side."""
+        """Layer within each stop that gives way, by its side."""
         return {
             stop.side: self._layer(stop, stop.law)
             for stop in self.gap.stops
@@ -221,7 +221,7 @@ class SoftLaw:
 
     @cached_property
     def mean(self) -> float:
-        """E x, m."""
+        """Mean of x, m."""
         return sum(share * mean for share, mean, _ in self.regions)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Finds the response that is its own linearisation."""
+"""Search for the response that is its own linearisation."""
 
 from __future__ import annotations
 

@@ -84,16 +84,16 @@ class LinearisedOscillator:
         return self.total_damping / (2.0 * math.sqrt(self.total_stiffness))
 
     def displacement_density(self, frequency_hz: ArrayLike) -> Vector:
-        """G of x, m^2/Hz."""
+        """One-sided density of the displacement, m^2/Hz."""
         return self._gain(frequency_hz) * self._sum((*self.forces, *self.base), frequency_hz)
 
     def velocity_density(self, frequency_hz: ArrayLike) -> Vector:
-        """G of x', (m/s)^2/Hz."""
+        """One-sided density of the velocity, (m/s)^2/Hz."""
         w = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
         return w**2 * self.displacement_density(frequency_hz)
 
     def acceleration_density(self, frequency_hz: ArrayLike) -> Vector:
-        """G of the absolute acceleration of the mass, (m/s^2)^2/Hz.
+        """One-sided density of the absolute acceleration of the mass, (m/s^2)^2/Hz.
 
         w^4 |H|^2 G of what pushes the mass, and ((omega^2 + k)^2 + (b + beta)^2 w^2) |H|^2 G of
         the base. The hits of stops are in it only as the spring and damper that stand for them.
@@ -104,7 +104,7 @@ class LinearisedOscillator:
         return self._gain(frequency_hz) * (pushed + carried * self._sum(self.base, frequency_hz))
 
     def spectral_peak_hz(self) -> float:
-        """Where the displacement density is largest, within four decades of the resonance."""
+        """Frequency of the largest displacement density, Hz, four decades around the resonance."""
         logs = math.log(self.resonance_hz) + math.log(10.0) * DECADES * np.linspace(-1, 1, PLACES)
 
         def density(log_frequency: ArrayLike) -> Vector:

@@ -49,7 +49,7 @@ class LinearisedStructure:
     shaken: tuple[tuple[Density, Vector], ...]
 
     def displacement_density(self, coordinate: str, frequency_hz: ArrayLike) -> Vector:
-        """G of the displacement of a coordinate, m^2/Hz.
+        """One-sided density of the displacement of a coordinate, m^2/Hz.
 
         Raises
         ------
@@ -67,7 +67,7 @@ class LinearisedStructure:
         return total.reshape(f.shape)
 
     def velocity_density(self, coordinate: str, frequency_hz: ArrayLike) -> Vector:
-        """G of the velocity of a coordinate, (m/s)^2/Hz."""
+        """One-sided density of the velocity of a coordinate, (m/s)^2/Hz."""
         w = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
         return np.asarray(w**2 * self.displacement_density(coordinate, frequency_hz))
 

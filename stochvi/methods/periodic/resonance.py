@@ -46,7 +46,7 @@ class Regime:
 
     @property
     def stable(self) -> bool:
-        """Whether disturbances die away."""
+        """Whether small disturbances of the regime die away."""
         return self.multiplier < 1.0
 
 
@@ -105,13 +105,13 @@ class HarmonicResonance:
 
     @property
     def free_amplitude(self) -> float:
-        """a = a_p / sqrt((omega^2 - w^2)^2 + b^2 w^2), m: without stops."""
+        """Amplitude without stops, a = a_p / sqrt((omega^2 - w^2)^2 + b^2 w^2), m."""
         w = self.frequency
         return self.amplitude / math.hypot(self.omega**2 - w**2, self.damping_rate * w)
 
     @cached_property
     def _flight(self) -> NDArray[np.float64]:
-        """F: free motion over the half of a regime, h = pi l / w."""
+        """Matrix F of the free motion over half of a regime, h = pi l / w."""
         generator = np.array([[0.0, 1.0], [-(self.omega**2), -self.damping_rate]])
         return np.asarray(expm(generator * math.pi * self.periods / self.frequency))
 
@@ -267,7 +267,7 @@ class RandomResonance:
 
     @property
     def _half(self) -> float:
-        """Half of the time between two impacts, s."""
+        """Half of the time between two successive impacts, s."""
         return math.pi / self.frequency * (0.5 if self.both_sides else 1.0)
 
     @property
@@ -295,7 +295,7 @@ class RandomResonance:
 
     @cached_property
     def velocity_mean_square(self) -> float:
-        """<y0'^2>, m^2/s^2."""
+        """Mean square velocity of the regime, <y0'^2>, m^2/s^2."""
         return float(self._velocity[1] ** 2 @ _RULE[1]) / 2.0
 
     @cached_property
