@@ -490,7 +490,7 @@ def flow_through(x, v, left, stiff, lower, upper, threshold, tally, peaks, sums,
     return x, v
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def fly_clear(x, v, z, near, kick, flow, lower, upper):
     """One step of every path that no stop is in the way of; the others get their kick and a mark.
 
@@ -521,7 +521,7 @@ def fly_clear(x, v, z, near, kick, flow, lower, upper):
     return count
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_contacts(
     x, v, streams, sums, kick, flow, lower, upper, counting, record, log
 ):  # fmt: skip

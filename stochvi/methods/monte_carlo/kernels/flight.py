@@ -50,7 +50,7 @@ AGAIN = np.inf
 """Marks a path whose step may hold more than one impact, in the array of impact speeds."""
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def passage(x, v, x1, v1, stiff, stop):
     """Whether the free orbit from (x, v) to (x1, v1) passes `stop` upwards; w, E2 Sr and E2 Cr."""
     # differences of squares keep their digits close to the stop
@@ -62,7 +62,7 @@ def passage(x, v, x1, v1, stiff, stop):
     return passed, w, sr, v1 * w + stiff * x1 * stop
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def drift(x, v, z, kick, flow):
     """Fly every path over one step where there is no stop."""
     e, s = kick
@@ -74,7 +74,7 @@ def drift(x, v, z, kick, flow):
         v[i] = cosine * p - stiff * sine * q
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def fly(x, v, z, hit, kick, flow, lower, upper):
     """Fly every path over one step; `hit` gets +w at the upper stop, -w at the lower, 0, or AGAIN.
 
@@ -126,7 +126,7 @@ def fly(x, v, z, hit, kick, flow, lower, upper):
     return again
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def fly_between(x, v, z, hit, kick, flow, lower, upper):
     """`fly` for stops on either side of the rest position, omega h <= pi / 2: one test a step.
 
@@ -176,7 +176,7 @@ def time_since(s_r, c_r, stiff):
     return s_r / c_r
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
     """When in its step a path met the stop that `hit` names; x, v as they were before the kick."""
     e, s = kick
@@ -194,7 +194,7 @@ def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
     return min(max(h - time_since(sr / energy, cr / energy, stiff), 0.0), h)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
     """Fly one path through a flow with any number of impacts, added up in `sums`; returns (x, v).
 
@@ -250,7 +250,7 @@ def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
     return x1, v1
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def find_in_corner(x, v, owed, usual, corner, lower, upper, found):
     """Mark paths that are near a stop and slow, or come from there with less of a kick owed."""
     width, speed = corner.width, corner.speed
@@ -267,7 +267,7 @@ def find_in_corner(x, v, owed, usual, corner, lower, upper, found):
     return count
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def fly_corner(x, v, owed, s0, s1, corner, stiff, lower, upper, threshold, sums, page=None):
     """Fly one path near a stop in sub-steps, each short enough for the state it starts from.
 
@@ -314,7 +314,7 @@ def fly_corner(x, v, owed, s0, s1, corner, stiff, lower, upper, threshold, sums,
     return x, v, owed, s0, s1
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def count_side(hit, threshold, number, speed_sum, square_sum):
     """Add the impacts of one step on the upper stop (hit > 0)."""
     for i in range(hit.shape[0]):
@@ -325,7 +325,7 @@ def count_side(hit, threshold, number, speed_sum, square_sum):
         square_sum[i] += w * w
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def add_moments(x, v, origin, mean, square, speed):
     """Add x - origin, its square, and v^2 to their sums."""
     for i in range(x.shape[0]):
@@ -335,7 +335,7 @@ def add_moments(x, v, origin, mean, square, speed):
         speed[i] += v[i] * v[i]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def negate(values, out):
     """Put -values into `out`."""
     for i in range(values.shape[0]):
@@ -351,7 +351,7 @@ def take_several(several, counted, local, record, sample, first_path, i):
         record[sample, first_path + i, 2] = several[F1_UPPER] - several[F1_LOWER]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_white(
     x, v, streams, sums, kick, flow, lower, upper, between, corner, counting, record, log
 ):

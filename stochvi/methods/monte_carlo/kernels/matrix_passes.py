@@ -5,8 +5,10 @@ A matrix is a table (starts, columns, weights) of its nonzero elements, row afte
 
 import numba
 
+from stochvi.methods.monte_carlo.kernels.fused import fma
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+
+@numba.njit(cache=True, error_model="numpy")
 def matrix_pass(out, keep, sources, table, width):
     """out = keep out + matrix . sources, `width` lanes; by rows: (starts, columns, weights).
 
@@ -36,19 +38,21 @@ def matrix_pass(out, keep, sources, table, width):
             kept = 1.0
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def mix_one(out, row, keep, x, j, a, width):
     for i in range(width):
-        out[row, i] = keep * out[row, i] + a * x[j, i]
+        out[row, i] = fma(a, x[j, i], keep * out[row, i])
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def mix_two(out, row, keep, x, j, a, k, b, width):
     for i in range(width):
-        out[row, i] = keep * out[row, i] + a * x[j, i] + b * x[k, i]
+        out[row, i] = fma(b, x[k, i], fma(a, x[j, i], keep * out[row, i]))
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def mix_four(out, row, keep, x, j, a, k, b, m, c, n, d, width):
     for i in range(width):
-        out[row, i] = keep * out[row, i] + a * x[j, i] + b * x[k, i] + c * x[m, i] + d * x[n, i]
+        out[row, i] = fma(
+            d, x[n, i], fma(c, x[m, i], fma(b, x[k, i], fma(a, x[j, i], keep * out[row, i])))
+        )

@@ -51,7 +51,7 @@ def too_strong(peaks, sums, limit):
     return False
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def pass_time(x, v, left, top, near, stiff, level, mark):
     """Count a step down and mark the paths that need a look; returns how many.
 

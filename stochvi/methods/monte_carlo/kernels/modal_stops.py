@@ -55,7 +55,7 @@ class Resets(NamedTuple):
     later: NDArray[np.float64]
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def quintic(c0, c1, c2, c3, c4, c5, t):
     """Value and derivative at t of the polynomial with these Bernstein coefficients."""
     u = 1.0 - t
@@ -167,7 +167,7 @@ def passage(gaps, j, span, stop, side, stack):
     return t, max(slope / span, 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def advance(gaps, j, t, span):
     """Value, slope and curvature of a gap at the fraction t of the span become its start."""
     g0, v0, a0 = gaps[j, 0], gaps[j, 1], gaps[j, 2]
@@ -184,7 +184,7 @@ def advance(gaps, j, t, span):
     gaps[j, 2] = a0 + t * (6.0 * k3 + t * (12.0 * k4 + t * 20.0 * k5)) / (span * span)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def reset(state, lane, gaps, pair, change, span, resets):
     """Change the speed of a pair by `change`, `span` before the end of the step."""
     series, at_once, later = resets.states, resets.at_once, resets.later
@@ -323,7 +323,7 @@ def keep_between(state, lane, gaps, stops, resets, contacts, sums):
             return
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def newton(c0, c1, c2, c3, c4, c5, t, count):
     """The root in each lane of a polynomial that is <= 0 at 0 and rises through 0 once."""
     for i in range(count):
@@ -334,7 +334,7 @@ def newton(c0, c1, c2, c3, c4, c5, t, count):
         t[i] = s if s >= 0.0 else 0.0  # never NaN: it would stay in the lanes of `response`
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def slopes(c0, c1, c2, c3, c4, c5, t, slope, count):
     """Slope of each polynomial at t, or -1 where t is no root."""
     for i in range(count):
@@ -342,7 +342,7 @@ def slopes(c0, c1, c2, c3, c4, c5, t, slope, count):
         slope[i] = rise if abs(value) <= ROOT_ERROR * rise else -1.0
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def bends(c0, c1, c2, c3, c4, c5, t, bend, count):
     """Second derivative of each polynomial at t."""
     for i in range(count):
@@ -354,7 +354,7 @@ def bends(c0, c1, c2, c3, c4, c5, t, bend, count):
         bend[i] = 20.0 * (u * d0 + s * d1)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def remaining_powers(t, step, powers, count):
     """Powers of the time left after the root, one row each."""
     for i in range(count):
@@ -364,7 +364,7 @@ def remaining_powers(t, step, powers, count):
             powers[k, i] = powers[k - 1, i] * ((1.0 - t[i]) * step)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def single_impacts(
     ends, new, index, count, step, stops, table, sums, first_row, packed, log, first_path, number
 ):  # fmt: skip

@@ -108,7 +108,7 @@ class SmoothResponse(NamedTuple):
     half_kick: Table
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def fill_modal_spectrum(streams, real, imaginary, relative, spectrum):
     """Gaussian spectra of Y + i Y' / w0 of all modes, from common coefficients.
 
@@ -150,7 +150,7 @@ def take_sample(sample, scale, start, lanes, smooth):
             smooth[modes + m, i] = scale * sample[m, 2 * (start + i) + 1]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def add_to(total, part):
     """total += part, row by row."""
     for j in range(part.shape[0]):
@@ -158,7 +158,7 @@ def add_to(total, part):
             total[j, i] += part[j, i]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def add_bends(a0, a1, s0, r0, s1, r1, step):
     """Curvatures at both ends of the cubic through values s and slopes r."""
     for j in range(a0.shape[0]):
@@ -168,7 +168,7 @@ def add_bends(a0, a1, s0, r0, s1, r1, step):
             a1[j, i] -= rise - (2.0 * r0[j, i] + 4.0 * r1[j, i]) / step
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def mark(y0, v0, y1, v1, j, third, lower, upper, marks):
     """Mark the lanes where the hull of the cubic of a gap, its start included, reaches a stop."""
     for i in range(marks.shape[0]):
@@ -189,21 +189,21 @@ def gather(marks, lanes, index):
     return count
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def add_product(total, row, x, j, origin_j, k, origin_k):
     """total[row] += (x[j] - origin_j) (x[k] - origin_k)."""
     for i in range(total.shape[1]):
         total[row, i] += (x[j, i] - origin_j) * (x[k, i] - origin_k)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def add_row(total, row, x, j, origin):
     """total[row] += x[j] - origin."""
     for i in range(total.shape[1]):
         total[row, i] += x[j, i] - origin
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def add_moments(local, modes, state, origins):
     """Sums of q, q q' and p p', upper triangles in turn."""
     row = modes
@@ -218,7 +218,7 @@ def add_moments(local, modes, state, origins):
             row += 1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_modes(
     state, streams, sums, structure, tables, contacts, burn_in, steps, stride, record, log
 ):  # fmt: skip

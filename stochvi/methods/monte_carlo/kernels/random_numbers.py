@@ -15,6 +15,8 @@ import math
 import numba
 import numpy as np
 
+from stochvi.methods.monte_carlo.kernels.fused import fma
+
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 MIX_2 = np.uint64(0x94D049BB133111EB)
@@ -46,7 +48,7 @@ def seed_streams(seed, first_path, state):
             state[word, i] = split_mix(z)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def log_unit(u):
     """Natural logarithm of 2^-52 <= u <= 1, relative error below 1e-15."""
     bits = np.float64(u).view(np.uint64)
@@ -59,20 +61,20 @@ def log_unit(u):
     t = (m - 1.0) / (m + 1.0)
     q = t * t
     s = 1.0 / 21.0
-    s = s * q + 1.0 / 19.0
-    s = s * q + 1.0 / 17.0
-    s = s * q + 1.0 / 15.0
-    s = s * q + 1.0 / 13.0
-    s = s * q + 1.0 / 11.0
-    s = s * q + 1.0 / 9.0
-    s = s * q + 1.0 / 7.0
-    s = s * q + 1.0 / 5.0
-    s = s * q + 1.0 / 3.0
-    s = s * q + 1.0
-    return e * LN2 + 2.0 * t * s
+    s = fma(s, q, 1.0 / 19.0)
+    s = fma(s, q, 1.0 / 17.0)
+    s = fma(s, q, 1.0 / 15.0)
+    s = fma(s, q, 1.0 / 13.0)
+    s = fma(s, q, 1.0 / 11.0)
+    s = fma(s, q, 1.0 / 9.0)
+    s = fma(s, q, 1.0 / 7.0)
+    s = fma(s, q, 1.0 / 5.0)
+    s = fma(s, q, 1.0 / 3.0)
+    s = fma(s, q, 1.0)
+    return fma(e, LN2, 2.0 * t * s)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def normal_pair(s0, s1):
     """Two independent standard normals from two draws: the new state, and the normals."""
     t = s0 + s1
@@ -92,22 +94,22 @@ def normal_pair(s0, s1):
     a = (np.uint64((draw_2 >> S12) | ONE_BITS).view(np.float64) - 1.5) * QUARTER_TURN
     q = a * a
     sine = -7.6471637318198164759e-13
-    sine = sine * q + 1.6059043836821614599e-10
-    sine = sine * q - 2.5052108385441718775e-8
-    sine = sine * q + 2.7557319223985890653e-6
-    sine = sine * q - 1.9841269841269841270e-4
-    sine = sine * q + 8.3333333333333333333e-3
-    sine = sine * q - 1.6666666666666666667e-1
-    sine = (sine * q + 1.0) * a
+    sine = fma(sine, q, 1.6059043836821614599e-10)
+    sine = fma(sine, q, -2.5052108385441718775e-8)
+    sine = fma(sine, q, 2.7557319223985890653e-6)
+    sine = fma(sine, q, -1.9841269841269841270e-4)
+    sine = fma(sine, q, 8.3333333333333333333e-3)
+    sine = fma(sine, q, -1.6666666666666666667e-1)
+    sine = fma(sine, q, 1.0) * a
     cosine = 4.7794773323873852974e-14
-    cosine = cosine * q - 1.1470745597729724714e-11
-    cosine = cosine * q + 2.0876756987868098979e-9
-    cosine = cosine * q - 2.7557319223985890653e-7
-    cosine = cosine * q + 2.4801587301587301587e-5
-    cosine = cosine * q - 1.3888888888888888889e-3
-    cosine = cosine * q + 4.1666666666666666667e-2
-    cosine = cosine * q - 0.5
-    cosine = cosine * q + 1.0
+    cosine = fma(cosine, q, -1.1470745597729724714e-11)
+    cosine = fma(cosine, q, 2.0876756987868098979e-9)
+    cosine = fma(cosine, q, -2.7557319223985890653e-7)
+    cosine = fma(cosine, q, 2.4801587301587301587e-5)
+    cosine = fma(cosine, q, -1.3888888888888888889e-3)
+    cosine = fma(cosine, q, 4.1666666666666666667e-2)
+    cosine = fma(cosine, q, -0.5)
+    cosine = fma(cosine, q, 1.0)
     swap = (draw_2 & np.uint64(1)) != 0
     x = sine if swap else cosine
     y = cosine if swap else sine
@@ -115,7 +117,7 @@ def normal_pair(s0, s1):
     return s0, s1, x * sign, y * sign
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def normal_pairs(state0, state1, first, second):
     """Two independent standard normals per path; advances every stream by two draws."""
     for i in range(first.shape[0]):

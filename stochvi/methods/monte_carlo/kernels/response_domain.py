@@ -76,7 +76,7 @@ def cross(
     return x1, v1
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def spread(cosine, sine, above, below, up, down):
     """One bin of every path: its rows of the spectrum at +w and at -w."""
     for i in range(cosine.shape[0]):
@@ -111,7 +111,7 @@ def fill_spectrum(streams, amplitudes, relative, spectrum):
         spread(cosine, sine, above, below, spectrum[k + 1], spectrum[samples - 1 - k])
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@numba.njit(cache=True, error_model="numpy")
 def advance(y, x, v, e, rate, near, structure, column, span, lower, upper):
     """One interval of every path that stays clear of the stops; the others are marked `near`.
 

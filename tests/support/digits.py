@@ -1,0 +1,81 @@
+"""Digits of kernels in a process of its own; `python -m support.digits CASE ...` prints them."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from stochvi import Restitution, Viscoelastic, load_scene
+from stochvi.methods.monte_carlo.kernels.modal_stops import single_impacts
+from stochvi.methods.monte_carlo.plans import make_plan
+from stochvi.model.model import model_of
+from support import CHECKOUT
+from support.mounts import two_stages
+
+SCENES = CHECKOUT / "data" / "scenes"
+
+IMPACTS = "impacts"
+"""The case of one small kernel, which takes seconds to compile; every other case is a scene."""
+
+RIGID, SOFT = Restitution(coefficient=0.5), Viscoelastic(stiffness=4e5, damping_ratio=0.3)
+
+STAGES = {"two rigid stages": two_stages(RIGID, RIGID), "two soft stages": two_stages(SOFT, SOFT)}
+"""Scenes of several coordinates under a table, by the name of the case."""
+
+
+def impacts() -> np.ndarray:
+    """Ends of a step in which each lane may hit one stop, by `single_impacts`."""
+    lanes, terms, rows, step = 400, 8, 5, 0.25
+    random = np.random.default_rng(1)
+    y0, v0, a0 = random.uniform(-0.2, 0.9, lanes), random.uniform(0.5, 4.0, lanes), -np.ones(lanes)
+    y1, v1, a1 = y0 + step * v0 - 0.5 * step**2, v0 - step, random.uniform(-1.5, -0.5, lanes)
+    ends = tuple(row.reshape(1, lanes).copy() for row in (y0, v0, a0, y1, v1, a1))
+    starts = np.arange(0, (rows + 1) * terms, terms)
+    columns = np.tile(np.arange(terms), rows)
+    weights = random.uniform(0.5, 1.0, rows * terms) / 10.0**columns
+    new, sums = random.normal(size=(rows - 3, lanes)), np.zeros((6, lanes))
+    packed = (*np.zeros((10, lanes)), np.zeros((terms, lanes)), np.zeros((rows, lanes)))
+    index = np.flatnonzero(y1 > 1.0)
+    stops = np.array([[[-9.0, 0.5, 0.0], [1.0, 0.5, 0.0]]])
+    left = single_impacts(
+        ends, new, index, index.size, step, stops, (starts, columns, weights), sums, 0, packed,
+        None, 0, 0,
+    )  # fmt: skip
+    assert left < index.size // 2
+    return np.concatenate([new, ends[3], sums])
+
+
+def sums_of(scene: str) -> np.ndarray:
+    """Averages of a few paths of a scene: one of STAGES, or the name of a scene file."""
+    found = STAGES[scene] if scene in STAGES else load_scene(SCENES / f"{scene}.toml")
+    return make_plan(model_of(found)).averages(3, 0, 8)
+
+
+def digits(case: str) -> str:
+    """A digest of all digits of a case."""
+    found = impacts() if case == IMPACTS else sums_of(case)
+    assert np.isfinite(found).all()
+    return hashlib.sha256(np.ascontiguousarray(found).tobytes()).hexdigest()
+
+
+def digits_of_a_process(cases: list[str], cache: Path) -> dict[str, str]:
+    """The digits of the cases, in this order, in a process that keeps its kernels in `cache`."""
+    paths = os.pathsep.join(str(folder) for folder in (CHECKOUT, CHECKOUT / "tests"))
+    printed = subprocess.run(
+        [sys.executable, "-m", "support.digits", *cases],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(cache)},
+    ).stdout.split()
+    return dict(zip(cases, printed, strict=True))
+
+
+if __name__ == "__main__":
+    for case in sys.argv[1:]:
+        print(digits(case))
