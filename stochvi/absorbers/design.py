@@ -15,7 +15,7 @@ from scipy.ndimage import maximum_filter1d
 
 from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.results.base import Result, total_cost
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from stochvi.methods.monte_carlo import record_paths, simulate
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.base import Result, total_cost

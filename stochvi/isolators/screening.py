@@ -14,7 +14,7 @@ from stochvi.mathematics.spectra import LinearMoments, Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of

@@ -33,7 +33,7 @@ from scipy.fft import ifft
 from scipy.special import ndtr
 
 from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.tabulated import (
     MOST_SAMPLES,
     WARM_UP_RELAXATIONS,

@@ -12,7 +12,7 @@ from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.results.base import COMMON, Result, total_cost
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.results.base import Result, total_cost
 from stochvi.results.intervals import normal_quantile
 from stochvi.scenes.datasets import zoo_files

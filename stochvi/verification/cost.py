@@ -14,8 +14,8 @@ import numpy as np
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.quantities import (
     RATES,
     Key,
@@ -24,10 +24,10 @@ from stochvi.methods.monte_carlo.quantities import (
     governed,
     of_coordinate,
 )
-from stochvi.methods.monte_carlo.runs import FEWEST_PATHS, Progress
+from stochvi.methods.monte_carlo.rigid_white import LARGEST_ANGLE
+from stochvi.methods.monte_carlo.rounds import FEWEST_PATHS, Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
-from stochvi.methods.monte_carlo.white import LARGEST_ANGLE
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged

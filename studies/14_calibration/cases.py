@@ -13,8 +13,8 @@ from scipy.stats import chi2, norm, t
 from statsmodels.stats.proportion import proportion_confint
 
 import stochvi
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.missions import passage_plan
-from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.splitting import pilot_levels, repetition
 from stochvi.model.model import model_of
 

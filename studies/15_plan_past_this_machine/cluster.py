@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from stochvi.methods.monte_carlo.blocks import SENDING_SECONDS, Crew
-from stochvi.methods.monte_carlo.plans import make_plan
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.model import model_of
 

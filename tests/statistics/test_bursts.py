@@ -20,7 +20,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.mathematics.impact_rates import rice_rate
-from stochvi.methods.monte_carlo.compliant import kernel_stop
+from stochvi.methods.monte_carlo.compliant_white import kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import TALLY, cross_contacts
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_SUMS,

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from stochvi import Restitution, Viscoelastic, load_scene
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.modal_stops import single_impacts
-from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.model.model import model_of
 from support import CHECKOUT
 from support.mounts import two_stages

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import chi2
 
 from stochvi import Estimate, NotConverged, cost, exact, load_scene, simulate
-from stochvi.methods.monte_carlo.plans import make_plan
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.quantities import GOVERNED
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Cost

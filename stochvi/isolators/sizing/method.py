@@ -21,7 +21,7 @@ from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigm
 from stochvi.isolators.sizing.hits import Hits, Tried, at_clearance, compile_kernels
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.targets import check_laws, target_of, widening
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of

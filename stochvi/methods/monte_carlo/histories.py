@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Histories, Plan
-from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.model.model import Model, model_of
 from stochvi.scenes.scene import Scene
 

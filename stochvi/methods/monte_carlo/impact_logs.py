@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.histories import plan_histories
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
@@ -42,7 +42,7 @@ class ImpactPlan:
 
     `relaxation` is the relaxation time of the energy, s; `fastest` the largest frequency of the
     motion, rad/s; `speeds` are the rms speeds of the pairs, m/s; `corner_share` is that of
-    `white.WhitePlan` where slow impacts are resolved, else None.
+    `rigid_white.WhitePlan` where slow impacts are resolved, else None.
     """
 
     source: Plan

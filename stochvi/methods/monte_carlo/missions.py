@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from stochvi.methods.monte_carlo.compliant import kernel_stops, plan_compliant
+from stochvi.methods.monte_carlo.compliant_white import kernel_stops, plan_compliant
 from stochvi.methods.monte_carlo.kernels.missions import (
     FORCE,
     HAPPENED,
@@ -20,7 +20,7 @@ from stochvi.methods.monte_carlo.kernels.missions import (
     fly_missions,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
-from stochvi.methods.monte_carlo.white import (
+from stochvi.methods.monte_carlo.rigid_white import (
     MOST_STEPS,
     RELAXATIONS,
     WhitePlan,

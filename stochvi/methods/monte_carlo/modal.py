@@ -24,9 +24,8 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.rows import ROWS_OF_PAIR
 from stochvi.methods.monte_carlo.plan import Histories
-from stochvi.methods.monte_carlo.quantities import RATES, Key, gap_of
-from stochvi.methods.monte_carlo.statistics import Layout
-from stochvi.methods.monte_carlo.white import (
+from stochvi.methods.monte_carlo.quantities import Key, gap_of
+from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
     DURATION,
     GAP_PER_STEP,
@@ -37,10 +36,14 @@ from stochvi.methods.monte_carlo.white import (
     MOST_PATHS,
     MOST_STEPS,
     RELAXATIONS,
-    WELL_RESOLVED_RESTITUTION,
     default_threshold,
-    extrapolated,
     settled_duration,
+)
+from stochvi.methods.monte_carlo.statistics import Layout
+from stochvi.methods.monte_carlo.step_bias import (
+    bias_of_plain_step,
+    bias_of_smooth_motion,
+    lossiest,
 )
 from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
@@ -184,16 +187,12 @@ class ModalPlan:
         return max(1.0, self.modes.fastest / (2.0 * math.pi) * self.law.slowest)
 
     def step_bias(self, name: str, difference: float) -> float | None:
-        """What the step leaves in a quantity, from its difference to twice the step; None for
-        rates of slow impacts under white noise, as `WhitePlan.step_bias` says. Under signals
-        alone the motion is smooth and the order is 2."""
-        found = [stop.law.restitution for stop in self.model.stops]
-        if not self.modes.kicked or not found:
-            return difference / 3.0
-        lossiest = min(found)
+        """The bias that the step leaves in a quantity, from its difference to twice the step; None
+        for rates of slow impacts under white noise (`step_bias`)."""
+        if not self.modes.kicked or not self.model.stops:
+            return bias_of_smooth_motion(difference)
         pressed = any(scale.pressing > 0.0 for scale in self.pairs)
-        unknown = name in RATES and (lossiest < WELL_RESOLVED_RESTITUTION or pressed)
-        return None if unknown else extrapolated(name, difference, lossiest)
+        return bias_of_plain_step(name, difference, lossiest(self.model), not pressed)
 
     @property
     def steps(self) -> int:

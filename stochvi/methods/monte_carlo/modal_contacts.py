@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.methods.monte_carlo.compliant import SUMS_OF_A_STOP, kernel_stop
+from stochvi.methods.monte_carlo.compliant_white import SUMS_OF_A_STOP, kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
 from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
 from stochvi.methods.monte_carlo.modal import SUMS_OF_PAIR, ModalPlan, basis

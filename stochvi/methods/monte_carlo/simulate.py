@@ -14,18 +14,18 @@ import numpy as np
 
 from stochvi.methods.monte_carlo.blocks import Crew, WorkersLost, workers_of
 from stochvi.methods.monte_carlo.checkpoints import Asked, Checkpoint, Keeper, State
+from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
 from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.plans import make_plan, plan_several
 from stochvi.methods.monte_carlo.quantities import (
     Key,
 )
-from stochvi.methods.monte_carlo.runs import (
+from stochvi.methods.monte_carlo.rounds import (
     FEWEST_PATHS,
     Progress,
     Run,
     compiling,
     relative_standard_errors,
-    until,
+    run_until_accurate,
 )
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotConverged
@@ -60,7 +60,7 @@ def simulate(
     stops); for a tabulated density the response without stops is synthesised and the impacts are
     added. The bias of a finite step is measured by running the same paths at twice the step:
     |difference| / (2^order - 1). The order is 2, less where slow impacts on lossy stops under
-    white noise are missed (see `white.extrapolated`); where it is not known the bias is None.
+    white noise are missed (see `step_bias.extrapolated`); where it is not known the bias is None.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def simulate(
         finally:
             if executor is None:
                 run.crew.executor.shutdown(wait=False, cancel_futures=True)
-            run.keep()
+            run.write_checkpoint()
     except KeyboardInterrupt:
         raise Interrupted(
             "interrupted by Ctrl-C",
@@ -204,9 +204,9 @@ def _simulate(run: Run, asked: Asked, budget: float | None) -> None:
     """As many paths, or as long, as was asked for."""
     if asked.paths is None:
         assert asked.rel_error is not None  # settled
-        until(run, asked.rel_error, budget)
+        run_until_accurate(run, asked.rel_error, budget)
         return
-    run.aim(asked.paths)
+    run.set_goal(asked.paths)
     if not run.reach_goal(math.inf if budget is None else budget):
         raise NotConverged(
             f"{run.fine.count} of {asked.paths} paths were done in {budget:g} s; raise budget",
@@ -224,9 +224,9 @@ def _so_far(run: Run, warning: str, interrupted: bool = False) -> Response | Non
 
 def _noted(run: Run, response: Response) -> Response:
     """With a warning if the checkpoint does not hold it."""
-    if not run.unwritten or run.unwritten in response.warnings:
+    if not run.checkpoint_failure or run.checkpoint_failure in response.warnings:
         return response
-    return replace(response, warnings=[*response.warnings, run.unwritten])
+    return replace(response, warnings=[*response.warnings, run.checkpoint_failure])
 
 
 def _crew(executor: Executor | None, threads: int | None) -> Crew:

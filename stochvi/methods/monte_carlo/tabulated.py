@@ -32,7 +32,7 @@ from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
-from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, kernel_stop
+from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS, kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
@@ -46,12 +46,11 @@ from stochvi.methods.monte_carlo.plan import (
     histories_of_one,
     layout_of_one,
 )
-from stochvi.methods.monte_carlo.quantities import RATES
+from stochvi.methods.monte_carlo.rigid_white import default_threshold
 from stochvi.methods.monte_carlo.statistics import Layout
-from stochvi.methods.monte_carlo.white import (
-    WELL_RESOLVED_RESTITUTION,
-    default_threshold,
-    extrapolated,
+from stochvi.methods.monte_carlo.step_bias import (
+    bias_of_plain_step,
+    bias_of_smooth_motion,
     lossiest,
 )
 from stochvi.model.model import Model, Signal, Stop
@@ -140,14 +139,11 @@ class TabulatedPlan:
         return bool(self.model.not_rigid())
 
     def step_bias(self, name: str, difference: float) -> float | None:
-        """What the sampling leaves in a quantity, from its difference to half the rate: of second
-        order where the response is smooth between samples, else as under white noise alone."""
+        """The bias that the sampling leaves in a quantity, from its difference to half the sampling
+        rate; None for rates of slow impacts under white noise (`step_bias`)."""
         if not self.beyond:
-            return difference / 3.0
-        least = lossiest(self.model)
-        if name in RATES and least < WELL_RESOLVED_RESTITUTION:
-            return None
-        return extrapolated(name, difference, least)
+            return bias_of_smooth_motion(difference)
+        return bias_of_plain_step(name, difference, lossiest(self.model))
 
     @property
     def block(self) -> int:

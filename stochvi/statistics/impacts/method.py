@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
 from stochvi.methods.monte_carlo.quantities import collapses
-from stochvi.methods.monte_carlo.runs import compiling
+from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
-from stochvi.methods.monte_carlo.white import lossiest
+from stochvi.methods.monte_carlo.step_bias import lossiest
 from stochvi.model.coverage import functions
 from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
 from stochvi.results.errors import NotApplicable, NotConverged

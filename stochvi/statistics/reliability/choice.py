@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 
 from stochvi.methods.monte_carlo.missions import MissionPlan
-from stochvi.methods.monte_carlo.runs import Progress, compiling
+from stochvi.methods.monte_carlo.rounds import Progress, compiling
 from stochvi.methods.monte_carlo.splitting import (
     PARTICLES,
     SHARE,
@@ -296,7 +296,7 @@ def _variance(sample: Sample, hits: bool) -> float:
 
 
 def _bias(plan: MissionPlan, fine: float, coarse: float) -> float | None:
-    """What the step leaves, as that of a sum of impact speeds (`white.extrapolated`)."""
+    """What the step leaves, as that of a sum of impact speeds (`step_bias.extrapolated`)."""
     return plan.base.step_bias("impact_speed_rate", abs(coarse - fine))
 
 

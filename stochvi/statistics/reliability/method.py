@@ -24,7 +24,7 @@ from stochvi.methods.monte_carlo.missions import (
     passage_plan,
     settling_time,
 )
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, model_of

@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 
 from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
-from stochvi.methods.monte_carlo.runs import compiling
+from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable, NotConverged

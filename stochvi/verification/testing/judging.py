@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.plans import make_plan
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result

@@ -18,9 +18,9 @@ from stochvi import (
     simulate,
 )
 from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE, LANES, averages_in_time
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.plans import make_plan
-from stochvi.methods.monte_carlo.white import COLLAPSE_RESTITUTION
+from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION
 from stochvi.model.model import model_of
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees

@@ -11,7 +11,7 @@ import pytest
 from stochvi import check, simulate
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.monte_carlo.compliant import (
+from stochvi.methods.monte_carlo.compliant_white import (
     CONTACT_ROWS,
     CompliantPlan,
     kernel_stop,
@@ -32,7 +32,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     PEAK,
     TIME,
 )
-from stochvi.methods.monte_carlo.white import WhitePlan, plan_white
+from stochvi.methods.monte_carlo.rigid_white import WhitePlan, plan_white
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
 from stochvi.results.errors import NoExactSolution, NotApplicable, SceneError

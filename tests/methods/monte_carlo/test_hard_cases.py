@@ -15,12 +15,12 @@ import pytest
 from stochvi import NotApplicable, Response, Scene, SceneError, exact, simulate
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.methods.monte_carlo import record_path
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.flight import run_white
 from stochvi.methods.monte_carlo.kernels.rows import SUMS
 from stochvi.methods.monte_carlo.kernels.steps import Counting, Kick
 from stochvi.methods.monte_carlo.modal import ModalPlan
-from stochvi.methods.monte_carlo.plans import make_plan
-from stochvi.methods.monte_carlo.white import ENOUGH_STEPS, WhitePlan, _flow
+from stochvi.methods.monte_carlo.rigid_white import ENOUGH_STEPS, WhitePlan, _flow
 from stochvi.model.model import model_of
 from stochvi.results.intervals import upper_limit_unseen
 from stochvi.testing import assert_agrees

@@ -26,7 +26,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stochvi.cli import main, output
-from stochvi.methods.monte_carlo import blocks, runs, simulate
+from stochvi.methods.monte_carlo import blocks, rounds, simulate
 from stochvi.methods.monte_carlo.blocks import (
     SENDING_SECONDS,
     TASK_SECONDS,
@@ -523,7 +523,7 @@ def hears_control_c() -> None:
 def test_progress_is_told_in_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is no terminal."""
     monkeypatch.setattr(output, "LINE_SECONDS", 0.0)
-    monkeypatch.setattr(runs, "REPORT_SECONDS", 0.0)
+    monkeypatch.setattr(rounds, "REPORT_SECONDS", 0.0)
     told = invoked(tmp_path, "--paths", 4096, "--duration", 20).stderr
     assert any(
         "steps/s" in line and "error" in line and "impacts" in line and "s left" in line

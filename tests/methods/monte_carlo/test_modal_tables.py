@@ -24,8 +24,8 @@ from stochvi.mathematics.frequency_response import beyond, bin_amplitudes, covar
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.state_space import stationary_covariance
 from stochvi.methods.monte_carlo import record_path
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
-from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.tabulated import LARGEST_LOSS, TabulatedPlan
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of

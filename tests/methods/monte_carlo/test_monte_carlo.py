@@ -22,10 +22,10 @@ from stochvi import (
     exact,
     simulate,
 )
-from stochvi.methods.monte_carlo import record_path, runs
+from stochvi.methods.monte_carlo import record_path, rounds
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.balances import residuals
@@ -491,11 +491,11 @@ def test_times_too_far_apart_are_refused_in_a_sentence() -> None:
 
 def test_compiling_is_said_where_it_takes_time(monkeypatch) -> None:
     said: list[str] = []
-    monkeypatch.setattr(runs, "COMPILING_SECONDS", 0.01)
-    with runs.compiling(lambda done, text: said.append(text)):
+    monkeypatch.setattr(rounds, "COMPILING_SECONDS", 0.01)
+    with rounds.compiling(lambda done, text: said.append(text)):
         time.sleep(0.2)
     assert said == ["compiling, once on each machine"]
-    monkeypatch.setattr(runs, "COMPILING_SECONDS", 60.0)
-    with runs.compiling(lambda done, text: said.append(text)):  # kept code is there at once
+    monkeypatch.setattr(rounds, "COMPILING_SECONDS", 60.0)
+    with rounds.compiling(lambda done, text: said.append(text)):  # kept code is there at once
         pass
     assert len(said) == 1

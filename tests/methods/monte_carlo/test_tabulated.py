@@ -9,6 +9,7 @@ from scipy.stats import norm
 
 from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, screen
 from stochvi.mathematics.spectra import response_moments, squared_gain
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.kernels.intervals import first_upward_root
 from stochvi.methods.monte_carlo.kernels.rows import (
@@ -20,7 +21,6 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     XX,
     X,
 )
-from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.tabulated import (
     BIN_ERROR,
     FOLD_FROM,

@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 from stochvi import Estimate, NotApplicable, Restitution, Scene, TabulatedNoise, exact, simulate
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.compliant import CONTACT_ROWS, kernel_stop
+from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS, kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     CONTACT_ERROR,
     KINK_ERROR,
@@ -39,7 +40,6 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     XX,
     X,
 )
-from stochvi.methods.monte_carlo.plans import make_plan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of

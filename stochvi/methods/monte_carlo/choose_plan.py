@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from stochvi.methods.monte_carlo.compliant import plan_compliant
+from stochvi.methods.monte_carlo.compliant_white import plan_compliant
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_contacts import plan_modal_contacts
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.rigid_white import plan_white
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
-from stochvi.methods.monte_carlo.white import plan_white
 from stochvi.model.coverage import beyond_one_oscillator, functions
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
@@ -39,7 +39,7 @@ def make_plan(
     duration
         Counted seconds of a path; None for the default of the plan.
     slow_impacts, corner_share
-        Whether steps near a stop are refined, and how much (`white.WhitePlan`).
+        Whether steps near a stop are refined, and how much (`rigid_white.WhitePlan`).
 
     Raises
     ------

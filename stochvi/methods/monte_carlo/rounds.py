@@ -98,10 +98,10 @@ class Run:
         for _ in range(self.state.refinements):
             self.plan = self.plan.finer()
         self.expected_paths = 1.0
-        self.shown = 0.0
-        self.sentence, self.said = "", -math.inf
-        self.unwritten = ""
-        self.kept: State | None = None
+        self.shown_fraction = 0.0
+        self.sentence, self.last_sentence_at = "", -math.inf
+        self.checkpoint_failure = ""
+        self.whole_blocks: State | None = None
 
     @property
     def fine(self) -> PathStatistics:
@@ -128,13 +128,13 @@ class Run:
         """Seconds since the first start, without those between an end and a new start."""
         return self.first_seconds + self.elapsed
 
-    def aim(self, goal: int) -> None:
+    def set_goal(self, goal: int) -> None:
         """The number of paths that the round which begins now ends with."""
         self.state = replace(self.state, goal=goal)
 
     def add_paths(self, paths: int, deadline: float = math.inf) -> bool:
         """Simulate more paths; False if time ran out."""
-        self.aim(self.fine.count + paths)
+        self.set_goal(self.fine.count + paths)
         return self.reach_goal(deadline)
 
     def reach_goal(self, deadline: float = math.inf) -> bool:
@@ -157,7 +157,7 @@ class Run:
                     break
                 self.state = self.state.with_block(statistics, paths * steps_per_path, where)
                 if self.keeper and self.keeper.due():
-                    self.keep()
+                    self.write_checkpoint()
                 self._report()
         return self.fine.count == goal
 
@@ -167,21 +167,21 @@ class Run:
         """Take up the paths of a block that the budget cut short, where there are no others. The
         checkpoint goes on without them: a run that resumes simulates the whole block."""
         if not self.fine.count:
-            self.kept = self.state
+            self.whole_blocks = self.state
             steps = statistics[0].count * steps_per_path
             self.state = self.state.with_block(statistics, steps, where)
 
-    def keep(self) -> None:
-        """Write the checkpoint now, if there is one; `unwritten` says if that failed: a full disk
-        must not throw away what was simulated."""
+    def write_checkpoint(self) -> None:
+        """Write the checkpoint now, if there is one. If that fails, `checkpoint_failure` says why:
+        a full disk must not throw away what was simulated."""
         if not self.keeper:
             return
         try:
-            self.keeper.keep(replace(self.kept or self.state, seconds=self.seconds))
-            self.unwritten = ""
+            self.keeper.keep(replace(self.whole_blocks or self.state, seconds=self.seconds))
+            self.checkpoint_failure = ""
         except OSError as error:
             reason = error.strerror or str(error)
-            self.unwritten = (
+            self.checkpoint_failure = (
                 f"the checkpoint {self.keeper.path} could not be written: {reason.lower()}; it "
                 "holds what it held before"
             )
@@ -190,10 +190,12 @@ class Run:
         if not self.progress:
             return
         # what is expected may grow, but a bar never goes back
-        self.shown = max(self.shown, min(1.0, self.fine.count / self.expected_paths))
-        if self.elapsed - self.said > REPORT_SECONDS:
-            self.sentence, self.said = self._sentence(), self.elapsed
-        self.progress(self.shown, self.sentence)
+        self.shown_fraction = max(
+            self.shown_fraction, min(1.0, self.fine.count / self.expected_paths)
+        )
+        if self.elapsed - self.last_sentence_at > REPORT_SECONDS:
+            self.sentence, self.last_sentence_at = self._sentence(), self.elapsed
+        self.progress(self.shown_fraction, self.sentence)
 
     def _sentence(self) -> str:
         """Rate, impacts so far, and the relative error of what converges last."""
@@ -297,7 +299,7 @@ class Run:
                 name: self.estimate(quantity, name)
                 for name, quantity in of_compliant_pair(pair).items()
             }
-            found |= _granted_alike(pressed)
+            found |= _with_largest_bias(pressed)
         return PairResponse(**found, speed_threshold=self.layout.thresholds[pair.name])
 
     def _speed_mean(self, pair: Pair, known: Mapping[str, Estimate | None]) -> Estimate:
@@ -398,7 +400,7 @@ class Run:
                     )
 
 
-def _granted_alike(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
+def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
     """Estimates of one kind, each with the largest relative bias among them: that of one may
     vanish in its difference to twice the step by chance."""
     if any(each.bias is None for each in group.values()):
@@ -408,7 +410,7 @@ def _granted_alike(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
     return {name: replace(each, bias=largest * abs(each.value)) for name, each in group.items()}
 
 
-def until(run: Run, rel_error: float, budget: float | None) -> None:
+def run_until_accurate(run: Run, rel_error: float, budget: float | None) -> None:
     """Double the number of paths until every governed quantity is as accurate as asked.
 
     What is decided hangs on the state alone, but for the budget: a run that goes on from a
@@ -416,7 +418,7 @@ def until(run: Run, rel_error: float, budget: float | None) -> None:
     """
     deadline = math.inf if budget is None else budget
     if not run.state.goal:
-        run.aim(max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS))
+        run.set_goal(max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS))
     run.expected_paths = 4.0 * run.state.goal  # until the first errors are known
     while True:
         in_time = run.reach_goal(deadline)
@@ -425,7 +427,7 @@ def until(run: Run, rel_error: float, budget: float | None) -> None:
         errors, bias = _relative_errors(run)
         if errors <= rel_error:
             if bias <= rel_error:
-                run.aim(run.fine.count)  # also where time ran out: the answer is there
+                run.set_goal(run.fine.count)  # also where time ran out: the answer is there
                 return
             if not in_time or run.state.refinements == MOST_REFINEMENTS:
                 raise NotConverged(
@@ -445,7 +447,7 @@ def until(run: Run, rel_error: float, budget: float | None) -> None:
         run.expected_paths = 1.1 * run.fine.count * (errors / rel_error) ** 2
         growth = (errors / rel_error) ** 2 - 1.0
         paths = math.ceil(run.fine.count * min(max(1.1 * growth, 0.1), 3.0))
-        run.aim(run.fine.count + math.ceil(paths / run.plan.block) * run.plan.block)
+        run.set_goal(run.fine.count + math.ceil(paths / run.plan.block) * run.plan.block)
 
 
 def _relative_errors(run: Run) -> tuple[float, float]:
@@ -459,7 +461,7 @@ def _relative_errors(run: Run) -> tuple[float, float]:
             value, error = run.fine.evaluate(quantity)
             coarse, coarse_error = run.coarse.evaluate(quantity)
             excess = abs(coarse - value) - 2.0 * math.hypot(error, coarse_error)
-            size = _size(run, key, value)
+            size = _reference_size(run, key, value)
             bias = run.plan.step_bias(key[1], max(0.0, excess))
             biases.append(bias / size if bias and size else 0.0)
     return max(relative_standard_errors(run).values()), max(biases)
@@ -470,13 +472,13 @@ def relative_standard_errors(run: Run) -> dict[Key, float]:
     found = {}
     for key, quantity in governed(run.model).items():
         value, error = run.fine.evaluate(quantity)
-        size = _size(run, key, value)
+        size = _reference_size(run, key, value)
         if size > 0.0:
             found[key] = error / size
     return found
 
 
-def _size(run: Run, key: Key, value: float) -> float:
+def _reference_size(run: Run, key: Key, value: float) -> float:
     """What a quantity is measured by: itself, but a mean by the standard deviation."""
     owner, name = key
     if name == "displacement_mean":

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from stochvi.mathematics.cut_normal import CutNormal
-from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent, gaussian_stop
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, gaussian_stop
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, run_white
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import (
@@ -30,8 +30,13 @@ from stochvi.methods.monte_carlo.plan import (
     histories_of_one,
     layout_of_one,
 )
-from stochvi.methods.monte_carlo.quantities import RATES
 from stochvi.methods.monte_carlo.statistics import Layout
+from stochvi.methods.monte_carlo.step_bias import (
+    WELL_RESOLVED_RESTITUTION,
+    bias_of_plain_step,
+    bias_of_refined_step,
+    lossiest,
+)
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
 
@@ -44,10 +49,6 @@ F2 and less in F1, growing as h^2."""
 
 LOSSY_DECAY = 0.07
 """b h of such a step, b the damping rate including the losses at impacts."""
-
-WELL_RESOLVED_RESTITUTION = 0.5
-"""From here up a plain step resolves impacts faster than the default threshold; below, bounces
-are so slow that steps near a stop have to be refined for the rates."""
 
 MOST_LEVELS = 10
 """Halvings of a step near a stop."""
@@ -143,27 +144,18 @@ class WhitePlan:
         return self.model.elastic
 
     def step_bias(self, name: str, difference: float) -> float | None:
-        """What the step leaves in a quantity, from its difference to twice the step; None where
-        that does not tell: rates of impacts too slow for a plain step.
-
-        A refined step resolves slow impacts with the velocity that noise brings in it, which goes
-        with its square root.
-        """
-        if not self.slow_impacts:
-            # a load holds a mass at stops that take nearly all of its speed, and F2 then falls more
-            # slowly with the step than its order: at R = 0 the difference tells a third of it
-            held = self._lossiest <= COLLAPSE_RESTITUTION and self.model.load != 0.0
-            if held and name == "impact_speed_square_rate":
-                return None
-            usual = self.threshold >= default_threshold(self.elastic, self.speed)
-            resolved = self._lossiest >= WELL_RESOLVED_RESTITUTION and usual and not self._pressed
-            known = resolved or name not in RATES
-            return extrapolated(name, difference, self._lossiest) if known else None
-        known = self._lossiest > COLLAPSE_RESTITUTION
-        if name not in RATES and known:  # an order of about 1 is left where stops lose much
-            return difference if self._lossiest < WELL_RESOLVED_RESTITUTION else difference / 3.0
-        known |= name not in RATES
-        return difference / (math.sqrt(2.0) - 1.0) if known else None
+        """The bias that the step leaves in a quantity, from its difference to twice the step; None
+        where that difference does not tell the bias (`step_bias`)."""
+        if self.slow_impacts:
+            return bias_of_refined_step(name, difference, self._lossiest)
+        # a load holds a mass at stops that take nearly all of its speed, and F2 then falls more
+        # slowly with the step than its order: at R = 0 the difference is a third of the bias
+        held = self._lossiest <= COLLAPSE_RESTITUTION and self.model.load != 0.0
+        if held and name == "impact_speed_square_rate":
+            return None
+        usual_threshold = self.threshold >= default_threshold(self.elastic, self.speed)
+        resolved = usual_threshold and not self._pressed
+        return bias_of_plain_step(name, difference, self._lossiest, resolved)
 
     @property
     def _lossiest(self) -> float:
@@ -470,29 +462,6 @@ def settled_duration(burn_in: float, duration: float, step: float) -> float:
     return (math.ceil((burn_in + duration) / step) + 1) * step
 
 
-SPEED_POWER = {
-    "collision_rate": 0, "collision_rate_lower": 0, "collision_rate_upper": 0,
-    "impact_speed_mean": 0, "impact_speed_square_rate": 2,
-}  # fmt: skip
-"""Power of the impact speed that a quantity adds up; all others hang on the impulses, power 1."""
-
-
-def extrapolated(name: str, difference: float, restitution: float) -> float:
-    """Bias at a step from the difference to twice the step, difference / (2^order - 1).
-
-    A step resolves impact speeds above about sqrt(S0 h). Their density is w^(1 - beta) near 0, so
-    those below hold a share h^((2 + m - beta) / 2) of the sum of w^m over impacts; the scheme
-    itself is of order 2.
-
-    >>> [round(extrapolated("impact_speed_rate", 0.3, r), 3) for r in (0.8, 0.5, 0.2)]
-    [0.192, 0.3, 0.643]
-    """
-    power = SPEED_POWER.get(name, 1)
-    order = min(2.0, (2.0 + power - corner_exponent(restitution)) / 2.0)
-    # at R <= exp(-pi / sqrt 3) the rate has no limit at all
-    return difference / (2.0**order - 1.0) if order > 0.0 else math.inf
-
-
 def default_threshold(elastic: bool, speed: float) -> float:
     """Impacts slower than this are left out of the rates (never out of F1 and F2).
 
@@ -541,11 +510,6 @@ def _law(model: Model, speed: float, *, about_rest: bool = False) -> CutNormal:
         lower=None if model.lower is None else model.lower.position - origin,
         upper=None if model.upper is None else model.upper.position - origin,
     )
-
-
-def lossiest(model: Model) -> float:
-    """The smallest restitution of a stop; 1 without stops."""
-    return min((stop.law.restitution for stop in model.stops), default=1.0)
 
 
 def _kick_variance(model: Model, h: float) -> float:

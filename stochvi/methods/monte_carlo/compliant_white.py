@@ -21,7 +21,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     PEAK,
     TIME,
 )
-from stochvi.methods.monte_carlo.white import (
+from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
     GAP_PER_STEP,
     LARGEST_ANGLE,

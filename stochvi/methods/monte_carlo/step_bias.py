@@ -1,0 +1,78 @@
+"""The bias that a finite step leaves in a quantity, from the quantity's change with the step.
+
+Every plan simulates the same paths at its step h and at 2 h. If a scheme is of order p, the bias at
+h is the difference of the two results over 2^p - 1. This module knows the order of each quantity,
+and where slow impacts at stops that lose energy keep the difference from telling the bias.
+"""
+
+from __future__ import annotations
+
+import math
+
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
+from stochvi.methods.monte_carlo.quantities import RATES
+from stochvi.model.model import Model
+
+WELL_RESOLVED_RESTITUTION = 0.5
+"""Smallest coefficient of restitution (dimensionless) at which a plain step resolves the impacts
+that are faster than the default speed threshold. Below it bounces are so slow that steps near a
+stop must be refined before the bias of a rate is known."""
+
+SPEED_POWER = {
+    "collision_rate": 0, "collision_rate_lower": 0, "collision_rate_upper": 0,
+    "impact_speed_mean": 0, "impact_speed_square_rate": 2,
+}  # fmt: skip
+"""Power of the impact speed that a quantity sums over the impacts. Every quantity that is not named
+here depends on the impulses, and so has the power 1."""
+
+
+def lossiest(model: Model) -> float:
+    """The smallest coefficient of restitution among the stops; 1 without stops."""
+    return min((stop.law.restitution for stop in model.stops), default=1.0)
+
+
+def bias_of_smooth_motion(difference: float) -> float:
+    """Bias of a scheme of order 2, where no white noise acts or there are no stops."""
+    return difference / 3.0
+
+
+def bias_of_plain_step(
+    name: str, difference: float, restitution: float, rates_resolved: bool = True
+) -> float | None:
+    """Bias under white noise where the step is not refined near the stops.
+
+    It is None for a rate if the step does not resolve the slow impacts that the rate counts:
+    below WELL_RESOLVED_RESTITUTION, or where the caller knows of another reason
+    (`rates_resolved` is False).
+    """
+    resolved = rates_resolved and restitution >= WELL_RESOLVED_RESTITUTION
+    return extrapolated(name, difference, restitution) if resolved or name not in RATES else None
+
+
+def bias_of_refined_step(name: str, difference: float, restitution: float) -> float | None:
+    """Bias under white noise where the step is refined near the stops.
+
+    A refined step resolves slow impacts with the velocity that noise brings in it, which grows with
+    the square root of the step: the rates are of order 1/2. The bias of a rate is None where the
+    rate of all impacts is infinite.
+    """
+    finite = restitution > COLLAPSE_RESTITUTION
+    if name not in RATES and finite:  # an order of about 1 is left where stops lose much
+        return difference if restitution < WELL_RESOLVED_RESTITUTION else difference / 3.0
+    return difference / (math.sqrt(2.0) - 1.0) if finite or name not in RATES else None
+
+
+def extrapolated(name: str, difference: float, restitution: float) -> float:
+    """Bias at a step from the difference to twice the step, difference / (2^order - 1).
+
+    A step resolves impact speeds above about sqrt(S0 h). Their density is w^(1 - beta) near 0, so
+    those below hold a share h^((2 + m - beta) / 2) of the sum of w^m over impacts; the scheme
+    itself is of order 2.
+
+    >>> [round(extrapolated("impact_speed_rate", 0.3, r), 3) for r in (0.8, 0.5, 0.2)]
+    [0.192, 0.3, 0.643]
+    """
+    power = SPEED_POWER.get(name, 1)
+    order = min(2.0, (2.0 + power - corner_exponent(restitution)) / 2.0)
+    # at R <= exp(-pi / sqrt 3) the rate has no limit at all
+    return difference / (2.0**order - 1.0) if order > 0.0 else math.inf
