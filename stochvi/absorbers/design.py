@@ -29,19 +29,19 @@ from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 Vector = NDArray[np.float64]
 
 PLAYS = tuple(float(play) for play in np.geomspace(0.75, 14.0, 10))
-"""Total plays of the first look, in rms displacements of the structure alone."""
+"""Total plays of the first search, in rms displacements of the structure alone."""
 
 CLOSER = (0.7, 0.82, 0.93, 1.07, 1.22, 1.43)
-"""Plays of the second look, relative to the best of the first."""
+"""Plays of the second search, relative to the best of the first."""
 
 COARSE = 2.0
-"""Relative error of the first look, as a multiple of that of the second look."""
+"""Relative error of the first search, in units of that of the second."""
 
 DRAWS = 400
-"""Curves that are drawn within the errors of the points to find the error of the best play."""
+"""Number of curves sampled within the errors of the points to find the error of the best play."""
 
 GRID = 801
-"""Plays at which a curve is searched for its lowest point."""
+"""Number of plays at which a curve is searched for its lowest point."""
 
 DEGREE = 6
 """Largest degree of the polynomial in log play that a curve is smoothed by."""
@@ -70,11 +70,11 @@ class Design(Result):
     Parameters
     ----------
     restitution, units
-        Of the best candidate.
+        Restitution of the walls and number of units of the best candidate.
     best
-        Its box at the level of the scene.
+        Best box of that candidate at the level of the scene.
     robust
-        Its box for the lowest worst ratio over `level_range_db` about that level.
+        Box of that candidate with the lowest worst ratio over `level_range_db` about that level.
     curve
         Every simulated point: restitution, units, play, play_in_sigma, rms_ratio, its error.
     candidates
@@ -95,11 +95,11 @@ class Design(Result):
     candidates: pd.DataFrame
 
     def to_frame(self) -> pd.DataFrame:
-        """The candidates, best first."""
+        """One row per candidate, the best one first."""
         return self.candidates
 
     def summary(self) -> str:
-        """The best candidate."""
+        """The best candidate, in a sentence."""
         return (
             f"{self.units} box(es) with a play of {self.best.play:.4g} m and restitution "
             f"{self.restitution:g}: {self.best.ratio.value:.3g} of the rms displacement without"
@@ -138,7 +138,7 @@ def design_absorber(
         An oscillator or isolator of known mass without stops or loads, and what shakes it; an
         absorber that it has already is taken off.
     mass_budget
-        kg, of all units together.
+        Mass of all units together, kg.
     restitutions, units
         What there is to choose from.
     plays
@@ -146,7 +146,7 @@ def design_absorber(
     level_range_db
         The robust box is best in the worst case from this much below to this much above.
     rel_error
-        Of the points close to the best.
+        Relative error of the points close to the best one.
 
     Raises
     ------

@@ -15,7 +15,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 ADMISSIBLE_SAMPLES = 720
-"""Instants of half a period at which the mass must lie inside its box."""
+"""Number of instants of half a period at which the mass must lie inside its box."""
 
 LAWS = {"book": 4.0 / math.pi, "flight": 8.0 / math.pi**2}
 """First harmonic of the relative motion over half the play: of a square wave, as the harmonic
@@ -29,15 +29,15 @@ class SymmetricRegime:
     Parameters
     ----------
     absorber_speed
-        Of the loose mass between impacts, m/s.
+        Speed of the loose mass between impacts, m/s.
     impact_speed
         Relative speed before an impact, m/s.
     amplitude
-        Of the first harmonic of the structure's displacement, m.
+        Amplitude of the first harmonic of the structure's displacement, m.
     amplitude_without
         The same without the absorber, m.
     phase
-        Of the force at the impact on the upper wall: a cos(phase), rad.
+        Phase of the force at the impact on the upper wall, where it is a cos(phase), rad.
     stable
         Whether small disturbances die out.
     """
@@ -138,9 +138,9 @@ def symmetric_regimes(
     Parameters
     ----------
     mass, damping, stiffness
-        Of the structure: kg, N s/m, N/m.
+        Mass, damping and stiffness of the structure, kg, N s/m and N/m.
     absorber_mass, play, restitution
-        Of the loose mass and its box: kg, m wall to wall, R of both walls.
+        Loose mass, kg; play of its box, m from wall to wall; restitution of both walls.
     force, omega
         Amplitude a (N) and w (rad/s) of the sine.
 

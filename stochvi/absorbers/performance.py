@@ -24,13 +24,13 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
 
 PEAK_PERIODS = 100
-"""Periods of the structure in a window whose largest displacement is a peak."""
+"""Length of a window whose largest displacement is a peak, periods of the structure."""
 
 PEAK_WINDOWS = 96
 """Number of windows whose peaks are averaged: the standard error of their mean is about 2 %."""
 
 WINDOWS_OF_PATH = 8
-"""Windows that are taken from one path after it has settled."""
+"""Number of windows that are taken from one path after it has settled."""
 
 LEVELS_DB = (-6.0, -3.0, 0.0, 3.0, 6.0)
 """Levels of the excitation, dB relative to that of the scene, at which an absorber is judged."""
@@ -38,7 +38,7 @@ LEVELS_DB = (-6.0, -3.0, 0.0, 3.0, 6.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """What an absorber does at one level of the excitation (SI units).
+    """The effect of an absorber at one level of the excitation (SI units).
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def absorber(
     levels_db
         Levels of all that shakes, dB about the scene's own; constant loads stay.
     rel_error
-        Of the simulated mean squares and rates, as for `simulate`.
+        Relative error of the simulated mean squares and rates, as for `simulate`.
 
     Raises
     ------
@@ -293,7 +293,7 @@ def _performance(
     scene: Scene, carrier: str, level: float, response: Response, seed: int
 ) -> Performance:
     alone = without_absorber(scene)
-    # beside an absorber of mass, play and law the coordinate of an oscillator has another name
+    # an absorber of mass, play and law gives the coordinate of its oscillator another name
     names = alone.structure.coordinates
     own_name = carrier if carrier in names else names[0]
     rms, speed = (group[own_name] for group in linear_rms(alone))
@@ -450,7 +450,7 @@ def _square(estimate: Estimate) -> Estimate:
 
 
 def _sum(estimates: Iterable[Estimate | float | None]) -> Estimate:
-    """The sum, with an error that holds however its terms are correlated."""
+    """Sum of estimates, with an error that holds for any correlation of the terms."""
     terms = [each for each in estimates if isinstance(each, Estimate)]
     biases = [each.bias for each in terms]
     return Estimate(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stochvi.results.response import Response
 
 MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-"""Parts of a mission at which `first-passage` gives the probability: enough for a curve."""
+"""Fractions of a mission at which `first-passage` gives the probability: enough for a curve."""
 
 
 def show_response(options: Common, found: Response) -> None:

@@ -42,7 +42,7 @@ class Common:
 
     @property
     def sampling(self) -> dict[str, Any]:
-        """What every calculation that samples takes: seed, threads and budget."""
+        """Arguments of every calculation that samples: seed, threads and budget."""
         return {"seed": self.seed, "threads": self.threads, "budget": self.budget}
 
     def progress(self, title: str) -> AbstractContextManager[Report]:
@@ -117,7 +117,7 @@ OPTIONS = {
 end by a number of paths as well."""
 
 FIELDS = {"json": "json_file", "open budget": "budget"}
-"""Fields of `Common` that are not called as the option that fills them."""
+"""Fields of `Common` by their option, where the two names differ."""
 
 
 def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

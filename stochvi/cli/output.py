@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 Report = Callable[[float, str], None]
-"""Takes the fraction of the work that is done, and what is being done."""
+"""A function of the fraction of the work that is done and of the name of the current step."""
 
 LINE_SECONDS = 2.0
 """Seconds between two lines of progress, where standard error is not a terminal."""

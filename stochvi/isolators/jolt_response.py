@@ -44,7 +44,7 @@ class Jolts(Result):
     Parameters
     ----------
     speeds
-        Of the jolts, m/s: changes of the velocity relative to the base.
+        Speeds of the jolts, m/s: changes of the velocity relative to the base.
     captured, resonant
         Paths (jolts, paths): in clatter 100 periods later; of these on both stops, which is the
         resonant regime (others rattle on one stop).
@@ -58,7 +58,7 @@ class Jolts(Result):
         Exact regimes and the energy boundary of the sine alone; None where the stops are not
         symmetric about the mean.
     clearance
-        Per side, m.
+        Clearance per side, m.
     """
 
     speeds: tuple[float, ...]
@@ -167,7 +167,7 @@ def jolts(
     speeds
         Changes of the relative velocity by the jolts, m/s; negative ones towards the lower stop.
     paths
-        For each jolt.
+        Number of paths for each jolt.
     duration
         Seconds after the jolt; by default 100 windows of 10 periods.
 

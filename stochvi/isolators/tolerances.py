@@ -33,7 +33,7 @@ def within_tolerances(scene: Scene, clearance: float) -> pd.DataFrame:
         An isolator on a noisy base; its tolerances, or `FREQUENCY_TOLERANCE` and
         `DAMPING_TOLERANCE`, say how far frequency and damping move (the other is kept).
     clearance
-        m per side, from the mean position.
+        Clearance per side from the mean position, m.
 
     Returns
     -------

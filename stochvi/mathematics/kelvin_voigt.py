@@ -60,7 +60,7 @@ def identify_viscoelastic(contact_time: float, time_to_peak: float) -> tuple[flo
     Parameters
     ----------
     contact_time, time_to_peak
-        From the first touch until the force is back at zero, and until it is largest, s.
+        Time from the first touch until the force is back at zero, and until it is largest, s.
 
     Raises
     ------

@@ -45,7 +45,7 @@ def step_covariance(generator: Matrix, noise: Matrix, step: float) -> Matrix:
     doublings = max(0, int(np.ceil(np.log2(norm / DOUBLINGS_FROM)))) if norm > 0.0 else 0
     short = step / 2.0**doublings
     block = np.zeros((2 * size, 2 * size))
-    scale = float(np.max(np.abs(noise))) or 1.0  # noise of any unit, beside rates
+    scale = float(np.max(np.abs(noise))) or 1.0  # the noise may have any unit, unlike rates
     block[:size, :size], block[:size, size:] = -generator, noise / scale
     block[size:, size:] = generator.T
     grown = expm(block * short)

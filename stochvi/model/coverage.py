@@ -34,9 +34,9 @@ def beyond_one_oscillator(
     Parameters
     ----------
     with_functions
-        For a method that takes springs, dampers and restitutions that are functions.
+        Whether the method takes springs, dampers and restitutions that are functions.
     with_filters
-        For a method that takes filtered noise.
+        Whether the method takes filtered noise.
     """
     found = [] if with_functions else functions(model)
     if len(model.coordinates) > 1:

@@ -48,7 +48,8 @@ class Stop:
     position
         Where the gap y meets the stop, m from the position of the unloaded springs.
     law
-        Its impact law, for forces in newtons or, of `Model.lower` and `Model.upper`, per unit mass.
+        Impact law of the stop, for forces in newtons; of `Model.lower` and `Model.upper`, for
+        forces per unit mass.
 
     Examples
     --------

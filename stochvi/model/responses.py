@@ -44,7 +44,7 @@ def build_response(
     Parameters
     ----------
     assumptions, warnings
-        Those of the method, which follow those of the scene.
+        Assumptions and warnings of the method, which follow those of the scene.
     seed, made_by
         What else the provenance holds: the seed, and facts on the machine.
     """

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 REPLACE_ATTEMPTS = 5
-"""How often the replacement of a file is tried, because on Windows it may be open for a moment."""
+"""Number of attempts to replace a file, because on Windows it may be open for a moment."""
 
 REPLACE_PAUSE = 0.02
 """Seconds between two attempts to replace a file."""

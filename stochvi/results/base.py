@@ -1,4 +1,4 @@
-"""The base of every answer: a JSON document, a table, and a page for notebooks, made alike."""
+"""The base of every answer: its JSON document, its table and its page for notebooks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COMMON = ("warnings", "cost", "provenance")
-"""What every answer has; it stands last in documents."""
+"""Fields that every answer has; they stand last in documents."""
 
 MOST_ROWS = 60
 """Rows of a table that a notebook shows; longer ones are cut in the middle."""
@@ -24,7 +24,7 @@ MOST_ROWS = 60
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Result:
-    """What a calculation answers with.
+    """The answer of a calculation.
 
     A kind of answer is a frozen dataclass on this base. It says `to_frame` and, in `summary`, what
     was found in a sentence; the rest follows from its fields.
@@ -110,7 +110,7 @@ def plain(value: Any) -> Any:
 
 
 def total_cost(costs: Iterable[Cost]) -> Cost:
-    """What several answers took together, one after the other."""
+    """Cost of several answers together, calculated one after the other."""
     known = list(costs)
     return Cost(
         wall_time=sum(each.wall_time for each in known),

@@ -1,4 +1,4 @@
-"""What can go wrong, each in one sentence that says what to do about it."""
+"""Errors that the package raises, each in one sentence that says what to do about it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 LISTS = ("absorber", "excitation", "impact_pair")
-"""Parts of a scene file of which there may be several."""
+"""Keys of a scene file that may hold several parts."""
 
 
 def toml_remedy(error: ValueError) -> str:

@@ -1,4 +1,4 @@
-"""What every method answers with: numbers that carry their errors and their price."""
+"""Estimates, numbers with their errors, and the cost and provenance of an answer."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Estimate:
     Parameters
     ----------
     value
-        In SI units.
+        The number, in SI units.
     standard_error
         One standard deviation of the statistical error; 0 where nothing was sampled.
     bias
         Bound on, or estimate of, the systematic error left by the step or the model;
         None where no method here can tell.
     how
-        Where the two errors come from, in words.
+        Source of the two errors, in words.
     upper_95
         Upper 95 % confidence limit of a rate that was never seen.
     bias_error
@@ -106,7 +106,7 @@ class Estimate:
         return self
 
     def _changed(self, value: float, scaled: Callable[[float], float], factor: float) -> Estimate:
-        """Another value, all errors scaled alike."""
+        """The estimate with another value, all errors scaled by the same factor."""
         if self.upper_95 is not None and factor <= 0.0:
             raise ValueError(
                 "an estimate with upper_95 was never seen and has no lower limit: it can be scaled "

@@ -45,8 +45,9 @@ def normal_quantile(outside: float) -> float:
 
 
 def student_quantile(outside: float, degrees: float) -> float:
-    """The same for a standard error that was itself estimated, with so many degrees of freedom
-    (infinite: the normal law).
+    """Quantile of Student's law: `normal_quantile` for a standard error that is itself estimated.
+
+    The estimate has `degrees` degrees of freedom; with infinitely many the law is normal.
 
     >>> round(student_quantile(0.0027, 63.0), 3), round(student_quantile(0.0027, math.inf), 3)
     (3.123, 3.0)
@@ -219,7 +220,7 @@ def delta_method(
     Parameters
     ----------
     function
-        From means of the shape (rows, ...) to values of the shape (...).
+        Function of means of the shape (rows, ...) with values of the shape (...).
     mean, covariance
         (rows, ...) and (rows, rows, ...): the means, and the covariance of their errors.
 
@@ -251,7 +252,7 @@ class PathMoments:
     Parameters
     ----------
     count
-        Independent paths.
+        Number of independent paths.
     mean
         (rows, ...) means over the paths.
     scatter
@@ -263,9 +264,9 @@ class PathMoments:
     scatter: Array
 
     def merge(self, other: Self) -> Self:
-        """Of both groups of paths together: exact up to rounding, and independent of how paths were
-        grouped as long as the groups are merged in the same order (T. F. Chan, G. H. Golub and
-        R. J. LeVeque 1983)."""
+        """Moments of both groups of paths together: exact up to rounding, and independent of how
+        paths were grouped as long as the groups are merged in the same order (T. F. Chan,
+        G. H. Golub and R. J. LeVeque 1983)."""
         count = self.count + other.count
         shift = other.mean - self.mean
         between = shift[:, None] * shift * (self.count * other.count / count)

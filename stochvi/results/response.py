@@ -43,13 +43,14 @@ class CoordinateResponse(Quantities[Estimate | None]):
     Parameters
     ----------
     displacement_mean, displacement_std, displacement_mean_square
-        m, m and m^2; positions are measured from the unloaded spring.
+        Moments of the displacement, m, m and m^2; positions are measured from the unloaded spring.
     velocity_std, velocity_mean_square
-        m/s and m^2/s^2.
+        Moments of the velocity, m/s and m^2/s^2.
     acceleration_std
-        Of the absolute acceleration, m/s^2; None where it is infinite, as at rigid stops.
+        Standard deviation of the absolute acceleration, m/s^2; None where it is infinite, as at
+        rigid stops.
     upcrossing_rate
-        Of the mean, 1/s.
+        Rate of upcrossings of the mean, 1/s.
     """
 
     displacement_mean: Estimate | None = None
@@ -71,11 +72,11 @@ class PairResponse(Quantities[Estimate | float | None]):
         Impacts faster than `speed_threshold` per second: all, and those on either stop, 1/s; at
         stops that give way the rate at which contacts begin.
     impact_speed_mean
-        m/s.
+        Mean speed of impacts, m/s.
     impact_speed_rate, impact_speed_square_rate
         Sums per second of the impact speeds, F1 in m/s^2, and of their squares, F2 in m^2/s^3.
     peak_force
-        Of stops that give way: the mean over contacts of the largest force, N.
+        Mean over contacts of the largest force, N; of stops that give way only.
     contact_probability, contact_force_lower, contact_force_upper
         Of stops that give way: the share of time in contact, and the mean forces, N. A mass is in
         contact while it is beyond the stop, whether the stop pushes yet or not; contact with a stop
@@ -102,7 +103,7 @@ class PairResponse(Quantities[Estimate | float | None]):
     speed_threshold: float = 0.0
 
     def _names(self) -> Sequence[str]:
-        """Without the relative motion where the pair acts on one coordinate."""
+        """Names of the quantities, without relative motion where the pair has one coordinate."""
         return [
             name
             for name in super()._names()

@@ -148,10 +148,10 @@ def read_table(
 
 def _check_order(path: Path, heading: Sequence[str], names: Sequence[str]) -> None:
     """A heading that names the columns must name them in the order that is read."""
-    told = [cell.lower() for cell in heading if cell.lower() in names]
-    if sorted(told) == sorted(names) and told != list(names):
+    found = [cell.lower() for cell in heading if cell.lower() in names]
+    if sorted(found) == sorted(names) and found != list(names):
         raise SceneError(
-            f"{path} has the columns {', '.join(told)}; expected {', '.join(names)} in this order"
+            f"{path} has the columns {', '.join(found)}; expected {', '.join(names)} in this order"
         )
 
 

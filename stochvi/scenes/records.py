@@ -49,7 +49,7 @@ class Record:
     Parameters
     ----------
     values
-        m/s^2 (or N).
+        Values of the record, m/s^2 (or N).
     fs
         Sampling rate, 1/s.
     """

@@ -271,7 +271,7 @@ class NonlinearOscillator(Checked):
     Parameters
     ----------
     mass
-        kg.
+        Mass, kg.
     restoring_force
         g, N, as a function of displacement, m.
     damping, damping_force

@@ -32,7 +32,7 @@ FAMILY_ALARM_RATE = 0.003
 """Chance that a check raises any alarm although all methods are right."""
 
 BALANCE = "balance"
-"""What a comparison is of where a residual is compared with zero."""
+"""Quantity of a comparison in which the residual of a balance is compared with zero."""
 
 STOPPED_EARLY = "simulate stopped early"
 """First words of the reason why a simulation fell short of the accuracy asked for."""
@@ -150,7 +150,7 @@ class MethodResponses:
 
     @property
     def judged(self) -> int:
-        """How many comparisons and balances can be judged."""
+        """Number of comparisons and balances that can be judged."""
         if not self.responses:
             return 0
         known = self.responses[0].estimates()
@@ -331,7 +331,7 @@ def single_alarm_rate(family: int, family_alarm_rate: float = FAMILY_ALARM_RATE)
 
 
 def degrees_of_freedom(first: Response, second: Response | None, errors: Sequence[float]) -> float:
-    """Of the standard error of a difference of two answers, by their numbers of paths."""
+    """Degrees of freedom of the standard error of a difference, from the numbers of paths."""
     paths = [0 if response is None else response.cost.paths for response in (first, second)]
     return satterthwaite_degrees(errors, paths)
 

@@ -202,7 +202,7 @@ def check_many(
     scenes
         The scenes by name; `zoo()` gives those that ship.
     rel_error, seed, threads
-        As for `check`.
+        The same arguments as those of `check`.
     budget
         Seconds for the simulation of one scene.
     progress

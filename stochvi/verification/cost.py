@@ -53,7 +53,7 @@ MOST_HALVINGS = 10
 """Largest number of times that the finest step is halved on paper to find a small enough bias."""
 
 LARGEST_BLOCK = 256
-"""Paths of a block: enough for the full speed of the kernels, few enough to stop in time."""
+"""Largest number of paths of a block: enough for full speed, few enough to stop in time."""
 
 DAY, YEAR = 86400.0, 365.25 * 86400.0
 """Seconds of a day and of a year."""
@@ -328,9 +328,9 @@ def cost(
     budget
         Seconds of wall time to spend. How many paths that gives depends on the machine.
     paths
-        Instead: this many paths, for digits that depend on the seed alone (times apart).
+        Number of paths instead of a budget, for digits that depend on the seed alone (times apart).
     seed, threads, progress
-        As for `simulate`.
+        The same arguments as those of `simulate`.
 
     Raises
     ------

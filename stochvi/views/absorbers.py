@@ -63,8 +63,7 @@ def verdict(found: AbsorberReport) -> str:
         return f"{mass} {makes} it worse: rms displacement {low:.3f} to {high:.3f} of that without"
     if high >= 1.0:
         return (
-            f"{mass} cannot be said to help: rms displacement {low:.3f} to {high:.3f} of that "
-            "without"
+            f"{mass} has no clear effect: rms displacement {low:.3f} to {high:.3f} of that without"
         )
     return (
         f"{mass}: rms displacement {central.ratio.value:.3f} of that without "

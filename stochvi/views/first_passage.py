@@ -23,7 +23,7 @@ FAINTEST = 1e-8
 
 
 def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
-    """P(first passage before t) against time, beside what constant rates would give.
+    """P(first passage before t) against time, with the curve of constant rates.
 
     Both axes are logarithmic. `found` shows its own times as marks; the line between them is
     drawn where there are many.

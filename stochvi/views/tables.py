@@ -44,7 +44,7 @@ QUANTITY_NAMES = {
 
 
 NOISE = 4.0
-"""Number of standard errors below which a value cannot be told from 0."""
+"""Number of standard errors below which a value does not differ clearly from 0."""
 
 
 ROUGH = 1e-3
@@ -103,14 +103,14 @@ NO_BOUND = "no error bound: "
 
 def _without_bound(response: Response) -> list[str]:
     """The reasons why numbers that were not sampled have no error bound."""
-    told = [
+    unbounded = [
         each.how
         for each in response.estimates().values()
         if each.bias is None and each.standard_error == 0.0
     ]
     reasons = [
         how.partition(NO_BOUND)[2] or f"none is known of what {how.partition(';')[0]} gives here"
-        for how in told
+        for how in unbounded
     ]
     return list(dict.fromkeys(reasons))
 
@@ -236,7 +236,7 @@ def relative_error(error: float, estimate: Estimate) -> str:
 
 
 def relative_bias(estimate: Estimate) -> str:
-    """The relative bias in words; "-" where the value cannot be told from 0."""
+    """The relative bias in words; "-" where the value does not differ clearly from 0."""
     if 0.0 < abs(estimate.value) < NOISE * estimate.standard_error:
         return "-"
     return relative_error(estimate.bias or 0.0, estimate)

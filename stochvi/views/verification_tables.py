@@ -104,13 +104,13 @@ def _print_approximations(console: Console, verdict: Check) -> None:
     print_table(console, table)
 
 
-def print_explanation(console: Console, told: Explanation) -> None:
+def print_explanation(console: Console, explanation: Explanation) -> None:
     """Print which effects would be simulated, by which method, and the expected cost."""
-    console.print("simulated:     " + "; ".join(told.effects), highlight=False)
-    console.print("not simulated: " + ("; ".join(told.absent) or "-"), highlight=False)
-    for method, verdict in told.methods.items():
+    console.print("simulated:     " + "; ".join(explanation.effects), highlight=False)
+    console.print("not simulated: " + ("; ".join(explanation.absent) or "-"), highlight=False)
+    for method, verdict in explanation.methods.items():
         console.print(f"{method}: {verdict}", highlight=False)
-    plan = told.simulation
+    plan = explanation.simulation
     if plan is not None:
         console.print(
             f"{plan.method}: {plan.states} states, step {plan.step:.3g} s, "
@@ -126,8 +126,8 @@ def print_explanation(console: Console, told: Explanation) -> None:
             console.print(
                 f"relative error {target:g}: {cost} ({plan.governed_by})", highlight=False
             )
-    print_line(console, f"assumptions: {'; '.join(told.assumptions)}")
-    for note in told.notes:
+    print_line(console, f"assumptions: {'; '.join(explanation.assumptions)}")
+    for note in explanation.notes:
         console.print(f"note: {note}", style="yellow", highlight=False)
 
 

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
 
 MM = 1e3
-"""Millimetres in a metre."""
+"""Factor from m to mm."""
 
 G = 1.0 / STANDARD_GRAVITY
-"""g in a metre per second squared."""
+"""Factor from m/s^2 to g."""
 
 UNKNOWN = "not known"
 

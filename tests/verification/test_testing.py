@@ -281,7 +281,7 @@ def test_a_response_of_an_integrator_goes_into_a_comparison() -> None:
         ({"velocity": np.ones((64, 5)) + 1j}, "velocity .* not of complex"),
         ({"velocity": [[1, 2], [3]] * 32}, "velocity .* row of the same length"),
         ({"velocity": "fast"}, "velocity of type str"),
-        ({"velocity": np.ones((64, 5)), "collision_rate": np.ones(64)}, "beside records"),
+        ({"velocity": np.ones((64, 5)), "collision_rate": np.ones(64)}, "together with records"),
         ({"velocity": np.ones((64, 9)), "displacement": np.ones(999)}, "of the same paths"),
         ({"impact_speed": [[1.0]] * 63}, "each of the 64 paths"),
         ({"impact_speed": [[1.0], ["fast"]] * 32}, "impact_speed of type list"),

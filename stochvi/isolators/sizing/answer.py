@@ -22,7 +22,7 @@ HITS_PER_FIRST_HIT = (
     "hits per first hit: the first one and those that follow from it, impacts above the speed "
     "threshold alone"
 )
-"""What a table of hits means by it, in words."""
+"""Definition of the column of hits per first hit, in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +104,7 @@ class Sizing(Result):
     Parameters
     ----------
     scene
-        As it was given.
+        The scene that was sized, as it was given.
     target, mission
         What was asked for, and seconds of exposure.
     clearance

@@ -119,7 +119,7 @@ def clatter(
                     "clearance": clearance,
                     "clearance_in_sigma": clearance / windows.sigma,
                     "stiffness_ratio": math.nan if ratio is None else ratio,
-                    **windows.told(),
+                    **windows.columns(),
                 }
             )
     return pd.DataFrame(rows)
@@ -180,7 +180,7 @@ def _plan(scene: Scene, window: float) -> TabulatedPlan:
 
 @dataclass(frozen=True)
 class _Averages:
-    """Of windows: hits per second, mean square and largest absolute acceleration."""
+    """Averages of windows: hits per second, mean square and largest absolute acceleration."""
 
     hits: Vector
     mean_square: Vector
@@ -240,7 +240,7 @@ class _Windows:
     def _block(self, first: int, size: int) -> list[_Averages]:
         return [_averages(plan, self.seed, first, size) for plan in self.plans]
 
-    def told(self) -> dict[str, float]:
+    def columns(self) -> dict[str, float]:
         """Columns of one row."""
         assert self.found is not None
         stopped, coarse, free = self.found

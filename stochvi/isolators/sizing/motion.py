@@ -74,7 +74,7 @@ class PathSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionBetweenStops:
-    """What a long path between stops at 3 sigma shows (SI units).
+    """Statistics of a long path between stops at 3 sigma (SI units).
 
     Parameters
     ----------

@@ -158,7 +158,7 @@ class Review:
     closure
         Hit rates by the moment closure, as `predicted_rates`; None unless both stops are rigid.
     chances
-        Of any hit, and of none, in the mission at each of `PLACES`.
+        Chance of any hit, and of none, in the mission at each of `PLACES`.
     hits
         Hits at each of `PLACES`; None where they were not simulated.
     comparisons
@@ -166,10 +166,10 @@ class Review:
     motion
         A long path between stops at 3 sigma; None for a scene without stops.
     peaks
-        As from `clatter`, at 3 sigma and as recommended, then for other stiffnesses; None where
-        the stops have no stiffness. `peak_window` is its window, s.
+        The table of `clatter`, at 3 sigma and as recommended, then for other stiffnesses; None
+        where the stops have no stiffness. `peak_window` is its window, s.
     sensitivity
-        As from `sensitivity`, or from `within_tolerances`; None where neither applies.
+        The table of `sensitivity`, or of `within_tolerances`; None where neither applies.
     warnings, assumptions
         In words: what must be known before any number is believed, and what is taken for granted.
     """
@@ -205,9 +205,9 @@ def review(
     Parameters
     ----------
     sizing
-        From `size`.
+        The answer of `size`.
     sensitivity
-        From `sensitivity`; by default linear theory within the tolerances of the isolator.
+        The answer of `sensitivity`; by default linear theory within the tolerances of the isolator.
     settings
         Lengths of simulations.
     """

@@ -33,7 +33,7 @@ class Gaussian:
     Parameters
     ----------
     mean
-        Of displacement and velocity.
+        Means of displacement (m) and velocity (m/s).
     covariance
         Symmetric and positive definite, ((m^2, m^2/s), (m^2/s, m^2/s^2)).
 

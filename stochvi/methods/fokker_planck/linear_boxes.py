@@ -45,7 +45,7 @@ class LinearBox(Generic[Number]):
         Parameters
         ----------
         oscillator
-            Its properties omega, damping_rate, intensity and load are read.
+            An oscillator of which omega, damping_rate, intensity and load are read.
         speed
             The unit of velocity, m/s.
         """

@@ -287,7 +287,7 @@ def fokker_planck_many(
     lower, upper, restitution_lower, restitution_upper
         Stops in metres from the position of the unloaded spring, infinite for none; their R.
     speed_threshold
-        As for `fokker_planck`, m/s.
+        Speed threshold of rates, m/s, as for `fokker_planck`.
 
     Returns
     -------

@@ -58,9 +58,9 @@ class Inverse:
     log_compliance
         log 1 / k.
     mean
-        E x.
+        Mean displacement, E x.
     contacts
-        By the side of a stop that gives way: share of time in contact, and mean force.
+        Share of time in contact and mean force, by the side of a stop that gives way.
     """
 
     log_compliance: float

@@ -45,9 +45,9 @@ class LinearisedOscillator:
     Parameters
     ----------
     mean
-        m = E x, m.
+        Mean displacement m = E x, m.
     displacement_std, velocity_std
-        Of this oscillator, m and m/s; the square roots of the areas under its densities.
+        Standard deviations, m and m/s: square roots of the areas under the densities.
     stiffness, damping
         k (1/s^2) and beta (1/s) of the stops, per unit mass.
     stop_force

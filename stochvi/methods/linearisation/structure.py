@@ -32,7 +32,7 @@ class LinearisedStructure:
     coordinates
         Names of q.
     stops
-        By the name of the pair: spring k (N/m), its centre (m), damper beta (N s/m).
+        Spring k (N/m), its centre (m) and damper beta (N s/m), by the name of the pair.
     shapes
         Phi (n, n), q = Phi times modal displacements.
     stiffness, damping

@@ -1,6 +1,6 @@
 """Vibro-impact resonance: how it is kept up by a harmonic force, and how long by a random one.
 
-Between stops a mass has regimes in which it hits them once a period, beside rest or motion without
+Between stops a mass has regimes in which it hits them once a period, besides rest or motion without
 impacts. A harmonic force keeps one up as long as the gap is below an energy boundary; random
 thrust supplies on average no power to it, and by chance enough only for a while.
 """
@@ -217,7 +217,7 @@ class RandomResonance:
     omega, damping_rate
         Natural frequency, rad/s, and b, 1/s, of the motion between the impacting bodies.
     clearance
-        m; of two stops at +-clearance, or of one, which may be negative (preload).
+        Clearance, m: of two stops at +-clearance, or of one, which may be negative (preload).
     restitution
         R of the stops.
     frequency

@@ -5,7 +5,7 @@ from __future__ import annotations
 from stochvi.results.estimates import Estimate
 
 Z = 4.5
-"""Standard errors of the allowed difference: a right answer exceeds it once in 150 000 cases."""
+"""Largest difference in standard errors: a right answer exceeds it once in 150 000 cases."""
 
 
 def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:

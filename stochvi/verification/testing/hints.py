@@ -92,7 +92,7 @@ def _flight(measured: Sequence[Measured]) -> Iterator[str]:
         )
         if abs(ratio - 1.0) <= SURE * error:
             continue
-        told = f"without stops E v^2 is {format_with_error(ratio, error)} times the truth"
+        hint = f"without stops E v^2 is {format_with_error(ratio, error)} times the truth"
         for telling, noise, damping in (
             (2.0, "noise twice too strong (a one-sided density for S0)", "half the damping"),
             (0.5, "half the noise (S0 taken for a one-sided density)", "twice the damping"),
@@ -100,14 +100,14 @@ def _flight(measured: Sequence[Measured]) -> Iterator[str]:
             if abs(ratio / telling - 1.0) < NEAR + SURE * error:
                 which = _noise_or_damping(measured, telling)
                 cause = {"noise": noise, "damping": damping}.get(which, f"{noise}, or {damping}")
-                told += f": {cause}"
+                hint += f": {cause}"
         if ratio > 1.0 and own.omega > 0.0:
             step = own.damping_rate / own.omega**2 * (1.0 - 1.0 / ratio)
-            told += (
+            hint += (
                 f"; explicit Euler, which takes omega^2 h from the damping rate, does this at "
                 f"h = {step:.2g} s"
             )
-        yield told
+        yield hint
         return
 
 
@@ -179,14 +179,14 @@ def _lossy_stops(measured: Sequence[Measured]) -> Iterator[str]:
         if share >= 1.0 or abs(share - (1.0 - restitution**2)) <= SURE * error:
             continue
         seen = math.sqrt(1.0 - share)
-        told = (
+        hint = (
             f"stops with R = {restitution:g} act as with R = "
             f"{format_with_error(seen, error / (2.0 * seen))} ({each.problem.name})"
         )
         for other, name in ((restitution**2, "R^2"), (math.sqrt(restitution), "the root of R")):
             if abs(seen / other - 1.0) < NEAR:
-                told += f": {name} stands for R"
-        yield told
+                hint += f": {name} stands for R"
+        yield hint
         return
 
 

@@ -212,7 +212,7 @@ def judge(
         Records: `displacement` and `velocity`, (paths, samples) at equal times, and
         `impact_speed`, either of the same shape (0 where there was no impact) or one list of
         speeds per path. A single path (samples,) is cut into batches; its impacts are of the same
-        shape, or a list beside `impact_time`.
+        shape, or a list together with `impact_time`.
 
         Averages, an array (paths,) each: `displacement_mean`, `displacement_mean_square`,
         `velocity_mean_square`, and per second `collision_rate` (of impacts faster than
@@ -324,7 +324,7 @@ def _known(
 
 
 def _of_the_zoo(names: tuple[str, ...]) -> dict[str, Scene]:
-    """The scenes of these names of the zoo; no scene for no name."""
+    """Scenes of the zoo by name; an empty dictionary where no name is given."""
     return zoo(*names) if names else {}
 
 

@@ -28,7 +28,7 @@ class Problem:
     Parameters
     ----------
     omega, damping_rate
-        rad/s and 1/s.
+        Natural frequency, rad/s, and damping rate c / m, 1/s.
     intensity, load
         (m/s^2)^2 s and m/s^2.
     lower, upper

@@ -224,7 +224,8 @@ def _from_records(problem: Problem, returned: Mapping[str, Any]) -> PathAverages
     for name in returned:
         if name not in RECORDS:
             raise ValueError(
-                f"integrator returned {name} beside records; give records alone, or averages alone"
+                f"integrator returned {name} together with records; give only records, or only "
+                "averages"
             )
     if len({record.ndim for record in records.values()}) > 1:
         raise ValueError(

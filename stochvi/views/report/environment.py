@@ -67,7 +67,7 @@ def environment_section(review: Review) -> Section:
         ]
     return Section(
         title="Environment",
-        lead="All densities are one-sided per hertz; accelerations are rms unless they are said "
+        lead="All densities are one-sided per hertz; accelerations are rms unless they are stated "
         "to be peak. 1 g = 9.80665 m/s².",
         facts=facts,
         pictures=pictures,

@@ -76,7 +76,7 @@ class Page:
     title, subtitle
         The scene, and the question that the report answers.
     verdict
-        One sentence.
+        The verdict in one sentence.
     cards
         The few numbers that a reader takes away.
     warnings

@@ -1,4 +1,4 @@
-"""The report of a sizing: a page for a design review, with its tables and numbers beside it."""
+"""The report of a sizing: a page for a design review, with files of its tables and numbers."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ NOTABLE_MILES_ERROR = 0.01
 
 
 def write_report(review: Review, folder: str | Path) -> Path:
-    """Write `report.html` with its numbers and tables beside it; returns the path of the page.
+    """Write `report.html`, and its numbers and tables as files; returns the path of the page.
 
-    The page needs nothing beside it: pictures and style are embedded, and nothing is fetched.
+    The page needs no other file: pictures and style are embedded, and nothing is fetched.
     `size.json` holds every number of the page, and the CSV files hold its tables, in SI units.
 
     Parameters
     ----------
     review
-        From `review`.
+        The answer of `review`.
     folder
         Made if it is missing.
     """
@@ -368,5 +368,5 @@ def _footer(sizing: Sizing) -> list[str]:
     versions = [f"{name} {version}" for name, version in libraries.items()]
     return [
         ", ".join([f"stochvi {made.get('version', '')}", f"seed {sizing.seed}", *versions]),
-        "Tables in SI units lie beside this page as CSV; size.json holds all numbers.",
+        "The folder of this page holds tables in SI units (CSV); size.json holds all numbers.",
     ]
