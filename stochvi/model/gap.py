@@ -8,7 +8,6 @@ from typing import Self
 
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.model import LOWER, UPPER, Model, Pair, Stop
-from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Viscoelastic
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,19 +174,4 @@ def _moved(stop: Stop, origin: float) -> Stop:
 
 
 def _scaled(stop: Stop, origin: float, length: float, time: float) -> Stop:
-    return Stop(stop.side, (stop.position - origin) / length, _scaled_law(stop.law, length, time))
-
-
-def _scaled_law(law: Law, length: float, time: float) -> Law:
-    """The law of a stop, for forces per unit mass, in other units of length and time."""
-    match law:
-        case Elastic() | Viscoelastic():
-            return law.model_copy(update={"stiffness": law.stiffness * time**2})
-        case Hertz():
-            coefficient = law.coefficient * time**2 * math.sqrt(length)
-            return law.model_copy(update={"coefficient": coefficient})
-        case ForceTable():
-            deflection = tuple(y / length for y in law.deflection)
-            force = tuple(push * time**2 / length for push in law.force)
-            return law.model_copy(update={"deflection": deflection, "force": force})
-    return law
+    return Stop(stop.side, (stop.position - origin) / length, stop.law.scaled(length, time))

@@ -23,7 +23,7 @@ from stochvi.mathematics.cut_normal import CUT, NODES, WEIGHTS
 from stochvi.mathematics.impact_rates import ContactStatistics
 from stochvi.model.gap import Gap
 from stochvi.model.model import Stop
-from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
+from stochvi.scenes.impact_laws import CompliantLaw
 
 Vector = NDArray[np.float64]
 
@@ -165,9 +165,7 @@ class GibbsLaw:
         if side not in self._stops:
             return outward < 0.0
         law = self._stops[side].law
-        if isinstance(law, ForceTable) and law.pieces[2, -1] == 0.0:
-            return law.force[-1] > outward
-        return True
+        return not isinstance(law, CompliantLaw) or law.largest_force > outward
 
     # The potential ------------------------------------------------------------------------
 
@@ -314,8 +312,7 @@ class GibbsLaw:
         """Places from `start` to `end` between which the potential is smooth."""
         places = {start, end}
         for stop, law in self._soft:
-            knots = law.pieces[0] if isinstance(law, ForceTable) else np.zeros(1)
-            places |= {float(stop.position + stop.side * knot) for knot in knots}
+            places |= {float(stop.position + stop.side * knot) for knot in law.knots()}
         return sorted(place for place in places if start <= place <= end)
 
     def _nodes(self, edges: list[float]) -> tuple[Vector, Vector]:

@@ -18,7 +18,7 @@ from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.impact_rates import ContactStatistics
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.model.model import LOWER, UPPER, Pair, Stop
-from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
+from stochvi.scenes.impact_laws import CompliantLaw
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -172,7 +172,7 @@ class CoupledLaw:
         edges = {low, high, float(self._mode[place])}
         speed = math.sqrt(self.theta / self.pairs[place].mass)
         for stop, law in self._soft(place):
-            knots = law.pieces[0] if isinstance(law, ForceTable) else np.zeros(1)
+            knots = law.knots()
             depth = law.impact(speed, self.pairs[place].mass).peak_deflection
             into = [*knots, *(step * depth for step in STEPS_INTO_A_STOP)]
             edges |= {float(stop.position + stop.side * y) for y in into}

@@ -14,7 +14,7 @@ from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.basis import Array
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import CompliantLaw, ForceTable, Viscoelastic
+from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
 LAW_DEPTH = 18.0
 """Energy in units of s^2 at which the law exp(-energy / s^2) is cut while its scale s is searched
@@ -243,10 +243,8 @@ class Motion:
         found = []
         for stop in self.stops:
             if isinstance(stop.law, CompliantLaw):
-                table = isinstance(stop.law, ForceTable)
-                depths = stop.law.pieces[0] if isinstance(stop.law, ForceTable) else [0.0]
+                depths = stop.law.knots()
                 found += [stop.position + stop.side * float(depth) for depth in depths]
-                found += [stop.position] if table else []
         return sorted({knot for knot in found if left < knot < right})
 
     def lowest(self, square: float) -> float:

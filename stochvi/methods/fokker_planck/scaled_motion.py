@@ -21,7 +21,7 @@ from stochvi.methods.fokker_planck.linear_boxes import FARTHEST_STOP
 from stochvi.methods.fokker_planck.motion import PIECES, SPEEDS, Motion
 from stochvi.model.model import UPPER, Stop
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.scenes.impact_laws import Hertz, Viscoelastic
+from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
 Law = Callable[[Array], Array]
 
@@ -209,9 +209,11 @@ class ScaledMotion:
 
     @property
     def roots(self) -> tuple[tuple[float, int], ...]:
-        """Places, and sides, from which on the force of a Hertzian stop goes as y^(3/2)."""
+        """Places, and sides, from which on the force of a stop goes as y^(3/2)."""
         return tuple(
-            (self.place(stop), stop.side) for stop in self.stops if isinstance(stop.law, Hertz)
+            (self.place(stop), stop.side)
+            for stop in self.stops
+            if isinstance(stop.law, CompliantLaw) and stop.law.starts_as_root
         )
 
 

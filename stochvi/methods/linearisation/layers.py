@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.cut_normal import CUT, NODES, WEIGHTS
-from stochvi.scenes.impact_laws import CompliantLaw, ForceTable
+from stochvi.scenes.impact_laws import CompliantLaw
 
 Vector = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def layer(log_density: Callable[[Vector], Vector], law: CompliantLaw) -> Layer:
     peak, top = _peak(log_density)
     right = peak + _fall(log_density, peak, top, 1.0)
     left = max(peak - _fall(log_density, peak, top, -1.0), 0.0)
-    knots = law.pieces[0] if isinstance(law, ForceTable) else np.zeros(1)
+    knots = law.knots()
     edges = np.unique([left, peak, right, *knots[(knots > left) & (knots < right)]])
     # in the root of the deflection the energy of a Hertz stop is a polynomial
     roots = np.sqrt(edges)

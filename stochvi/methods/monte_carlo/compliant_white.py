@@ -38,7 +38,7 @@ from stochvi.methods.monte_carlo.rigid_white import (
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Restitution, Viscoelastic
+from stochvi.scenes.impact_laws import Law
 
 SUMS_OF_A_STOP = (
     ("force", IMPULSE),
@@ -47,6 +47,9 @@ SUMS_OF_A_STOP = (
     ("contact", TIME),
     ("ended", ENDED),
 )
+
+KINDS = {"rigid": RIGID, "pieces": PIECES, "damped": DAMPED, "hertz": HERTZ}
+"""The number by which the kernels know each form of a law."""
 
 KernelStop = tuple[float, int, NDArray[np.float64]]
 """A stop for the kernels: its position (m), the kind of its law, and the numbers of that law."""
@@ -99,19 +102,17 @@ def kernel_stops(model: Model) -> tuple[KernelStop | None, KernelStop | None]:
 
 
 def kernel_stop(position: float, law: Law) -> KernelStop:
-    """(position, kind, data) of a stop for the kernel."""
-    match law:
-        case Restitution():
-            return position, RIGID, np.array([[law.coefficient]])
-        case Viscoelastic() if not law.conservative:
-            return position, DAMPED, np.array([[law.stiffness, law.damping(1.0)]])
-        case Elastic() | Viscoelastic():
-            return position, PIECES, np.array([[0.0, 0.0, law.stiffness]])
-        case ForceTable():
-            return position, PIECES, np.ascontiguousarray(law.pieces.T)
-        case Hertz():
-            return position, HERTZ, np.array([[law.coefficient]])
-    raise TypeError(f"no kernel knows a stop of the kind {law.kind!r}")
+    """(position, kind, data) of a stop for the kernel.
+
+    Raises
+    ------
+    NotApplicable
+        If no kernel knows the law.
+    """
+    form = law.form()
+    if form is None:
+        raise NotApplicable("simulate", [f"no simulation follows a law of the kind {law.kind!r}"])
+    return position, KINDS[form.name], form.numbers
 
 
 def _gibbs_law(model: Model, speed: float, rest: float = 0.0) -> GibbsLaw:

@@ -18,7 +18,6 @@ from stochvi.scenes.excitations import (
     TabulatedNoise,
     WhiteNoise,
 )
-from stochvi.scenes.impact_laws import ForceTable, Law
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.report.pages import Fact, Section, shown
 from stochvi.views.sizing import plot_input, plot_response
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.review import Review
     from stochvi.scenes.scene import Scene
-
-LAW_UNITS = {"stiffness": "N/m", "coefficient": "N/m^1.5"}
 
 
 def environment_section(review: Review) -> Section:
@@ -247,7 +244,7 @@ def gap_section(sizing: Sizing) -> Section:
                 Fact(
                     f"In the scene, {side} stop",
                     millimetres(getattr(pair, side)),
-                    f"{millimetres(found.distances[side])} from the mean position; {_law(law)}",
+                    f"{millimetres(found.distances[side])} from the mean position; {law.phrase()}",
                 )
             )
         facts.append(
@@ -263,19 +260,3 @@ def gap_section(sizing: Sizing) -> Section:
         "not depend on the law of the stops as long as no hit is wanted; the hits do.",
         facts=facts,
     )
-
-
-def _law(law: Law) -> str:
-    source = getattr(law, "source", None)
-    tail = f" (source: {source})" if source else ""
-    if law.rigid:
-        return f"rigid, restitution {law.restitution:g}: speeds of impact but no peak acceleration"
-    if isinstance(law, ForceTable):
-        deepest, most = law.deflection[-1], law.force[-1]
-        return f"force over deflection, {most:.4g} N at {millimetres(deepest)}{tail}"
-    numbers = ", ".join(
-        f"{name.replace('_', ' ')} {value:.4g} {LAW_UNITS.get(name, '')}".strip()
-        for name, value in law.model_dump(exclude={"kind", "source"}).items()
-        if isinstance(value, float)
-    )
-    return f"{law.word}, {numbers}{tail}"

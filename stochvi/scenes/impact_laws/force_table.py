@@ -1,0 +1,201 @@
+"""A measured force over the deflection of a stop."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
+
+from stochvi.mathematics.kelvin_voigt import Impact
+from stochvi.results.errors import SceneError
+from stochvi.scenes.datasets import read_table
+from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
+from stochvi.scenes.validation import NonNegatives
+
+Vector = NDArray[np.float64]
+
+
+class ForceTable(CompliantLaw):
+    """A measured force over deflection, linear between its points.
+
+    Beyond the last point the force goes on with the slope of the last piece; before the first it
+    starts from (0, 0), which is put in front where it is not given.
+
+    Parameters
+    ----------
+    deflection
+        Increasing, m, from 0 on.
+    force
+        Never decreasing, N, 0 at the deflection 0.
+    file, unit
+        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N".
+    source
+        Where the numbers come from; the name of the file, if they were read.
+
+    Examples
+    --------
+    >>> law = ForceTable(deflection=[0.01, 0.02], force=[1.0, 4.0])
+    >>> law.force_at([0.005, 0.015, 0.03]).round(12).tolist()
+    [0.5, 2.5, 7.0]
+    >>> round(float(law.potential_at(0.01)), 12)
+    0.005
+    """
+
+    word: ClassVar[str] = "tabulated"
+
+    kind: Literal["table"] = "table"
+    deflection: NonNegatives
+    force: NonNegatives
+    file: str | None = None
+    unit: Literal["m,N", "mm,N"] | None = None
+    source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, keys: Any) -> Any:
+        """A law read from a file is one with the numbers in it: it needs the file no more."""
+        if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
+            return keys
+        given = [name for name in ("deflection", "force") if keys.get(name) is not None]
+        if given:
+            raise ValueError(f"takes file, or deflection and force, got file and {given[0]}")
+        unit = keys.get("unit")
+        if not isinstance(unit, str) or unit not in DEFLECTION_UNITS:
+            choices = " or ".join(repr(name) for name in DEFLECTION_UNITS)
+            raise SceneError([("unit", f"must be {choices} for the columns of file, got {unit!r}")])
+        try:
+            deflection, force = read_table(Path(keys["file"]), ("deflection", "force"))
+        except SceneError as error:
+            raise SceneError([("file", str(error))]) from None
+        kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}
+        return (
+            {"source": Path(keys["file"]).name}
+            | kept
+            | {
+                "deflection": (deflection * DEFLECTION_UNITS[unit]).tolist(),
+                "force": force.tolist(),
+            }
+        )
+
+    @model_validator(mode="after")
+    def _grows(self) -> Self:
+        if self.unit is not None:
+            raise ValueError("takes unit with a file only: deflection is in m, force in N")
+        if len(self.deflection) != len(self.force):
+            raise ValueError(
+                f"needs as many entries in force as in deflection, got {len(self.force)} and "
+                f"{len(self.deflection)}"
+            )
+        if not self.deflection or self.deflection[-1] == 0.0:
+            raise ValueError("needs at least one point with a deflection above 0")
+        if self.deflection[0] == 0.0 and self.force[0] > 0.0:
+            raise ValueError(f"needs force 0 at the deflection 0, got {self.force[0]:g}")
+        for one, two in pairwise(self.deflection):
+            if one >= two:
+                raise ValueError(f"needs increasing deflection, got {two:g} after {one:g}")
+        for one, two in pairwise(self.force):
+            if one > two:
+                raise ValueError(f"needs force that never decreases, got {two:g} after {one:g}")
+        return self
+
+    @property
+    def pieces(self) -> Vector:
+        """(3, pieces): deflection and force where a piece begins, and its slope; the last has no
+        end."""
+        y, f = np.array(self.deflection), np.array(self.force)
+        if y[0] > 0.0:
+            y, f = np.insert(y, 0, 0.0), np.insert(f, 0, 0.0)
+        return np.stack([y[:-1], f[:-1], np.diff(f) / np.diff(y)])
+
+    def _piece(self, deflection: ArrayLike) -> tuple[NDArray[np.intp], Vector, Vector, Vector]:
+        """Of the piece at each deflection: its number, force and slope, and how far into it."""
+        starts, forces, slopes = self.pieces
+        y = inside(deflection)
+        number = np.searchsorted(starts, y, side="right") - 1
+        return number, forces[number], slopes[number], y - starts[number]
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
+        _, force, slope, into = self._piece(deflection)
+        return np.asarray(force + slope * into)
+
+    def potential_at(self, deflection: ArrayLike) -> Vector:
+        starts, forces, slopes = self.pieces
+        lengths = np.diff(starts)
+        areas = lengths * (forces[:-1] + 0.5 * slopes[:-1] * lengths)
+        before = np.concatenate([[0.0], np.cumsum(areas)])
+        number, force, slope, into = self._piece(deflection)
+        return np.asarray(before[number] + into * (force + 0.5 * slope * into))
+
+    def slope_at(self, deflection: ArrayLike) -> Vector:
+        _, _, slope, _ = self._piece(deflection)
+        return np.where(np.asarray(deflection) > 0.0, slope, 0.0)
+
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        starts, forces, slopes = self.pieces
+        given = inside(force)
+        number = np.searchsorted(forces, given, side="right") - 1
+        with np.errstate(divide="ignore", invalid="ignore"):
+            into = np.where(
+                slopes[number] > 0.0, (given - forces[number]) / slopes[number], math.inf
+            )
+        return np.asarray(starts[number] + into)
+
+    def impact(self, speed: float, mass: float) -> Impact:
+        """Piece by piece, each a part of a harmonic motion.
+
+        From the speed v_0 to v_1 over the distance d it takes (2 / W) arctan(W d / (v_0 + v_1)),
+        W^2 = slope / mass.
+        """
+        starts, forces, slopes = self.pieces / np.array([[1.0], [mass], [mass]])
+        ends = np.append(starts[1:], math.inf)
+        time, left = 0.0, speed**2
+        for start, end, force, slope in zip(starts, ends, forces, slopes, strict=True):
+            # where left - 2 force d - slope d^2 = 0, written so that either may be 0
+            push = force + math.sqrt(force**2 + slope * left)
+            turn = left / push if push else math.inf
+            distance = min(end - start, turn)
+            y = start + distance
+            rest = left - distance * (2.0 * force + slope * distance) if turn > distance else 0.0
+            speeds, root = math.sqrt(left) + math.sqrt(rest), math.sqrt(slope)
+            time += 2.0 * (
+                math.atan(root * distance / speeds) / root if root else distance / speeds
+            )
+            left = rest
+            if left == 0.0:
+                break
+        return Impact(2.0 * time, time, 1.0, y, float(self.force_at(y)))
+
+    def per_unit_mass(self, mass: float) -> Self:
+        return self.model_copy(update={"force": tuple(force / mass for force in self.force)})
+
+    def strengths(self) -> tuple[float, ...]:
+        return (*self.deflection, *self.force)
+
+    def scaled(self, length: float, time: float) -> Self:
+        deflection = tuple(y / length for y in self.deflection)
+        force = tuple(push * time**2 / length for push in self.force)
+        return self.model_copy(update={"deflection": deflection, "force": force})
+
+    def phrase(self) -> str:
+        tail = f" (source: {self.source})" if self.source else ""
+        deepest, most = f"{1e3 * self.deflection[-1]:#.4g}".rstrip("."), self.force[-1]
+        return f"force over deflection, {most:.4g} N at {deepest} mm{tail}"
+
+    def form(self) -> Form:
+        return Form("pieces", np.ascontiguousarray(self.pieces.T))
+
+    def knots(self) -> Vector:
+        return np.asarray(self.pieces[0])
+
+    @property
+    def largest_force(self) -> float:
+        return self.force[-1] if self.pieces[2, -1] == 0.0 else math.inf
+
+
+DEFLECTION_UNITS = {"m,N": 1.0, "mm,N": 1e-3}
+"""Units of the columns of a file of forces: unit -> factor of the deflection to m."""

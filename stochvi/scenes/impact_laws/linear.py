@@ -1,0 +1,143 @@
+"""Stops with a linear spring, and with a damper beside it."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stochvi.mathematics.kelvin_voigt import Impact, half_contact, kelvin_voigt
+from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
+from stochvi.scenes.validation import NonNegative, Positive
+
+Vector = NDArray[np.float64]
+
+
+class Elastic(CompliantLaw):
+    """A linear spring, force = stiffness * y.
+
+    Examples
+    --------
+    >>> law = Elastic(stiffness=100.0)
+    >>> float(law.force_at(0.1)), law.potential_at([0.0, 0.1]).tolist()
+    (10.0, [0.0, 0.5000000000000001])
+    >>> law.impact(speed=1.0, mass=1.0).peak_force
+    10.0
+    """
+
+    word: ClassVar[str] = "elastic"
+
+    kind: Literal["elastic"] = "elastic"
+    stiffness: Positive
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
+        return self.stiffness * inside(deflection)
+
+    def potential_at(self, deflection: ArrayLike) -> Vector:
+        return 0.5 * self.stiffness * inside(deflection) ** 2
+
+    def slope_at(self, deflection: ArrayLike) -> Vector:
+        return np.where(inside(deflection) > 0.0, self.stiffness, 0.0)
+
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        return inside(force) / self.stiffness
+
+    def impact(self, speed: float, mass: float) -> Impact:
+        return kelvin_voigt(self.stiffness, 0.0, speed, mass)
+
+    def per_unit_mass(self, mass: float) -> Self:
+        return self.model_copy(update={"stiffness": self.stiffness / mass})
+
+    def strengths(self) -> tuple[float, ...]:
+        return (self.stiffness,)
+
+    def scaled(self, length: float, time: float) -> Self:
+        return self.model_copy(update={"stiffness": self.stiffness * time**2})
+
+    def phrase(self) -> str:
+        return f"{self.word}, stiffness {self.stiffness:.4g} N/m"
+
+    def form(self) -> Form:
+        return Form("pieces", np.array([[0.0, 0.0, self.stiffness]]))
+
+
+class Viscoelastic(CompliantLaw):
+    """A spring and a damper side by side that can only push (Kelvin-Voigt, B App. I).
+
+    force = max(K y + c y', 0), c = 2 z sqrt(K M), z the damping ratio and M the mass (of a pair:
+    the reduced mass). A contact ends when the force returns to zero, which it does before the
+    deflection does; the limiter, which has no mass, then recovers at once: it follows the mass
+    without a force, and pushes again where K y + c y' becomes positive.
+
+    Parameters
+    ----------
+    stiffness
+        K, N/m.
+    damping_ratio
+        z, of any size. The restitution that a free mass sees is exp(-2 z arccos z / sqrt(1 - z^2)).
+
+    Examples
+    --------
+    >>> law = Viscoelastic(stiffness=1.0, damping_ratio=0.2)
+    >>> round(law.restitution, 12), round(law.impact(speed=1.0, mass=1.0).contact_time, 10)
+    (0.571740027585, 2.7953544407)
+    """
+
+    word: ClassVar[str] = "viscoelastic"
+
+    kind: Literal["viscoelastic"] = "viscoelastic"
+    stiffness: Positive
+    damping_ratio: NonNegative
+
+    @property
+    def conservative(self) -> bool:
+        return self.damping_ratio == 0.0
+
+    @property
+    def restitution(self) -> float:
+        """Restitution of a free mass, R = exp(-2 z arccos z / sqrt(1 - z^2)) (B App. I)."""
+        return math.exp(-2.0 * self.damping_ratio * half_contact(self.damping_ratio))
+
+    def damping(self, mass: float) -> float:
+        """c = 2 z sqrt(K M), N s/m."""
+        return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * mass)
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
+        """Force on the stop, N; the mass that the damping ratio refers to, kg, by default 1."""
+        y = np.asarray(deflection, dtype=float)
+        push = self.stiffness * y + self.damping(mass) * np.asarray(rate, dtype=float)
+        return np.where(y > 0.0, np.maximum(push, 0.0), 0.0)
+
+    def potential_at(self, deflection: ArrayLike) -> Vector:
+        """Energy in the spring alone, J."""
+        return 0.5 * self.stiffness * inside(deflection) ** 2
+
+    def slope_at(self, deflection: ArrayLike) -> Vector:
+        """Stiffness of the spring alone, N/m."""
+        return np.where(inside(deflection) > 0.0, self.stiffness, 0.0)
+
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        return inside(force) / self.stiffness
+
+    def impact(self, speed: float, mass: float) -> Impact:
+        return kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)
+
+    def per_unit_mass(self, mass: float) -> Self:
+        return self.model_copy(update={"stiffness": self.stiffness / mass})
+
+    def strengths(self) -> tuple[float, ...]:
+        return (self.stiffness,)
+
+    def scaled(self, length: float, time: float) -> Self:
+        return self.model_copy(update={"stiffness": self.stiffness * time**2})
+
+    def phrase(self) -> str:
+        numbers = f"stiffness {self.stiffness:.4g} N/m, damping ratio {self.damping_ratio:.4g}"
+        return f"{self.word}, {numbers}"
+
+    def form(self) -> Form:
+        if self.conservative:
+            return Form("pieces", np.array([[0.0, 0.0, self.stiffness]]))
+        return Form("damped", np.array([[self.stiffness, self.damping(1.0)]]))
