@@ -14,15 +14,6 @@ from numpy.typing import NDArray
 from stochvi.mathematics.spectra import Table, squared_gain
 from stochvi.mathematics.units import density_from_intensity
 from stochvi.model.model import Model, model_of
-from stochvi.scenes.datasets import profiles
-from stochvi.scenes.excitations import (
-    DensityNoise,
-    Excitation,
-    FilteredNoise,
-    RecordedNoise,
-    TabulatedNoise,
-    WhiteNoise,
-)
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
@@ -96,6 +87,7 @@ def environment(scene: Scene) -> Environment:
 
     Examples
     --------
+    >>> from stochvi.scenes.excitations import TabulatedNoise
     >>> from stochvi.scenes.structures import Isolator
     >>> truck = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
     >>> mount = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[truck])
@@ -110,7 +102,7 @@ def environment(scene: Scene) -> Environment:
             {"frequency_hz": tables[0].frequency_hz, "base_density": tables[0].density}
         )
     return Environment(
-        excitations=tuple(_numbers(excitation) for excitation in scene.excitations),
+        excitations=tuple(excitation.numbers() for excitation in scene.excitations),
         base=_base_motion(tables) if noisy and tables and not model.intensity else None,
         spectra=_spectra(model) if noisy else None,
         breakpoints=breakpoints,
@@ -121,32 +113,6 @@ def noise_on_base_alone(model: Model) -> bool:
     """Whether white or tabulated noise moves the base, and no noise or sine acts on the mass."""
     noisy = bool(model.acceleration_tables or model.intensity)
     return noisy and model.moving_base and not model.noise_on_mass
-
-
-def _numbers(excitation: Excitation) -> dict[str, float]:
-    """Numbers of an excitation that a report states and the scene file does not."""
-    found: dict[str, float] = {}
-    if isinstance(excitation, TabulatedNoise) and excitation.profile is not None:
-        found["stated_g_rms"] = profiles()[excitation.profile].stated_g_rms
-    if isinstance(excitation, DensityNoise):
-        frequency = excitation.table.frequency_hz
-        found["points"] = len(frequency)
-        found["lowest_frequency_hz"] = float(frequency[0])
-        found["highest_frequency_hz"] = float(frequency[-1])
-    if isinstance(excitation, RecordedNoise):
-        record = excitation.record
-        kurtosis, error = record.kurtosis()
-        found |= {
-            "duration": float(record.duration),
-            "sampling_rate_hz": float(record.fs),
-            "rms": float(record.rms),
-            "peak": float(record.peak),
-            "kurtosis": kurtosis,
-            "kurtosis_error": error,
-        }
-    if isinstance(excitation, WhiteNoise | FilteredNoise):
-        found["density"] = 2.0 * excitation.si_intensity
-    return found
 
 
 def _base_motion(tables: Sequence[Table]) -> BaseMotion:

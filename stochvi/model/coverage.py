@@ -6,6 +6,7 @@ Refusals, `explain` and the table of methods are made from them.
 from __future__ import annotations
 
 from stochvi.model.model import Model
+from stochvi.scenes.excitations import DENSITY_KINDS
 from stochvi.scenes.impact_laws import SpeedRestitution
 
 
@@ -46,7 +47,7 @@ def beyond_one_oscillator(
         )
     if len(model.pairs) > 1:
         found.append(f"the scene must have one impact pair, got {len(model.pairs)}")
-    covered = ["white", *["filtered"] * with_filters, "psd", "road", "record"]
+    covered = ["white", *["filtered"] * with_filters, *DENSITY_KINDS]
     kinds = {"sine" if signal.amplitude else "filtered" for signal in model.signals}
     found += [
         f"excitation must be {', '.join(covered)} or constant, got {kind}"

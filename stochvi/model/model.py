@@ -7,6 +7,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import assert_never
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -442,12 +443,17 @@ def _lowered(scene: Scene) -> Model:
 
 def _signals(shaken: list[tuple[Excitation, Vector]]) -> Iterator[Signal]:
     for excitation, direction in shaken:
-        if isinstance(excitation, FilteredNoise):
-            decay = 2.0 * excitation.zeta * excitation.omega
-            yield Signal(excitation.omega, decay, excitation.si_intensity, 0.0, direction)
-        elif isinstance(excitation, Sine):
-            omega = 2.0 * math.pi * excitation.frequency_hz
-            yield Signal(omega, 0.0, 0.0, excitation.amplitude, direction)
+        match excitation:
+            case FilteredNoise():
+                decay = 2.0 * excitation.zeta * excitation.omega
+                yield Signal(excitation.omega, decay, excitation.si_intensity, 0.0, direction)
+            case Sine():
+                omega = 2.0 * math.pi * excitation.frequency_hz
+                yield Signal(omega, 0.0, 0.0, excitation.amplitude, direction)
+            case WhiteNoise() | ConstantLoad() | DensityNoise():
+                pass  # a part of the model of its own
+            case _:
+                assert_never(excitation)
 
 
 def _constants(

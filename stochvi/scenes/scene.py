@@ -16,6 +16,7 @@ from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
 from stochvi.scenes.datasets import read_text
 from stochvi.scenes.excitations import (
     BASE,
+    EXCITATIONS,
     ConstantLoad,
     DensityNoise,
     Excitation,
@@ -23,7 +24,6 @@ from stochvi.scenes.excitations import (
     Sine,
     WhiteNoise,
     check_unit,
-    louder,
 )
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
@@ -330,15 +330,7 @@ class Scene(Checked):
         if self._short_absorbers:
             return self.expanded.effects()
         found = [
-            {
-                "white": "white noise on {}",
-                "filtered": "filtered noise on {}",
-                "sine": "sine on {}",
-                "psd": "tabulated noise on {}",
-                "road": "tabulated noise of a road on {}",
-                "record": "tabulated noise of a record on {}",
-                "constant": "constant load on {}",
-            }[excitation.kind].format(self.place(excitation))
+            f"{excitation.effect_word} on {self.place(excitation)}"
             for excitation in self.excitations
         ]
         if getattr(self.structure, "gravity", False):
@@ -347,6 +339,17 @@ class Scene(Checked):
             of = f" of {pair.name}" if len(self.impact_pairs) > 1 else ""
             found += [f"{law.word} stop {side}{of}" for side, law in pair.stops()]
         return tuple(found)
+
+    def absent_effects(self) -> tuple[str, ...]:
+        """The effects that stochvi knows and this scene does not have."""
+        if self._short_absorbers:
+            return self.expanded.absent_effects()
+        found = {excitation.family for excitation in self.excitations}
+        if getattr(self.structure, "gravity", False):
+            found.add(ConstantLoad.family)
+        found |= {f"stop {side}" for pair in self.impact_pairs for side, _ in pair.stops()}
+        known = [*(each.family for each in EXCITATIONS), "stop lower", "stop upper"]
+        return tuple(effect for effect in dict.fromkeys(known) if effect not in found)
 
     def assumptions(self) -> tuple[str, ...]:
         """What the scene takes for granted, in words."""
@@ -387,7 +390,7 @@ class Scene(Checked):
 
     def at_level(self, level_db: float) -> Scene:
         """The scene with everything that shakes raised by a level in dB; constant loads stay."""
-        raised = tuple(louder(excitation, level_db) for excitation in self.excitations)
+        raised = tuple(excitation.louder(level_db) for excitation in self.excitations)
         return self.model_copy(update={"excitations": raised}) if level_db else self
 
     def document(self) -> dict[str, Any]:

@@ -22,17 +22,6 @@ from stochvi.scenes.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-KNOWN_EFFECTS = (
-    "white noise",
-    "filtered noise",
-    "tabulated noise",
-    "sine",
-    "constant load",
-    "stop lower",
-    "stop upper",
-)
-"""Every effect that a scene can have; others are not modelled."""
-
 APPLIES = "applies"
 
 
@@ -111,9 +100,7 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         methods["simulate"] = _conditions(reason)
     return Explanation(
         effects=effects,
-        absent=tuple(
-            known for known in KNOWN_EFFECTS if not any(known in effect for effect in effects)
-        ),
+        absent=scene.absent_effects(),
         methods=methods,
         assumptions=scene.assumptions(),
         notes=() if beyond_one_oscillator(model) else tuple(scene_notes(model)),

@@ -2,22 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission
-from stochvi.scenes.datasets import profiles
-from stochvi.scenes.excitations import (
-    ConstantLoad,
-    Excitation,
-    FilteredNoise,
-    RecordedNoise,
-    RoadNoise,
-    Sine,
-    TabulatedNoise,
-    WhiteNoise,
-)
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.report.pages import Fact, Section, shown
 from stochvi.views.sizing import plot_input, plot_response
@@ -26,7 +13,6 @@ from stochvi.views.words import G, chance_of_stops, millimetres
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.review import Review
-    from stochvi.scenes.scene import Scene
 
 
 def environment_section(review: Review) -> Section:
@@ -34,7 +20,7 @@ def environment_section(review: Review) -> Section:
     scene, found = review.sizing.scene, review.environment
     facts: list[Fact] = []
     for excitation, numbers in zip(scene.excitations, found.excitations, strict=True):
-        facts += _excitation_facts(scene, excitation, numbers)
+        facts += [Fact(*each) for each in excitation.facts(scene.place(excitation), numbers)]
     if found.base is not None:
         facts += [
             Fact(
@@ -69,103 +55,6 @@ def environment_section(review: Review) -> Section:
         facts=facts,
         pictures=pictures,
     )
-
-
-def _excitation_facts(
-    scene: Scene, excitation: Excitation, numbers: Mapping[str, float]
-) -> list[Fact]:
-    """The facts on one excitation; `numbers` is its entry in `Environment.excitations`."""
-    where = scene.place(excitation)
-    level = getattr(excitation, "level_db", 0.0)
-    raised = f", raised by {level:+g} dB" if level else ""
-    match excitation:
-        case TabulatedNoise() if excitation.profile is not None:
-            source = profiles()[excitation.profile].source
-            return [
-                Fact(
-                    f"Tabulated noise on {where}",
-                    excitation.profile + raised,
-                    f"source: {source}",
-                ),
-                Fact("Stated by its source", f"{numbers['stated_g_rms']:.4g} g rms", "at 0 dB"),
-            ]
-        case TabulatedNoise():
-            source = "breakpoints in the scene" if excitation.file is None else excitation.file
-            return [
-                Fact(
-                    f"Tabulated noise on {where}",
-                    Path(source).name + raised,
-                    f"{numbers['points']:g} points in {excitation.density_unit}, {_band(numbers)}",
-                )
-            ]
-        case RoadNoise():
-            which = (
-                f"class {excitation.road}"
-                if excitation.road
-                else (f"Gd(n0) = {excitation.roughness:g} m³")
-            )
-            return [
-                Fact(
-                    "Road of ISO 8608",
-                    which + raised,
-                    f"at {excitation.metres_per_second:.4g} m/s, {_band(numbers)}; no "
-                    "vehicle between road and mount",
-                )
-            ]
-        case RecordedNoise():
-            return _record_facts(excitation, where, raised, numbers)
-        case WhiteNoise() | FilteredNoise():
-            words, remark = "White noise", "one-sided; intensity S0 is half of it"
-            if isinstance(excitation, FilteredNoise):
-                words = "Filtered noise"
-                remark += (
-                    f"; that is before a resonance at {excitation.frequency_hz:.4g} Hz with a "
-                    f"damping ratio of {excitation.zeta:.3g}"
-                )
-            unit = "(m/s²)²/Hz" if where == "base" else "N²/Hz"
-            strength = f"{numbers['density']:.4g} {unit}"
-            return [Fact(f"{words} on {where}", strength, remark)]
-        case Sine():
-            unit = "m/s² peak" if where == "base" else "N peak"
-            return [
-                Fact(
-                    f"Sine on {where}",
-                    f"{excitation.amplitude:.4g} {unit}",
-                    f"at {excitation.frequency_hz:g} Hz",
-                )
-            ]
-        case ConstantLoad():
-            unit = "m/s²" if where == "base" else "N"
-            return [Fact(f"Constant load on {where}", f"{excitation.magnitude:.4g} {unit}")]
-    return []
-
-
-def _record_facts(
-    excitation: RecordedNoise, where: str, raised: str, numbers: Mapping[str, float]
-) -> list[Fact]:
-    scale, unit = (G, "g") if where == "base" else (1.0, "N")
-    return [
-        Fact(
-            f"Measured record on {where}",
-            Path(excitation.file).name + raised,
-            f"{numbers['duration']:.4g} s at {numbers['sampling_rate_hz']:.4g} Hz; density by "
-            "Welch's method",
-        ),
-        Fact(
-            "Rms of the record",
-            f"{scale * numbers['rms']:.4g} {unit}",
-            f"largest value {scale * numbers['peak']:.4g} {unit} peak",
-        ),
-        Fact(
-            "Kurtosis of the record",
-            f"{numbers['kurtosis']:.2f} ± {numbers['kurtosis_error']:.2f}",
-            "3 for Gaussian noise, which is what is simulated",
-        ),
-    ]
-
-
-def _band(numbers: Mapping[str, float]) -> str:
-    return f"{numbers['lowest_frequency_hz']:.4g} to {numbers['highest_frequency_hz']:.4g} Hz"
 
 
 def mount_section(review: Review) -> Section:

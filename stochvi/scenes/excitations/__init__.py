@@ -1,0 +1,46 @@
+"""What shakes the system: noise (white, filtered, of a density), a sine, a constant load.
+
+Each excitation is a file; `Excitation` lists them.
+"""
+
+from __future__ import annotations
+
+from typing import get_args
+
+from stochvi.scenes.excitations.base import BASE, DensityNoise, Disturbance, check_unit
+from stochvi.scenes.excitations.constant import ConstantLoad
+from stochvi.scenes.excitations.record import RecordedNoise
+from stochvi.scenes.excitations.road import RoadNoise
+from stochvi.scenes.excitations.sine import Sine
+from stochvi.scenes.excitations.tabulated import TabulatedNoise
+from stochvi.scenes.excitations.white import FilteredNoise, WhiteNoise
+
+Excitation = (
+    WhiteNoise | FilteredNoise | TabulatedNoise | RoadNoise | RecordedNoise | Sine | ConstantLoad
+)
+"""Every excitation that a scene may hold."""
+
+EXCITATIONS: tuple[type[Disturbance], ...] = get_args(Excitation)
+"""The classes of `Excitation`, in its order."""
+
+DENSITY_KINDS: tuple[str, ...] = tuple(
+    each.model_fields["kind"].default for each in EXCITATIONS if issubclass(each, DensityNoise)
+)
+"""The kinds of noise that a density describes."""
+
+__all__ = [
+    "BASE",
+    "DENSITY_KINDS",
+    "EXCITATIONS",
+    "ConstantLoad",
+    "DensityNoise",
+    "Disturbance",
+    "Excitation",
+    "FilteredNoise",
+    "RecordedNoise",
+    "RoadNoise",
+    "Sine",
+    "TabulatedNoise",
+    "WhiteNoise",
+    "check_unit",
+]

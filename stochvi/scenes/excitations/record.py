@@ -1,0 +1,187 @@
+"""Noise with the density of a measured record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar, Literal, Self
+
+from pydantic import PrivateAttr, model_validator
+
+from stochvi.mathematics.spectra import Table
+from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
+from stochvi.scenes.excitations.base import BASE, DensityNoise, agreed_unit, sentences_of
+from stochvi.scenes.records import (
+    FEWEST_SEGMENT_LENGTHS,
+    Record,
+    read_record,
+    response_error,
+    wanted_resolution,
+)
+from stochvi.scenes.validation import Band, Count, Names, Positive
+
+
+class RecordedNoise(DensityNoise):
+    """Gaussian noise with the density of a measured record, estimated by Welch's method.
+
+    The record itself is not replayed. Its segments are chosen from its length and from the
+    oscillator that it shakes (`Record.resolution`), unless `resolution_hz` says.
+
+    Parameters
+    ----------
+    file
+        Text with a time (s) and a value in each line, or with a value alone and `fs` given; a UFF
+        file with a dataset 58 (`dataset` says which), or a MATLAB file (`variables`).
+    unit
+        Of the values: "g", "m/s2" or "N"; may be left out where a UFF file states it.
+    fs
+        Sampling rate, Hz, of a file without times.
+    band_hz
+        Lowest and highest frequency of the density that is kept, Hz.
+    """
+
+    effect_word: ClassVar[str] = "tabulated noise of a record"
+
+    kind: Literal["record"] = "record"
+    file: str
+    unit: Literal["g", "m/s2", "N"] | None = None
+    fs: Positive | None = None
+    variables: Names | None = None
+    dataset: Count | None = None
+    band_hz: Band | None = None
+    resolution_hz: Positive | None = None
+    _unit: str = PrivateAttr()
+    _record: Record = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _read(self) -> Self:
+        with sentences_of("file"):
+            record, stated = read_record(
+                Path(self.file), fs=self.fs, variables=self.variables, dataset=self.dataset
+            )
+        self._unit = agreed_unit(self.unit, stated, VALUE_UNITS)
+        scale = VALUE_UNITS[self._unit] * math.sqrt(power_ratio(self.level_db))
+        self._record = Record(values=record.values * scale, fs=record.fs)
+        if self.resolution_hz is not None and not (
+            1.0 / record.duration <= self.resolution_hz <= record.fs / FEWEST_BINS
+        ):
+            raise ValueError(
+                f"has resolution_hz = {self.resolution_hz:g}, expected "
+                f"{1.0 / record.duration:.3g} to {record.fs / FEWEST_BINS:.3g} Hz for this record"
+            )
+        self._table = self._within_band(self._record.resolution())
+        return self
+
+    def _within_band(self, resolution: float) -> Table:
+        table = self._record.density(self.resolution_hz or resolution).table
+        if self.band_hz is None:
+            return table
+        low, high = self.band_hz
+        kept = (table.frequency_hz >= low) & (table.frequency_hz <= high)
+        if kept.sum() < 2:
+            raise ValueError(
+                f"has band_hz = [{low:g}, {high:g}], but the record reaches from "
+                f"{table.frequency_hz[0]:.3g} to {table.frequency_hz[-1]:.3g} Hz"
+            )
+        return Table(frequency_hz=table.frequency_hz[kept], density=table.density[kept])
+
+    @property
+    def record(self) -> Record:
+        """The record in SI units, level included."""
+        return self._record
+
+    @property
+    def density_unit(self) -> str | None:
+        return {"g": "g2/Hz", "m/s2": "(m/s2)2/Hz", "N": "N2/Hz"}[self._unit]
+
+    def table_for(self, omega: float, damping_rate: float) -> Table:
+        return self._within_band(self._record.resolution(omega, damping_rate))
+
+    def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
+        """Length, rate, kurtosis, how its density was estimated, and what it is not good for."""
+        record = self._record
+        kurtosis, doubt = record.kurtosis()
+        estimate = record.density(self._bins(omega, damping_rate))
+        return (
+            f"record {Path(self.file).name}: {record.duration:.4g} s at {record.fs:.4g} Hz, "
+            f"kurtosis {kurtosis:.2f} +- {doubt:.2f} (Gaussian: 3); simulated is Gaussian noise of "
+            "its density, not the record",
+            f"its density: Welch, {estimate.segments} segments, bins of "
+            f"{estimate.resolution_hz:.3g} Hz, {100.0 * estimate.relative_error:.2g} % each",
+            *self.cautions(omega, damping_rate),
+        )
+
+    def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
+        """What a record leaves uncertain of the response of an oscillator (zeros: of none)."""
+        record, found = self._record, []
+        kurtosis, doubt = record.kurtosis()
+        if kurtosis - 3.0 > SEEN * doubt:
+            found.append(
+                "the record has larger peaks than Gaussian noise of the same rms: hits and "
+                "clearances from its density are too favourable"
+            )
+        if not omega or not damping_rate:
+            return tuple(found)
+        bins, wanted = self._bins(omega, damping_rate), wanted_resolution(omega, damping_rate)
+        error, bias = response_error(record, bins, omega, damping_rate)
+        found.append(
+            f"the record tells the rms response, and with it every clearance, to "
+            f"{50.0 * error:.2g} % (standard error; {50.0 * bias:+.1g} % bias of its window): that "
+            "is not in the intervals of what is computed from it"
+        )
+        if record.density(bins).resolution_hz > COARSE * wanted:
+            found.append(
+                f"the record is short for this mount: bins of {wanted:.3g} Hz want "
+                f"{FEWEST_SEGMENT_LENGTHS / wanted:.3g} s"
+            )
+        return tuple(found)
+
+    def _bins(self, omega: float, damping_rate: float) -> float:
+        return self.resolution_hz or self._record.resolution(omega, damping_rate)
+
+    def numbers(self) -> dict[str, float]:
+        record = self._record
+        kurtosis, error = record.kurtosis()
+        return super().numbers() | {
+            "duration": float(record.duration),
+            "sampling_rate_hz": float(record.fs),
+            "rms": float(record.rms),
+            "peak": float(record.peak),
+            "kurtosis": kurtosis,
+            "kurtosis_error": error,
+        }
+
+    def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
+        scale, unit = (1.0 / STANDARD_GRAVITY, "g") if where == BASE else (1.0, "N")
+        return [
+            (
+                f"Measured record on {where}",
+                Path(self.file).name + self.raised,
+                f"{numbers['duration']:.4g} s at {numbers['sampling_rate_hz']:.4g} Hz; density by "
+                "Welch's method",
+            ),
+            (
+                "Rms of the record",
+                f"{scale * numbers['rms']:.4g} {unit}",
+                f"largest value {scale * numbers['peak']:.4g} {unit} peak",
+            ),
+            (
+                "Kurtosis of the record",
+                f"{numbers['kurtosis']:.2f} ± {numbers['kurtosis_error']:.2f}",
+                "3 for Gaussian noise, which is what is simulated",
+            ),
+        ]
+
+
+VALUE_UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "N": 1.0}
+"""Units of a record: unit -> factor to m/s^2 or N."""
+
+FEWEST_BINS = 16
+"""Samples in the shortest segment."""
+
+SEEN = 3.0
+"""Standard errors from which a kurtosis is said to be above that of Gaussian noise."""
+
+COARSE = 1.1
+"""Ratio of bins to those wanted from which this is said: segments are whole samples long."""
