@@ -53,7 +53,7 @@ def scene_notes(model: Model) -> list[str]:
         )
     deviation = math.sqrt(displacement)
     nearest = min((abs(stop - model.rest) for stop in stops), default=0.0)
-    if nearest > FAR_STOPS * deviation:
+    if deviation and nearest > FAR_STOPS * deviation:
         found.append(
             f"the nearest stop lies {nearest / deviation:.3g} standard deviations away "
             f"({deviation:.3g} m without stops); positions are in metres"

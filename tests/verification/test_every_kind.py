@@ -1,0 +1,115 @@
+"""Every impact law and every excitation is known wherever kinds are told apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin
+
+import numpy as np
+import pytest
+
+from stochvi.cli.scenes import TEMPLATE
+from stochvi.scenes.excitations import EXCITATIONS, Excitation
+from stochvi.scenes.impact_laws import Law
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Isolator
+from stochvi.verification.explain import explain
+
+KEYS_OF_LAWS: dict[str, dict[str, Any]] = {
+    "restitution": {"coefficient": 0.8},
+    "speed-restitution": {"coefficient": lambda speed: 1.0 / (1.0 + 0.1 * speed**0.25)},
+    "elastic": {"stiffness": 50.0},
+    "viscoelastic": {"stiffness": 50.0, "damping_ratio": 0.1},
+    "hertz": {"coefficient": 80.0},
+    "table": {"deflection": [0.1, 0.3], "force": [3.0, 20.0]},
+}
+KEYS_OF_EXCITATIONS: dict[str, dict[str, Any]] = {
+    "white": {"intensity": 0.2},
+    "filtered": {"intensity": 0.2, "frequency_hz": 10.0, "zeta": 0.2},
+    "psd": {"frequency_hz": [1.0, 100.0], "density": [0.3, 0.2], "unit": "(m/s2)2/Hz"},
+    "road": {"road": "A", "speed": 10.0},
+    "record": {"unit": "m/s2", "fs": 100.0},
+    "sine": {"amplitude": 0.3, "frequency_hz": 10.0},
+    "constant": {"acceleration": 0.3},
+}
+"""Keys of one member of each kind; a new kind needs an entry, or its tests fail."""
+
+
+def kind_of(cls: type) -> str:
+    return cls.model_fields["kind"].default
+
+
+def members(union: Any) -> list[type]:
+    """The classes of a union whose members may be annotated."""
+    if get_origin(union) is Annotated:
+        return members(get_args(union)[0])
+    return [part for each in get_args(union) for part in members(each)] or [union]
+
+
+@pytest.fixture(params=members(Law), ids=kind_of)
+def law(request: pytest.FixtureRequest) -> Law:
+    return request.param(**KEYS_OF_LAWS[kind_of(request.param)])
+
+
+@pytest.fixture(params=EXCITATIONS, ids=kind_of)
+def excitation(request: pytest.FixtureRequest, tmp_path: Path) -> Excitation:
+    keys = dict(KEYS_OF_EXCITATIONS[kind_of(request.param)])
+    if "fs" in keys:
+        file = tmp_path / "record.txt"
+        np.savetxt(file, np.random.default_rng(1).normal(size=4000))
+        keys["file"] = str(file)
+    return request.param(**keys)
+
+
+def scene_of(excitation: Excitation, law: Law) -> Scene:
+    return Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0),
+        impact_pairs=[ImpactPair(upper=0.004, law=law)],
+        excitations=[excitation],
+    )
+
+
+def test_a_law_in_other_units_is_the_same_law(law: Law) -> None:
+    length, time, deflection, speed = 0.3, 1.7, 0.23, 0.9
+    other = law.per_unit_mass(1.0).scaled(length, time)
+    assert other.rigid == law.rigid
+    if law.rigid:
+        assert other.restitution_at(speed) == law.restitution_at(speed)
+        return
+    force = other.force_at(deflection / length, speed * time / length) * length / time**2
+    assert force == pytest.approx(law.force_at(deflection, speed), rel=1e-12)
+    energy = other.potential_at(deflection / length) * (length / time) ** 2
+    assert energy == pytest.approx(law.potential_at(deflection), rel=1e-12)
+
+
+def test_a_law_is_named_wherever_it_is_spoken_of(law: Law) -> None:
+    scene = scene_of(EXCITATIONS[0](**KEYS_OF_EXCITATIONS["white"]), law)
+    found = explain(scene)
+    assert f"{law.word} stop upper" in found.effects
+    assert "stop upper" not in found.absent and "stop lower" in found.absent
+    assert law.phrase()
+    written = law.kind != "speed-restitution"  # a function cannot be written in a scene file
+    assert (f'kind = "{law.kind}"' in TEMPLATE) == written
+
+
+def test_a_simulation_follows_a_law_or_says_that_it_does_not(law: Law) -> None:
+    scene = scene_of(EXCITATIONS[0](**KEYS_OF_EXCITATIONS["white"]), law)
+    applies = explain(scene).methods["simulate"] == "applies"
+    assert applies == (law.form() is not None)
+
+
+def test_an_excitation_is_named_wherever_it_is_spoken_of(excitation: Excitation) -> None:
+    scene = scene_of(excitation, members(Law)[0](**KEYS_OF_LAWS["restitution"]))
+    found = explain(scene)
+    assert f"{excitation.effect_word} on base" in found.effects
+    assert excitation.family not in found.absent
+    assert excitation.facts("base", excitation.numbers())
+    assert excitation.kind in TEMPLATE
+
+
+def test_an_excitation_is_raised_by_a_level_unless_it_is_constant(excitation: Excitation) -> None:
+    raised = excitation.louder(6.0)
+    assert (raised == excitation) == (excitation.kind == "constant")
+    back = raised.louder(-6.0).model_dump()
+    kept = {name: value for name, value in back.items() if isinstance(value, float)}
+    assert kept == pytest.approx({name: getattr(excitation, name) for name in kept}, rel=1e-12)
