@@ -1,8 +1,8 @@
-"""Blocks of paths on any executor: named, done again where a worker is lost, handed on in order.
+"""The driver of blocks of paths: everything that samples runs its work on an executor by it.
 
-A block is named by (seed, first path, paths) and by nothing else, so that any worker may do it, and
-do it again. Results leave in the order of their blocks through a bounded window: which worker was
-quicker, and how many there are, never shows in a digit.
+The work on a block is a picklable function of (first path, paths) alone, so that any worker may do
+it, and do it again where a worker is lost. Results leave in the order of their blocks through a
+bounded window: which worker was quicker, and how many there are, never shows in a digit.
 """
 
 from __future__ import annotations
@@ -13,9 +13,16 @@ import math
 import platform
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+)
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
 from typing import Any
@@ -25,6 +32,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
+from stochvi.results.errors import NotConverged
 from stochvi.results.machine import thread_seconds, usable_cores
 
 WINDOW = 4
@@ -74,8 +82,12 @@ Block = tuple[int, int]
 """First path, and how many."""
 
 
-BlockDone = tuple[Block, list[PathStatistics], list[str]]
-"""A block with its statistics by every plan, and the machines that they come from."""
+Work = Callable[..., Any]
+"""What is done with a block: `work(first_path, paths)`. Where a deadline is to be minded within the
+block, it is `work(first_path, paths, deadline)`."""
+
+BlockDone = tuple[Block, list[Any], list[str]]
+"""A block with the result of every work, and the machines that they come from."""
 
 
 class WorkersLost(Exception):
@@ -84,9 +96,9 @@ class WorkersLost(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
-    """What comes back of a task: statistics of each of its blocks, where from, and CPU seconds."""
+    """What comes back of a task: results of each of its blocks, where from, and CPU seconds."""
 
-    statistics: tuple[PathStatistics, ...]
+    results: tuple[Any, ...]
     machine: str
     seconds: float
 
@@ -109,28 +121,34 @@ def machine() -> str:
     )
 
 
-def simulate_blocks(
-    plan: Plan,
-    layout: Layout,
-    seed: int,
-    blocks: tuple[Block, ...],
-    deadline: float = math.inf,
-    attempt: int = 1,
+def do_blocks(
+    work: Work, blocks: tuple[Block, ...], deadline: float = math.inf, attempt: int = 1
 ) -> Done:
     """One task: a function of its arguments alone, so any worker may do it, twice if need be.
 
-    Once `time.time()` has passed the `deadline`, the block under way ends with fewer paths, and the
-    blocks after it are left out. `attempt` changes nothing but the name by which a scheduler may
-    remember that it failed.
+    Once `time.time()` has passed the `deadline`, the blocks that are left are not begun. `attempt`
+    changes nothing but the name by which a scheduler may remember that it failed.
     """
     start = thread_seconds()
-    found: list[PathStatistics] = []
+    results: list[Any] = []
+    minded = () if math.isinf(deadline) else (deadline,)
     for first_path, paths in blocks:
-        averages = averages_in_time(plan, seed, first_path, paths, deadline)
-        found.append(PathStatistics.of(averages, layout))
-        if averages.shape[1] < paths:
+        results.append(work(first_path, paths, *minded))
+        if time.time() > deadline:
             break
-    return Done(statistics=tuple(found), machine=machine(), seconds=thread_seconds() - start)
+    return Done(results=tuple(results), machine=machine(), seconds=thread_seconds() - start)
+
+
+def path_statistics(
+    plan: Plan,
+    layout: Layout,
+    seed: int,
+    first_path: int,
+    paths: int,
+    deadline: float = math.inf,
+) -> PathStatistics:
+    """Statistics of a block of paths, or of its first paths where the deadline passes."""
+    return PathStatistics.of(averages_in_time(plan, seed, first_path, paths, deadline), layout)
 
 
 def averages_in_time(
@@ -154,6 +172,13 @@ def averages_in_time(
         left = min(PIECE_SECONDS, max(deadline - time.time(), 0.0))
         size = LANES * max(1, int(left / each / LANES))
     return np.concatenate(done, axis=1)
+
+
+def blocks_between(first_path: int, end: float, size: int) -> Iterator[Block]:
+    """Blocks of one size up to an end, which may be infinite; the last one may be smaller."""
+    while first_path < end:
+        yield first_path, int(min(size, end - first_path))
+        first_path += size
 
 
 def blocks_of(first_path: int, paths: int, size: int) -> Iterator[Block]:
@@ -186,8 +211,9 @@ class Crew:
     workers: int
     external_executor: bool
     block_seconds: float = math.inf
+    waiting: deque[_Task] = field(default_factory=deque, init=False)
 
-    def per_task(self, blocks: int) -> int:
+    def per_task(self, blocks: float) -> int:
         """Blocks to a task, of so many in all. They are merged one by one either way.
 
         Enough that one sender keeps all workers at work, but some for everybody; unless that makes
@@ -211,49 +237,69 @@ class Crew:
 
     def do(
         self,
-        plans: list[Plan],
-        layout: Layout,
-        seed: int,
+        works: Sequence[Work],
         blocks: Iterator[Block],
-        total: int,
+        total: float,
         late: Callable[[], bool],
         deadline: float = math.inf,
+        at_least: int = 1,
     ) -> Generator[BlockDone, None, None]:
-        """Each block in order, once it is done.
+        """Each block in order, once every work on it is done.
 
-        `total` is how many blocks there are. Once `late()`, no task is begun that has not been. A
-        block that is under way at the `deadline`, a time of `time.time()`, is handed on with fewer
-        paths, and is the last one.
+        `total` is how many blocks there are. Once `late()`, no task is begun that has not been, but
+        `at_least` so many are begun and finished in any case. A block that is under way at the
+        `deadline`, a time of `time.time()` that the works mind, is handed on as they left it, and
+        is the last one.
 
         Raises
         ------
         WorkersLost
             If a block cannot be done; all before it have been handed on.
         """
-        waiting: deque[_Task] = deque()
+        waiting = self.waiting
         begun, attempts = 0, MOST_ATTEMPTS if self.external_executor else 1
         try:
-            # one task is begun and finished in any case: it ends soon by itself
-            while (not begun or not late()) and (
+            while (begun < at_least or not late()) and (
                 chunk := tuple(islice(blocks, self.per_task(total)))
             ):
                 # the clock is looked at within blocks that are long, or may be
                 quick = self.block_seconds < PIECE_SECONDS
-                calls = [
-                    (plan, layout, seed, chunk, math.inf if quick else deadline) for plan in plans
-                ]
+                calls = [(work, chunk, math.inf if quick else deadline) for work in works]
                 waiting.append(_Task(self.executor, calls, attempts))
                 begun += 1
                 while len(waiting) >= min(self.window, max(1, MOST_WAITING // len(chunk))):
-                    yield from self._hand_on(waiting)
-            while waiting and not (begun > 1 and late() and waiting[0].cancel()):
-                yield from self._hand_on(waiting)
+                    if not (yield from self._hand_on(waiting)):
+                        return
+            while waiting and not (begun > at_least and late() and waiting[0].cancel()):
+                if not (yield from self._hand_on(waiting)):
+                    return
         finally:
-            for task in waiting:
-                task.cancel()
+            self.cancel()
 
-    def _hand_on(self, waiting: deque[_Task]) -> Iterator[BlockDone]:
-        """The blocks of the task that is first in line, and what it takes to get them."""
+    def results(
+        self, work: Work, blocks: Iterable[Block], late: Callable[[], bool] = lambda: False
+    ) -> Iterator[Any]:
+        """The result of each block in order; once `late()`, no block is begun that has not been.
+
+        The blocks may be without end.
+
+        Raises `NotConverged` if the executor loses its workers.
+        """
+        try:
+            total = len(blocks) if isinstance(blocks, Sequence) else math.inf
+            for _, (result,), _ in self.do([work], iter(blocks), total, late, at_least=0):
+                yield result
+        except WorkersLost as error:
+            raise NotConverged(f"{error}; start workers that do the work, and ask again") from error
+
+    def cancel(self) -> None:
+        """Take back every task that has not begun."""
+        while self.waiting:
+            self.waiting.popleft().cancel()
+
+    def _hand_on(self, waiting: deque[_Task]) -> Generator[BlockDone, None, bool]:
+        """The blocks of the task that is first in line, and what it takes to get them; False if
+        some of them were left out for the deadline."""
         task = waiting[0]
         expected = self.block_seconds * len(task.blocks)
 
@@ -269,24 +315,56 @@ class Crew:
         self.block_seconds = sum(each.seconds for each in done) / (len(done) * len(task.blocks))
         where = [each.machine for each in done]
         for number, block in enumerate(task.blocks):
-            if any(number >= len(each.statistics) for each in done):
-                return
-            yield block, [each.statistics[number] for each in done], where
+            if any(number >= len(each.results) for each in done):
+                return False
+            yield block, [each.results[number] for each in done], where
+        return True
 
 
-Call = tuple[Plan, Layout, int, tuple[Block, ...], float]
-"""Arguments of `simulate_blocks`."""
+def start_crew(executor: Executor | None, threads: int | None) -> Crew:
+    """A crew on somebody's executor, or on threads of its own."""
+    if executor is not None:
+        return Crew(executor, threads or workers_of(executor), external_executor=True)
+    workers = threads or usable_cores()
+    return Crew(ThreadPoolExecutor(workers), workers, external_executor=False)
+
+
+@contextmanager
+def crew_of(executor: Executor | None, threads: int | None) -> Iterator[Crew]:
+    """The same for a while: at its end, also by Ctrl-C, no task is left that may still begin, and
+    threads of its own have ended."""
+    check_executor(executor)
+    crew = start_crew(executor, threads)
+    try:
+        yield crew
+    finally:
+        crew.cancel()
+        if not crew.external_executor:
+            crew.executor.shutdown(cancel_futures=True)
+
+
+def check_executor(executor: Executor | None) -> None:
+    """ValueError for what takes no tasks."""
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise ValueError(
+            "executor must be a concurrent.futures.Executor, as ProcessPoolExecutor(), got "
+            f"{executor!r}"
+        )
+
+
+Call = tuple[Work, tuple[Block, ...], float]
+"""Arguments of `do_blocks`."""
 
 
 class _Task:
-    """Some blocks by every plan."""
+    """Some blocks by every work."""
 
     def __init__(self, executor: Executor, calls: list[Call], attempts: int) -> None:
-        self.blocks = calls[0][3]
+        self.blocks = calls[0][1]
         self.asked = [_Asked(executor, call, attempts) for call in calls]
 
     def results(self, look: Callable[[float], None], every: float) -> list[Done]:
-        """Of every plan, each once, however often it was begun."""
+        """Of every work, each once, however often it was begun."""
         return [asked.result(look, every) for asked in self.asked]
 
     def done(self) -> bool:
@@ -305,7 +383,7 @@ class _Task:
 
 
 class _Asked:
-    """A call of `simulate_blocks` that was asked for, again where it failed or is late. All tries
+    """A call of `do_blocks` that was asked for, again where it failed or is late. All tries
     give the same; the first that is done is taken."""
 
     def __init__(self, executor: Executor, call: Call, attempts: int) -> None:
@@ -317,7 +395,7 @@ class _Asked:
     def _ask(self) -> None:
         self.begun += 1
         try:
-            self.tries.append(self.executor.submit(simulate_blocks, *self.call, self.begun))
+            self.tries.append(self.executor.submit(do_blocks, *self.call, self.begun))
         except Exception as error:  # broken, shut down, out of reach: whatever it calls that
             raise WorkersLost(
                 f"the executor takes no more work ({type(error).__name__}: {error})"
@@ -343,7 +421,7 @@ class _Asked:
                     self.cancel()
                     return found
                 kind = type(found).__name__
-                self._lost(future, TypeError(f"a task returned {kind}, not statistics of paths"))
+                self._lost(future, TypeError(f"a task returned {kind}, not results of blocks"))
 
     def done(self) -> Future[Done] | None:
         """A try that is over, if there is one."""
@@ -354,7 +432,7 @@ class _Asked:
             raise WorkersLost(f"the executor lost its workers ({error})") from error
         if self.begun >= self.attempts:
             raise WorkersLost(
-                f"the block that starts at path {self.call[3][0][0]} failed {self.begun} times "
+                f"the block that starts at path {self.call[1][0][0]} failed {self.begun} times "
                 f"({type(error).__name__}: {error})"
             ) from error
         self.tries.remove(future)

@@ -7,10 +7,11 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import Timer
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.methods.monte_carlo.blocks import Crew, blocks_of, machine
+from stochvi.methods.monte_carlo.blocks import Crew, blocks_of, machine, path_statistics
 from stochvi.methods.monte_carlo.checkpoints import Keeper, State
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
@@ -146,8 +147,9 @@ class Run:
         self.expected_paths = max(self.expected_paths, goal)
         left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
         total = math.ceil((goal - self.fine.count) / self.plan.block)
+        works = [partial(path_statistics, plan, self.layout, self.seed) for plan in plans]
         results = self.crew.do(
-            plans, self.layout, self.seed, left, total, lambda: self.elapsed > deadline,
+            works, left, total, lambda: self.elapsed > deadline,
             time.time() + deadline - self.elapsed,
         )  # fmt: skip
         with closing(results):  # at once, so that an interrupt leaves no task to be begun

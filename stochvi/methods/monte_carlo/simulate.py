@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.blocks import Crew, WorkersLost, workers_of
+from stochvi.methods.monte_carlo.blocks import WorkersLost, check_executor, crew_of, start_crew
 from stochvi.methods.monte_carlo.checkpoints import Asked, Checkpoint, Keeper, State
 from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
 from stochvi.methods.monte_carlo.plan import Plan
@@ -29,7 +29,6 @@ from stochvi.methods.monte_carlo.rounds import (
 )
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotConverged
-from stochvi.results.machine import usable_cores
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
@@ -131,7 +130,7 @@ def simulate(
         speed_threshold=speed_threshold, slow_impacts=slow_impacts,
     )  # fmt: skip
     _check_files(checkpoint=checkpoint, resume=resume)
-    _check_executor(executor)
+    check_executor(executor)
     try:
         run, asked = _begun(
             scene, asked, budget, threads, executor, progress, checkpoint, checkpoint_interval,
@@ -196,7 +195,7 @@ def _begun(
         before.check(scene, proof)
     if keeper is not None:
         keeper.proof = proof
-    crew = _crew(executor, threads)
+    crew = start_crew(executor, threads)
     return Run(scene, plan, asked.seed or 0, crew, progress, compile_time, state, keeper), asked
 
 
@@ -227,13 +226,6 @@ def _noted(run: Run, response: Response) -> Response:
     if not run.checkpoint_failure or run.checkpoint_failure in response.warnings:
         return response
     return replace(response, warnings=[*response.warnings, run.checkpoint_failure])
-
-
-def _crew(executor: Executor | None, threads: int | None) -> Crew:
-    if executor is not None:
-        return Crew(executor, threads or workers_of(executor), external_executor=True)
-    workers = threads or usable_cores()
-    return Crew(ThreadPoolExecutor(workers), workers, external_executor=False)
 
 
 def record_path(
@@ -319,8 +311,7 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
     model = model_of(scene)
     plan = make_plan(model)
     compile_time, _ = _compile(plan)
-    crew = _crew(None, threads)
-    with crew.executor:
+    with crew_of(None, threads) as crew:
         run = Run(scene, plan, seed, crew, None, compile_time)
         run.add_paths(max(2 * plan.block, FEWEST_PATHS))
         elapsed = run.elapsed
@@ -383,14 +374,6 @@ def check_arguments(
     _check_seconds(duration=duration, budget=budget)
     if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
         raise ValueError(f"speed_threshold must be at least 0, got {speed_threshold}")
-
-
-def _check_executor(executor: Executor | None) -> None:
-    if executor is not None and not callable(getattr(executor, "submit", None)):
-        raise ValueError(
-            "executor must be a concurrent.futures.Executor, as ProcessPoolExecutor(), got "
-            f"{executor!r}"
-        )
 
 
 def _check_files(**files: str | Path | None) -> None:

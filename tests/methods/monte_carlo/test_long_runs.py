@@ -306,7 +306,7 @@ def test_an_error_of_its_own_threads_is_not_hidden(monkeypatch: pytest.MonkeyPat
     def fails(*arguments):
         raise ZeroDivisionError("a mistake")
 
-    monkeypatch.setattr(blocks, "simulate_blocks", fails)
+    monkeypatch.setattr(blocks, "do_blocks", fails)
     with pytest.raises(ZeroDivisionError):
         simulate(oscillator(), paths=64)
     with ThreadPoolExecutor(1) as executor, pytest.raises(NotConverged, match="failed 4 times"):
@@ -322,9 +322,9 @@ def test_a_task_that_is_late_is_begun_again_and_counted_once(
 
     class Hangs(ThreadPoolExecutor):
         def submit(self, function, *arguments):
-            first, _ = arguments[3][0]
-            begun.append((first, arguments[0].step, arguments[5]))
-            if first == 5 * 1024 and arguments[5] == 1:
+            first, _ = arguments[1][0]
+            begun.append((first, arguments[0].args[0].step, arguments[3]))
+            if first == 5 * 1024 and arguments[3] == 1:
                 return super().submit(hangs.wait, 60.0)
             return super().submit(function, *arguments)
 
@@ -340,7 +340,7 @@ def test_a_task_that_is_late_is_begun_again_and_counted_once(
 def test_a_mixed_cluster_is_said() -> None:
     class Mixed(ThreadPoolExecutor):
         def submit(self, function, *arguments):
-            first, _ = arguments[3][0]
+            first, _ = arguments[1][0]
 
             def elsewhere():
                 done = function(*arguments)
