@@ -13,18 +13,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
+from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
-from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import (
     FEWEST_PATHS,
@@ -178,7 +180,9 @@ def bursts(
     far_from: float | None = None,
     seed: int = 0,
     threads: int | None = None,
+    executor: Executor | None = None,
     budget: float | None = 60.0,
+    progress: Progress | None = None,
 ) -> Bursts:
     """Simulate bursts at the stops of a scene until `wanted` is known to `rel_error`.
 
@@ -192,6 +196,8 @@ def bursts(
     far_from
         A value of `wanted` that is searched for: where what is found lies beyond doubt more than a
         factor FAR away from it, no more accuracy is needed.
+    threads, executor, progress
+        As for `simulate`.
 
     Raises
     ------
@@ -208,18 +214,25 @@ def bursts(
     started = 0.0
     parts: list[_Part] = []
     blocks = math.ceil(FEWEST_PATHS / plan.block)
-    with ThreadPoolExecutor(threads or usable_cores()) as pool:
+
+    def late() -> bool:
+        return budget is not None and started > 0.0 and time.perf_counter() - started > budget
+
+    with crew_of(executor, threads) as crew:
         while True:
-            first_paths = range(len(parts) * plan.block, blocks * plan.block, plan.block)
-            parts += pool.map(lambda first: _part(records, first, widening), first_paths)
+            new = blocks_between(len(parts) * plan.block, blocks * plan.block, plan.block)
+            for part in crew.results(partial(_part, records, widening), [*new], late):
+                parts.append(part)
             if not started:
                 started = time.perf_counter()  # compilation is over
             found = _join(records, parts)
             estimate = wanted(found)
             error = estimate.standard_error / estimate.value if estimate.value else math.inf
-            late = budget is not None and time.perf_counter() - started > budget
+            if progress:
+                paths = len(parts) * plan.block
+                progress((rel_error / max(error, rel_error)) ** 2, f"{paths} paths")
             unseen = estimate.value == 0.0 and len(parts) * plan.block >= LOOK * FEWEST_PATHS
-            if error <= rel_error or late or unseen or _far(estimate, far_from):
+            if error <= rel_error or late() or unseen or _far(estimate, far_from):
                 return found
             blocks = math.ceil(len(parts) * min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0))
 
@@ -242,7 +255,7 @@ class _Part(NamedTuple):
 COLUMNS = ("path", "weight", "hits", "speeds", "early_hits", "fastest", "sharpest")
 
 
-def _part(records: Records, first_path: int, widening: float) -> _Part:
+def _part(records: Records, widening: float, first_path: int, _paths: int) -> _Part:
     """Crossings of one block of paths; those that are first hits are flown on."""
     free, unit = records.block(first_path)
     ages = records.ages_in(free, unit)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
+from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
@@ -32,7 +33,7 @@ from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.results.machine import thread_seconds, usable_cores
+from stochvi.results.machine import thread_seconds
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import ROUNDING, approximations
@@ -60,9 +61,6 @@ DAY, YEAR = 86400.0, 365.25 * 86400.0
 
 LONG_SECONDS = DAY
 """CPU seconds from which a price is given with the quantity that makes it high."""
-
-WINDOW = 2
-"""Blocks per thread that may be under way or wait to be merged in their order."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -307,6 +305,7 @@ def cost(
     paths: int | None = None,
     seed: int = 0,
     threads: int | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> WorkPrecision:
     """What accuracy costs in time, for this scene on this machine: a work-precision table.
@@ -329,7 +328,7 @@ def cost(
         Seconds of wall time to spend. How many paths that gives depends on the machine.
     paths
         Number of paths instead of a budget, for digits that depend on the seed alone (times apart).
-    seed, threads, progress
+    seed, threads, executor, progress
         The same arguments as those of `simulate`.
 
     Raises
@@ -358,12 +357,12 @@ def cost(
         )
     plan = make_plan(model_of(scene))
     plans = ladder(plan)
-    workers = threads or usable_cores()
     for rung in plans:
         rung.shortest().averages(0, 0, 2)
     started = time.perf_counter()
     layout = _joint_layout(plans)
-    statistics, cpu = _simulate(plans, layout, seed, budget, paths, workers, progress)
+    with crew_of(executor, threads) as crew:
+        statistics, cpu = _simulate(plans, layout, seed, budget, paths, crew, progress)
     known, reference = _known(scene, plan)
     rows: list[StepError] = []
     models: list[ModelError] = []
@@ -391,7 +390,9 @@ def cost(
         steps=tuple(rung.step for rung in plans),
         default_step=plan.step,
         left_out=tuple(left_out),
-        cost=Cost(wall_time=time.perf_counter() - started, paths=statistics.count, threads=workers),
+        cost=Cost(
+            wall_time=time.perf_counter() - started, paths=statistics.count, threads=crew.workers
+        ),
         provenance=provenance(scene.document(), seed),
     )
 
@@ -436,37 +437,25 @@ def _simulate(
     seed: int,
     budget: float,
     paths: int | None,
-    threads: int,
+    crew: Crew,
     progress: Progress | None,
 ) -> tuple[PathStatistics, list[float]]:
     """Simulate blocks of paths, merged in their order, until `paths` are done or time is up."""
     started = time.perf_counter()
     size = min(LARGEST_BLOCK, *(plan.block for plan in plans))
     statistics, seconds = PathStatistics.none(layout), np.zeros(len(plans))
-    waiting: deque[Future[Block]] = deque()
-    with ThreadPoolExecutor(threads) as pool:
-        begun = 0
-        while True:
+    work = partial(_block, plans, layout, seed)
+    for block, spent in crew.results(
+        work,
+        blocks_between(0, math.inf if paths is None else paths, size),
+        lambda: paths is None and time.perf_counter() - started > budget,
+    ):
+        statistics = statistics.merge(block)
+        seconds += spent
+        if progress:
             elapsed = time.perf_counter() - started
-            wanted = math.inf if paths is None else paths
-            late = paths is None and elapsed > budget
-            if begun < wanted and not late:
-                count = int(min(size, wanted - begun))
-                waiting.append(pool.submit(_block, plans, layout, seed, begun, count))
-                begun += count
-                if len(waiting) < WINDOW * threads:
-                    continue
-            # what has not begun when time is up is not begun
-            if not waiting or (late and waiting[0].cancel()):
-                break
-            block, spent = waiting.popleft().result()
-            statistics = statistics.merge(block)
-            seconds += spent
-            if progress:
-                share = elapsed / budget if paths is None else statistics.count / paths
-                progress(min(1.0, share), f"{statistics.count} paths")
-        for future in waiting:
-            future.cancel()
+            share = elapsed / budget if paths is None else statistics.count / paths
+            progress(min(1.0, share), f"{statistics.count} paths")
     if statistics.count < FEWEST_PATHS:
         raise NotConverged(
             f"budget of {budget:g} s was too short: {statistics.count} of at least {FEWEST_PATHS} "

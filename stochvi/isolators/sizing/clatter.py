@@ -9,21 +9,23 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.isolators.sizing.hits import at_clearance
+from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
+from stochvi.methods.monte_carlo.runs import Progress
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.intervals import jackknife_ratio, mean_and_error
-from stochvi.results.machine import usable_cores
 from stochvi.scenes.impact_laws import Elastic, Viscoelastic
 from stochvi.scenes.scene import Scene
 
@@ -51,7 +53,9 @@ def clatter(
     rel_error: float = 0.02,
     seed: int = 0,
     threads: int | None = None,
+    executor: Executor | None = None,
     budget: float | None = 60.0,
+    progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Rms and peak of the absolute acceleration against clearance and stiffness of the stops.
 
@@ -76,6 +80,8 @@ def clatter(
     rel_error
         Relative standard error of the mean largest acceleration to reach, if `budget` (seconds
         for each row) allows it.
+    threads, executor, progress
+        As for `simulate`; the fraction is that of the rows that are done.
 
     Returns
     -------
@@ -108,12 +114,19 @@ def clatter(
 
     _check(scene, clearances, stiffness_ratios)
     free = scene.model_copy(update={"impact_pairs": ()})
-    rows = []
-    for ratio, stopped in _variants(scene, stiffness_ratios):
-        for clearance in clearances:
+    rows: list[dict[str, float]] = []
+    wanted = [
+        (ratio, stopped, clearance)
+        for ratio, stopped in _variants(scene, stiffness_ratios)
+        for clearance in clearances
+    ]
+    with crew_of(executor, threads) as crew:
+        for ratio, stopped, clearance in wanted:
             plan = _plan(at_clearance(stopped, clearance), window)
-            windows = _Windows(plan, _plan(free, window), seed, threads)
+            windows = _Windows(plan, _plan(free, window), seed, crew)
             windows.run(rel_error, budget)
+            if progress:
+                progress((len(rows) + 1) / len(wanted), f"row {len(rows) + 1} of {len(wanted)}")
             rows.append(
                 {
                     "clearance": clearance,
@@ -202,14 +215,17 @@ def _averages(plan: TabulatedPlan, seed: int, first_path: int, paths: int) -> _A
     return _Averages(means.impacts, square, extremes.acceleration)
 
 
+def _block(plans: Sequence[TabulatedPlan], seed: int, first: int, paths: int) -> list[_Averages]:
+    """The work on a block of windows: the same random numbers by every plan."""
+    return [_averages(plan, seed, first, paths) for plan in plans]
+
+
 class _Windows:
     """Windows with stops, at half their sampling, and without stops: the same random numbers."""
 
-    def __init__(
-        self, plan: TabulatedPlan, free: TabulatedPlan, seed: int, threads: int | None
-    ) -> None:
+    def __init__(self, plan: TabulatedPlan, free: TabulatedPlan, seed: int, crew: Crew) -> None:
         self.plans = [plan, plan.coarser(), free]
-        self.seed, self.threads = seed, threads
+        self.work, self.crew = partial(_block, self.plans, seed), crew
         self.found: list[_Averages] | None = None
         variance = np.sum(free.amplitudes**2)
         self.sigma = math.sqrt(float(variance))
@@ -218,27 +234,25 @@ class _Windows:
         """More windows until the largest acceleration is known, or time is up."""
         size = min(plan.block for plan in self.plans)
         started, done, wanted = time.perf_counter(), 0, FIRST_PATHS
-        with ThreadPoolExecutor(self.threads or usable_cores()) as pool:
-            for _ in range(MOST_ROUNDS):
-                wanted = size * math.ceil(wanted / size)
-                for block in pool.map(
-                    lambda first: self._block(first, size), range(done, wanted, size)
-                ):
-                    self.found = (
-                        block
-                        if self.found is None
-                        else [old + new for old, new in zip(self.found, block, strict=True)]
-                    )
-                done = wanted
-                assert self.found is not None
-                mean, error = mean_and_error(self.found[0].largest)
-                late = budget is not None and time.perf_counter() - started > budget
-                if error <= rel_error * mean or late:
-                    return
-                wanted = math.ceil(done * min(max(1.1 * (error / rel_error / mean) ** 2, 1.25), 4))
 
-    def _block(self, first: int, size: int) -> list[_Averages]:
-        return [_averages(plan, self.seed, first, size) for plan in self.plans]
+        def late() -> bool:
+            over = budget is not None and time.perf_counter() - started > budget
+            return over and self.found is not None
+
+        for _ in range(MOST_ROUNDS):
+            wanted = size * math.ceil(wanted / size)
+            for block in self.crew.results(self.work, [*blocks_between(done, wanted, size)], late):
+                self.found = (
+                    block
+                    if self.found is None
+                    else [old + new for old, new in zip(self.found, block, strict=True)]
+                )
+            assert self.found is not None
+            done = len(self.found[0].largest)
+            mean, error = mean_and_error(self.found[0].largest)
+            if error <= rel_error * mean or late():
+                return
+            wanted = math.ceil(done * min(max(1.1 * (error / rel_error / mean) ** 2, 1.25), 4))
 
     def columns(self) -> dict[str, float]:
         """Columns of one row."""
