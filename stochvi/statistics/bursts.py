@@ -197,7 +197,7 @@ def bursts(
         A value of `wanted` that is searched for: where what is found lies beyond doubt more than a
         factor FAR away from it, no more accuracy is needed.
     threads, executor, progress
-        As for `simulate`.
+        The same arguments as those of `simulate`.
 
     Raises
     ------

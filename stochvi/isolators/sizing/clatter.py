@@ -81,7 +81,7 @@ def clatter(
         Relative standard error of the mean largest acceleration to reach, if `budget` (seconds
         for each row) allows it.
     threads, executor, progress
-        As for `simulate`; the fraction is that of the rows that are done.
+        The same arguments as those of `simulate`; the fraction is that of the rows that are done.
 
     Returns
     -------
