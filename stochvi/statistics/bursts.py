@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen

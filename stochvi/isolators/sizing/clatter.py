@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from stochvi.isolators.sizing.hits import at_clearance
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
-from stochvi.methods.monte_carlo.runs import Progress
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
