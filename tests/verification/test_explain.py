@@ -68,7 +68,7 @@ def test_a_scene_that_is_not_simulated_says_why() -> None:
     )
     told = explain(undamped)
     assert told.simulation is None
-    assert "needs damping > 0" in told.methods["simulate"]
+    assert "needs structure.damping" in told.methods["simulate"]
     assert json.loads(json.dumps(told.to_dict(), allow_nan=False))["method"] == "explain"
 
 

@@ -1,4 +1,4 @@
-"""What a run has come to, on disk: whole or not at all, and only for the same question.
+"""Checkpoints: the state of a run on disk, written atomically and bound to one question.
 
 A checkpoint is one line, "stochvi checkpoint 1" and the SHA-256 of all that follows, and then a
 JSON document: the question (scene, arguments, versions and processor) and the state. Floats are
@@ -29,15 +29,16 @@ from stochvi.results.errors import CheckpointError
 from stochvi.scenes.scene import Scene
 
 HEADER, FORMAT = "stochvi checkpoint", 1
-"""What a checkpoint begins with, and the number of its format, which follows."""
+"""First words of a checkpoint file, and the number of its format, which follows them."""
 
 LONG_SECONDS = 10.0
-"""What took longer to simulate is not thrown away because a new run is given the same file."""
+"""Seconds of simulation above which a checkpoint is set aside, not overwritten, if a new run is
+given the same file."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """The arguments of `simulate` that its digits hang on."""
+    """The arguments of `simulate` on which its digits depend."""
 
     rel_error: float | None = None
     paths: int | None = None
@@ -47,23 +48,23 @@ class Asked:
     slow_impacts: bool = False
 
     def settled(self) -> Asked:
-        """With what is taken where nothing is said: seed 0, and 1 % where no number of paths is
-        given."""
+        """The same with defaults filled in: seed 0, and a relative error of 1 % if no number of
+        paths is given."""
         plain = self.plain()
         rel_error = 0.01 if plain.rel_error is None and plain.paths is None else plain.rel_error
         return replace(plain, rel_error=rel_error, seed=0 if plain.seed is None else plain.seed)
 
     def plain(self) -> Asked:
-        """With numbers of NumPy as those of Python, which JSON knows."""
+        """The same with NumPy numbers converted to Python numbers, which JSON can hold."""
         return Asked(**{name: plain_number(value) for name, value in asdict(self).items()})
 
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """What a run has come to after some blocks; replaced whole, so it is never half a block old.
+    """Results of a run after some blocks. It is replaced as a whole, never within a block.
 
-    `goal` is the number of paths that the round under way ends with, `refinements` how often the
-    step was halved, `machines` where the blocks were simulated, `seconds` those spent so far.
+    `goal` is the number of paths at which the current round ends, `refinements` how often the plan
+    was refined, `machines` the kinds of machines that simulated blocks, `seconds` the time spent.
     """
 
     fine: PathStatistics
@@ -76,7 +77,7 @@ class State:
 
     @classmethod
     def start(cls, layout: Layout) -> State:
-        """Of a run that has not begun."""
+        """The state of a run that has not begun."""
         none = PathStatistics.none(layout)
         return cls(fine=none, coarse=none)
 
@@ -92,7 +93,7 @@ class State:
         )
 
     def document(self) -> dict[str, Any]:
-        """As plain types."""
+        """The state as plain types, for JSON."""
         plain = {field.name: getattr(self, field.name) for field in fields(self)}
         for name in ("fine", "coarse"):
             part: PathStatistics = plain[name]
@@ -167,7 +168,7 @@ class Checkpoint:
             raise _incomplete(path) from error
 
     def asked_again(self, given: Asked) -> Asked:
-        """What was asked, where nothing else is `given` now."""
+        """The arguments of the earlier run; CheckpointError if other ones are `given` now."""
         for name, value in asdict(given.plain()).items():
             before = getattr(self.asked, name)
             if value is not None and value is not False and value != before:
@@ -181,7 +182,7 @@ class Checkpoint:
         return self.asked
 
     def _instead_of(self, name: str) -> str:
-        """What was asked for where an argument was not given."""
+        """Words for what the earlier run was given instead of an argument."""
         if name == "rel_error":
             return f"{self.asked.paths} paths"
         return f"rel_error {self.asked.rel_error}" if name == "paths" else f"no {name}"
@@ -210,7 +211,7 @@ class Checkpoint:
 
 
 class Keeper:
-    """Writes what a run has come to: at once, and when the run asks whether it is due.
+    """Writes the checkpoint of a run: at once, and whenever the interval is over.
 
     A checkpoint that is there is replaced, nothing else is; that of another run (`new`) which took
     longer than `LONG_SECONDS` is set aside first, as FILE.earlier.
@@ -277,7 +278,7 @@ def _is_empty(path: Path) -> bool:
 
 
 def _set_aside(path: Path) -> None:
-    """Keep what took long as FILE.earlier; of two, the one that took longer."""
+    """Rename a checkpoint that took long to FILE.earlier, unless the one there took longer."""
     earlier = path.with_name(path.name + ".earlier")
     if _seconds_in(path) > max(LONG_SECONDS, _seconds_in(earlier)):
         with contextlib.suppress(FileNotFoundError):  # another run did it
@@ -285,7 +286,7 @@ def _set_aside(path: Path) -> None:
 
 
 def _seconds_in(path: Path) -> float:
-    """Of simulation that a checkpoint holds; 0 if it cannot be gone on with."""
+    """Seconds of simulation in a checkpoint; 0 if no run can resume from it."""
     try:
         state = Checkpoint.read(path).state
         return float(state["seconds"]) if state["fine"]["count"] else 0.0

@@ -1,4 +1,4 @@
-"""Which plan a model calls for, and which models `simulate` covers."""
+"""Chooses the plan that a model calls for, and refuses models that `simulate` does not cover."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Somebody else's machines: an executor of a Dask cluster.
+"""Executor that simulates on the machines of a Dask cluster.
 
 A cluster on this machine is one command each for the scheduler and the workers, in an environment
 that has `pip install 'stochvi[distributed]'`:
@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 
 CONNECT_SECONDS = 10.0
-"""To wait for a scheduler to answer."""
+"""Seconds to wait for the answer of a scheduler."""
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""Stops that give way, under white noise: steps, start and lengths of the paths."""
+"""Compliant stops under white noise: the plan (step, start and lengths of the paths)."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ SUMS_OF_A_STOP = (
     ("contact", TIME),
     ("ended", ENDED),
 )
+"""Names of the sums over the contacts with one stop, and their rows among the rows of that stop."""
 
 KINDS = {"rigid": RIGID, "pieces": PIECES, "damped": DAMPED, "hertz": HERTZ}
 """The number by which the kernels know each form of a law."""
@@ -59,12 +60,14 @@ CONTACT_ROWS = {
     for side, first in (("lower", CONTACT_LOWER), ("upper", CONTACT_UPPER))
     for name, row in SUMS_OF_A_STOP
 }
-"""Names of the time averages that come after those of `statistics.ROWS`, for each stop: mean force
-and power taken, per unit mass; largest forces of contacts that ended, per second and unit mass;
-share of time in contact; contacts that ended, per second, however slow."""
+"""Rows of the time averages over contacts, by name and stop: the mean force (m/s^2) and the mean
+dissipated power (m^2/s^3) per unit mass; the sum of the peak forces of ended contacts per second
+and unit mass (m/s^3); the share of time in contact; and the ended contacts per second (1/s), slow
+ones included."""
 
 SPREAD_PER_STEP = GAP_PER_STEP * math.sqrt(12.0)
-"""Standard deviations of x that the mass crosses in a step at its rms speed: those of a gap."""
+"""Largest distance that the mass crosses in a step at its rms speed, in standard deviations of x.
+It equals GAP_PER_STEP for a uniform law, whose width is sqrt(12) standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +105,7 @@ def kernel_stops(model: Model) -> tuple[KernelStop | None, KernelStop | None]:
 
 
 def kernel_stop(position: float, law: Law) -> KernelStop:
-    """(position, kind, data) of a stop for the kernel.
+    """The position (m), the kind and the data of a stop for the kernel.
 
     Raises
     ------

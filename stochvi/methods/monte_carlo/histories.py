@@ -15,10 +15,11 @@ from stochvi.model.model import Model, model_of
 from stochvi.scenes.scene import Scene
 
 BLOCK_NUMBERS = 2**23
-"""Numbers recorded of a block of paths: 64 MB, and some times that while they are reduced."""
+"""Largest number of floats in the records of a block of paths: 64 MB, and a few times as much while
+the records are reduced."""
 
 MOST_PATHS = 256
-"""Paths of a block of histories, at most."""
+"""Largest number of paths in a block of histories."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +38,7 @@ class HistoryPlan:
 
     @property
     def model(self) -> Model:
-        """What is simulated."""
+        """The model that is simulated."""
         return self.plan.model
 
     @property
@@ -52,7 +53,7 @@ class HistoryPlan:
 
     @property
     def block(self) -> int:
-        """Paths made together."""
+        """Number of paths that are recorded together."""
         return max(1, min(MOST_PATHS, BLOCK_NUMBERS // self.plan.record_size(self.samples)))
 
     def sampled(self, step: float, duration: float) -> HistoryPlan:

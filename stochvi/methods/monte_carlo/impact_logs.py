@@ -19,7 +19,8 @@ from stochvi.scenes.scene import Scene
 Vector = NDArray[np.float64]
 
 FIRST_ROWS = 2**14
-"""Impacts there is room for at first; where there are more the block is flown again."""
+"""Number of impacts that the first log of a block holds; if there are more, the block is simulated
+again with a log of the right size."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,7 @@ class ImpactLog:
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactPlan:
-    """How impacts are had: the kernels write each of them down when it happens.
+    """How the impacts of a scene are logged: the kernels write each of them down as it happens.
 
     `relaxation` is the relaxation time of the energy, s; `fastest` the largest frequency of the
     motion, rad/s; `speeds` are the rms speeds of the pairs, m/s; `corner_share` is that of
@@ -64,11 +65,11 @@ class ImpactPlan:
 
     @property
     def block(self) -> int:
-        """Paths flown together."""
+        """Number of paths that are simulated together."""
         return self.source.block
 
     def impacts(self, seed: int, first_path: int, paths: int) -> dict[str, ImpactLog]:
-        """Those of the paths first_path, first_path + 1, ..., by pair."""
+        """Impacts of the paths first_path, first_path + 1, ..., by pair."""
         rows = FIRST_ROWS
         while True:
             log = Log(np.empty((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
@@ -94,7 +95,7 @@ def plan_impacts(
     slow_impacts: bool = False,
     corner_share: float = CORNER_SHARE,
 ) -> ImpactPlan:
-    """How impacts of a scene would be had; any scene with an impact pair that `simulate` covers.
+    """The plan to log the impacts of a scene with an impact pair that `simulate` covers.
 
     `corner_share` is that of `WhitePlan`, where `slow_impacts` are resolved.
 

@@ -1,4 +1,4 @@
-"""Missions of one oscillator under white noise: how a scene is laid out for them."""
+"""Missions of one oscillator under white noise: the plan of their steps, start and end."""
 
 from __future__ import annotations
 
@@ -34,39 +34,42 @@ from stochvi.scenes.impact_laws import CompliantLaw
 
 Vector = NDArray[np.float64]
 Start = Literal["rest", "stationary"]
+"""How a mission begins: at rest, or in the stationary motion."""
 
 MISSION_ANGLE = 0.4
-"""omega h of a step: P of a passage at 3 sigma (zeta 0.05, 10 periods) is then met within 0.2 %."""
-
+"""Largest omega h of a step (rad). The probability P of a passage of 3 standard deviations within
+10 periods at a damping ratio of 0.05 then has a relative error below 0.2 %."""
 
 CLIMB_RELAXATIONS = 6.0
-"""Time constants of the energy that a stationary motion is flown before the mission, so that
-splitting finds the states from which a mission soon fails, which are rare at its start."""
+"""Length of the stationary motion that is simulated before a mission, in time constants of the
+energy. In it, splitting finds the rare states from which a mission fails soon after its start."""
 
 SHORT_CLIMB = 1.0
-"""The same for missions shorter than that: what climbed long before has come down again by the time
-such a mission begins, and levels that are reached early lead nowhere."""
+"""The same length for missions that are shorter than CLIMB_RELAXATIONS: paths that reached a high
+energy much earlier have lost it again when such a mission begins, so that levels reached early do
+not help."""
 
 GAP_PER_STEP = 0.25
-"""Share of the gap that a mass at the limiting speed crosses in a step. A mass that rattles shows
-its speed at every impact, but noise changes it once a step: at 0.6 of the gap P is 2.5 % low."""
+"""Largest share of the gap between two stops that a mass at the limiting speed crosses in a step.
+The speed is compared at every impact, but noise changes it once a step only: at a share of 0.6 the
+probability is 2.5 % too low."""
 
 LEAST_STEPS = 4
-"""Of a mission, so that it can be flown at twice the step."""
+"""Smallest number of steps of a mission, so that it can be simulated at twice the step as well."""
 
 NEEDS_FORCE = (
     "it needs stops that give way (law elastic, viscoelastic, hertz or table): a restitution alone "
     "does not give a force"
 )
-"""Why no acceleration is known in an impact."""
+"""The reason why a scene with rigid stops has no peak acceleration."""
 
 WALL = np.array([[1.0]])
-"""Data of a barrier for the kernel."""
+"""Data of a barrier for the kernel: those of a rigid stop of restitution 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """What a mission is to be without.
+    """The event that ends a mission, a failure for example.
 
     `kind` is one of the kernel's events; `limit` a speed (m/s), or forces per unit mass (m/s^2) of
     the lower and the upper stop.
@@ -89,7 +92,7 @@ class Fleet(NamedTuple):
 
     @property
     def happened(self) -> NDArray[np.bool_]:
-        """Which of them have seen the event."""
+        """Mask of the paths in which the event happened."""
         return np.equal(self.how, HAPPENED)
 
     def chosen(self, paths: NDArray[Any]) -> Fleet:
@@ -133,16 +136,16 @@ class MissionPlan:
 
     @property
     def step(self) -> float:
-        """Of the time, s."""
+        """Time step, s."""
         return self.mission / self.counted
 
     @property
     def steps_per_path(self) -> int:
-        """All of a path that nothing happens to."""
+        """Number of steps of a path in which the event does not happen."""
         return self.counted + self.before + self.settled
 
     def coarser(self) -> MissionPlan:
-        """At twice the step, to measure what the step leaves as bias."""
+        """The same missions at twice the step, to measure the bias of the step."""
         return replace(
             self,
             counted=max(1, round(self.counted / 2)),
@@ -185,7 +188,7 @@ class MissionPlan:
 
 
 def _at(x: Vector, v: Vector, left: Vector, streams: NDArray[np.uint64]) -> Fleet:
-    """Paths that nothing has happened to."""
+    """Paths at their start, in which the event has not happened."""
     paths = len(x)
     return Fleet(
         x=x,
@@ -199,7 +202,7 @@ def _at(x: Vector, v: Vector, left: Vector, streams: NDArray[np.uint64]) -> Flee
 
 
 AFTERWARDS = Event(kind=NOTHING)
-"""Nothing ends the flight: impacts are counted until the time is up."""
+"""The event that never happens: impacts are counted until the time is up."""
 
 
 def passage_plan(
@@ -269,7 +272,7 @@ def settling_time(model: Model) -> float:
 
 
 def _settling(base: WhitePlan) -> float:
-    """What is not the stationary law itself at its start has to settle."""
+    """Seconds that a start which is not a draw of the stationary law itself needs to settle."""
     return CLIMB_RELAXATIONS / RELAXATIONS * base.burn_in if base.elastic else base.burn_in
 
 

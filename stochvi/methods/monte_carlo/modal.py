@@ -1,4 +1,4 @@
-"""Several modes, several impact pairs, white noise and signals: the plan, and a block of paths."""
+"""Structures of several modes with rigid stops: the plan, and one block of its paths."""
 
 from __future__ import annotations
 
@@ -54,36 +54,38 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 LARGEST_ANGLE = 0.4
-"""omega h of the fastest mode or signal, for the quintic and the series: errors below 1e-7."""
+"""Largest omega h of a step (rad) for the fastest mode or signal, if any step is free of bias: the
+quintic that finds impacts and the Taylor series then have relative errors below 1e-7."""
 
 LONGEST_FLOW = 2.0
-"""Norm of the generator times a step up to which the series converges and quintics find impacts:
-errors below (omega h)^6 / 46080 of an amplitude."""
+"""Largest norm of the generator times the step (dimensionless) at which the series converges and
+quintics find impacts: their errors are below (omega h)^6 / 46080 of an amplitude."""
 
 FEWEST_LANES = 32
-"""Of a block: with fewer, a step costs hardly less."""
+"""Smallest number of paths in a block: a step of fewer paths costs hardly less."""
 
 MOST_MODAL_STEPS = MOST_STEPS / 4.0
-"""Of one path, each of which takes longer than that of one oscillator."""
+"""Largest number of steps of one path: a step takes longer than that of one oscillator."""
 
 LYING = 16.0
-"""Cost of a step of a mass that lies on a stop, in steps of one that flies."""
+"""Cost of a step of a mass that lies on a stop, in units of the cost of a step in flight."""
 
 INDEPENDENT = 1e-12
-"""Share of the largest variance of a kick below which a noise is left out."""
+"""Share of the largest variance of a kick below which an independent noise is left out."""
 
 NEGLIGIBLE = 1e-10
-"""Variance that the noise of signals brings to a state in a step, relative to the state's own,
-which is left out."""
+"""Variance that the noise of signals adds to a state in a step, relative to the variance of that
+state, below which it is left out."""
 
 SERIES_ERROR = 1e-13
 """Relative error of the Taylor series of the response to an impact."""
 
 MOST_TERMS = 20
-"""Of such a series."""
+"""Largest number of terms of the Taylor series of the response to an impact."""
 
 SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
-"""Names of the ROWS_OF_PAIR sums over the impacts of a pair."""
+"""Names of the sums over the impacts of a pair: their number n, the sum f1 of the impact speeds and
+the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +142,7 @@ class ModalPlan:
 
     @cached_property
     def layout(self) -> Layout:
-        """What the rows of `averages` are."""
+        """Meaning of the rows of `averages`."""
         rows: list[Key] = [
             (name, what) for name in self.model.coordinates for what in ("x", "xx", "vv")
         ]
@@ -157,7 +159,7 @@ class ModalPlan:
 
     @property
     def _relative(self) -> list[Pair]:
-        """Pairs of two coordinates, whose difference is an answer of its own."""
+        """Pairs between two coordinates, whose relative displacement is reported as well."""
         return [pair for pair in self.model.pairs if pair.relative]
 
     def _threshold(self, pair: Pair, scale: PairScale) -> float:
@@ -168,13 +170,13 @@ class ModalPlan:
 
     @property
     def _origin(self) -> Vector:
-        """About where the coordinates stay (n,)."""
+        """Expected mean positions of the coordinates, m (n,), from which moments are taken."""
         origin: Vector = self.modes.shapes @ (self.modes.rest + self.law.mean)
         return origin
 
     @property
     def block(self) -> int:
-        """Paths to a block, the unit of work: some seconds at most."""
+        """Number of paths in a block, the unit of work, which takes some seconds at most."""
         # a step in contact is flown by itself: at a stop that gives way, and where no kick lifts a
         # mass that lies on one
         quick = self.modes.kicked and not self.contacts
@@ -183,7 +185,8 @@ class ModalPlan:
 
     @property
     def hits_in_a_cluster(self) -> float:
-        """Periods in which the energy is remembered, at most one hit each on either stop."""
+        """Number of natural periods in a relaxation time of the energy, at least 1: there is at
+        most one impact on a stop in a period."""
         return max(1.0, self.modes.fastest / (2.0 * math.pi) * self.law.slowest)
 
     def step_bias(self, name: str, difference: float) -> float | None:
@@ -205,7 +208,7 @@ class ModalPlan:
 
     @property
     def steps_per_path(self) -> int:
-        """All steps of a path, burn-in included."""
+        """Number of steps of a path, burn-in included."""
         return self.steps + self._burn_in_steps
 
     def coarser(self) -> ModalPlan:
@@ -267,7 +270,7 @@ class ModalPlan:
 
     @property
     def _contact_constants(self) -> Contacts | None:
-        """Stops that give way: there are none."""
+        """Constants of compliant stops for the kernel: None, as all stops are rigid."""
         return None
 
     def counts(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> NDArray[np.float64]:
@@ -445,7 +448,7 @@ class ModalPlan:
 
     @property
     def _size(self) -> Vector:
-        """A unit for each state, in which a generator holds rates only: its standard deviation."""
+        """Standard deviation of each state: in this unit the generator holds rates only."""
         law = self.law
         squares = np.diag(law.covariance) + sum(np.abs(wave) ** 2 / 2.0 for wave in law.waves)
         own: Vector = np.sqrt(np.maximum(squares, 0.0))
@@ -501,7 +504,7 @@ class ModalPlan:
 
     @cached_property
     def _root(self) -> Matrix:
-        """Columns that bring the covariance of the linear law."""
+        """A square root of the covariance of the linear law."""
         return square_root(self.law.covariance, INDEPENDENT)
 
     def start(self, streams: NDArray[np.uint64]) -> Matrix:
@@ -540,14 +543,14 @@ def plan_modal(model: Model, threshold: float | None, duration: float | None) ->
     """Choose step, burn-in and length for a scene of any structure with rigid stops, no tables."""
     unmet = model.not_rigid()
     if model.tables:
-        unmet.append("excitation must not be tabulated where the paths are steps of states alone")
+        unmet.append("tabulated noise must be synthesised: this plan steps states alone")
     if unmet:
         raise NotApplicable("simulate", unmet)
     return ModalPlan(**basis(model, threshold, duration))
 
 
 def basis(model: Model, threshold: float | None, duration: float | None) -> dict[str, Any]:
-    """What any plan in modal coordinates begins with: modes, a rough law, step and lengths."""
+    """Arguments of every plan in modal coordinates: model, rough law, step and lengths."""
     if not np.any(model.white) and not model.signals and not model.tables:
         raise NotApplicable(
             "simulate", ["excitation must contain noise or a sine, got a constant load alone"]

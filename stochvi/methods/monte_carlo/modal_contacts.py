@@ -1,4 +1,4 @@
-"""Stops that give way on structures of several modes: the plan, and a block of paths."""
+"""Structures of several modes with compliant stops: the plan, and one block of its paths."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ SUMS_OF_CONTACT_PAIR = (
     *SUMS_OF_PAIR,
     *(f"{name}_{side}" for side in ("lower", "upper") for name, _ in SUMS_OF_A_STOP),
 )
-"""Names of the ROWS_OF_CONTACT_PAIR sums, those of contacts per unit of the reduced mass."""
+"""Names of the sums over the impacts and the contacts of a pair; forces and powers are per unit of
+the reduced mass. There are ROWS_OF_CONTACT_PAIR of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +35,7 @@ class ModalContactsPlan(ModalPlan):
 
     @property
     def method(self) -> str:  # type: ignore[override]
-        """What is done, in words."""
+        """Name of the scheme, for the assumptions of a response."""
         way = "kick-flow-kick" if self.modes.kicked else "exact steps"
         return f"{way} in modal coordinates, contacts integrated in sub-steps"
 

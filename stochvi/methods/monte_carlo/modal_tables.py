@@ -53,8 +53,8 @@ from stochvi.results.errors import NotApplicable
 
 @dataclass(frozen=True, kw_only=True)
 class ModalTablesPlan(ModalContactsPlan):
-    """Sampling and lengths for a structure of any kind under tabulated noise, which may have
-    company (SI units). `burn_in` is that of each of a path's `blocks`."""
+    """Sampling and lengths for a structure of any kind under tabulated noise, to which white noise
+    and signals may be added (SI units). Each of the `blocks` of a path has its own `burn_in`."""
 
     samples: int
     block_length: float
@@ -62,7 +62,7 @@ class ModalTablesPlan(ModalContactsPlan):
 
     @property
     def method(self) -> str:  # type: ignore[override]
-        """What is done, in words."""
+        """Name of the scheme, for the assumptions of a response."""
         return "response-domain synthesis in modal coordinates"
 
     @property
@@ -86,7 +86,7 @@ class ModalTablesPlan(ModalContactsPlan):
 
     @property
     def steps_per_path(self) -> int:
-        """All samples of a path, warm-up included."""
+        """Number of samples of a path, warm-up included."""
         return self.steps + self._burn_in_steps * self.blocks
 
     def with_step(self, step: float) -> ModalTablesPlan:
@@ -102,7 +102,7 @@ class ModalTablesPlan(ModalContactsPlan):
         return self._with_samples(2 * (self.samples // 4))
 
     settling = 0
-    """Synthesised paths are flown in before they are recorded."""
+    """A record has no samples to leave out: the burn-in of a block is not recorded."""
 
     def sampled(self, step: float, duration: float) -> ModalTablesPlan:
         """The plan for histories at an interval of at most `step`, of `duration` seconds: one block
@@ -171,13 +171,14 @@ class ModalTablesPlan(ModalContactsPlan):
         return self._physical(sums)
 
     def start(self, streams: NDArray[np.uint64]) -> Matrix:
-        """Draws of what is not synthesised; the rest of the motion begins at none."""
+        """Draw the initial states of the signals. Displacements and velocities begin at zero, since
+        the synthesised response is added to them."""
         own = replace(self, law=self.law._replace(covariance=self._own_covariance))
         return ModalPlan.start(own, streams)
 
     @property
     def _own_covariance(self) -> Matrix:
-        """That of the signals: displacements and velocities begin with what is correlated."""
+        """Covariance of the signals' own states; that of displacements and velocities is zero."""
         n = self.modes.size
         inner = self.law.covariance.copy()
         inner[: 2 * n, : 2 * n] = 0.0
@@ -186,7 +187,7 @@ class ModalTablesPlan(ModalContactsPlan):
 
     @cached_property
     def _half_kick(self) -> tuple[Matrix, Matrix]:
-        """Moments are taken of velocities in mid-kick, but for what the half of it brings."""
+        """Decay and noise of half a kick for the moments; the kernel has applied the decay (1)."""
         return np.eye(self.modes.size), self._kick(self.step / 2.0)[1]
 
     @property

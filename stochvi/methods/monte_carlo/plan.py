@@ -1,4 +1,4 @@
-"""What a plan is: how the paths of one scene are simulated, and what is averaged over them.
+"""The protocol of a plan: how the paths of one scene are simulated, and what is averaged.
 
 A plan knows the model, the step and the lengths of a path, and nothing of how many paths there are,
 who simulates them, or what they are needed for. A block of paths is a function of the plan, the
@@ -50,7 +50,7 @@ class Plan(Protocol):
 
     @property
     def model(self) -> Model:
-        """What is simulated."""
+        """The model that is simulated."""
 
     @property
     def method(self) -> str:
@@ -78,7 +78,7 @@ class Plan(Protocol):
 
     @property
     def steps_per_path(self) -> int:
-        """All steps of a path, burn-in included."""
+        """Number of steps of a path, burn-in included."""
 
     @property
     def elastic(self) -> bool:
@@ -90,12 +90,12 @@ class Plan(Protocol):
 
     @property
     def hits_in_a_cluster(self) -> float:
-        """Upper bound on the hits of one stop that follow each other within the memory of the
-        energy."""
+        """Upper bound on the number of impacts on one stop within a relaxation time of the energy,
+        which are not independent."""
 
     @property
     def layout(self) -> Layout:
-        """What the rows of `averages` are."""
+        """Meaning of the rows of `averages`."""
 
     @property
     def steps(self) -> int:
@@ -117,7 +117,7 @@ class Plan(Protocol):
 
     def step_bias(self, name: str, difference: float) -> float | None:
         """The bias that the step leaves in a quantity, from its difference to twice the step; None
-        where that difference does not tell."""
+        where that difference does not determine the bias."""
 
     def coarser(self) -> Self:
         """The same paths, by the same noise as far as possible, at twice the step."""

@@ -1,4 +1,4 @@
-"""What is asked of the means of many paths: each quantity as a function of them."""
+"""The quantities of a response, each as a function of the time averages of many paths."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.model.model import Model, Pair, Stop
 
 Key = tuple[str, str]
-"""Whose (a coordinate's, an impact pair's), and what."""
+"""Name of the owner (a coordinate or an impact pair), and name of the mean or quantity."""
 
 Means = dict[Key, float]
+"""Time averages by key, averaged over the paths (SI units)."""
+
 Quantity = Callable[[Means], float]
+"""A quantity of a response as a smooth function of the means."""
 
 RATES = ("collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_mean")
-"""What depends on a count of impacts, above a speed threshold where stops lose energy."""
+"""Quantities that depend on a count of impacts: of those above a speed threshold, if stops lose
+energy."""
 
 CONTACT_QUANTITIES = (
     "peak_force",
@@ -23,7 +27,7 @@ CONTACT_QUANTITIES = (
     "contact_force_lower",
     "contact_force_upper",
 )
-"""Of stops that give way."""
+"""Quantities that only compliant stops have."""
 
 GOVERNED = (
     "displacement_mean",
@@ -33,7 +37,7 @@ GOVERNED = (
     "impact_speed_rate",
     "impact_speed_square_rate",
 )
-"""What `rel_error` governs, of each coordinate and each impact pair."""
+"""Quantities of each coordinate and each impact pair whose errors `rel_error` governs."""
 
 
 def of_coordinate(name: str) -> dict[str, Quantity]:
@@ -104,7 +108,8 @@ def speed_mean(name: str) -> Quantity:
 
 
 def governed(model: Model) -> dict[Key, Quantity]:
-    """What `rel_error` governs: a rate that has no limit as slow impacts are counted is not."""
+    """Quantities that `rel_error` governs. Rates that are infinite if all impacts count are left
+    out."""
     found: dict[Key, Quantity] = {}
     for coordinate in model.coordinates:
         known = of_coordinate(coordinate)

@@ -1,4 +1,4 @@
-"""White noise: how a scene is laid out for kick-flow-kick, and one block of its paths."""
+"""Rigid stops under white noise: the plan of kick-flow-kick (its step, start and lengths)."""
 
 from __future__ import annotations
 
@@ -41,51 +41,60 @@ from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
 
 LARGEST_ANGLE = 0.8
-"""omega h of a step where any step is free of bias (elastic stops); kept well below pi / 2."""
+"""Largest omega h of a step (rad) between elastic stops, where any step is free of bias. It is kept
+well below pi / 2, where a mass could meet both stops in one step."""
 
 LOSSY_ANGLE = 0.32
-"""omega h of a step where stops lose energy: at R = 0.5 errors of 4e-4 in the deviations, 5e-4 in
-F2 and less in F1, growing as h^2."""
+"""Largest omega h of a step (rad) where stops lose energy. At a restitution of 0.5 the measured
+relative errors are 4e-4 in the standard deviations, 5e-4 in F2 and less in F1; they grow with the
+square of h."""
 
 LOSSY_DECAY = 0.07
-"""b h of such a step, b the damping rate including the losses at impacts."""
+"""Largest b h of a step where stops lose energy (dimensionless); b is the damping rate (1/s) that
+includes the losses at impacts."""
 
 MOST_LEVELS = 10
-"""Halvings of a step near a stop."""
+"""Largest number of times that a step is halved near a stop."""
 
 GAP_PER_STEP = 0.35
-"""Share of the gap that the mass crosses in a step at its rms speed: few double impacts."""
+"""Share of the gap between two stops that the mass crosses in a step at its rms speed, so that two
+impacts in one step are rare."""
 
 BOUNCE_PER_STEP = 4.0
-"""Time in which the pressing force takes back the rms speed, times this, bounds a step of a mass
-pressed against a stop: some bounces a step."""
+"""Largest step of a mass that is pressed against a stop, in units of the rms speed over the
+pressing acceleration: a step then holds a few bounces."""
 
 LONGEST_BLOCK = 2.0**24
-"""Steps of all paths of a block together: a tenth of a second, more where the mass chatters."""
+"""Largest number of steps of all paths of a block together: they take about 0.1 s, or more where
+the mass chatters."""
 
 MOST_PATHS = 1024
-"""Of a block."""
+"""Largest number of paths in a block."""
 
 MOST_STEPS = 1e8
-"""Of one path; a scene that asks for more has no sensible stationary average here."""
+"""Largest number of steps of one path. A scene that needs more has time scales too far apart for a
+stationary average by simulation, and is refused."""
 
 RELAXATIONS = 12.0
-"""Burn-in in slowest time constants: the start is forgotten to e^-12 of its small error."""
+"""Length of the burn-in in units of the slowest time constant: the error of the start, which is
+small already, decays to e^-12 of itself."""
 
 DURATION = 5.0
-"""Length of a path in burn-ins, where the caller does not choose."""
+"""Default counted length of a path in units of its burn-in."""
 
 ENOUGH_STEPS = 2.0**14
-"""Of a path that starts in the stationary law and is shorter than the memory of its energy."""
+"""Default number of counted steps of a path that starts in the stationary law, if its
+burn-in and its usual length would need more than MOST_STEPS."""
 
 LONGEST_ANGLE = math.pi
-"""omega h from which a mass may pass a stop and come back within a step unseen."""
+"""omega h (rad) from which a mass may pass a stop and return within one step without being seen."""
 
 LONGEST_ANGLE_BETWEEN = math.pi / 2.0
-"""omega h up to which a mass between two stops meets at most one of them without turning."""
+"""omega h (rad) up to which a mass between two stops meets at most one of them before it turns."""
 
 MOMENT_ANGLE = 0.8
-"""omega times the time between samples of the moments; closer samples say little more."""
+"""omega times the time between two samples of the moments (rad). Closer samples are so correlated
+that they hardly reduce the error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,28 +123,29 @@ class WhitePlan:
 
     @property
     def method(self) -> str:
-        """What is done, in words."""
+        """Name of the scheme, for the assumptions of a response."""
         return "kick-flow-kick" + (", steps refined near stops" if self.slow_impacts else "")
 
     @property
     def block(self) -> int:
-        """Paths to a block, the unit of work: some seconds at most."""
+        """Number of paths in a block, the unit of work, which takes some seconds at most."""
         return max(8, min(MOST_PATHS, int(LONGEST_BLOCK // self.steps_per_path)))
 
     @property
     def hits_in_a_cluster(self) -> float:
-        """Periods in which the energy is remembered, at most one hit each on either stop."""
+        """Number of natural periods in a relaxation time of the energy, at least 1: there is at
+        most one impact on a stop in a period."""
         remembered = 2.0 * self.speed**2 / self.model.intensity
         return max(1.0, self.model.omega / (2.0 * math.pi) * remembered)
 
     @property
     def origin(self) -> float:
-        """About where the mass stays: moments of x are taken from here."""
+        """Expected mean position, m, from which the moments of x are taken."""
         return self.model.rest + self._law.mean
 
     @cached_property
     def layout(self) -> Layout:
-        """What the rows of `averages` are."""
+        """Meaning of the rows of `averages`."""
         return layout_of_one(self.model, self.origin, self.threshold, self.sums_of_contacts)
 
     @property
@@ -174,7 +184,7 @@ class WhitePlan:
 
     @property
     def steps_per_path(self) -> int:
-        """All steps of a path, burn-in included."""
+        """Number of steps of a path, burn-in included."""
         return self.steps + self._burn_in_steps
 
     @property

@@ -1,4 +1,4 @@
-"""Rounds of independent paths, until the errors are what was asked for; what they say."""
+"""Decides in rounds how many paths are simulated and when to stop; makes the response of them."""
 
 from __future__ import annotations
 
@@ -39,28 +39,31 @@ from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
 
 Progress = Callable[[float, str], None]
+"""A function that is called with the fraction done (0 to 1) and a sentence about the progress."""
 
 FIRST_BLOCKS = 1
-"""Blocks of paths in the first round."""
+"""Number of blocks of paths in the first round."""
 
 FEWEST_PATHS = 64
-"""Paths in the first round, for an honest standard error."""
+"""Fewest paths of the first round: with fewer, the standard error itself is too uncertain."""
 
 MOST_REFINEMENTS = 4
-"""How often the step is halved when its bias, beyond doubt, exceeds what was asked for."""
-
+"""Largest number of times that a run halves its step (or begins to resolve slow impacts) because
+the bias significantly exceeds the relative error that was asked for."""
 
 COMPILING_SECONDS = 2.5
-"""From which on it is said; code that is kept is there much sooner."""
+"""Seconds after which a message says that kernels are being compiled. Kernels that an earlier run
+has compiled are loaded in less time than that."""
 
 REPORT_SECONDS = 0.5
-"""Between sentences of progress: each takes the errors of all governed quantities."""
+"""Seconds between two sentences of progress: making one evaluates the standard errors of all
+quantities that `rel_error` governs."""
 
 
 @contextmanager
 def compiling(progress: Progress | None) -> Iterator[None]:
-    """Say that machine code is being made, where that takes time: it is kept, so that the next run
-    on this machine finds it."""
+    """Report that kernels are being compiled, if that takes longer than COMPILING_SECONDS. The
+    machine code is cached, so that the next run on this machine finds it."""
     if progress is None:
         yield
         return
@@ -75,10 +78,10 @@ def compiling(progress: Progress | None) -> Iterator[None]:
 
 @dataclass
 class Run:
-    """Paths simulated so far, at the step and (unless that is free of bias) at twice the step.
+    """A simulation: the paths so far, at the step and (unless that is free of bias) at twice it.
 
-    `state` is all that a run has come to, `resumed` that of a checkpoint to go on from; what else
-    is here is the same after every start.
+    `state` holds all results so far. `resumed` is the state of the checkpoint from which the run
+    goes on, or None. All other attributes follow from the arguments of `simulate`.
     """
 
     scene: Scene
@@ -106,41 +109,41 @@ class Run:
 
     @property
     def fine(self) -> PathStatistics:
-        """Of the paths at the step."""
+        """Statistics of the paths at the step."""
         return self.state.fine
 
     @property
     def coarse(self) -> PathStatistics:
-        """Of the same paths at twice the step."""
+        """Statistics of the same paths at twice the step."""
         return self.state.coarse
 
     @property
     def exposure(self) -> float:
-        """Counted seconds of motion, all paths together."""
+        """Counted seconds of motion of all paths together."""
         return self.fine.count * self.plan.duration
 
     @property
     def elapsed(self) -> float:
-        """Seconds since this start."""
+        """Seconds since this process started or resumed the run."""
         return time.perf_counter() - self.started
 
     @property
     def seconds(self) -> float:
-        """Seconds since the first start, without those between an end and a new start."""
+        """Seconds that the run has taken, over all its starts; pauses in between do not count."""
         return self.first_seconds + self.elapsed
 
     def set_goal(self, goal: int) -> None:
-        """The number of paths that the round which begins now ends with."""
+        """Set the number of paths at which the round that begins now ends."""
         self.state = replace(self.state, goal=goal)
 
     def add_paths(self, paths: int, deadline: float = math.inf) -> bool:
-        """Simulate more paths; False if time ran out."""
+        """Simulate more paths; return False if the deadline passed first."""
         self.set_goal(self.fine.count + paths)
         return self.reach_goal(deadline)
 
     def reach_goal(self, deadline: float = math.inf) -> bool:
-        """Simulate the paths that are left of this round, merged in the order of their numbers;
-        False if time ran out."""
+        """Simulate the remaining paths of this round and merge them in the order of their numbers;
+        return False if the deadline passed first."""
         plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
         steps_per_path = sum(plan.steps_per_path for plan in plans)
         goal = self.state.goal
@@ -166,8 +169,8 @@ class Run:
     def _end_early(
         self, statistics: list[PathStatistics], steps_per_path: int, where: list[str]
     ) -> None:
-        """Take up the paths of a block that the budget cut short, where there are no others. The
-        checkpoint goes on without them: a run that resumes simulates the whole block."""
+        """Count the paths of a block that the budget cut short, if there are no other paths. The
+        checkpoint leaves them out: a run that resumes from it simulates the whole block."""
         if not self.fine.count:
             self.whole_blocks = self.state
             steps = statistics[0].count * steps_per_path
@@ -191,7 +194,7 @@ class Run:
     def _report(self) -> None:
         if not self.progress:
             return
-        # what is expected may grow, but a bar never goes back
+        # the expected number of paths may grow, but a progress bar must not go back
         self.shown_fraction = max(
             self.shown_fraction, min(1.0, self.fine.count / self.expected_paths)
         )
@@ -200,7 +203,7 @@ class Run:
         self.progress(self.shown_fraction, self.sentence)
 
     def _sentence(self) -> str:
-        """Rate, impacts so far, and the relative error of what converges last."""
+        """The rate of steps, the number of impacts, and the largest relative standard error."""
         rate = (self.state.steps - self.first_steps) / self.elapsed
         errors = relative_standard_errors(self) if self.fine.count > 1 else {}
         error = f", error {100.0 * max(errors.values()):.2g} %" if errors else ""
@@ -208,11 +211,11 @@ class Run:
 
     @property
     def impacts(self) -> int:
-        """Of all paths together."""
+        """Number of impacts of all paths together."""
         return round(self._rate_of_all() * self.exposure)
 
     def refine(self) -> None:
-        """Start again with less bias: at half the step, or with slow impacts resolved."""
+        """Start again with a plan of less bias: half the step, or slow impacts resolved."""
         self.plan = self.plan.finer()
         none, before = PathStatistics.none(self.layout), self.state
         self.state = replace(
@@ -224,7 +227,7 @@ class Run:
         )
 
     def estimate(self, quantity: Quantity, name: str = "") -> Estimate:
-        """A function of the means with its standard error and the bias left by the step."""
+        """A quantity with its standard error and the bias that the step leaves in it."""
         value, error = self.fine.evaluate(quantity)
         how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
         if value == 0.0 and (name in RATES or name.startswith("impact_speed")):
@@ -240,18 +243,18 @@ class Run:
             standard_error=error,
             bias=bias,
             how=f"{how}; {source}",
-            # paths at the two steps may share their noise: as if they did not is on the safe side
+            # paths at the two steps may share their noise: independence is the safe assumption
             bias_error=self.plan.step_bias(name, math.hypot(error, coarse_error)) or 0.0,
         )
 
     def _limit_unseen(self, name: str) -> float:
-        """Upper limit of a rate of which nothing was seen: that of clusters of hits, times the
-        most hits in a cluster, on one stop or on both."""
+        """Upper 95 % limit of the rate of impacts, 1/s, if none was seen: the limit for clusters of
+        impacts times the largest number of impacts in a cluster, on one stop or on both."""
         stops = 2.0 if name == "collision_rate" else 1.0
         return stops * self.plan.hits_in_a_cluster * upper_limit_unseen(self.exposure)
 
     def response(self, warnings: tuple[str, ...] = (), interrupted: bool = False) -> Response:
-        """Everything that the paths so far say."""
+        """The response that the paths so far give."""
         coordinates = {
             coordinate: CoordinateResponse(
                 acceleration_std=self._acceleration(),
@@ -305,8 +308,8 @@ class Run:
         return PairResponse(**found, speed_threshold=self.layout.thresholds[pair.name])
 
     def _speed_mean(self, pair: Pair, known: Mapping[str, Estimate | None]) -> Estimate:
-        """Mean impact speed, F1 over the rate. What the step leaves in these two may cancel in
-        its difference to twice the step and still be there: their biases are added."""
+        """Mean impact speed, which is F1 over the rate. The biases of these two may cancel in the
+        difference to twice the step without vanishing, so that their relative biases are added."""
         mean = self.estimate(speed_mean(pair.name), "impact_speed_mean")
         parts = [known[name] for name in ("impact_speed_rate", "collision_rate")]
         relative = [
@@ -319,7 +322,7 @@ class Run:
         return replace(mean, bias=mean.value * sum(part for part in relative if part is not None))
 
     def _rate_of_all(self) -> float:
-        """Impacts per second, all pairs together."""
+        """Impacts per second on all pairs together."""
         rates = (of_pair(pair.name)["collision_rate"] for pair in self.model.pairs)
         return sum(self.fine.evaluate(rate)[0] for rate in rates)
 
@@ -403,8 +406,8 @@ class Run:
 
 
 def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    """Estimates of one kind, each with the largest relative bias among them: that of one may
-    vanish in its difference to twice the step by chance."""
+    """Estimates of one kind, each with the largest relative bias among them: the difference of one
+    quantity between the two steps may vanish by chance."""
     if any(each.bias is None for each in group.values()):
         return dict(group)
     relative = [(each.bias or 0.0) / abs(each.value) for each in group.values() if each.value]
@@ -413,10 +416,10 @@ def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
 
 
 def run_until_accurate(run: Run, rel_error: float, budget: float | None) -> None:
-    """Double the number of paths until every governed quantity is as accurate as asked.
+    """Raise the number of paths until every governed quantity is as accurate as `rel_error` asks.
 
-    What is decided hangs on the state alone, but for the budget: a run that goes on from a
-    checkpoint takes the decisions of one that never stopped.
+    Apart from the budget (s), every decision depends on the state alone, so that a run that resumes
+    from a checkpoint decides as one that was never stopped.
     """
     deadline = math.inf if budget is None else budget
     if not run.state.goal:
@@ -429,7 +432,7 @@ def run_until_accurate(run: Run, rel_error: float, budget: float | None) -> None
         errors, bias = _relative_errors(run)
         if errors <= rel_error:
             if bias <= rel_error:
-                run.set_goal(run.fine.count)  # also where time ran out: the answer is there
+                run.set_goal(run.fine.count)  # the accuracy is reached, even if the deadline passed
                 return
             if not in_time or run.state.refinements == MOST_REFINEMENTS:
                 raise NotConverged(
@@ -453,11 +456,11 @@ def run_until_accurate(run: Run, rel_error: float, budget: float | None) -> None
 
 
 def _relative_errors(run: Run) -> tuple[float, float]:
-    """Largest relative standard error, and largest relative bias that is beyond its own noise."""
+    """Largest relative standard error, and largest relative bias that exceeds its own noise."""
     biases = [0.0]
     if not run.plan.elastic:
         for key, quantity in governed(run.model).items():
-            # halving the step would do little for the rates at lossy stops: it is only stated
+            # half the step would improve the rates at lossy stops little: their bias is only stated
             if key[1] in RATES:
                 continue
             value, error = run.fine.evaluate(quantity)
@@ -470,7 +473,7 @@ def _relative_errors(run: Run) -> tuple[float, float]:
 
 
 def relative_standard_errors(run: Run) -> dict[Key, float]:
-    """Of each governed quantity that is not zero."""
+    """Relative standard errors of the governed quantities that are not zero."""
     found = {}
     for key, quantity in governed(run.model).items():
         value, error = run.fine.evaluate(quantity)
@@ -481,7 +484,7 @@ def relative_standard_errors(run: Run) -> dict[Key, float]:
 
 
 def _reference_size(run: Run, key: Key, value: float) -> float:
-    """What a quantity is measured by: itself, but a mean by the standard deviation."""
+    """What errors are relative to: the quantity itself, or for a mean the standard deviation."""
     owner, name = key
     if name == "displacement_mean":
         return run.fine.evaluate(of_coordinate(owner)["displacement_std"])[0]

@@ -36,17 +36,17 @@ from stochvi.results.machine import thread_seconds
 Vector = NDArray[np.float64]
 
 SHARE = 0.2
-"""Of the paths that are to reach the next level: -log(p)^2 p / (1 - p), the work at a given error,
-is flat about there."""
+"""Share p of the paths that should reach the next level. The work at a given error is proportional
+to (1 - p) / (p log(p)^2), which is flat about its minimum near there."""
 
 PARTICLES = 1024
-"""Paths of each stage of a repetition: some lanes full."""
+"""Number of paths in each stage of a repetition."""
 
 MOST_LEVELS = 64
-"""A chance below 0.2^64 = 2e-45 is not sought."""
+"""Largest number of levels: probabilities below 0.2^64 = 2e-45 are not sought."""
 
 BLOCK_STEPS = 2.0**23
-"""Of crude missions in one task: a tenth of a second."""
+"""Number of steps of all crude missions in one task, which take about 0.1 s."""
 
 
 class Trial(NamedTuple):
@@ -74,7 +74,7 @@ class Interval:
 
 
 def crude(plan: MissionPlan, seed: int, first_path: int, missions: int, hits: bool) -> Trial:
-    """Independent missions, each counted for what it is."""
+    """Estimate by independent missions of equal weight (crude Monte Carlo)."""
     started = thread_seconds()
     fleet = plan.fleet(seed, first_path, missions)
     steps = plan.settled * missions + plan.fly(fleet, math.inf)
@@ -94,7 +94,7 @@ def crude(plan: MissionPlan, seed: int, first_path: int, missions: int, hits: bo
 
 
 def crude_block(plan: MissionPlan) -> int:
-    """Missions in one task."""
+    """Number of missions in one task."""
     return int(min(max(BLOCK_STEPS // plan.steps_per_path, 256), 2**16))
 
 
@@ -138,7 +138,7 @@ def repetition(
 def copies(
     fleet: Fleet, reached: NDArray[np.intp], random: np.random.Generator, seed: int, first_path: int
 ) -> Fleet:
-    """As many paths as there were, from those that reached the level, all with new streams."""
+    """As many paths as before, copied from those that reached the level, each with a new stream."""
     paths, survivors = len(fleet.x), len(reached)
     extra = random.permutation(reached)[: paths % survivors]
     chosen = np.concatenate([np.repeat(reached, paths // survivors), extra])
@@ -150,7 +150,7 @@ def copies(
 
 
 def _hits_of(plan: MissionPlan, fleet: Fleet) -> tuple[Vector, int]:
-    """Impacts in the whole mission of each path that the event has happened to; steps made."""
+    """Impacts in the whole mission of each path in which the event happened; steps made."""
     chosen = fleet.happened
     rest = fleet.chosen(chosen)
     rest = rest._replace(left=np.abs(rest.left), hits=np.zeros(len(rest.x)))
@@ -217,7 +217,7 @@ def pilot_levels(
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """What independent trials say together.
+    """The estimate from independent trials together.
 
     Parameters
     ----------
@@ -226,9 +226,9 @@ class Sample:
     hits, hits_error
         The same of the number of impacts in a mission.
     missions
-        Of all trials together.
+        Number of missions of all trials together.
     steps, seconds
-        Of one path; CPU seconds.
+        Number of steps of all trials together, and the CPU time they took, s.
     """
 
     trials: int
@@ -253,7 +253,7 @@ class Sample:
 
 
 def of_repetitions(trials: list[Trial]) -> Sample:
-    """The mean over repetitions of a splitting, errors from their spread."""
+    """The mean over repetitions of a splitting, with errors from their scatter."""
     count = len(trials)
     chances, hits = np.array([[trial.chance, trial.hits] for trial in trials]).T
     (chance, error), (number, number_error) = mean_and_error(chances), mean_and_error(hits)
@@ -271,19 +271,19 @@ def of_repetitions(trials: list[Trial]) -> Sample:
 
 @dataclass(frozen=True, kw_only=True)
 class Counted(Sample):
-    """Of crude missions: a count of those that failed, of which the law is known."""
+    """The estimate from crude missions: the number that failed follows the binomial law."""
 
     @property
     def failed(self) -> int:
-        """Missions that the event happened in."""
+        """Number of missions in which the event happened."""
         return round(self.chance * self.missions)
 
     def interval(self, confidence: float) -> Interval:
-        """Clopper and Pearson's, which covers at least as often as it says."""
+        """Clopper and Pearson's interval, whose coverage is at least `confidence`."""
         return self._binomial("clopper-pearson", "Clopper and Pearson", confidence)
 
     def wilson(self, confidence: float) -> Interval:
-        """Wilson's, which covers about as often as it says."""
+        """Wilson's interval, whose coverage is about `confidence`."""
         return self._binomial("wilson", "Wilson", confidence)
 
     def _binomial(
@@ -295,7 +295,7 @@ class Counted(Sample):
 
 
 def of_missions(trials: list[Trial]) -> Counted:
-    """Of blocks of crude missions, errors from the missions."""
+    """The estimate from blocks of crude missions, with errors from the binomial law."""
     missions = sum(trial.missions for trial in trials)
     chance = sum(trial.chance * trial.missions for trial in trials) / missions
     hits = sum(trial.hits * trial.missions for trial in trials) / missions

@@ -16,7 +16,7 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """What the rows of a table of time averages are, and the positions they are taken from.
+    """Meaning of the rows of a table of time averages, and the origins of their positions.
 
     `rows` are keys of `Means`; of each coordinate in `origins`, "x" and "xx" are those of x less
     its origin. `thresholds` are the slowest impacts (m/s) that the rates of each pair count.
@@ -44,7 +44,7 @@ class PathStatistics(PathMoments):
 
     @classmethod
     def none(cls, layout: Layout) -> PathStatistics:
-        """Of no paths at all."""
+        """Statistics of no paths."""
         size = len(layout.rows)
         return cls(count=0, mean=np.zeros(size), scatter=np.zeros((size, size)), layout=layout)
 

@@ -1,11 +1,11 @@
-"""Tabulated noise and what is added to it: synthesise the response without stops, then impacts.
+"""Tabulated noise on one oscillator: the response without stops is synthesised, impacts are added.
 
 A path is a row of independent blocks, of which a part may be left uncounted. Within a block the
 free response y is a periodic Gaussian signal, a sum over bins of width 1 / length whose variances
 are the integrals of the response density |H|^2 G over the bins, so that the edges of a table are
 exact. Bins up to the cut at half the sampling rate are synthesised; the last quarter of them is
-scaled up so that the velocity variance beyond the cut is not lost. White and filtered noise beside
-a table are tables themselves, a sine adds its steady response.
+scaled up so that the velocity variance beyond the cut is not lost. White and filtered noise that
+act together with a table become tables themselves; a sine adds its steady response.
 
 What that leaves, for every shipped profile on mounts of 8, 12 and 50 Hz (zeta 0.1), by sums over
 the bins against the frequency integrals: at most 2e-5 of the standard deviations of y and y', and
@@ -58,57 +58,69 @@ from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 
 SAMPLES_PER_PERIOD = 20.0
-"""Of the natural period; more where the response to the table is broader than the resonance."""
+"""Smallest number of samples in a natural period. There are more if the response to the table is
+broader than the resonance."""
 
 LARGEST_LOSS = 0.005
-"""Share of the velocity variance that may lie beyond the cut and be folded back."""
+"""Largest share of the velocity variance above half the sampling rate (the cut), which is folded
+back into the highest synthesised bins."""
 
 FOLD_FROM = 0.75
-"""Bins from here to the cut take up the velocity variance that lies beyond it."""
+"""Share of the synthesised bins above which the bins take up the velocity variance that lies beyond
+the cut."""
 
 BLOCK_RELAXATIONS = 120.0
-"""Length of a block in time constants of the structure: resolves its resonance."""
+"""Length of a block in time constants of the structure, so that its bins resolve the resonance."""
 
 WARM_UP_RELAXATIONS = 15.0
-"""Flown before counting starts, for the decay e to forget that it began at rest."""
+"""Length of the warm-up before counting starts, in relaxation times of the structure: the
+difference to the response without stops begins at rest and must forget that."""
 
 MOST_SAMPLES = 2**22
-"""To a block of one path."""
+"""Largest number of samples of a block of one path: 64 MB of complex numbers."""
 
 LARGEST_BLOCK = 32
-"""Paths synthesised together: loops over them are long enough, and threads have work in turn."""
+"""Largest number of paths that are synthesised together: the loops over paths are then long enough
+for the processor's vectors, and there are blocks enough for all threads."""
 
 BLOCK_SAMPLES = 2**19
-"""Samples of paths synthesised together, at most: 8 MB, which the caches hold in part."""
+"""Largest number of samples of all paths that are synthesised together: 8 MB, which the caches hold
+in part."""
 
 MOST_BLOCKS = 2**20
-"""Of a path: each block has a random stream, numbered from path * MOST_BLOCKS."""
+"""Largest number of blocks of a path. Each block has a random stream of its own, numbered from
+path * MOST_BLOCKS."""
 
 GAP_PER_SAMPLE = 0.125
-"""Share of the gap that the mass crosses between samples at its rms speed without stops."""
+"""Largest share of the gap between two stops that the mass crosses between two samples at the rms
+speed that it has without stops."""
 
 BIN_ERROR = 0.001
-"""Share of the velocity variance that the width of bins may feign or hide."""
+"""Largest relative error of the velocity variance that the finite width of the bins may cause."""
 
 MOST_DOUBLINGS = 8
-"""Of the length of a block, for a table that reaches far below the resonance."""
+"""Largest number of times that the length of a block is doubled, for a table that reaches far below
+the resonance."""
 
 MOST_SUB_STEPS = 1000
-"""Of a contact in one sampling interval, of a mass that stays on a stop."""
+"""Largest number of sub-steps of a contact in one sampling interval, for a mass that stays on a
+stop."""
 
 LOWEST_FREQUENCY = 1e-5
-"""Of white noise as a table, in natural frequencies."""
+"""Lowest frequency of the table that stands for white noise, in natural frequencies."""
 
 NODES_PER_DECADE = 400.0
-"""Of filtered noise as a table, beside closer ones at its resonance."""
+"""Breakpoints per decade of the table that stands for filtered noise; there are closer ones at its
+resonance."""
 
 WHITE_LOSS = LARGEST_LOSS / 2.0
-"""Share of the velocity variance by white noise that lies beyond its table, and is folded back."""
+"""Share of the velocity variance by white noise that lies above its table and is folded back."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TabulatedPlan:
-    """Sampling and lengths for one oscillator under tabulated noise, which may have company.
+    """Sampling and lengths for one oscillator under tabulated noise, to which other noise and sines
+    may be added.
 
     All in SI units, per unit mass. The `tables` hold all noise; `beyond` is the velocity
     variance that white noise brings above its table; `waves` are the sines, (omega, complex
@@ -169,7 +181,7 @@ class TabulatedPlan:
 
     @property
     def steps_per_path(self) -> int:
-        """All samples of a path, warm-up included."""
+        """Number of samples of a path, warm-up included."""
         return (self._counted_samples + self.warm_up_samples) * self.blocks_per_path
 
     @property
@@ -180,7 +192,8 @@ class TabulatedPlan:
 
     @property
     def hits_in_a_cluster(self) -> float:
-        """Periods in which the energy is remembered, at most one hit each on either stop."""
+        """Number of natural periods in a relaxation time of the energy, at least 1: there is at
+        most one impact on a stop in a period."""
         return max(1.0, self.model.omega / (2.0 * math.pi) / self.model.damping_rate)
 
     @property
@@ -200,7 +213,7 @@ class TabulatedPlan:
 
     @cached_property
     def layout(self) -> Layout:
-        """What the rows of `averages` are."""
+        """Meaning of the rows of `averages`."""
         sums = tuple(CONTACT_ROWS) if self.contacts else ()
         return layout_of_one(self.model, self.origin, self.threshold, sums)
 
@@ -291,7 +304,7 @@ class TabulatedPlan:
         return histories_of_one(self.model, record, excitation)
 
     def _input_of(self, free: Records) -> Records:
-        """What shakes a synthesised response (samples, 2 paths): bin by bin, f = y / H."""
+        """The excitation of a synthesised response (samples, 2 paths): bin by bin, f = y / H."""
         omega, b = self.model.omega, self.model.damping_rate
         bins = rfft(free[:, 0::2], axis=0)
         w = 2.0 * math.pi / self.block_length * np.arange(len(bins))
@@ -312,8 +325,8 @@ class TabulatedPlan:
         log: Log | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
-        from the mean position without stops; `extremes` (paths, EXTREMES) takes up theirs, a `log`
-        every impact."""
+        from the mean position without stops; `extremes` (paths, EXTREMES) takes up the extremes of
+        each path, a `log` every impact."""
         sums = Sums.zeros(paths, self.contacts).table
         for number in range(self.blocks_per_path):
             block_record = None
@@ -377,7 +390,7 @@ class TabulatedPlan:
 
     @cached_property
     def _velocity_variance(self) -> float:
-        """Of the noise, without stops."""
+        """Velocity variance under the noise without stops, m^2/s^2."""
         omega, b = self.model.omega, self.model.damping_rate
         return response_moments(self.tables, omega, b).velocity + self.beyond
 
@@ -449,9 +462,9 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
     """Choose sampling and lengths for an oscillator with tabulated noise among its excitations."""
     unmet = []
     if model.omega == 0.0:
-        unmet.append("tabulated noise needs stiffness > 0, got 0")
+        unmet.append("tabulated noise needs structure.stiffness > 0, got 0")
     if model.damping_rate == 0.0:
-        unmet.append("tabulated noise needs damping > 0, got 0")
+        unmet.append("tabulated noise needs structure.damping (or zeta) > 0, got 0")
     if unmet:
         raise NotApplicable("simulate", unmet)
     omega, b = model.omega, model.damping_rate
@@ -562,8 +575,8 @@ def _too_stiff(model: Model, speed: float, step: float) -> list[str]:
 def _as_tables(
     model: Model,
 ) -> tuple[tuple[Table, ...], float, tuple[tuple[float, complex], ...]]:
-    """All noise as tables, that of white noise last; the velocity variance that white noise brings
-    beyond its table; and the responses to the sines."""
+    """All noise as tables, with white noise as the last one; the velocity variance that white noise
+    brings beyond its table; and the responses to the sines."""
     omega, b = model.omega, model.damping_rate
     tables, waves, beyond = list(model.acceleration_tables), [], 0.0
     for signal in model.signals:
