@@ -23,15 +23,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import ifft
 from scipy.special import ndtr
 
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
 from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.tabulated import (
@@ -45,7 +46,6 @@ from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
-from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
@@ -235,6 +235,7 @@ def first_crossings(
     rel_error: float = 0.05,
     seed: int = 0,
     threads: int | None = None,
+    executor: Executor | None = None,
     budget: float | None = 60.0,
     progress: Progress | None = None,
 ) -> FirstCrossings:
@@ -254,6 +255,8 @@ def first_crossings(
         level where that chance is below 1/2.
     budget
         Seconds after which it ends with larger errors.
+    threads, executor, progress
+        The same arguments as those of `simulate`.
 
     Raises
     ------
@@ -275,8 +278,7 @@ def first_crossings(
     above, below = _levels(clearances, lower, upper)
     plan = crossing_plan(scene.model_copy(update={"impact_pairs": ()}))
     records = Records(plan, seed, below, above)
-    workers = threads or usable_cores()
-    with ThreadPoolExecutor(workers) as pool:
+    with crew_of(executor, threads) as crew:
         pilot = [records.ages(PILOT)]
         started = time.perf_counter()  # compilation is over
 
@@ -285,12 +287,14 @@ def first_crossings(
 
         def fly(first: int, ages: list[NDArray[np.float32]], paths: int) -> FirstCrossings:
             """So many paths, or those that the budget allows, from the first on."""
-            # a long block takes seconds: the clock is looked at whenever each thread has done one
-            while (done := len(ages) * plan.block) < paths:
-                if budget is not None and elapsed() > budget and done >= LEAST_PATHS:
-                    break
-                last = min(paths, done + workers * plan.block)
-                ages += pool.map(records.ages, range(first + done, first + last, plan.block))
+
+            def late() -> bool:
+                few = len(ages) * plan.block < LEAST_PATHS
+                return budget is not None and elapsed() > budget and not few
+
+            left = blocks_between(first + len(ages) * plan.block, first + paths, plan.block)
+            for block in crew.results(partial(_ages, records), [*left], late):
+                ages.append(block)
             return records.found(np.concatenate(ages, axis=3))
 
         found, ages = fly(PILOT, pilot, FEWEST_PATHS), pilot
@@ -308,6 +312,11 @@ def first_crossings(
                 growth = min(growth, max(budget / now, 1.25))
             ages = answer
             found = fly(0, answer, max(math.ceil(growth * done), FEWEST_PATHS))
+
+
+def _ages(records: Records, first_path: int, _paths: int) -> NDArray[np.float32]:
+    """The work on a block of paths, which are always as many as the records hold."""
+    return records.ages(first_path)
 
 
 def _levels(

@@ -12,6 +12,9 @@ from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.bursts import bursts
+from stochvi.statistics.first_crossings import first_crossings
+from stochvi.statistics.impacts import impacts
+from stochvi.statistics.spectra import spectrum
 from stochvi.verification.cost import cost
 
 FREE = Scene(
@@ -44,7 +47,29 @@ def _clatter(**how: Any) -> object:
     return clatter(TRUCK, [6e-3], rel_error=0.1, seed=3, **how).to_numpy().tobytes()
 
 
-SAMPLERS = {"cost": _cost, "bursts": _bursts, "clatter": _clatter}
+def _first_crossings(**how: Any) -> object:
+    found = first_crossings(FREE, [2.5], rel_error=0.2, seed=3, **how)
+    return found.first_rate(), found.ages.tolist()
+
+
+def _spectrum(**how: Any) -> object:
+    found = spectrum(FREE, paths=64, seed=3, **how)
+    return [curve.value.tolist() for curve in found.curves["x"].values()]
+
+
+def _impacts(**how: Any) -> object:
+    found = impacts(STOPPED, paths=4096, duration=50.0, seed=3, **how).pairs["stops"]
+    return found.rates, found.energy, found.speed_rms
+
+
+SAMPLERS = {
+    "cost": _cost,
+    "bursts": _bursts,
+    "clatter": _clatter,
+    "first_crossings": _first_crossings,
+    "spectrum": _spectrum,
+    "impacts": _impacts,
+}
 samplers = pytest.mark.parametrize("sampler", SAMPLERS.values(), ids=SAMPLERS)
 
 

@@ -12,13 +12,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
 from stochvi.methods.monte_carlo.quantities import collapses
 from stochvi.methods.monte_carlo.rounds import compiling
@@ -29,7 +31,6 @@ from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
-from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts.answer import Exponent, ImpactStatistics, PairStatistics
@@ -106,6 +107,7 @@ def impacts(
     first_hits: bool = False,
     seed: int = 0,
     threads: int | None = None,
+    executor: Executor | None = None,
     budget: float | None = 60.0,
     progress: Progress | None = None,
 ) -> ImpactStatistics:
@@ -128,6 +130,8 @@ def impacts(
     first_hits
         Simulate first crossings, too, for the rate of first hits without stops (one oscillator
         under Gaussian noise, a pair about its mean).
+    threads, executor, progress
+        The same arguments as those of `simulate`.
     budget
         Seconds after which `NotConverged` is raised; None for no limit.
 
@@ -166,31 +170,26 @@ def impacts(
     grids = {pair.name: _grid(plan, pair) for pair in model.pairs}
     with compiling(progress):
         plan.impacts(seed, 0, 1)
-    workers = threads or usable_cores()
     found: dict[str, list[Tally]] = {name: [] for name in grids}
     short = ""
     done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths
-    with ThreadPoolExecutor(workers) as pool:
+
+    def late() -> bool:
+        return done >= FEWEST_PATHS and _late(started, budget)
+
+    work = partial(_block, plan, grids, seed)
+    with crew_of(executor, threads) as crew:
         while True:
-            blocks = [
-                (first, min(plan.block, target - first))
-                for first in range(done, target, plan.block)
-            ]
-            # a round is cut where the clock is looked at: after each thread has done one block
-            for k in range(0, len(blocks), workers):
-                if done >= FEWEST_PATHS and _late(started, budget):
-                    break
-                for tallies in pool.map(
-                    lambda block: _block(plan, grids, seed, *block), blocks[k : k + workers]
-                ):
-                    for name, tally in tallies.items():
-                        found[name].append(tally)
-                        # all pairs have the same paths
-                done = sum(len(tally.numbers) for tally in next(iter(found.values())))
+            blocks = [*blocks_between(done, target, plan.block)]
+            for tallies in crew.results(work, blocks, late):
+                for name, tally in tallies.items():
+                    found[name].append(tally)
+                done += len(tally.numbers)  # all pairs have the same paths
+                if progress and paths:
+                    progress(done / paths, f"{done} paths")
             error = _largest_error([merged(tallies) for tallies in found.values()], plan)
-            if progress:
-                share = done / target if paths else (asked / max(error, asked)) ** 2
-                progress(share, f"{done} paths")
+            if progress and not paths:
+                progress((asked / max(error, asked)) ** 2, f"{done} paths")
             short = _fell_short(done, paths, error, asked, budget, started)
             if short or done == paths or (paths is None and error <= asked):
                 break
@@ -198,10 +197,11 @@ def impacts(
             target = math.ceil(target / plan.block) * plan.block
     pairs = {
         pair.name: _pair(
-            scene, pair, plan, grids[pair.name], merged(found[pair.name]), first_hits, seed, threads
+            scene, pair, plan, grids[pair.name], merged(found[pair.name]), first_hits, seed,
+            threads, executor,
         )
         for pair in model.pairs
-    }
+    }  # fmt: skip
     answer = ImpactStatistics(
         pairs=pairs,
         duration=plan.duration,
@@ -218,7 +218,7 @@ def impacts(
             impacts=round(sum(t.numbers.sum() for tallies in found.values() for t in tallies)),
             steps=round(done * plan.duration / plan.step),
             paths=done,
-            threads=workers,
+            threads=crew.workers,
         ),
         provenance=provenance(scene.document(), seed),
     )
@@ -293,7 +293,7 @@ def _largest_error(tallies: list[Tally], plan: ImpactPlan) -> float:
 
 def _pair(
     scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally, first_hits: bool,
-    seed: int, threads: int | None,
+    seed: int, threads: int | None, executor: Executor | None,
 ) -> PairStatistics:  # fmt: skip
     numbers = tally.numbers.sum(axis=1)
     hits = float(numbers.sum())
@@ -321,7 +321,7 @@ def _pair(
         else Estimate(value=loss[0], standard_error=loss[1], bias=None, how=how),
         rice_rates=None if gap is None else rice_rates(gap, pair),
         clump_rate=None if gap is None else vanmarcke_rate(gap, pair),
-        first_hit_rate=_first_hits(scene, pair, gap.mean, seed, threads)
+        first_hit_rate=_first_hits(scene, pair, gap.mean, seed, threads, executor)
         if first_hits and gap is not None
         else None,
         energy_unit="J/kg" if scene.expanded.structure.mass is None else "J",
@@ -371,13 +371,16 @@ def _fitted(fits: NDArray[np.float64], grid: Grid, shift: float | None) -> Estim
 
 
 def _first_hits(
-    scene: Scene, pair: Pair, mean: float, seed: int, threads: int | None
-) -> Estimate | None:
+    scene: Scene, pair: Pair, mean: float, seed: int, threads: int | None,
+    executor: Executor | None,
+) -> Estimate | None:  # fmt: skip
     """Limiting rate of first crossings of the stops without them; None where it does not apply."""
     lower = None if pair.lower is None else mean - pair.lower.position
     upper = None if pair.upper is None else pair.upper.position - mean
     try:
-        found = first_crossings(scene, lower=lower, upper=upper, seed=seed, threads=threads)
+        found = first_crossings(
+            scene, lower=lower, upper=upper, seed=seed, threads=threads, executor=executor
+        )
     except (NotApplicable, ValueError):  # a scene, or stops, that it does not cover
         return None
     chance = found.probability(found.horizon)[0]

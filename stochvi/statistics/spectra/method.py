@@ -18,13 +18,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
@@ -32,7 +33,6 @@ from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import CONFIDENCE, PathMoments, delta_method, student_quantile
-from stochvi.results.machine import usable_cores
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.answer import UNITS, Curve, ResponseSpectrum
@@ -73,9 +73,6 @@ FEWEST_PATHS = 64
 REL_ERROR = 0.05
 """At a frequency, where neither an error nor a number of paths is asked for."""
 
-WINDOW = 2
-"""Blocks per thread that wait to be merged in order."""
-
 EXCITED = 1e-3
 """Density of an excitation, of its largest, below which there may be nothing but what tapers leak:
 transmissibility and coherence are told above."""
@@ -91,6 +88,7 @@ def spectrum(
     segment: float | None = None,
     seed: int = 0,
     threads: int | None = None,
+    executor: Executor | None = None,
     budget: float | None = 60.0,
     progress: Progress | None = None,
 ) -> ResponseSpectrum:
@@ -116,6 +114,8 @@ def spectrum(
         Frequency up to which to estimate, Hz; by default four times that of the fastest mode.
     segment
         Length of a segment, s; by default 21 over the narrowest half-power bandwidth.
+    threads, executor, progress
+        The same arguments as those of `simulate`.
     budget
         Seconds after which `NotConverged` is raised; None for no limit.
 
@@ -148,25 +148,35 @@ def spectrum(
     plan, layout, bandwidth = _planned(scene, method, highest, segment)
     with compiling(progress):
         plan.histories(seed, 0, 1)
-    workers = threads or usable_cores()
     target = FEWEST_PATHS if paths is None else paths
-    moments, late = None, False
-    with ThreadPoolExecutor(workers) as pool:
+    moments: PathMoments | None = None
+    part: PathMoments | None = None  # of the round under way
+
+    def late() -> bool:
+        # two paths at least are needed for any error
+        enough = moments is not None or part is not None
+        return enough and budget is not None and time.perf_counter() - started > budget
+
+    work = partial(_block, plan, layout, seed)
+    with crew_of(executor, threads) as crew:
         while True:
             first = 0 if moments is None else moments.count
-            done, late = _run(pool, workers, plan, layout, seed, first, target, started, budget)
-            if done is not None:  # time may run out before a block of a later round
-                moments = done if moments is None else moments.merge(done)
+            for done in crew.results(work, [*blocks_between(first, target, plan.block)], late):
+                part = done if part is None else part.merge(done)
+                if progress and paths:
+                    progress((first + part.count) / paths, f"{first + part.count} paths")
+            if part is not None:  # time may run out before a block of a later round
+                moments = part if moments is None else moments.merge(part)
+            part = None
             assert moments is not None
             error = _median_error(moments)
-            if progress:
-                share = moments.count / target if paths else (asked / max(error, asked)) ** 2
-                progress(share, f"{moments.count} paths")
-            if late or paths is not None or error <= asked:
+            if progress and not paths:
+                progress((asked / max(error, asked)) ** 2, f"{moments.count} paths")
+            if late() or paths is not None or error <= asked:
                 break
             target = math.ceil(moments.count * min(1.1 * (error / asked) ** 2, 4.0)) + 1
     short = ""
-    if late and paths is not None:
+    if paths is not None and moments.count < paths:
         short = f"{moments.count} of {paths} paths were done in {budget:g} s; raise budget"
     elif error > asked and paths is None:
         short = (
@@ -180,7 +190,7 @@ def spectrum(
             wall_time=time.perf_counter() - started,
             steps=moments.count * (plan.samples + plan.plan.settling),
             paths=moments.count,
-            threads=workers,
+            threads=crew.workers,
         ),
         seed,
     )  # fmt: skip
@@ -236,31 +246,6 @@ def _contact_time(plan: HistoryPlan) -> float:
         if isinstance(stop.law, CompliantLaw)
     ]
     return min(times, default=math.inf)
-
-
-def _run(
-    pool: ThreadPoolExecutor, workers: int, plan: HistoryPlan, layout: Layout, seed: int,
-    first: int, target: int, started: float, budget: float | None,
-) -> tuple[PathMoments | None, bool]:  # fmt: skip
-    """Paths `first` to `target`, merged in their order; whether time ran out before."""
-    found: PathMoments | None = None
-    waiting: deque[Future[PathMoments]] = deque()
-    late = False
-    for start in range(first, target, plan.block):
-        # two paths at least are needed for any error
-        enough = found is not None or first > 0
-        late = enough and budget is not None and time.perf_counter() - started > budget
-        if late:
-            break
-        count = min(plan.block, target - start)
-        waiting.append(pool.submit(_block, plan, layout, seed, start, count))
-        if len(waiting) >= WINDOW * workers:
-            done = waiting.popleft().result()
-            found = done if found is None else found.merge(done)
-    for future in waiting:
-        done = future.result()
-        found = done if found is None else found.merge(done)
-    return found, late
 
 
 def _jumps(model: Model) -> list[float]:
