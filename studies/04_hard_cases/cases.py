@@ -175,7 +175,7 @@ CASES: dict[str, Scene] = {
 NO_STATE: dict[str, Scene] = {
     "undamped, R = 1": oscillator(-1.0, 1.0, 1.0, damping=0.0),
     "no spring, one stop": oscillator(None, 1.0, 0.5, omega=0.0),
-    "no spring, a static force": oscillator(-1.0, 1.0, 0.5, omega=0.0, load=1.0),
+    "no spring, a static force": oscillator(-1.0, None, 0.5, omega=0.0, load=1.0),
     "free mass behind one stop": two_masses(
         (1.0, 1.0), (0.1, 0.1), (1.0, 0.0), [pair("stop", 0.5, None, 1.0, between=("b", "a"))]
     ),

@@ -395,7 +395,7 @@ def test_what_was_reached_comes_with_the_refusal(monkeypatch: pytest.MonkeyPatch
     ("changes", "sentence"),
     [
         ({"restitution_upper": 1.2}, "in \\[0, 1\\]"),
-        ({"lower": 1.0, "upper": 1.0}, "lower < upper"),
+        ({"lower": 1.0, "upper": 1.0}, "lower must be below upper"),
         ({"damping_rate": -0.1}, "at least 0"),
         ({"intensity": math.nan}, "nan"),
         ({"damping_rate": 0.0}, "damping_rate"),

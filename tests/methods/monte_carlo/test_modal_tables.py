@@ -188,13 +188,17 @@ COMPANY = {
 def test_what_comes_with_a_table_is_a_state(more: object) -> None:
     """There it is synthesised as a table of its own; here it is kicked, or a state."""
     law = Restitution(coefficient=0.7)
+    scene = mount(law, False, (more,))
+    # a second pair, beyond reach, makes it a scene for the modal engine
+    out_of_reach = ImpactPair(name="far", on="x", upper=0.1, law=Restitution(coefficient=1.0))
+    by_modes = scene.model_copy(update={"impact_pairs": (*scene.impact_pairs, out_of_reach)})
     ours, other = (
-        simulate(mount(law, matrices, (more,)), paths=96, duration=20.0, seed=5 + matrices)
-        for matrices in (True, False)
+        simulate(each, paths=96, duration=20.0, seed=seed)
+        for seed, each in ((6, by_modes), (5, scene))
     )
     twin = other.estimates()
     for key, estimate in ours.estimates().items():
-        if estimate.bias is not None and twin[key].bias is not None:
+        if key in twin and estimate.bias is not None and twin[key].bias is not None:
             assert_agrees(apart(estimate, twin[key]), 0.0)
     assert "modal" in ours.assumptions[-2] and "modal" not in other.assumptions[-2]
     for residual in ours.identities.values():
