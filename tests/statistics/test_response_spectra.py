@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -356,13 +357,15 @@ def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
 def test_time_that_runs_out_before_a_block_of_a_later_round_keeps_the_rounds_before(
     monkeypatch,
 ) -> None:
-    run, rounds = method._run, []
+    now, rounds, blocks_between = [0.0], [], method.blocks_between
 
-    def no_second_round(*asked):
+    def the_second_round_is_late(*asked):
         rounds.append(asked)
-        return run(*asked[:-1], None) if len(rounds) == 1 else (None, True)
+        now[0] = 0.0 if len(rounds) == 1 else 1e3
+        return blocks_between(*asked)
 
-    monkeypatch.setattr(method, "_run", no_second_round)
+    monkeypatch.setattr(method, "blocks_between", the_second_round_is_late)
+    monkeypatch.setattr(method, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     with pytest.raises(NotConverged, match="raise budget") as short:
         spectrum(FREE, rel_error=1e-3, threads=1)
     assert len(rounds) == 2 and short.value.response.cost.paths == method.FEWEST_PATHS
