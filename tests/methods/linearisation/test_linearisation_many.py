@@ -237,7 +237,7 @@ def test_broadcasts_and_keeps_the_shape() -> None:
         ({"intensity": -1.0}, ValueError, "intensity must be at least 0"),
         ({"intensity": 0.0}, NotApplicable, "intensity must be positive"),
         ({"restitution_upper": 1.2}, ValueError, "restitution_upper must be in"),
-        ({"lower": 2.0}, ValueError, "lower < upper"),
+        ({"lower": 2.0}, ValueError, "lower must be below upper"),
         ({"omega": np.inf}, ValueError, "omega must be finite"),
         ({"omega": 0.0, "lower": -np.inf}, NotApplicable, "omega must be positive"),
         (
