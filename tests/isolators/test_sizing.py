@@ -377,7 +377,7 @@ def test_a_chance_is_told_where_hits_are_not_known(monkeypatch: pytest.MonkeyPat
     assert found.clearance == known.clearance
     assert found.three_sigma.hits is None and found.simulated.empty
     assert list(found.simulated.columns) == list(known.simulated.columns)
-    assert sum("is not known: budget of 0.3 s" in text for text in found.warnings) == 2
+    assert sum("are not known: budget of 0.3 s" in text for text in found.warnings) == 2
     json.dumps(found.to_dict(), allow_nan=False)
 
 
