@@ -1,4 +1,4 @@
-"""A thousand workers that are not there: an executor whose clock is a number; what is measured."""
+"""An executor that imitates a thousand workers: its clock is a number that it moves itself."""
 
 import heapq
 import math
@@ -39,7 +39,7 @@ class Cluster(Executor):
         self.now = 0.0
         self.tasks = self.again = self.open_blocks = self.most_open_blocks = 0
 
-    def submit(self, function, plan, layout, seed, blocks, attempt=1):
+    def submit(self, function, work, blocks, deadline=math.inf, attempt=1):
         self.now += self.sending / 2.0
         self.tasks += 1
         self.again += attempt > 1
@@ -51,20 +51,22 @@ class Cluster(Executor):
         lost = self.random.random() < self.lost
         end = max(self.now, heapq.heappop(self.free)) + seconds
         heapq.heappush(self.free, end)
-        return Later(self, end, lost, function, (plan, layout, seed, blocks))
+        return Later(self, end, lost, function, (work, blocks))
 
-    def result(self, function, plan, layout, seed, blocks):
-        """Of a task, as if it had run."""
+    def result(self, function, work, blocks):
+        """Of a task, as if it had run. `work` is `path_statistics` of a plan, a layout and a seed,
+        as `partial` binds them."""
         if self.real:
-            done = function(plan, layout, seed, blocks)
+            done = function(work, blocks)
         else:
+            plan = work.args[0]
             names = [(plan.step, count) for _, count in blocks]
             for name, block in zip(names, blocks, strict=True):
                 if name not in self.known:
-                    self.known[name] = function(plan, layout, seed, (block,))
+                    self.known[name] = function(work, (block,))
             done = replace(
                 self.known[names[0]],
-                statistics=tuple(self.known[name].statistics[0] for name in names),
+                results=tuple(self.known[name].results[0] for name in names),
             )
         return replace(done, seconds=self.block_seconds * len(blocks))
 
