@@ -11,7 +11,6 @@ in a burst happens lambda q times a second, however rare that is.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
@@ -211,20 +211,17 @@ def bursts(
     if not model.stops or min(lower, upper) <= 0.0:
         raise NotApplicable("bursts", ["needs a stop, and none beyond the mean position"])
     records = Records(plan, seed, np.array([lower]), np.array([upper]))
-    started = 0.0
+    deadline = NEVER  # until compilation is over
     parts: list[_Part] = []
     blocks = math.ceil(FEWEST_PATHS / plan.block)
-
-    def late() -> bool:
-        return budget is not None and started > 0.0 and time.perf_counter() - started > budget
 
     with crew_of(executor, threads) as crew:
         while True:
             new = blocks_between(len(parts) * plan.block, blocks * plan.block, plan.block)
-            for part in crew.results(partial(_part, records, widening), [*new], late):
+            for part in crew.results(partial(_part, records, widening), [*new], deadline):
                 parts.append(part)
-            if not started:
-                started = time.perf_counter()  # compilation is over
+            if deadline == NEVER:
+                deadline = Deadline.after(budget)
             found = _join(records, parts)
             estimate = wanted(found)
             error = estimate.standard_error / estimate.value if estimate.value else math.inf
@@ -232,7 +229,7 @@ def bursts(
                 paths = len(parts) * plan.block
                 progress((rel_error / max(error, rel_error)) ** 2, f"{paths} paths")
             unseen = estimate.value == 0.0 and len(parts) * plan.block >= LOOK * FEWEST_PATHS
-            if error <= rel_error or late() or unseen or _far(estimate, far_from):
+            if error <= rel_error or deadline.passed() or unseen or _far(estimate, far_from):
                 return found
             blocks = math.ceil(len(parts) * min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0))
 
@@ -255,7 +252,9 @@ class _Part(NamedTuple):
 COLUMNS = ("path", "weight", "hits", "speeds", "early_hits", "fastest", "sharpest")
 
 
-def _part(records: Records, widening: float, first_path: int, _paths: int) -> _Part:
+def _part(
+    records: Records, widening: float, first_path: int, _paths: int, _deadline: Deadline
+) -> _Part:
     """Crossings of one block of paths; those that are first hits are flown on."""
     free, unit = records.block(first_path)
     ages = records.ages_in(free, unit)

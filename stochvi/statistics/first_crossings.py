@@ -43,6 +43,7 @@ from stochvi.methods.monte_carlo.tabulated import (
 )
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
@@ -280,27 +281,28 @@ def first_crossings(
     records = Records(plan, seed, below, above)
     with crew_of(executor, threads) as crew:
         pilot = [records.ages(PILOT)]
-        started = time.perf_counter()  # compilation is over
-
-        def elapsed() -> float:
-            return time.perf_counter() - started
+        started, deadline = time.time(), Deadline.after(budget)  # compilation is over
 
         def fly(first: int, ages: list[NDArray[np.float32]], paths: int) -> FirstCrossings:
             """So many paths, or those that the budget allows, from the first on."""
 
             def late() -> bool:
                 few = len(ages) * plan.block < LEAST_PATHS
-                return budget is not None and elapsed() > budget and not few
+                return deadline.passed() and not few
 
             left = blocks_between(first + len(ages) * plan.block, first + paths, plan.block)
-            for block in crew.results(partial(_ages, records), [*left], late):
+            for block in crew.results(partial(_ages, records), [*left], deadline, late):
                 ages.append(block)
             return records.found(np.concatenate(ages, axis=3))
 
         found, ages = fly(PILOT, pilot, FEWEST_PATHS), pilot
         answer: list[NDArray[np.float32]] = []
         while True:
-            error, done, now = largest_error(found, mission), len(ages) * plan.block, elapsed()
+            error, done, now = (
+                largest_error(found, mission),
+                len(ages) * plan.block,
+                time.time() - started,
+            )
             if progress:
                 progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{done} paths")
             enough = ages is answer and error <= MISSED * rel_error
@@ -314,7 +316,9 @@ def first_crossings(
             found = fly(0, answer, max(math.ceil(growth * done), FEWEST_PATHS))
 
 
-def _ages(records: Records, first_path: int, _paths: int) -> NDArray[np.float32]:
+def _ages(
+    records: Records, first_path: int, _paths: int, _deadline: Deadline
+) -> NDArray[np.float32]:
     """The work on a block of paths, which are always as many as the records hold."""
     return records.ages(first_path)
 

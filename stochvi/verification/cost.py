@@ -31,6 +31,7 @@ from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import thread_seconds
@@ -421,7 +422,9 @@ def step_order(plan: Plan, key: Key) -> float | None:
 Block = tuple[PathStatistics, list[float]]
 
 
-def _block(plans: Sequence[Plan], layout: Layout, seed: int, first_path: int, paths: int) -> Block:
+def _block(
+    plans: Sequence[Plan], layout: Layout, seed: int, first_path: int, paths: int, _: Deadline
+) -> Block:
     """The same paths at every step: their joint statistics, and the CPU seconds of each step."""
     averages, seconds = [], []
     for plan in plans:
@@ -445,11 +448,9 @@ def _simulate(
     size = min(LARGEST_BLOCK, *(plan.block for plan in plans))
     statistics, seconds = PathStatistics.none(layout), np.zeros(len(plans))
     work = partial(_block, plans, layout, seed)
-    for block, spent in crew.results(
-        work,
-        blocks_between(0, math.inf if paths is None else paths, size),
-        lambda: paths is None and time.perf_counter() - started > budget,
-    ):
+    blocks = blocks_between(0, math.inf if paths is None else paths, size)
+    deadline = Deadline.after(budget if paths is None else None)
+    for block, spent in crew.results(work, blocks, deadline):
         statistics = statistics.merge(block)
         seconds += spent
         if progress:

@@ -92,7 +92,7 @@ def split(answers: int, repetitions: int, particles: int) -> Iterator[Row]:
     levels = pilot_levels(plan, 5).levels
     chances = np.array(
         [
-            repetition(plan, levels, 14, index, particles, False).chance
+            repetition(plan, levels, 14, False, index * particles, particles).chance
             for index in range(answers * repetitions)
         ]
     ).reshape(answers, repetitions)

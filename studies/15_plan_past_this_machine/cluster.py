@@ -13,6 +13,7 @@ from stochvi.methods.monte_carlo.blocks import SENDING_SECONDS, Crew
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.model import model_of
+from stochvi.results.deadline import NEVER
 
 STRAGGLER = 10.0
 """How much longer a straggler takes."""
@@ -39,7 +40,7 @@ class Cluster(Executor):
         self.now = 0.0
         self.tasks = self.again = self.open_blocks = self.most_open_blocks = 0
 
-    def submit(self, function, work, blocks, deadline=math.inf, attempt=1):
+    def submit(self, function, work, blocks, deadline=NEVER, attempt=1):
         self.now += self.sending / 2.0
         self.tasks += 1
         self.again += attempt > 1

@@ -285,7 +285,7 @@ def test_where_no_crossing_was_a_first_one_the_chance_is_not_called_known(
 def test_a_long_block_is_timed_before_more_are_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = count()
     monkeypatch.setattr(
-        "stochvi.statistics.first_crossings.time.perf_counter", lambda: float(next(seconds))
+        "stochvi.statistics.first_crossings.time.time", lambda: float(next(seconds))
     )
     found = first_crossings(UNIT, [2.0], mission=10.0, rel_error=1e-5, budget=0.5, threads=1)
     assert found.ages.shape[3] == crossing_plan(UNIT).block < FEWEST_PATHS

@@ -14,6 +14,7 @@ from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.bursts import bursts
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts import impacts
+from stochvi.statistics.reliability import reliability
 from stochvi.statistics.spectra import spectrum
 from stochvi.verification.cost import cost
 
@@ -62,6 +63,16 @@ def _impacts(**how: Any) -> object:
     return found.rates, found.energy, found.speed_rms
 
 
+def _reliability(**how: Any) -> object:
+    found = reliability(
+        STOPPED.model_copy(update={"impact_pairs": (ImpactPair(upper=2.0, law=STOPS.law),)}),
+        mission=30.0, impact_speed=3.0, start="rest", rel_error=0.3, seed=3, **how,
+    )  # fmt: skip
+    chances = {name: chance.estimate for name, chance in found.chances.items()}
+    assert {chance.way for chance in found.chances.values()} == {"crude", "splitting"}
+    return chances, found.hits
+
+
 SAMPLERS = {
     "cost": _cost,
     "bursts": _bursts,
@@ -69,6 +80,7 @@ SAMPLERS = {
     "first_crossings": _first_crossings,
     "spectrum": _spectrum,
     "impacts": _impacts,
+    "reliability": _reliability,
 }
 samplers = pytest.mark.parametrize("sampler", SAMPLERS.values(), ids=SAMPLERS)
 

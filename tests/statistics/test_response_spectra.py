@@ -365,7 +365,7 @@ def test_time_that_runs_out_before_a_block_of_a_later_round_keeps_the_rounds_bef
         return blocks_between(*asked)
 
     monkeypatch.setattr(method, "blocks_between", the_second_round_is_late)
-    monkeypatch.setattr(method, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
     with pytest.raises(NotConverged, match="raise budget") as short:
         spectrum(FREE, rel_error=1e-3, threads=1)
     assert len(rounds) == 2 and short.value.response.cost.paths == method.FEWEST_PATHS

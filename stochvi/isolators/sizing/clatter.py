@@ -7,7 +7,6 @@ but no acceleration; that needs a stiffness.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.intervals import jackknife_ratio, mean_and_error
 from stochvi.scenes.impact_laws import Elastic, Viscoelastic
@@ -215,7 +215,9 @@ def _averages(plan: TabulatedPlan, seed: int, first_path: int, paths: int) -> _A
     return _Averages(means.impacts, square, extremes.acceleration)
 
 
-def _block(plans: Sequence[TabulatedPlan], seed: int, first: int, paths: int) -> list[_Averages]:
+def _block(
+    plans: Sequence[TabulatedPlan], seed: int, first: int, paths: int, _: Deadline
+) -> list[_Averages]:
     """The work on a block of windows: the same random numbers by every plan."""
     return [_averages(plan, seed, first, paths) for plan in plans]
 
@@ -233,15 +235,15 @@ class _Windows:
     def run(self, rel_error: float, budget: float | None) -> None:
         """More windows until the largest acceleration is known, or time is up."""
         size = min(plan.block for plan in self.plans)
-        started, done, wanted = time.perf_counter(), 0, FIRST_PATHS
+        deadline, done, wanted = Deadline.after(budget), 0, FIRST_PATHS
 
         def late() -> bool:
-            over = budget is not None and time.perf_counter() - started > budget
-            return over and self.found is not None
+            return deadline.passed() and self.found is not None
 
         for _ in range(MOST_ROUNDS):
             wanted = size * math.ceil(wanted / size)
-            for block in self.crew.results(self.work, [*blocks_between(done, wanted, size)], late):
+            blocks = [*blocks_between(done, wanted, size)]
+            for block in self.crew.results(self.work, blocks, deadline, late):
                 self.found = (
                     block
                     if self.found is None

@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
-from stochvi.results.errors import NotConverged
+from stochvi.results.deadline import NEVER, Deadline
+from stochvi.results.errors import NotConverged, StochviError
 from stochvi.results.machine import thread_seconds, usable_cores
 
 WINDOW = 4
@@ -82,9 +83,9 @@ Block = tuple[int, int]
 """First path, and how many."""
 
 
-Work = Callable[..., Any]
-"""What is done with a block: `work(first_path, paths)`. Where a deadline is to be minded within the
-block, it is `work(first_path, paths, deadline)`."""
+Work = Callable[[int, int, Deadline], Any]
+"""What is done with a block: `work(first_path, paths, deadline)`. A block that may take long ends
+at its deadline with what it has."""
 
 BlockDone = tuple[Block, list[Any], list[str]]
 """A block with the result of every work, and the machines that they come from."""
@@ -122,19 +123,18 @@ def machine() -> str:
 
 
 def do_blocks(
-    work: Work, blocks: tuple[Block, ...], deadline: float = math.inf, attempt: int = 1
+    work: Work, blocks: tuple[Block, ...], deadline: Deadline = NEVER, attempt: int = 1
 ) -> Done:
     """One task: a function of its arguments alone, so any worker may do it, twice if need be.
 
-    Once `time.time()` has passed the `deadline`, the blocks that are left are not begun. `attempt`
-    changes nothing but the name by which a scheduler may remember that it failed.
+    Once the deadline has passed, the blocks that are left are not begun. `attempt` changes nothing
+    but the name by which a scheduler may remember that it failed.
     """
     start = thread_seconds()
     results: list[Any] = []
-    minded = () if math.isinf(deadline) else (deadline,)
     for first_path, paths in blocks:
-        results.append(work(first_path, paths, *minded))
-        if time.time() > deadline:
+        results.append(work(first_path, paths, deadline))
+        if deadline.passed():
             break
     return Done(results=tuple(results), machine=machine(), seconds=thread_seconds() - start)
 
@@ -145,31 +145,31 @@ def path_statistics(
     seed: int,
     first_path: int,
     paths: int,
-    deadline: float = math.inf,
+    deadline: Deadline = NEVER,
 ) -> PathStatistics:
     """Statistics of a block of paths, or of its first paths where the deadline passes."""
     return PathStatistics.of(averages_in_time(plan, seed, first_path, paths, deadline), layout)
 
 
 def averages_in_time(
-    plan: Plan, seed: int, first_path: int, paths: int, deadline: float
+    plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline
 ) -> NDArray[np.float64]:
     """The averages of a block of paths, or of its first paths where the deadline passes.
 
     A block that takes long is simulated in pieces, between which the clock is looked at; the paths
     do not depend on the pieces.
     """
-    if math.isinf(deadline):
+    if deadline == NEVER:
         return plan.averages(seed, first_path, paths)
     done: list[NDArray[np.float64]] = []
     made, size = 0, LANES if plan.steps_per_path <= LONG_PATH else FEWEST_AT_ONCE
-    while made < paths and (not made or time.time() < deadline):
+    while made < paths and not (made and deadline.passed()):
         size = min(size, paths - made)
         began = time.perf_counter()
         done.append(plan.averages(seed, first_path + made, size))
         each = max((time.perf_counter() - began) / size, SHORTEST_BLOCK)
         made += size
-        left = min(PIECE_SECONDS, max(deadline - time.time(), 0.0))
+        left = min(PIECE_SECONDS, deadline.left)
         size = LANES * max(1, int(left / each / LANES))
     return np.concatenate(done, axis=1)
 
@@ -240,23 +240,23 @@ class Crew:
         works: Sequence[Work],
         blocks: Iterator[Block],
         total: float,
-        late: Callable[[], bool],
-        deadline: float = math.inf,
+        deadline: Deadline = NEVER,
+        late: Callable[[], bool] | None = None,
         at_least: int = 1,
     ) -> Generator[BlockDone, None, None]:
         """Each block in order, once every work on it is done.
 
-        `total` is how many blocks there are. Once `late()`, no task is begun that has not been, but
-        `at_least` so many are begun and finished in any case. A block that is under way at the
-        `deadline`, a time of `time.time()` that the works mind, is handed on as they left it, and
-        is the last one.
+        `total` is how many blocks there are. Once it is `late()`, by default once the deadline has
+        passed, no task is begun that has not been, but `at_least` so many are begun and finished
+        in any case. A block that is under way at the deadline is handed on as the works left it,
+        and is the last one.
 
         Raises
         ------
         WorkersLost
             If a block cannot be done; all before it have been handed on.
         """
-        waiting = self.waiting
+        waiting, late = self.waiting, late or deadline.passed
         begun, attempts = 0, MOST_ATTEMPTS if self.external_executor else 1
         try:
             while (begun < at_least or not late()) and (
@@ -264,7 +264,7 @@ class Crew:
             ):
                 # the clock is looked at within blocks that are long, or may be
                 quick = self.block_seconds < PIECE_SECONDS
-                calls = [(work, chunk, math.inf if quick else deadline) for work in works]
+                calls = [(work, chunk, NEVER if quick else deadline) for work in works]
                 waiting.append(_Task(self.executor, calls, attempts))
                 begun += 1
                 while len(waiting) >= min(self.window, max(1, MOST_WAITING // len(chunk))):
@@ -277,17 +277,21 @@ class Crew:
             self.cancel()
 
     def results(
-        self, work: Work, blocks: Iterable[Block], late: Callable[[], bool] = lambda: False
+        self,
+        work: Work,
+        blocks: Iterable[Block],
+        deadline: Deadline = NEVER,
+        late: Callable[[], bool] | None = None,
     ) -> Iterator[Any]:
-        """The result of each block in order; once `late()`, no block is begun that has not been.
+        """The result of each block in order, as `do` hands them on: none may be done in time.
 
-        The blocks may be without end.
-
-        Raises `NotConverged` if the executor loses its workers.
+        The blocks may be without end. Raises `NotConverged` if the executor loses its workers.
         """
+        self.block_seconds = math.inf  # of this work nothing is known
+        total = len(blocks) if isinstance(blocks, Sequence) else math.inf
         try:
-            total = len(blocks) if isinstance(blocks, Sequence) else math.inf
-            for _, (result,), _ in self.do([work], iter(blocks), total, late, at_least=0):
+            done = self.do([work], iter(blocks), total, deadline, late, at_least=0)
+            for _, (result,), _ in done:
                 yield result
         except WorkersLost as error:
             raise NotConverged(f"{error}; start workers that do the work, and ask again") from error
@@ -352,7 +356,7 @@ def check_executor(executor: Executor | None) -> None:
         )
 
 
-Call = tuple[Work, tuple[Block, ...], float]
+Call = tuple[Work, tuple[Block, ...], Deadline]
 """Arguments of `do_blocks`."""
 
 
@@ -428,6 +432,8 @@ class _Asked:
         return next((future for future in self.tries if future.done()), None)
 
     def _lost(self, future: Future[Done], error: BaseException) -> None:
+        if isinstance(error, StochviError):
+            raise error  # what the work says itself, which another worker would say as well
         if isinstance(error, BrokenExecutor):
             raise WorkersLost(f"the executor lost its workers ({error})") from error
         if self.begun >= self.attempts:

@@ -32,6 +32,7 @@ from stochvi.model.balances import residuals
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Pair
 from stochvi.model.responses import build_response
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.intervals import upper_limit_unseen
@@ -136,12 +137,12 @@ class Run:
         """Set the number of paths at which the round that begins now ends."""
         self.state = replace(self.state, goal=goal)
 
-    def add_paths(self, paths: int, deadline: float = math.inf) -> bool:
+    def add_paths(self, paths: int, deadline: Deadline = NEVER) -> bool:
         """Simulate more paths; return False if the deadline passed first."""
         self.set_goal(self.fine.count + paths)
         return self.reach_goal(deadline)
 
-    def reach_goal(self, deadline: float = math.inf) -> bool:
+    def reach_goal(self, deadline: Deadline = NEVER) -> bool:
         """Simulate the remaining paths of this round and merge them in the order of their numbers;
         return False if the deadline passed first."""
         plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
@@ -151,10 +152,7 @@ class Run:
         left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
         total = math.ceil((goal - self.fine.count) / self.plan.block)
         works = [partial(path_statistics, plan, self.layout, self.seed) for plan in plans]
-        results = self.crew.do(
-            works, left, total, lambda: self.elapsed > deadline,
-            time.time() + deadline - self.elapsed,
-        )  # fmt: skip
+        results = self.crew.do(works, left, total, deadline)
         with closing(results):  # at once, so that an interrupt leaves no task to be begun
             for (_, paths), statistics, where in results:
                 if any(each.count < paths for each in statistics):
@@ -421,7 +419,7 @@ def run_until_accurate(run: Run, rel_error: float, budget: float | None) -> None
     Apart from the budget (s), every decision depends on the state alone, so that a run that resumes
     from a checkpoint decides as one that was never stopped.
     """
-    deadline = math.inf if budget is None else budget
+    deadline = Deadline.after(budget)
     if not run.state.goal:
         run.set_goal(max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS))
     run.expected_paths = 4.0 * run.state.goal  # until the first errors are known
@@ -443,7 +441,7 @@ def run_until_accurate(run: Run, rel_error: float, budget: float | None) -> None
             run.refine()
             continue
         needed = run.seconds * (errors / rel_error) ** 2
-        if not in_time or run.elapsed > deadline:
+        if not in_time or deadline.passed():
             raise NotConverged(
                 f"relative standard error {errors:.2g} after {run.seconds:.1f} s, asked for "
                 f"{rel_error:g}, which takes about {needed:.0f} s; raise budget or rel_error",

@@ -28,6 +28,7 @@ from stochvi.methods.monte_carlo.rounds import (
     run_until_accurate,
 )
 from stochvi.model.model import Model, model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
@@ -206,7 +207,7 @@ def _simulate(run: Run, asked: Asked, budget: float | None) -> None:
         run_until_accurate(run, asked.rel_error, budget)
         return
     run.set_goal(asked.paths)
-    if not run.reach_goal(math.inf if budget is None else budget):
+    if not run.reach_goal(Deadline.after(budget)):
         raise NotConverged(
             f"{run.fine.count} of {asked.paths} paths were done in {budget:g} s; raise budget",
             _so_far(run, "not all paths were simulated"),

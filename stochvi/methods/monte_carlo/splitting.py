@@ -20,15 +20,16 @@ Cerou and A. Guyader, Stoch. Anal. Appl. 25 (2007) 417), whose own biased result
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.methods.monte_carlo.blocks import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.missions import AFTERWARDS, Fleet, MissionPlan
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import binomial_interval, logarithmic_interval, mean_and_error
 from stochvi.results.machine import thread_seconds
@@ -73,8 +74,18 @@ class Interval:
     rule: str
 
 
-def crude(plan: MissionPlan, seed: int, first_path: int, missions: int, hits: bool) -> Trial:
-    """Estimate by independent missions of equal weight (crude Monte Carlo)."""
+def crude(
+    plan: MissionPlan,
+    seed: int,
+    hits: bool,
+    first_path: int,
+    missions: int,
+    _deadline: Deadline = NEVER,
+) -> Trial:
+    """Estimate by independent missions of equal weight (crude Monte Carlo).
+
+    They are not ended at a deadline: those that have failed by then are more than their share.
+    """
     started = thread_seconds()
     fleet = plan.fleet(seed, first_path, missions)
     steps = plan.settled * missions + plan.fly(fleet, math.inf)
@@ -95,21 +106,23 @@ def crude(plan: MissionPlan, seed: int, first_path: int, missions: int, hits: bo
 
 def crude_block(plan: MissionPlan) -> int:
     """Number of missions in one task."""
-    return int(min(max(BLOCK_STEPS // plan.steps_per_path, 256), 2**16))
+    return int(min(max(BLOCK_STEPS // plan.steps_per_path, LANES), 2**16))
 
 
 def repetition(
     plan: MissionPlan,
     levels: tuple[float, ...],
     seed: int,
-    index: int,
-    particles: int,
     hits: bool,
-    deadline: float = math.inf,
+    first_path: int,
+    particles: int,
+    deadline: Deadline = NEVER,
 ) -> Trial:
-    """One splitting with fixed levels, a function of its arguments alone; `deadline` is a time of
-    `time.perf_counter` after which it is given up."""
-    started = thread_seconds()
+    """One splitting with fixed levels, of so many paths in each stage.
+
+    Raises `NotConverged` where the deadline passes before it ends.
+    """
+    started, index = thread_seconds(), first_path // particles
     fleet = plan.fleet(seed, _first_path(index, 0, particles), particles)
     random = np.random.default_rng([seed, index])
     chance, steps = 1.0, plan.settled * particles
@@ -158,8 +171,8 @@ def _hits_of(plan: MissionPlan, fleet: Fleet) -> tuple[Vector, int]:
     return fleet.hits[chosen] + rest.hits, steps
 
 
-def _look_at_the_clock(deadline: float, plan: MissionPlan) -> None:
-    if time.perf_counter() > deadline:
+def _look_at_the_clock(deadline: Deadline, plan: MissionPlan) -> None:
+    if deadline.passed():
         # what is flown before a short mission does not shrink with it
         change = "shorter" if plan.counted > plan.before + plan.settled else "longer"
         raise NotConverged(
@@ -173,21 +186,27 @@ def _first_path(index: int, stage: int, particles: int) -> int:
 
 
 class Levels(NamedTuple):
-    """Levels of twice the energy, the chance that the pilot gave, and its steps."""
+    """Levels of twice the energy, the chance that the pilot gave, its steps and CPU seconds."""
 
     levels: tuple[float, ...]
     chance: float
     steps: int
+    seconds: float
 
 
 def pilot_levels(
-    plan: MissionPlan, seed: int, particles: int = PARTICLES, deadline: float = math.inf
+    plan: MissionPlan,
+    seed: int,
+    first_path: int = 0,
+    particles: int = PARTICLES,
+    deadline: Deadline = NEVER,
 ) -> Levels:
     """Levels that a share of about `SHARE` of the paths reach from the one before.
 
     Every stage is flown twice: to its end, for the largest energies, and up to the level.
     """
-    fleet = plan.fleet(seed, 0, particles)
+    started = thread_seconds()
+    fleet = plan.fleet(seed, first_path, particles)
     random = np.random.default_rng(seed)
     levels: list[float] = []
     chance, steps = 1.0, plan.settled * particles
@@ -197,7 +216,8 @@ def pilot_levels(
         steps += plan.fly(fleet, math.inf)
         happened = float(fleet.happened.mean())
         if happened >= SHARE:
-            return Levels(tuple(levels), chance * happened, steps)
+            seconds = thread_seconds() - started
+            return Levels(tuple(levels), chance * happened, steps, seconds)
         level = float(np.quantile(fleet.top, 1.0 - SHARE, method="lower"))
         last = levels[-1] if levels else 0.0
         if not level > last:  # most are copies of one path, and none of them rose

@@ -28,6 +28,7 @@ from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.step_bias import lossiest
 from stochvi.model.coverage import functions
 from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
@@ -172,16 +173,17 @@ def impacts(
         plan.impacts(seed, 0, 1)
     found: dict[str, list[Tally]] = {name: [] for name in grids}
     short = ""
+    deadline = Deadline.after(budget)
     done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths
 
     def late() -> bool:
-        return done >= FEWEST_PATHS and _late(started, budget)
+        return done >= FEWEST_PATHS and deadline.passed()
 
     work = partial(_block, plan, grids, seed)
     with crew_of(executor, threads) as crew:
         while True:
             blocks = [*blocks_between(done, target, plan.block)]
-            for tallies in crew.results(work, blocks, late):
+            for tallies in crew.results(work, blocks, deadline, late):
                 for name, tally in tallies.items():
                     found[name].append(tally)
                 done += len(tally.numbers)  # all pairs have the same paths
@@ -190,7 +192,7 @@ def impacts(
             error = _largest_error([merged(tallies) for tallies in found.values()], plan)
             if progress and not paths:
                 progress((asked / max(error, asked)) ** 2, f"{done} paths")
-            short = _fell_short(done, paths, error, asked, budget, started)
+            short = _fell_short(done, paths, error, asked, budget, deadline)
             if short or done == paths or (paths is None and error <= asked):
                 break
             target = done + math.ceil(done * min(1.1 * (error / asked) ** 2 - 1.0, 3.0))
@@ -228,8 +230,9 @@ def impacts(
 
 
 def _fell_short(
-    done: int, paths: int | None, error: float, asked: float, budget: float | None, started: float
-) -> str:
+    done: int, paths: int | None, error: float, asked: float, budget: float | None,
+    deadline: Deadline,
+) -> str:  # fmt: skip
     """Why no more paths are simulated though what was asked for is not there; empty if they are."""
     if paths is not None:
         if done == paths:
@@ -237,7 +240,7 @@ def _fell_short(
         return f"{done} of {paths} paths were done in {budget:g} s; raise budget"
     if error <= asked:
         return ""
-    late = _late(started, budget)
+    late = deadline.passed()
     if math.isinf(error) and (late or done >= MOST_UNSEEN):
         return (
             f"no impact was seen in {done} paths, so that no rate is known to {asked:g}; give "
@@ -251,12 +254,8 @@ def _fell_short(
     return ""
 
 
-def _late(started: float, budget: float | None) -> bool:
-    return budget is not None and time.perf_counter() - started > budget
-
-
 def _block(
-    plan: ImpactPlan, grids: dict[str, Grid], seed: int, first: int, paths: int
+    plan: ImpactPlan, grids: dict[str, Grid], seed: int, first: int, paths: int, _: Deadline
 ) -> dict[str, Tally]:
     """One task: the impacts of some paths, counted and let go."""
     logs = plan.impacts(seed, first, paths)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Iterable
-from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeVar
+from functools import partial
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from stochvi.methods.monte_carlo.blocks import Block, Crew, Work, blocks_between
 from stochvi.methods.monte_carlo.missions import MissionPlan
 from stochvi.methods.monte_carlo.rounds import Progress, compiling
 from stochvi.methods.monte_carlo.splitting import (
@@ -19,7 +18,6 @@ from stochvi.methods.monte_carlo.splitting import (
     Counted,
     Levels,
     Sample,
-    Trial,
     crude,
     crude_block,
     of_missions,
@@ -27,14 +25,13 @@ from stochvi.methods.monte_carlo.splitting import (
     pilot_levels,
     repetition,
 )
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import logarithmic_interval
-from stochvi.results.machine import thread_seconds
 from stochvi.statistics.reliability.answer import Chance
 
 Way = Literal["crude", "splitting", "first crossings"]
-Task = TypeVar("Task")
 
 
 class Hits(NamedTuple):
@@ -76,10 +73,6 @@ MARGIN = 1.3
 COARSE_SHARE = 0.25
 """Of the trials, made again at twice the step."""
 
-WINDOW = 4
-"""Tasks per thread that may wait: bounds memory."""
-
-
 PURPOSES = ("pilot missions", "levels", "pilot repetitions", "answer", "twice the step")
 """Uses of a seed that share no random number."""
 
@@ -103,15 +96,27 @@ class Found:
 
 @dataclass(kw_only=True)
 class Jobs:
-    """How chances are found: the threads, the seed, the accuracy and what it may cost."""
+    """How chances are found: by whom, the seed, the accuracy and what it may cost."""
 
-    pool: Executor
-    threads: int
+    crew: Crew
     seed: int
     rel_error: float
     confidence: float
     budget: float | None
+    deadline: Deadline
     progress: Progress | None
+
+    @property
+    def sampling(self) -> dict[str, Any]:
+        """How another calculation samples for the same answer, in the time that is left."""
+        crew = self.crew
+        return {
+            "seed": self.seed,
+            "threads": crew.workers,
+            "executor": crew.executor if crew.external_executor else None,
+            "budget": self.deadline.budget,
+            "progress": self.progress,
+        }
 
     def chance(self, plan: MissionPlan, event: str, limit: float | None, way: Way | None) -> Chance:
         """The chance of the event of a plan."""
@@ -166,18 +171,17 @@ class Jobs:
         """Pilot, choice, second stage."""
         with compiling(self.progress):
             plan.fly(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
-        self._deadline = math.inf if self.budget is None else time.perf_counter() + self.budget
         tried = int(min(max(PILOT_STEPS // plan.steps_per_path, PILOT_FEWEST), PILOT_MISSIONS))
-        pilot = of_missions(self._missions(plan, self._seed("pilot missions"), tried, hits))
+        pilot = self._missions(plan, "pilot missions", tried, hits)
         price, steps = pilot.seconds / pilot.missions, pilot.steps
         spent = pilot.seconds
         levels: Levels | None = None
         repeated: Sample | None = None
         particles = PARTICLES
         if way != "crude" and (way == "splitting" or pilot.chance < SHARE):
-            started = thread_seconds()
-            levels = pilot_levels(plan, self._seed("levels"), particles, self._deadline)
-            steps, spent = steps + levels.steps, spent + thread_seconds() - started
+            work = partial(pilot_levels, plan, self._seed("levels"))
+            (levels,) = self._all(work, [(0, particles)])
+            steps, spent = steps + levels.steps, spent + levels.seconds
             while True:
                 repeated = self._repeated(
                     plan, levels, "pilot repetitions", PILOT_REPETITIONS, particles, hits
@@ -200,11 +204,9 @@ class Jobs:
             coarse = self._repeated(plan.coarser(), levels, "twice the step", less, particles, hits)
         else:
             levels = None
-            fine = of_missions(self._missions(plan, self._seed("answer"), missions, hits))
+            fine = self._missions(plan, "answer", missions, hits)
             less = max(pilot.missions, math.ceil(COARSE_SHARE * missions))
-            coarse = of_missions(
-                self._missions(plan.coarser(), self._seed("twice the step"), less, hits)
-            )
+            coarse = self._missions(plan.coarser(), "twice the step", less, hits)
         return Found(
             fine=fine,
             coarse=coarse,
@@ -249,39 +251,30 @@ class Jobs:
         chosen = "crude" if crude_steps <= splitting_steps else "splitting"
         return chosen, f"{chosen}: {compared}"
 
-    def _missions(self, plan: MissionPlan, seed: int, missions: int, hits: bool) -> list[Trial]:
-        block = crude_block(plan)
-        tasks = [(first, min(block, missions - first)) for first in range(0, missions, block)]
-        return self._all(lambda task: crude(plan, seed, *task, hits), tasks)
+    def _missions(self, plan: MissionPlan, purpose: str, missions: int, hits: bool) -> Counted:
+        blocks = [*blocks_between(0, missions, crude_block(plan))]
+        return of_missions(self._all(partial(crude, plan, self._seed(purpose), hits), blocks))
 
     def _repeated(
         self, plan: MissionPlan, levels: Levels, purpose: str, count: int, particles: int,
         hits: bool,
     ) -> Sample:  # fmt: skip
-        seed = self._seed(purpose)
-        return of_repetitions(
-            self._all(
-                lambda index: repetition(
-                    plan, levels.levels, seed, index, particles, hits, self._deadline
-                ),
-                range(count),
-            )
-        )
+        blocks = [*blocks_between(0, count * particles, particles)]
+        work = partial(repetition, plan, levels.levels, self._seed(purpose), hits)
+        return of_repetitions(self._all(work, blocks))
 
-    def _all(self, work: Callable[[Task], Trial], tasks: Iterable[Task]) -> list[Trial]:
-        """The trials of all tasks, in their order, some at a time so that the clock is seen."""
-        waiting = list(tasks)
-        together = WINDOW * self.threads
-        done: list[Trial] = []
-        for first in range(0, len(waiting), together):
-            if time.perf_counter() > self._deadline:
-                raise NotConverged(
-                    f"the budget of {self.budget:g} s ended after {len(done)} of {len(waiting)} "
-                    "parts of a stage; raise budget or rel_error"
-                )
-            done += self.pool.map(work, waiting[first : first + together])
+    def _all(self, work: Work, blocks: list[Block]) -> list[Any]:
+        """What the work gives of all blocks, in their order."""
+        done: list[Any] = []
+        for result in self.crew.results(work, blocks, self.deadline):
+            done.append(result)
             if self.progress:
-                self.progress(len(done) / len(waiting), f"{len(done)} of {len(waiting)} parts")
+                self.progress(len(done) / len(blocks), f"{len(done)} of {len(blocks)} parts")
+        if len(done) < len(blocks):
+            raise NotConverged(
+                f"the budget of {self.budget:g} s ended after {len(done)} of {len(blocks)} "
+                "parts of a stage; raise budget or rel_error"
+            )
         return done
 
     def _seed(self, purpose: str) -> int:

@@ -48,7 +48,7 @@ def first_hit(
     started = time.process_time()
     crossings = first_crossings(
         scene, lower=[below], upper=[above], mission=mission, rel_error=jobs.rel_error,
-        seed=jobs.seed, threads=jobs.threads, budget=jobs.budget,
+        **jobs.sampling,
     )  # fmt: skip
     (estimate,) = crossings.probability(mission)
     if not surely and not 0.0 < estimate.value < SMALL:
@@ -104,8 +104,8 @@ def _exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Job
         return found.exceedance_rate(name, limit)
 
     found = bursts(
-        scene, rel_error=jobs.rel_error, wanted=wanted, widening=WIDENING, seed=jobs.seed,
-        threads=jobs.threads, budget=jobs.budget,
+        scene, rel_error=jobs.rel_error, wanted=wanted, widening=WIDENING,
+        **jobs.sampling,
     )  # fmt: skip
     rate = wanted(found)
     if not found.apart:
@@ -147,15 +147,10 @@ def _exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Job
 
 def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
     """Rate times mission: by bursts where they are apart, else by simulating everything."""
-    found = bursts(
-        scene, rel_error=jobs.rel_error, seed=jobs.seed, threads=jobs.threads, budget=jobs.budget
-    )
+    found = bursts(scene, rel_error=jobs.rel_error, **jobs.sampling)
     rate, steps = found.hit_rate(), 0
     if not found.apart:
-        response = simulate(
-            scene, rel_error=jobs.rel_error, seed=jobs.seed, threads=jobs.threads,
-            budget=jobs.budget,
-        )  # fmt: skip
+        response = simulate(scene, rel_error=jobs.rel_error, **jobs.sampling)
         simulated = response.impact_pairs[scene.impact_pairs[0].name]["collision_rate"]
         assert isinstance(simulated, Estimate)
         rate, steps = simulated, response.cost.steps

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import math
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 
 from scipy.special import ndtr
 
+from stochvi.methods.monte_carlo.blocks import crew_of
 from stochvi.methods.monte_carlo.missions import (
     Start,
     acceleration_plan,
@@ -28,9 +29,9 @@ from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
-from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import deviations
 from stochvi.statistics.reliability.answer import Chance, Reliability
@@ -57,6 +58,7 @@ def reliability(
     confidence: float = 0.95,
     seed: int = 0,
     threads: int | None = None,
+    executor: Executor | None = None,
     budget: float | None = 60.0,
     progress: Progress | None = None,
 ) -> Reliability:
@@ -83,9 +85,11 @@ def reliability(
         "crude", "splitting" or "first crossings" instead of what the pilot would choose.
     rel_error
         Relative standard error of each chance, and of the expected hits.
+    threads, executor, progress
+        The same arguments as those of `simulate`.
     budget
-        Seconds for each of them, compilation apart, after which `NotConverged` is raised; its
-        `response` holds what was found, and names what is missing.
+        Seconds for all of them together, compilation apart, after which `NotConverged` is raised;
+        its `response` holds what was found, and names what is missing. None for no limit.
 
     Returns
     -------
@@ -123,7 +127,6 @@ def reliability(
         raise ValueError(
             f"start = 'rest' is out of reach: {outside}; move them, or take start = 'stationary'"
         )
-    workers = threads or usable_cores()
     limits = {
         name: limit
         for name, limit in (
@@ -131,10 +134,10 @@ def reliability(
         )
         if limit is not None
     }  # fmt: skip
-    with ThreadPoolExecutor(workers) as pool:
+    with crew_of(executor, threads) as crew:
         jobs = Jobs(
-            pool=pool, threads=workers, seed=seed, rel_error=rel_error, confidence=confidence,
-            budget=budget, progress=progress,
+            crew=crew, seed=seed, rel_error=rel_error, confidence=confidence, budget=budget,
+            deadline=Deadline.after(budget), progress=progress,
         )  # fmt: skip
         if coloured:
             chances, hits = by_conditioning(scene, ends, limits, mission, jobs)
@@ -161,7 +164,7 @@ def reliability(
             steps=sum(chance.steps for chance in chances.values())
             + (0 if hits is None else hits.steps),
             paths=sum(chance.trials for chance in chances.values()),
-            threads=workers,
+            threads=crew.workers,
         ),
         provenance=provenance(scene.document(), seed),
     )

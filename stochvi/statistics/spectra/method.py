@@ -30,6 +30,7 @@ from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.model import Model
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import CONFIDENCE, PathMoments, delta_method, student_quantile
@@ -148,6 +149,7 @@ def spectrum(
     plan, layout, bandwidth = _planned(scene, method, highest, segment)
     with compiling(progress):
         plan.histories(seed, 0, 1)
+    deadline = Deadline.after(budget)
     target = FEWEST_PATHS if paths is None else paths
     moments: PathMoments | None = None
     part: PathMoments | None = None  # of the round under way
@@ -155,13 +157,14 @@ def spectrum(
     def late() -> bool:
         # two paths at least are needed for any error
         enough = moments is not None or part is not None
-        return enough and budget is not None and time.perf_counter() - started > budget
+        return enough and deadline.passed()
 
     work = partial(_block, plan, layout, seed)
     with crew_of(executor, threads) as crew:
         while True:
             first = 0 if moments is None else moments.count
-            for done in crew.results(work, [*blocks_between(first, target, plan.block)], late):
+            blocks = [*blocks_between(first, target, plan.block)]
+            for done in crew.results(work, blocks, deadline, late):
                 part = done if part is None else part.merge(done)
                 if progress and paths:
                     progress((first + part.count) / paths, f"{first + part.count} paths")
@@ -255,7 +258,9 @@ def _jumps(model: Model) -> list[float]:
     return [float(end) for pair in ends for end in pair]
 
 
-def _block(plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int) -> PathMoments:
+def _block(
+    plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int, _: Deadline
+) -> PathMoments:
     """One task: records of some paths, reduced."""
     return moments_of(products(channels_of(plan, plan.histories(seed, first, paths)), layout))
 

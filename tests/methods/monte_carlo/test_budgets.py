@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -22,6 +20,7 @@ from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION
 from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees
 from support.known import oscillator
@@ -34,20 +33,20 @@ def plan_of(duration: float) -> Plan:
 def test_a_block_that_is_late_ends_with_its_first_paths() -> None:
     plan = plan_of(20.0)
     whole = plan.averages(3, 64, 64)
-    late = averages_in_time(plan, 3, 64, 64, deadline=time.time() - 1.0)
+    late = averages_in_time(plan, 3, 64, 64, deadline=Deadline(0.0))
     assert late.shape[1] == LANES
     np.testing.assert_array_equal(late, whole[:, :LANES])
 
 
 def test_paths_do_not_depend_on_the_pieces_of_their_block() -> None:
     plan = plan_of(20.0)
-    pieces = averages_in_time(plan, 3, 0, 64, deadline=time.time() + 1000.0)
+    pieces = averages_in_time(plan, 3, 0, 64, deadline=Deadline.after(1000.0))
     np.testing.assert_array_equal(pieces, plan.averages(3, 0, 64))
 
 
 def test_long_paths_are_begun_two_at_a_time() -> None:
     plan = plan_of(1e5)
-    assert averages_in_time(plan, 3, 0, 64, deadline=0.0).shape[1] == FEWEST_AT_ONCE
+    assert averages_in_time(plan, 3, 0, 64, deadline=Deadline(0.0)).shape[1] == FEWEST_AT_ONCE
 
 
 @pytest.mark.parametrize("asked", [{"paths": 4096}, {"rel_error": 1e-4}], ids=str)

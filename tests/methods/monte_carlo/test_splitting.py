@@ -43,7 +43,10 @@ def estimate(sample: Sample) -> Estimate:
 def repeated(
     plan: MissionPlan, levels: tuple[float, ...], count: int, particles: int, seed: int = 1
 ) -> list[Trial]:
-    return [repetition(plan, levels, seed, index, particles, False) for index in range(count)]
+    return [
+        repetition(plan, levels, seed, False, index * particles, particles)
+        for index in range(count)
+    ]
 
 
 def plain_flight(plan: MissionPlan, fleet: Fleet, path: int, level: float) -> tuple[float, ...]:
@@ -99,12 +102,12 @@ def test_digits_do_not_depend_on_how_paths_fly_together() -> None:
 
 def test_crude_missions_meet_the_deterministic_solver() -> None:
     for plan, truth in ((passage(3.0), P_AT_3), (passage(3.0).coarser(), P_AT_3)):
-        assert_agrees(estimate(of_missions([crude(plan, 1, 0, 60_000, False)])), truth)
+        assert_agrees(estimate(of_missions([crude(plan, 1, False, 0, 60_000)])), truth)
 
 
 def test_splitting_is_unbiased_and_its_levels_count() -> None:
     plan = passage(4.0)
-    levels = pilot_levels(plan, 9, 256).levels
+    levels = pilot_levels(plan, 9, 0, 256).levels
     assert len(levels) >= 2
     trials = repeated(plan, levels, 300, 256)
     assert_agrees(estimate(of_repetitions(trials)), P_AT_4)
@@ -128,7 +131,7 @@ def test_splitting_meets_the_deterministic_solver_where_it_is_rare(
 
 def test_intervals_cover_and_a_count_of_the_last_level_does_not() -> None:
     plan = passage(3.0)
-    levels = pilot_levels(plan, 5, 64).levels
+    levels = pilot_levels(plan, 5, 0, 64).levels
     particles, count, answers = 64, 20, 200
     trials = repeated(plan, levels, count * answers, particles)
     covered, naive = 0, 0
@@ -149,7 +152,7 @@ def test_expected_hits_of_a_rare_hit_are_the_exact_rate() -> None:
     scene = oscillator(-4.0, 4.0)
     plan = impact_plan(model_of(scene), TEN_PERIODS, "stationary")
     levels = pilot_levels(plan, 1).levels
-    found = of_repetitions([repetition(plan, levels, 2, i, 1024, True) for i in range(24)])
+    found = of_repetitions([repetition(plan, levels, 2, True, 1024 * i, 1024) for i in range(24)])
     rate = exact(scene).impact_pairs["stops"]["collision_rate"]
     assert isinstance(rate, Estimate)
     hits = Estimate(value=found.hits, standard_error=found.hits_error)
@@ -163,7 +166,7 @@ def test_fast_impacts_by_splitting_and_by_counting(restitution: float, speed: fl
     plan = impact_plan(model_of(oscillator(-1.0, 1.0, restitution)), 30.0, "rest", speed)
     levels = pilot_levels(plan, 1).levels
     split = of_repetitions(repeated(plan, levels, 24, 512))
-    counted = of_missions([crude(plan, 2, 0, 30_000, False)])
+    counted = of_missions([crude(plan, 2, False, 0, 30_000)])
     assert counted.failed > 20 and levels
     assert_agrees(
         Estimate(value=split.chance, standard_error=math.hypot(split.error, counted.error)),
@@ -195,7 +198,7 @@ def test_peak_accelerations_are_those_of_the_speeds_that_bring_them() -> None:
     sharpest = stiffness * deflection + position + deflection
     speed = math.sqrt(stiffness * deflection**2 + (position + deflection) ** 2 - position**2)
     chances = [
-        of_missions([crude(plan, seed, 0, 8000, False)])
+        of_missions([crude(plan, seed, False, 0, 8000)])
         for seed, plan in (
             (1, acceleration_plan(model_of(scene), 30.0, "rest", sharpest)),
             (2, impact_plan(model_of(scene), 30.0, "rest", speed)),
@@ -212,4 +215,4 @@ def test_peak_accelerations_are_those_of_the_speeds_that_bring_them() -> None:
 def test_an_event_out_of_reach_is_said_to_be() -> None:
     plan = passage(60.0)
     with pytest.raises(NotConverged, match="levels of energy"):
-        pilot_levels(plan, 1, 64)
+        pilot_levels(plan, 1, 0, 64)
