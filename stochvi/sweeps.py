@@ -26,7 +26,7 @@ from stochvi.results.errors import CheckpointError, NotApplicable, NotConverged,
 from stochvi.results.estimates import provenance
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene, load_scene, scene_from
-from stochvi.views.files import to_json, write_text
+from stochvi.views.files import folder_in, to_json, write_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,7 +117,7 @@ def sweep(
         Job.of(changed_scene(document, change), change, method, common, seed, arguments)
         for change in grid
     ]
-    folder = None if out is None else Path(out) / "rows"
+    folder = None if out is None else folder_in(Path(out), "rows")
     rows = []
     for number, job in enumerate(jobs):
 
@@ -262,6 +262,8 @@ class Job:
             return simulate(self.scene, **asked)
         folder.mkdir(parents=True, exist_ok=True)
         checkpoint = folder / f"{self.name}.checkpoint"
+        if checkpoint.is_symlink():
+            checkpoint.unlink()
         if _goes_on(checkpoint):
             # another sweep with this folder ends the row, and takes its checkpoint away
             with contextlib.suppress(FileNotFoundError):

@@ -46,6 +46,7 @@ def run_demo(options: Common, out: Path, console: Console, report: Report) -> bo
     from stochvi.scenes.datasets import shipped_scene
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.check import check
+    from stochvi.views.files import folder_in
 
     agreed = True
     for number, (name, label) in enumerate(TEXTBOOK.items()):
@@ -53,10 +54,10 @@ def run_demo(options: Common, out: Path, console: Console, report: Report) -> bo
         scene = load_scene(shipped_scene(name))
         verdict = check(scene, rel_error=0.002, seed=options.seed, threads=options.threads)
         agreed &= verdict.passed
-        _show_textbook(scene, verdict, label, out / name, console)
+        _show_textbook(scene, verdict, label, folder_in(out, name), console)
     report(0.3, "isolator: linear screening")
     isolator = load_scene(shipped_scene("isolator-truck"))
-    _show_isolator(isolator, out / "isolator-truck", options, console, report)
+    _show_isolator(isolator, folder_in(out, "isolator-truck"), options, console, report)
     report(1.0, "done")
     return agreed
 
@@ -66,12 +67,12 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
 
     from stochvi.methods.linearisation import linearise
     from stochvi.statistics.overview import overview
-    from stochvi.views.files import write_picture, write_table
+    from stochvi.views.files import try_picture, write_table
     from stochvi.views.overview import draw_overview
     from stochvi.views.tables import methods_table, print_frame
     from stochvi.views.verification_tables import print_check
 
-    console.print(f"\n[bold]Oscillator between stops at 1 sigma, {label}[/bold]")
+    console.print(f"\nOscillator between stops at 1 sigma, {label}", style="bold", highlight=False)
     forms = [linearise(scene, form=form, variant="book") for form in ("motion", "force")]
     table = methods_table([*verdict.responses, *forms])
     print_frame(console, table, "by all methods, SI units; standard errors in brackets")
@@ -88,7 +89,9 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
         pd.concat([response.to_frame() for response in [*verdict.responses, *forms]]),
         out / "methods.csv",
     )
-    write_picture(draw_overview(overview(scene), f"{scene.title}, {label}"), out / "overview.png")
+    try_picture(
+        lambda: draw_overview(overview(scene), f"{scene.title}, {label}"), out / "overview.png"
+    )
 
 
 def _show_isolator(
@@ -96,11 +99,11 @@ def _show_isolator(
 ) -> None:
     from stochvi.isolators.screening import clearance_curve, predicted_curve, screen
     from stochvi.statistics.overview import overview
-    from stochvi.views.files import write_clearance, write_picture, write_table
+    from stochvi.views.files import try_picture, write_clearance, write_table
     from stochvi.views.isolator_tables import print_clearance, print_screening
     from stochvi.views.overview import draw_overview
 
-    console.print(f"\n[bold]{scene.title}[/bold]")
+    console.print(f"\n{scene.title}", style="bold", highlight=False)
     linear = screen(scene)
     print_screening(console, linear)
     write_table(linear.to_frame(), out / "screening.csv")
@@ -114,4 +117,4 @@ def _show_isolator(
     print_clearance(console, curve)
     report(0.92, "pictures")
     write_clearance(curve, predicted_curve(scene, curve), scene.title, out)
-    write_picture(draw_overview(overview(scene), scene.title), out / "overview.png")
+    try_picture(lambda: draw_overview(overview(scene), scene.title), out / "overview.png")

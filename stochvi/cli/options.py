@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,34 @@ BUDGET = 60.0
 
 
 Found = TypeVar("Found")
+
+
+@contextlib.contextmanager
+def checked_targets(options: Common, given: Mapping[str, Any]) -> Iterator[None]:
+    """Refuse, before any work, targets of a command that cannot be written, or that are read.
+
+    Within, no file that the command reads is replaced by an answer.
+    """
+    from stochvi.cli.targets import (
+        check_apart,
+        check_file_target,
+        check_folder_target,
+        inputs_of,
+    )
+    from stochvi.views.files import kept_inputs
+
+    named = given.get("scenes") or [given[key] for key in ("scene",) if given.get(key)]
+    read = inputs_of([Path(name) for name in named])
+    kept = [Path(given[key]) for key in ("checkpoint", "resume") if given.get(key)]
+    if options.out is not None:
+        check_folder_target(options.out)
+    if options.json_file not in (None, "-"):
+        check_file_target("--json", Path(options.json_file), read)
+        check_apart(Path(options.json_file), kept)
+    for file in kept:
+        check_file_target("--checkpoint", file, read)
+    with kept_inputs([*read, *kept]):
+        yield
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +86,9 @@ class Common:
         self, found: Any, tell: Callable[[Console, Any], None], table: str | None = None,
         document: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
-        """Show an answer as the options ask: print it, write its JSON document, write its table.
+        """Show an answer as the options ask: write its JSON document, print it, write its table.
+
+        What is written first is kept whatever comes later.
 
         Parameters
         ----------
@@ -70,19 +101,19 @@ class Common:
         """
         from stochvi.views.files import write_json, write_table
 
-        if not self.quiet:
-            tell(self.console, found)
         if self.json_file is not None:
             write_json(document or found.to_dict(), self.json_file)
+        if not self.quiet:
+            tell(self.console, found)
         if self.out is not None and table is not None:
             write_table(found.to_frame(), self.out / f"{table}.csv")
 
     def draw(self, name: str, picture: Callable[[], Axes]) -> None:
-        """Write a picture, if there is a folder for it."""
-        from stochvi.views.files import write_picture
+        """Write a picture, if there is a folder for it; one that fails costs a note."""
+        from stochvi.views.files import try_picture
 
         if self.out is not None:
-            write_picture(picture(), self.out / f"{name}.png")
+            try_picture(picture, self.out / f"{name}.png")
 
 
 class Folder(click.Path):
@@ -127,8 +158,9 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
         def run(**given: Any) -> None:
-            values = {field: given.pop(field) for field in fields}
-            command(Common(**values), **given)
+            options = Common(**{field: given.pop(field) for field in fields})
+            with checked_targets(options, given):
+                command(options, **given)
 
         for name in reversed(names):
             run = OPTIONS[name](run)

@@ -8,7 +8,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -23,23 +23,56 @@ Report = Callable[[float, str], None]
 LINE_SECONDS = 2.0
 """Seconds between two lines of progress, where standard error is not a terminal."""
 
-PLAIN_WIDTH = 100
-"""Columns of a table that does not go to a terminal, unless the variable COLUMNS says otherwise."""
+PLAIN_WIDTH, NARROWEST, WIDEST = 100, 80, 10_000
+"""Columns of a table that does not go to a terminal unless the variable COLUMNS says otherwise, and
+the limits of that variable."""
+
+CONTROLS = {
+    number: f"\\x{number:02x}"
+    for number in (*range(0x20), *range(0x7F, 0xA0))
+    if chr(number) not in "\n\t"
+}
+"""Control characters by their numbers, and how they are shown."""
 
 
 def console_for(json_file: str | None) -> Console:
     """Standard output, or standard error where the JSON document has the output to itself."""
-    from rich.console import Console
+    return new_console(sys.stderr if json_file == "-" else sys.stdout)
 
-    stream = sys.stderr if json_file == "-" else sys.stdout
-    plain = int(os.environ.get("COLUMNS") or PLAIN_WIDTH)
-    return Console(file=stream, width=None if stream.isatty() else max(plain, 80))
+
+def new_console(stream: TextIO) -> Console:
+    """A console on this stream, as wide as its terminal or the variable COLUMNS says."""
+    from stochvi.cli.console import PlainConsole
+
+    unknown = None if stream.isatty() else PLAIN_WIDTH
+    # rich reads COLUMNS itself, and fails where that is "²"
+    environment = {
+        name: os.environ[name] for name in os.environ if name not in ("COLUMNS", "LINES")
+    }
+    return PlainConsole(file=stream, width=_columns() or unknown, _environ=environment)
+
+
+def _columns() -> int | None:
+    """The variable COLUMNS within its limits, None where it is not a plain number."""
+    text = os.environ.get("COLUMNS", "")
+    if not (text.isascii() and text.isdigit()):
+        return None
+    return max(NARROWEST, min(int(text[:9]), WIDEST))
+
+
+def visible(text: str) -> str:
+    """The text with control characters as escapes, which do nothing to a terminal.
+
+    >>> visible("red \\x1b[31m")
+    'red \\\\x1b[31m'
+    """
+    return text.translate(CONTROLS)
 
 
 @contextlib.contextmanager
 def progress_bar(quiet: bool, title: str, console: Console | None = None) -> Iterator[Report]:
     """A bar on a terminal, elsewhere a line every few seconds."""
-    from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     if quiet:
@@ -48,10 +81,12 @@ def progress_bar(quiet: bool, title: str, console: Console | None = None) -> Ite
     if not sys.stderr.isatty():
         yield _progress_in_lines(title)
         return
-    terminal = console if console and console.is_terminal else Console(stderr=True)
+    terminal = console if console and console.is_terminal else new_console(sys.stderr)
     with Progress(console=terminal, transient=True) as bar:
         task = bar.add_task(title, total=1.0)
-        yield lambda done, text: bar.update(task, completed=done, description=f"{title}: {text}")
+        yield lambda done, text: bar.update(
+            task, completed=done, description=escape(visible(f"{title}: {text}"))
+        )
 
 
 def _progress_in_lines(title: str) -> Report:
@@ -70,21 +105,34 @@ def _progress_in_lines(title: str) -> Report:
         last = now
         grown = done - first
         left = f", {(1.0 - done) * (now - start) / grown:.0f} s left" if grown > 0.0 else ""
-        click.echo(f"{title}: {100.0 * done:.0f} %, {text}{left}", err=True)
+        echo(f"{title}: {100.0 * done:.0f} %, {text}{left}")
 
     return line
 
 
+def echo(line: str) -> None:
+    """Print a line on standard error, if anybody still reads that."""
+    with contextlib.suppress(BrokenPipeError):
+        click.echo(visible(line), err=True)
+
+
 @contextlib.contextmanager
 def notes_of_warnings() -> Iterator[None]:
-    """Print the warnings of the code inside as notes on standard error, each on a line."""
-    with warnings.catch_warnings(record=True) as seen:
-        warnings.simplefilter("always", UserWarning)
-        try:
-            yield
-        finally:
-            for warning in seen:
-                click.echo(f"note: {warning.message}", err=True)
+    """Print the warnings of the code inside as notes on standard error, each on a line.
+
+    Those of libraries, such as an overflow in numpy, are for programmers, and are left out unless
+    Python was started with -W or PYTHONWARNINGS.
+    """
+
+    def note(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, UserWarning) and "missing from font" not in str(message):
+            echo(f"note: {message}")
+
+    with warnings.catch_warnings():
+        if not sys.warnoptions:
+            warnings.simplefilter("always", UserWarning)
+            warnings.showwarning = note
+        yield
 
 
 @contextlib.contextmanager

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from typing import Any, NoReturn
 
 import click
+
+from stochvi.cli.output import echo, notes_of_warnings
 
 FAILED = 1
 """Exit code if a check failed, an accuracy was not reached, or Ctrl-C ended the command."""
@@ -22,28 +25,59 @@ class Commands(click.Group):
         return list(self.commands)
 
     def invoke(self, ctx: click.Context) -> Any:
-        from stochvi.results.errors import NotConverged, StochviError
-
-        for stream in (sys.stdout, sys.stderr):
-            # a terminal of Windows may not know a character of a title: it gets a "?" then
-            if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors="replace")
+        _prepare_streams()
         try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            stop("interrupted by Ctrl-C; nothing was kept", FAILED)
-        except NotConverged as error:
-            stop(str(error), FAILED)
-        except (StochviError, ValueError, ArithmeticError) as error:
-            stop(str(error), BAD_INPUT)
-        except OSError as error:
-            stop(f"{error.filename or ''} {(error.strerror or str(error)).lower()}", BAD_INPUT)
+            with notes_of_warnings():
+                found = super().invoke(ctx)
+            _end_output()
+            return found
+        except (Exception, KeyboardInterrupt) as error:
+            _stop_for(error)
+
+
+def _stop_for(error: BaseException) -> NoReturn:
+    """End with the sentence and the exit code of an error; raise it again if it has none."""
+    from stochvi.results.errors import NotConverged, StochviError
+
+    if isinstance(error, KeyboardInterrupt):
+        stop("interrupted by Ctrl-C; nothing was kept", FAILED)
+    if isinstance(error, NotConverged):
+        stop(str(error), FAILED)
+    if isinstance(error, StochviError | ValueError | ArithmeticError):
+        stop(str(error), BAD_INPUT)
+    if isinstance(error, MemoryError):
+        stop(f"the memory of this machine does not suffice ({error}); ask for less", BAD_INPUT)
+    if isinstance(error, OSError):
+        stop(f"{error.filename or ''} {(error.strerror or str(error)).lower()}", BAD_INPUT)
+    raise error
+
+
+def _prepare_streams() -> None:
+    """Give the command streams that take any letter: none may be open, or they may know few."""
+    sys.stdout, sys.stderr = (
+        open(os.devnull, "w", encoding="utf-8") if stream is None else stream  # noqa: SIM115
+        for stream in (sys.stdout, sys.stderr)
+    )
+    for stream in (sys.stdout, sys.stderr):
+        # a terminal of Windows may not know a character of a title: it gets a "?" then
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def _end_output() -> None:
+    """Write what waits for standard output; a reader that is gone wants no more of it."""
+    from stochvi.views.files import silence
+
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        silence(sys.stdout)
 
 
 def stop(message: str, code: int) -> NoReturn:
     """End the program with a message on stderr and an exit code."""
     for line in message.splitlines():
-        click.echo(f"stochvi: {line.strip()}", err=True)
+        echo(f"stochvi: {line.strip()}")
     sys.exit(code)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from stochvi.cli.options import Common, common
-from stochvi.cli.output import executor_at, notes_of_warnings
+from stochvi.cli.output import executor_at
 from stochvi.cli.program import FAILED, main, stop
 
 
@@ -60,7 +60,6 @@ def sweep(
     try:
         with (
             executor_at(dask) as executor,
-            notes_of_warnings(),
             options.progress("sweep") as report,
         ):
             table = solve(

@@ -16,9 +16,9 @@ REPLACE_PAUSE = 0.02
 """Seconds between two attempts to replace a file."""
 
 
-def write_whole(data: bytes, path: Path, *, durable: bool = False) -> None:
-    """Write a file whole or not at all; a link is followed. `durable`: it is on the disk when
-    this returns.
+def write_whole(data: bytes, path: Path, *, durable: bool = False, follow: bool = True) -> None:
+    """Write a file whole or not at all. `durable`: it is on the disk when this returns. `follow`:
+    what a link names is written; otherwise the file takes the place of the link.
 
     The bytes go to a file of its own name beside it, hidden, which then takes its place: two that
     write one file never mix. What dies in between (`kill -9`) leaves that hidden file behind.
@@ -31,7 +31,7 @@ def write_whole(data: bytes, path: Path, *, durable: bool = False) -> None:
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "Is a folder, expected a file name", str(path))
     try:
-        _write_beside(data, path.resolve(), durable)
+        _write_beside(data, path.resolve() if follow else path, durable)
     except OSError as error:  # it would name the hidden file, or none
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 

@@ -37,6 +37,10 @@ class NoExactSolution(NotApplicable):
         super().__init__("exact", conditions)
 
 
+class TargetError(StochviError, ValueError):
+    """An answer cannot be written where it was asked for, or would replace what is read."""
+
+
 class NotConverged(StochviError):
     """The accuracy asked for was not reached; `response` holds what the method got to."""
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullFormatter
 
 if TYPE_CHECKING:
@@ -44,6 +49,10 @@ PLAIN_NUMBERS = (1e-4, 2e4)
 FEW_DECADES = 300.0
 """Ratio of the ends of an axis below which 2 and 5 are labelled too."""
 
+LONGEST_LINE, MOST_LINES = 70, 2
+"""Most characters of a line of text in a picture, and lines that a longer one is wrapped to: more
+would leave no room for the picture."""
+
 LEGEND_COLUMNS = 2
 """Columns of a legend: more do not fit above a picture of half a page."""
 
@@ -62,6 +71,36 @@ def add_title(ax: Axes, title: str) -> Axes:
     assert figure is not None
     figure.suptitle(title)
     return ax
+
+
+def as_written(ax: Axes) -> Figure:
+    """The figure that holds these axes, its words letter by letter, long lines wrapped and cut.
+
+    Names and titles are those of a user: a "$" in them begins no formula. Labels of ticks and what
+    belongs to them keep their powers of ten.
+    """
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    scales = {id(text) for axis in figure.findobj(Axis) for text in _of_scale(axis)}
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        if id(text) not in scales:
+            text.set_parse_math(False)
+            text.set_text("\n".join(map(_shortened, text.get_text().splitlines())))
+    return figure
+
+
+def _of_scale(axis: Artist) -> list[Artist]:
+    """The texts of an axis that its scale makes, all but its label."""
+    assert isinstance(axis, Axis)
+    return [text for part in axis.get_children() if part is not axis.label
+            for text in part.findobj(Text)]  # fmt: skip
+
+
+def _shortened(line: str) -> str:
+    if len(line) <= LONGEST_LINE:
+        return line
+    return "\n".join(textwrap.wrap(line, LONGEST_LINE, max_lines=MOST_LINES, placeholder=" …"))
 
 
 def add_grid(ax: Axes) -> None:

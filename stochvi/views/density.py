@@ -117,7 +117,7 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
             beta = corner_exponent(law.coefficient)
             start, anchor = w[: CURVE_POINTS // 2], CURVE_POINTS // 4
             line = MARGIN * flux[anchor] * (start / w[anchor]) ** (1.0 - beta)
-            text = rf"$w^{{1-\beta}}$, $\beta$ = {beta:.3g} (R = {law.coefficient:g})"
+            text = f"w^(1 - β), β = {beta:.3g} (R = {law.coefficient:g})"
             ax.plot(start, line, ":", color=colours[side], label=text)
     ax.set(xscale="log", yscale="log", ylim=(1e-6 * largest, 3.0 * largest))
     ax.set_xlabel("impact speed (m/s)")

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import io
 import json
+import os
 import sys
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import IO, TYPE_CHECKING, Any, TextIO
 
 from stochvi.results.atomic_files import write_whole
+from stochvi.results.errors import TargetError
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
+
+DOTS_PER_INCH = 150
+"""Resolution of pictures, dots per inch."""
 
 
 def to_json(document: Mapping[str, Any]) -> str:
@@ -22,11 +31,33 @@ def to_json(document: Mapping[str, Any]) -> str:
 
 
 def write_json(document: Mapping[str, Any], target: str) -> None:
-    """Write a document to a file, or to standard output where `target` is "-"."""
+    """Write a document to a file, or to standard output where `target` is "-".
+
+    A link is followed; a pipe or a device is written to.
+    """
+    path, text = Path(target), to_json(document)
     if target == "-":
-        sys.stdout.write(_for_stream(to_json(document), sys.stdout) + "\n")
+        _write_to_output(_for_stream(text, sys.stdout) + "\n")
+    elif path.exists() and not path.is_file() and not path.is_dir():
+        path.write_text(text + "\n", encoding="utf-8", newline="\n")
     else:
-        write_text(to_json(document) + "\n", Path(target))
+        write_text(text + "\n", path.resolve() if path.is_symlink() else path)
+
+
+def _write_to_output(text: str) -> None:
+    """Write to standard output; a reader that has closed it, as `head` does, wants no more."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        silence(sys.stdout)
+
+
+def silence(stream: IO[str]) -> None:
+    """Let everything that is written to a stream from now on disappear."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
 
 
 def _for_stream(text: str, stream: TextIO) -> str:
@@ -42,13 +73,39 @@ def _for_stream(text: str, stream: TextIO) -> str:
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a file whole or not at all; a link is followed, a pipe or device is written to."""
-    if path.exists() and not path.is_file() and not path.is_dir():
-        path.write_text(text, encoding="utf-8", newline="\n")
-        return
-    # the folder of what a link names, and otherwise the one that was asked for
-    _make_folder(path.resolve().parent if path.is_symlink() else path.parent)
-    write_whole(text.encode(), path)
+    """Write a file whole or not at all; it takes the place of a link, which is not followed."""
+    write_bytes(text.encode(), path)
+
+
+def write_bytes(data: bytes, path: Path) -> None:
+    """Write a file whole or not at all; it takes the place of a link, which is not followed.
+
+    Raises
+    ------
+    TargetError
+        If the file is one of those that the current command reads, see `kept_inputs`.
+    """
+    for read in _inputs.get():
+        if path.exists() and os.path.samefile(path, read):
+            raise TargetError(
+                f"{path} is read by this command, so it was not replaced by an answer; "
+                "name another folder or file for the answer"
+            )
+    _make_folder(path.parent)
+    write_whole(data, path, follow=False)
+
+
+_inputs: ContextVar[Sequence[Path]] = ContextVar("inputs", default=())
+
+
+@contextlib.contextmanager
+def kept_inputs(files: Sequence[Path]) -> Iterator[None]:
+    """No answer that is written within replaces one of these files, also by way of a link."""
+    before = _inputs.set([file for file in files if file.exists()])
+    try:
+        yield
+    finally:
+        _inputs.reset(before)
 
 
 def _make_folder(path: Path) -> None:
@@ -56,6 +113,17 @@ def _make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise NotADirectoryError(errno.ENOTDIR, "Is a file, expected a folder", str(path)) from None
+
+
+def folder_in(folder: Path, name: str) -> Path:
+    """A folder inside a folder of answers; refused if it is a link, which could lead out of it."""
+    found = folder / name
+    if found.is_symlink():
+        raise TargetError(
+            f"{found} is a link, expected a folder of its own in {folder}; remove the link or name "
+            "another folder"
+        )
+    return found
 
 
 def write_table(frame: pd.DataFrame, path: Path) -> None:
@@ -67,11 +135,34 @@ def write_picture(ax: Axes, path: Path) -> None:
     """A PNG of the figure that holds these Axes; the figure is closed."""
     import matplotlib.pyplot as plt
 
-    _make_folder(path.parent)
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    from stochvi.views.axes import as_written
+
+    memory, figure = io.BytesIO(), as_written(ax)
+    try:
+        figure.savefig(memory, dpi=DOTS_PER_INCH, format="png")
+    finally:
+        plt.close(figure)
+    write_bytes(memory.getvalue(), path)
+
+
+def try_picture(draw: Callable[[], Axes], path: Path) -> None:
+    """Write the picture that `draw` returns; one that cannot be drawn costs a UserWarning, because
+    the answer that it would show is there without it."""
+    import matplotlib.pyplot as plt
+
+    before = set(plt.get_fignums())
+    try:
+        write_picture(draw(), path)
+    except (OSError, TargetError):
+        raise
+    except Exception as error:
+        warnings.warn(
+            f"{path.name} could not be drawn ({error}); the answer was kept without it",
+            stacklevel=2,
+        )
+    finally:
+        for number in set(plt.get_fignums()) - before:
+            plt.close(number)
 
 
 def write_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str, folder: Path) -> None:
@@ -82,4 +173,4 @@ def write_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str, fo
     from stochvi.views.clearance import draw_clearance
 
     write_table(curve, folder / "clearance.csv")
-    write_picture(draw_clearance(curve, predicted, title), folder / "clearance.png")
+    try_picture(lambda: draw_clearance(curve, predicted, title), folder / "clearance.png")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -12,10 +14,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from stochvi.results.estimates import format_with_error
+from stochvi.results.file_names import file_names
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import QUANTITY_UNITS
 from stochvi.views.axes import axes_or_new
-from stochvi.views.files import write_picture, write_table
+from stochvi.views.files import try_picture, write_bytes, write_table
 from stochvi.views.tables import NEGLIGIBLE, QUANTITY_NAMES
 
 ERROR = "standard_error"
@@ -122,8 +125,9 @@ def write_sweep(
     folder = Path(folder)
     write_table(table, folder / "sweep.csv")
     if importlib.util.find_spec("pyarrow") is not None:
-        table.to_parquet(folder / "sweep.parquet", index=False)
-    for quantity in quantities(table):
+        memory = io.BytesIO()
+        table.to_parquet(memory, index=False)
+        write_bytes(memory.getvalue(), folder / "sweep.parquet")
+    for quantity, name in file_names(quantities(table), ".png").items():
         if changes(table, quantity):
-            ax = draw_sweep(table, keys, quantity, title)
-            write_picture(ax, folder / f"{quantity}.png")
+            try_picture(partial(draw_sweep, table, keys, quantity, title), folder / name)

@@ -297,9 +297,13 @@ def test_the_closure_has_no_variant_of_the_book(stochvi: Run):
 @pytest.mark.parametrize(
     ("option", "target", "words"),
     [
-        ("--json", "folder", "folder is a folder, expected a file name"),
-        ("--json", "file/answer.json", "file is a file, expected a folder"),
-        ("--out", "file", "file is a file, expected a folder"),
+        ("--json", "folder", "--json must name a file, but folder is a folder"),
+        (
+            "--json",
+            "file/answer.json",
+            "--json file/answer.json: file is a file, expected a folder",
+        ),
+        ("--out", "file", "--out must name a folder, but file is a file; name another folder"),
     ],
 )
 def test_a_place_that_cannot_be_written_to_is_one_sentence(

@@ -57,13 +57,13 @@ def test_a_stop_that_gives_way_has_no_slit_and_the_picture_goes_on_behind_it():
     assert {float(line.get_xdata()[0]) for line in ax.lines} == {-1.0}
     assert ax.get_xlim()[1] > 1.3
     ax = plot_impact_speeds(SOFT, found)
-    assert [line.get_label() for line in ax.lines if "beta" in line.get_label()] != []
+    assert [line.get_label() for line in ax.lines if "β" in line.get_label()] != []
 
 
 def test_impact_speeds_have_the_slope_that_the_dotted_line_says(lossy):
     ax = plot_impact_speeds(LOSSY, lossy)
     curves = {line.get_label(): line for line in ax.lines}
-    dotted = next(line for name, line in curves.items() if "beta" in name)
+    dotted = next(line for name, line in curves.items() if "β" in name)
     w, line = dotted.get_data()
     slope = np.log(line[-1] / line[0]) / np.log(w[-1] / w[0])
     assert slope == pytest.approx(1.0 - corner_exponent(0.4), rel=1e-10)

@@ -16,7 +16,17 @@ import pytest
 
 from stochvi.results import atomic_files
 from stochvi.results.atomic_files import write_whole
-from stochvi.views.files import to_json, write_json, write_picture, write_table, write_text
+from stochvi.results.errors import TargetError
+from stochvi.views.files import (
+    folder_in,
+    kept_inputs,
+    to_json,
+    try_picture,
+    write_json,
+    write_picture,
+    write_table,
+    write_text,
+)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -147,3 +157,69 @@ def test_a_picture_is_a_png_and_its_figure_is_closed(tmp_path: Path):
 
 def test_the_text_of_json_is_one_document():
     assert json.loads(to_json({"a": {"b": [1, 2.5, None]}})) == {"a": {"b": [1, 2.5, None]}}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the file system has no links or pipes")
+def test_a_link_or_pipe_in_a_folder_of_answers_is_replaced_not_followed(tmp_path: Path):
+    outside, out = tmp_path / "outside", tmp_path / "out"
+    outside.write_text("mine", encoding="utf-8")
+    out.mkdir()
+    for name in ("table.csv", "picture.png"):
+        (out / name).symlink_to(outside)
+    os.mkfifo(out / "text.txt")
+    write_table(pd.DataFrame({"value": [1.0]}), out / "table.csv")
+    write_picture(plt.subplots()[1], out / "picture.png")
+    write_text("new", out / "text.txt")  # a pipe without a reader would wait for ever
+    assert outside.read_text("utf-8") == "mine"
+    assert all(path.is_file() and not path.is_symlink() for path in out.iterdir())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows makes links for administrators alone")
+def test_the_file_of_a_json_document_may_be_a_link_but_a_folder_of_answers_not(tmp_path: Path):
+    (tmp_path / "latest").symlink_to(tmp_path / "run.json")
+    write_json({"value": 1}, str(tmp_path / "latest"))
+    assert (tmp_path / "latest").is_symlink()
+    assert json.loads((tmp_path / "run.json").read_text("utf-8")) == {"value": 1}
+    (tmp_path / "rows").symlink_to(tmp_path.parent)
+    with pytest.raises(TargetError, match="rows is a link"):
+        folder_in(tmp_path, "rows")
+    assert folder_in(tmp_path, "others") == tmp_path / "others"
+
+
+def test_what_a_command_reads_is_not_replaced_by_its_answer(tmp_path: Path):
+    table, link = tmp_path / "spectrum.csv", tmp_path / "link.csv"
+    table.write_text("mine", encoding="utf-8")
+    os.link(table, link)
+    with kept_inputs([table]):
+        for path in (table, link):
+            with pytest.raises(TargetError, match="is read by this command"):
+                write_text("new", path)
+        write_text("new", tmp_path / "other.csv")
+    assert table.read_text("utf-8") == "mine"
+    write_text("new", table)
+
+
+def test_a_picture_that_cannot_be_drawn_costs_a_warning(tmp_path: Path):
+    def fail() -> plt.Axes:
+        plt.figure()
+        raise RuntimeError("no such letter")
+
+    before = plt.get_fignums()
+    with pytest.warns(UserWarning, match="density.png could not be drawn"):
+        try_picture(fail, tmp_path / "density.png")
+    assert list(tmp_path.iterdir()) == [] and plt.get_fignums() == before
+
+
+@pytest.mark.parametrize("name", [r"$\frac{$", "a" * 300, "$x$", "a$b", r"\$x$"])
+def test_names_in_pictures_are_shown_letter_by_letter(tmp_path: Path, name: str):
+    figure, ax = plt.subplots(layout="constrained")
+    ax.plot([1.0, 1e3], [1e-5, 1e5], label=name)
+    ax.set(xlabel=name, ylabel=name, title=name, xscale="log", yscale="log")
+    ax.legend()
+    figure.suptitle(name)
+    write_picture(ax, tmp_path / "picture.png")
+    assert ax.get_title().replace("\n", "")[:60] == name[:60]
+    assert not ax.title.get_parse_math()
+    assert len(ax.get_title()) < 150
+    assert "mathdefault" in ax.get_xticklabels()[0].get_text()
+    assert ax.get_xticklabels()[0].get_parse_math()  # a power of ten stays one

@@ -122,8 +122,9 @@ def shown(ax: Axes, caption: str) -> Picture:
     same figure."""
     import matplotlib.pyplot as plt
 
-    figure = ax.get_figure(root=True)
-    assert figure is not None
+    from stochvi.views.axes import as_written
+
+    figure = as_written(ax)
     memory = io.BytesIO()
     with plt.rc_context({"svg.fonttype": "path", "svg.hashsalt": "stochvi"}):
         figure.savefig(memory, format="svg", metadata={"Date": None, "Creator": None})

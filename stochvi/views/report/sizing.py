@@ -9,7 +9,7 @@ from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chances import two_sided
 from stochvi.results.response import Response
 from stochvi.views.axes import PAGE, axes_or_new
-from stochvi.views.files import to_json, write_picture, write_table, write_text
+from stochvi.views.files import to_json, try_picture, write_table, write_text
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
 from stochvi.views.report.stops import NAMES, peaks_section, stops_section
@@ -68,7 +68,7 @@ def write_report(review: Review, folder: str | Path) -> Path:
     for name, table in tables.items():
         if table is not None:
             write_table(table, folder / f"{name}.csv")
-    write_picture(draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
+    try_picture(lambda: draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
     path = folder / "report.html"
     write_text(clearance_page(review).html(), path)
     return path

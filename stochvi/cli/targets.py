@@ -1,0 +1,86 @@
+"""The files that a command would write, checked before its work: no answer is lost for a name."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from stochvi.results.errors import SceneError, TargetError
+
+
+def inputs_of(scenes: Sequence[Path]) -> list[Path]:
+    """The scene files, and the files that they name; what cannot be read is refused elsewhere."""
+    from stochvi.scenes.datasets import read_text
+
+    found = []
+    for scene in scenes:
+        found.append(scene)
+        try:
+            document = tomllib.loads(read_text(scene))
+            found += [scene.parent / name for name in _files_in(document)]
+        except (SceneError, ValueError, RecursionError):
+            continue
+    return found
+
+
+def _files_in(part: Any) -> Iterator[str]:
+    """Values of every key `file` of a document."""
+    for key, value in part.items() if isinstance(part, dict) else enumerate(part):
+        if key == "file" and isinstance(value, str) and "\0" not in value:
+            yield value
+        elif isinstance(value, dict | list):
+            yield from _files_in(value)
+
+
+def check_folder_target(folder: Path) -> None:
+    """Raise `TargetError` unless a folder can be made here, and files in it."""
+    nearest = _nearest(folder)
+    if not nearest.is_dir():
+        raise TargetError(f"--out must name a folder, but {nearest} is a file; name another folder")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise TargetError(f"--out {folder}: {nearest} cannot be written to; name another folder")
+
+
+def check_file_target(option: str, file: Path, read: Sequence[Path]) -> None:
+    """Raise `TargetError` unless this file can be written, and is none of those that are read."""
+    nearest = _nearest(file)
+    for each in read:
+        if nearest == file and each.exists() and os.path.samefile(file, each):
+            raise TargetError(
+                f"{option} {file} would replace {each}, which this command reads; name another file"
+            )
+    if nearest == file:
+        if file.is_dir():
+            raise TargetError(f"{option} must name a file, but {file} is a folder")
+        if not os.access(file, os.W_OK):
+            raise TargetError(f"{option} {file} cannot be written to; name another file")
+        return
+    if not nearest.is_dir():
+        raise TargetError(f"{option} {file}: {nearest} is a file, expected a folder")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise TargetError(f"{option} {file}: {nearest} cannot be written to; name another file")
+
+
+def check_apart(document: Path, checkpoints: Sequence[Path]) -> None:
+    """Raise `TargetError` if the document of an answer would replace a checkpoint of its run."""
+    for each in checkpoints:
+        if document.resolve() == each.resolve():
+            raise TargetError(
+                f"--json {document} and --checkpoint {each} are one file; give each its own name"
+            )
+
+
+def _nearest(path: Path) -> Path:
+    """The path itself if it exists, also as a link to nowhere; else the nearest folder that does.
+
+    A name that the system refuses, such as one of 5000 letters, is an OSError, which names it.
+    """
+    for found in (path, *path.parents):
+        if os.path.lexists(found):
+            if not found.exists():  # a link to what is not there yet
+                return _nearest(found.resolve())
+            return found
+    return Path()

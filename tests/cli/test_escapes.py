@@ -1,0 +1,189 @@
+"""Nothing escapes and nothing is lost: names of users, targets of answers, readers that go away."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from support.commands import Run, refused
+
+SCENE = """
+title = 'TITLE'
+[structure]
+kind = "oscillator"
+mass = 1.0
+damping = 0.1
+stiffness = 1.0
+[[impact_pair]]
+name = 'NAME'
+lower = -1.0
+upper = 1.0
+law = { kind = "restitution", coefficient = 1.0 }
+[[excitation]]
+EXCITATION
+"""
+WHITE = 'kind = "white"\nintensity = 0.2'
+TABLE = 'kind = "psd"\nfile = "spectrum.csv"\nunit = "N2/Hz"'
+NASTY = ["../../escape", r"[/red] $\frac{$ :smile: <b>" + "a" * 300]
+VARY = ("--vary", "structure.stiffness=1,2", "--method", "exact")
+
+
+def scene_in(folder: Path, title: str = "", name: str = "stops", excitation: str = WHITE) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    text = SCENE.replace("TITLE", title).replace("NAME", name).replace("EXCITATION", excitation)
+    (folder / "scene.toml").write_text(text, encoding="utf-8")
+    (folder / "spectrum.csv").write_text("0.01,1\n10,1\n", encoding="utf-8")
+    return folder / "scene.toml"
+
+
+def files_below(folder: Path) -> set[Path]:
+    return {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_files_of_a_sweep_stay_in_its_folder_whatever_a_pair_is_called(
+    stochvi: Run, tmp_path: Path, monkeypatch, name: str
+):
+    scene = scene_in(tmp_path / "a" / "b", title=name, name=name)
+    before = files_below(tmp_path)
+    out = tmp_path / "a" / "b" / "o1" / "o2"
+    with monkeypatch.context() as change:
+        change.setattr("stochvi.views.sweep.changes", lambda _, name: name.endswith("rate"))
+        code, text, errors = stochvi("sweep", scene, *VARY, "--out", out)
+    assert (code, errors) == (0, "")
+    assert "hits" in text
+    written = files_below(tmp_path) - before
+    assert all(path.is_relative_to(out.relative_to(tmp_path)) for path in written)
+    assert sum(path.suffix == ".png" for path in written) > 0
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_a_response_is_shown_and_drawn_whatever_its_names_are(
+    stochvi: Run, tmp_path: Path, name: str
+):
+    scene = scene_in(tmp_path, title=name, name=name)
+    code, text, errors = stochvi("exact", scene, "--out", tmp_path / "out")
+    assert (code, errors) == (0, "")
+    assert name in text
+    names = {path.name for path in files_below(tmp_path / "out")}
+    assert names == {"density.png", "response.csv", "response.json"}
+
+
+def test_control_characters_do_nothing_to_a_terminal(stochvi: Run, tmp_path: Path):
+    scene = scene_in(tmp_path)
+    scene.write_text(scene.read_text("utf-8").replace("'stops'", '"a\\u001b[31mb\\u009b"'), "utf-8")
+    code, text, errors = stochvi("exact", scene)
+    assert code == 0
+    assert r"a\x1b[31mb\x9b" in text and "\x1b" not in text + errors
+
+
+def test_an_answer_does_not_replace_what_its_command_reads(stochvi: Run, tmp_path: Path):
+    scene = scene_in(tmp_path, excitation=TABLE)
+    table = tmp_path / "spectrum.csv"
+    before = scene.read_bytes(), table.read_bytes()
+    os.link(scene, tmp_path / "other name")
+    (tmp_path / "response.csv").hardlink_to(table)
+    for target in (scene, table, tmp_path / "other name"):
+        assert f"would replace {tmp_path}" in refused(stochvi("linearise", scene, "--json", target))
+        if target != table:
+            words = refused(stochvi("simulate", scene, "--checkpoint", target))
+            assert "--checkpoint" in words and "would replace" in words
+    run = tmp_path / "run"
+    words = refused(stochvi("simulate", scene, "--checkpoint", run, "--json", run))
+    assert words == f"--json {run} and --checkpoint {run} are one file; give each its own name"
+    code, text, errors = stochvi("linearise", scene, "--out", tmp_path)
+    assert code == 2 and "linearise" in text  # the answer was printed before
+    assert "is read by this command" in errors
+    assert (scene.read_bytes(), table.read_bytes()) == before
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--out", "file"), ("--out", "file/in"), ("--json", "."), ("--json", "file/in")]
+)
+def test_a_target_that_cannot_be_is_refused_before_the_work(
+    stochvi: Run, tmp_path: Path, monkeypatch, arguments
+):
+    monkeypatch.chdir(tmp_path)
+    Path("file").touch()
+    # the scene is not even looked at
+    assert arguments[0] in refused(stochvi("exact", "no such scene.toml", *arguments))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows makes links for administrators alone")
+def test_a_sweep_does_not_follow_a_link_in_its_folder(stochvi: Run, tmp_path: Path):
+    scene, out, outside = scene_in(tmp_path), tmp_path / "out", tmp_path / "outside"
+    out.mkdir()
+    outside.mkdir()
+    (out / "rows").symlink_to(outside)
+    assert "rows is a link" in refused(stochvi("sweep", scene, *VARY, "--out", out, "--quiet"))
+    assert list(outside.iterdir()) == []
+
+
+@pytest.mark.parametrize("columns", ["x", "²", "-5", "0", "9" * 5000, "1000000000000", " "])
+def test_any_width_of_a_terminal_is_taken(stochvi: Run, tmp_path: Path, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    code, text, errors = stochvi("exact", scene_in(tmp_path))
+    assert (code, errors) == (0, "") and "rms displacement" in text
+
+
+def test_a_picture_that_fails_costs_a_note(stochvi: Run, tmp_path: Path, monkeypatch):
+    from stochvi.views import density
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("no such letter")
+
+    monkeypatch.setattr(density, "draw_density", fail)
+    out, answer = tmp_path / "out", tmp_path / "answer.json"
+    code, _, errors = stochvi("exact", scene_in(tmp_path), "--out", out, "--json", answer)
+    assert code == 0
+    assert errors.startswith("note: density.png could not be drawn (no such letter)")
+    assert json.loads(answer.read_text("utf-8"))["method"] == "exact"
+    assert {path.name for path in files_below(out)} == {"response.csv", "response.json"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a pipe of Windows ends otherwise")
+@pytest.mark.parametrize("more", [(), ("--json", "-")])
+def test_a_reader_that_goes_away_does_not_cost_the_files(tmp_path: Path, more: tuple[str, ...]):
+    reading, writing = os.pipe()
+    os.close(reading)
+    words = ["linearise", str(scene_in(tmp_path)), "--out", str(tmp_path / "out"), *more]
+    with open(writing, "wb") as closed:
+        ended = subprocess.run(
+            [sys.executable, "-m", "stochvi", *words], stdout=closed, stderr=subprocess.PIPE
+        )
+    assert ended.returncode == 0
+    assert b"Traceback" not in ended.stderr and b"BrokenPipe" not in ended.stderr
+    names = {path.name for path in files_below(tmp_path / "out")}
+    assert names == {"response.csv", "response.json"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signal")
+def test_ctrl_c_while_the_command_line_is_imported_is_one_sentence(tmp_path: Path):
+    words = "import sys, os, signal; sys.argv = ['stochvi', 'profiles']\n"
+    words += "class Press:\n def find_spec(self, name, *_):\n"
+    words += "  if name == 'click': os.kill(os.getpid(), signal.SIGINT)\n"
+    words += "sys.meta_path.insert(0, Press())\n"
+    words += "from stochvi.__main__ import run; run()"
+    ended = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert ended.stderr == "stochvi: interrupted by Ctrl-C; nothing was kept\n"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the file system has no named pipes")
+@pytest.mark.parametrize("where", ["scene", "table"])
+def test_a_device_a_pipe_or_a_folder_is_no_input(stochvi: Run, tmp_path: Path, where: str):
+    scene = scene_in(tmp_path, excitation=TABLE)
+    replaced = scene if where == "scene" else tmp_path / "spectrum.csv"
+    replaced.unlink()
+    began = time.process_time()
+    for make in (os.mkfifo, os.mkdir, lambda path: os.symlink("/dev/zero", path)):
+        make(replaced)
+        assert "expected a text file, got" in refused(stochvi("exact", scene))
+        replaced.rmdir() if replaced.is_dir() else replaced.unlink()
+    assert time.process_time() - began < 5.0
