@@ -107,10 +107,10 @@ def test_units_that_differ_are_a_list_of_absorbers() -> None:
     assert Scene(**json.loads(json.dumps(scene.document()))) == scene
 
 
-@rel_errors(0.06, 0.03)
-def test_different_units_that_lose_nothing_share_energy(rel_error: float) -> None:
+@pytest.mark.verify
+def test_different_units_that_lose_nothing_share_energy() -> None:
     """Every unit has m E v^2 = theta, and free ones hit at sigma_rel sqrt(2 / pi) / d."""
-    response = simulate(two_different(1.0, 1), rel_error=rel_error)
+    response = simulate(two_different(1.0, 1), rel_error=0.03)
     assert_agrees(response.coordinates["structure"]["displacement_mean_square"], 1.0)
     for name, mass in (("absorber 1", 0.06), ("absorber 2", 0.08)):
         assert_agrees(response.coordinates[name]["velocity_mean_square"], 1.0 / mass)
@@ -121,7 +121,7 @@ def test_different_units_that_lose_nothing_share_energy(rel_error: float) -> Non
         assert_agrees(response.impact_pairs["box 2"]["collision_rate"], rate)
 
 
-@rel_errors(0.1, 0.03)
+@rel_errors(0.2, 0.03)
 def test_different_units_that_lose_energy_keep_their_balances(rel_error: float) -> None:
     response = simulate(two_different(0.5, 1), rel_error=rel_error)
     assert response.identities
@@ -277,7 +277,7 @@ def test_levels_raise_what_shakes_and_leave_loads() -> None:
     assert load.force == 1.0
 
 
-@rel_errors(0.03, 0.01)
+@rel_errors(0.06, 0.01)
 def test_an_absorber_that_loses_nothing_shares_energy_and_does_not_help(rel_error: float) -> None:
     """E v1^2 = theta / m1, m2 E v2^2 = theta; the relative position is uniform in the box."""
     scene = Scene(
@@ -312,7 +312,7 @@ def test_the_exact_row_to_two_parts_in_a_thousand() -> None:
     assert_agrees(response.coordinates["absorber"]["velocity_mean_square"], 10.0)
 
 
-@rel_errors(0.03, 0.01)
+@rel_errors(0.06, 0.01)
 def test_what_impacts_absorb_is_what_dampers_do_not(rel_error: float) -> None:
     """S / (2 m) = c E v^2 + loss, the supply of white noise being known."""
     scene = boxed(3.0, 0.5, stiffness=0.02, damping=0.004)
@@ -408,7 +408,7 @@ def test_more_random_absorbers_keep_their_balances(number: int) -> None:
     assert_balanced(number, rel_error=0.03)
 
 
-@rel_errors(0.05, 0.02)
+@rel_errors(0.1, 0.02)
 def test_a_level_acts_like_the_size_of_the_box(rel_error: float) -> None:
     """Without a length of its own the system scales: +6.02 dB is half the play."""
     twice = 20.0 * math.log10(2.0)
@@ -452,8 +452,9 @@ def test_the_robust_box_is_best_in_the_worst_case_of_a_known_curve() -> None:
     assert box.play > _best_box(points, 1.0, 0.0, 0).play
 
 
-@rel_errors(0.08, 0.04)
-def test_a_design_finds_the_broad_optimum(rel_error: float) -> None:
+@pytest.mark.verify
+def test_a_design_finds_the_broad_optimum() -> None:
+    rel_error = 0.04
     structure = Scene(structure=LIGHTLY_DAMPED, excitations=[UNIT_RMS])
     found = design_absorber(
         structure, mass_budget=0.1, restitutions=[0.5, 0.9], plays=[1, 1.7, 3, 5, 9],
@@ -503,6 +504,7 @@ def test_noise_does_not_make_an_absorber_harmful() -> None:
     assert "makes it worse" in verdict(replace(found, performances=[replace(central, ratio=ratio)]))
 
 
+@pytest.mark.verify
 def test_soft_walls_on_an_environment_end_within_the_budget() -> None:
     """Forces on the walls are those of contacts, and the same on either side."""
     scene = Scene(
@@ -511,7 +513,7 @@ def test_soft_walls_on_an_environment_end_within_the_budget() -> None:
         excitations=[TabulatedNoise(on="base", profile="mil-std-810h-truck-vertical-5hz")],
     )
     budget = 30.0
-    found = absorber(scene, levels_db=[0.0], rel_error=0.1, threads=1, budget=budget).central
+    found = absorber(scene, levels_db=[0.0], rel_error=0.2, threads=1, budget=budget).central
     assert found.response.cost.wall_time < budget
     assert found.acceleration_std is not None and found.acceleration_std_without is not None
     lower, upper = (

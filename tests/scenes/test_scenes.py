@@ -332,7 +332,7 @@ def places(node: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int,
 PLACES = [path for path in places(RICH) if path]
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=3))
 def test_any_change_to_a_document_gives_a_scene_or_sentences(changes):
     document = copy.deepcopy(RICH)

@@ -79,7 +79,7 @@ def sensitivity(sizing: Sizing, *, seed: int = 0, threads: int | None = None) ->
     ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
     ...     excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
     ... )
-    >>> table = sensitivity(size(scene, probability=0.01))
+    >>> table = sensitivity(size(scene, probability=0.01, rel_error=0.2))
     >>> louder = table.set_index("change").loc["level +3 dB"]
     >>> round(float(1.0 + louder["clearance_change"]), 3)
     1.413

@@ -190,7 +190,7 @@ ELASTIC = {
 
 
 @pytest.mark.parametrize(
-    "steps", [4e5, pytest.param(2e7, marks=pytest.mark.verify)], ids=["short", "long"]
+    "steps", [1e5, pytest.param(2e7, marks=pytest.mark.verify)], ids=["short", "long"]
 )
 @pytest.mark.parametrize("case", ELASTIC.values(), ids=ELASTIC.keys())
 def test_bridge_agrees_with_the_exact_law_of_elastic_stops(case: dict, steps: float) -> None:
@@ -254,7 +254,7 @@ def compare(case: dict, restitution: float, steps: float, rel_error: float) -> d
 def test_engine_agrees_with_bridge(case: dict, restitution: float) -> None:
     # a mass that sticks to a stop meets it all the time
     steps = 2e5 if restitution >= 0.5 else 2e4
-    for difference in compare(case, restitution, steps, 0.02).values():
+    for difference in compare(case, restitution, steps, 0.04).values():
         assert_agrees(difference, 0.0)
 
 

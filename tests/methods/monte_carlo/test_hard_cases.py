@@ -32,7 +32,7 @@ CASES: dict[str, Scene] = HARD.CASES
 
 FEW_PATHS = {
     "overdamped, zeta = 50, R = 0.5": {"paths": 24, "duration": 200.0},
-    "two modes, frequencies 1 : 1e4": {"paths": 16, "duration": 0.5},
+    "two modes, frequencies 1 : 1e4": {"paths": 16, "duration": 0.2},
     "filtered noise at 1000 times the resonance": {"paths": 24, "duration": 50.0},
     "sine alone, overdamped (zeta = 15)": {"paths": 24, "duration": 50.0},
     "static force 100 on a stop, R = 0": {"paths": 512, "duration": 0.002},
@@ -53,7 +53,7 @@ def answer(name: str, rel_error: float = 0.1) -> Response:
     return simulate(CASES[name], seed=21, threads=1, **how)  # type: ignore[arg-type]
 
 
-@rel_errors(0.1, 0.05)
+@rel_errors(0.2, 0.05)
 @pytest.mark.parametrize("name", CASES)
 def test_the_answer_is_finite_and_meets_the_balances(name: str, rel_error: float) -> None:
     response = answer(name, rel_error)
@@ -94,7 +94,7 @@ ELASTIC = ["R = 1", "static force 100 on a stop, R = 1", "gap 1e-6, R = 1", "pre
            "elastic stop, 1e8 times the spring"]  # fmt: skip
 
 
-@rel_errors(0.05, 0.02)
+@rel_errors(0.1, 0.02)
 @pytest.mark.parametrize("name", ELASTIC)
 def test_elastic_stops_agree_with_the_exact_law(name: str, rel_error: float) -> None:
     truth = values(exact(CASES[name]))
@@ -113,7 +113,7 @@ def test_a_narrow_elastic_gap_starts_in_its_law_and_stays_in_it() -> None:
     assert abs(sums[2].mean() - 1.0) < 4.5 * math.sqrt(2.0) * error
 
 
-@rel_errors(0.05, 0.02)
+@rel_errors(0.1, 0.02)
 def test_two_pairs_on_one_coordinate_are_one_pair_with_two_stops(rel_error: float) -> None:
     response = answer("two pairs on one coordinate", rel_error)
     truth = values(exact(CASES["R = 1"]))
@@ -123,7 +123,7 @@ def test_two_pairs_on_one_coordinate_are_one_pair_with_two_stops(rel_error: floa
         assert_agrees(rate, truth["collision_rate"] / 2.0)
 
 
-@rel_errors(0.05, 0.02)
+@rel_errors(0.1, 0.02)
 def test_free_absorber_between_elastic_stops(rel_error: float) -> None:
     response = answer("free absorber, R = 1", rel_error)
     # Gibbs law: rate sigma sqrt(2 / pi) / d, sigma^2 = theta (1 / m1 + 1 / m2), d the whole box

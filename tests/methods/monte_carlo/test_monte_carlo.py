@@ -31,6 +31,7 @@ from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
 from stochvi.testing import assert_agrees
+from support.accuracies import rel_errors
 from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, Units, oscillator, values
 from support.mounts import TRUCK, isolator
 from support.naive import full_band_isolator, kick_flow_kick, mirrored_euler, normals
@@ -138,11 +139,12 @@ ELASTIC = {
 }
 
 
+@rel_errors(0.01, 0.003)
 @pytest.mark.parametrize("case", ELASTIC.values(), ids=ELASTIC.keys())
-def test_elastic_stops_agree_with_the_exact_law(case: dict) -> None:
+def test_elastic_stops_agree_with_the_exact_law(case: dict, rel_error: float) -> None:
     scene = oscillator(**case, restitution=1.0)
     truth = values(exact(scene))
-    found = quantities(scene, rel_error=0.003, seed=13)
+    found = quantities(scene, rel_error=rel_error, seed=13)
     sides = [f"collision_rate_{side}" for side in ("lower", "upper") if case[side] is not None]
     for name in (*QUANTITIES, "displacement_mean", *sides):
         assert_agrees(found[name], truth[name])
@@ -172,10 +174,12 @@ LOSSY = {
 }  # fmt: skip
 
 
+@rel_errors(0.01, 0.003)
 @pytest.mark.parametrize("case", LOSSY.values(), ids=LOSSY.keys())
-def test_balances_hold_where_stops_lose_energy(case: dict) -> None:
-    # at R = 0 steps as they are leave a bias of 0.4 %, which more paths would not mend
-    rel_error = 0.003 if case["restitution"] > 0.0 else 0.006
+def test_balances_hold_where_stops_lose_energy(case: dict, rel_error: float) -> None:
+    if case["restitution"] == 0.0:
+        # steps as they are leave a bias of 0.4 %, which more paths would not mend
+        rel_error = max(rel_error, 0.006)
     response = simulate(oscillator(**case), rel_error=rel_error, seed=14)
     assert set(response.identities) == {"energy", "virial", "force"}
     for residual in response.identities.values():
@@ -311,9 +315,9 @@ def test_truck_isolator_agrees_with_a_full_band_record() -> None:
     gap, scene = 0.004, isolator(0.004)
     xx, vv, rate = full_band_isolator(
         np.random.default_rng(22), model_of(scene).acceleration_tables[0], scene.structure.omega,
-        scene.structure.damping_rate, gap, 0.5, paths=512, rate=2048.0, length=16.0,
+        scene.structure.damping_rate, gap, 0.5, paths=256, rate=2048.0, length=16.0,
     )  # fmt: skip
-    found = quantities(scene, rel_error=0.01, seed=17, speed_threshold=0.0)
+    found = quantities(scene, rel_error=0.02, seed=17, speed_threshold=0.0)
     for name, samples in (
         ("displacement_mean_square", xx),
         ("velocity_mean_square", vv),
@@ -434,11 +438,14 @@ def test_a_short_record_of_a_table_is_a_part_of_a_long_block() -> None:
         assert abs(difference) < 4.5 * error + (found[name].bias or 0.0)
 
 
+@rel_errors(0.06, 0.02)
 @pytest.mark.parametrize(("band", "zeta"), [([1.0, 2.0], 0.5), ([0.1, 0.2], 0.1)])
-def test_a_table_far_below_the_resonance_keeps_its_velocity(band: list, zeta: float) -> None:
+def test_a_table_far_below_the_resonance_keeps_its_velocity(
+    band: list, zeta: float, rel_error: float
+) -> None:
     noise = TabulatedNoise(frequency_hz=band, density=[1.0, 1.0], unit="(m/s2)2/Hz")
     scene = Scene(structure=Isolator(frequency_hz=100.0, zeta=zeta), excitations=[noise])
-    truth, found = values(exact(scene)), quantities(scene, rel_error=0.02, seed=4)
+    truth, found = values(exact(scene)), quantities(scene, rel_error=rel_error, seed=4)
     for name in ("displacement_std", "velocity_std"):
         assert_agrees(found[name], truth[name])
 
@@ -453,10 +460,11 @@ def test_a_narrow_gap_under_a_table_is_sampled_finely_enough() -> None:
         assert abs(value - other) < 4.5 * math.hypot(error, other_error)
 
 
+@rel_errors(0.03, 0.01)
 @pytest.mark.parametrize("stop", [-100.0, -1000.0])
-def test_a_strong_preload_keeps_its_digits(stop: float) -> None:
+def test_a_strong_preload_keeps_its_digits(stop: float, rel_error: float) -> None:
     scene = oscillator(None, stop, 1.0)
-    truth, found = values(exact(scene)), quantities(scene, rel_error=0.01, seed=6)
+    truth, found = values(exact(scene)), quantities(scene, rel_error=rel_error, seed=6)
     for name in ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate"):
         assert_agrees(found[name], truth[name])
 

@@ -159,11 +159,14 @@ STOPS = {
 }
 
 
+@pytest.mark.parametrize("duration", [0.15, pytest.param(0.5, marks=pytest.mark.verify)])
 @pytest.mark.parametrize("case", STOPS.values(), ids=STOPS.keys())
-def test_a_path_equals_its_plain_twin(case: tuple[float | None, float | None, float]) -> None:
+def test_a_path_equals_its_plain_twin(
+    case: tuple[float | None, float | None, float], duration: float
+) -> None:
     lower, upper, restitution = case
     pair = ImpactPair(lower=lower, upper=upper, law=Restitution(coefficient=restitution))
-    plan = plan_of(isolator(None).model_copy(update={"impact_pairs": (pair,)}), duration=0.5)
+    plan = plan_of(isolator(None).model_copy(update={"impact_pairs": (pair,)}), duration=duration)
     plan = replace(plan, warm_up=0.0)
     stops = [(u, restitution, side) for u, side in ((lower, -1.0), (upper, 1.0)) if u is not None]
     record = np.zeros((plan.steps, 3, 3))
