@@ -1,15 +1,23 @@
-"""For other people's integrators: scenes with known answers, and a judge of what a code finds."""
+"""For other people's integrators: scenes with known answers, and a judge of what a code finds.
 
-from stochvi.verification.testing import (
-    Finding,
-    Judgement,
-    Problem,
-    as_response,
-    assert_agrees,
-    judge,
-    known_answers,
-    problem_of,
-)
+`judge` takes any function that integrates a linear structure between rigid stops (SciPy, JAX, C
+behind a wrapper) and says, quantity by quantity, whether it agrees with the exact answers, by how
+much it is off where it does not, and what that looks like. `judge_file` does the same with what
+another program wrote, for a problem that `stochvi problems` wrote as plain numbers. `known_answers`
+are those answers, `assert_agrees` the comparison of one sampled number with one of them.
+
+In a test suite of one's own pytest knows the fixture `stochvi_judge`:
+
+    def test_mine(stochvi_judge):
+        stochvi_judge("linear", my_function_or_frame)
+"""
+
+from stochvi.verification.testing.agreement import assert_agrees
+from stochvi.verification.testing.answers import known_answers
+from stochvi.verification.testing.documents import read_problem
+from stochvi.verification.testing.files import judge_file
+from stochvi.verification.testing.judging import Finding, Judgement, as_response, judge
+from stochvi.verification.testing.problems import Problem, problem_of
 
 __all__ = [
     "Finding",
@@ -18,6 +26,8 @@ __all__ = [
     "as_response",
     "assert_agrees",
     "judge",
+    "judge_file",
     "known_answers",
     "problem_of",
+    "read_problem",
 ]

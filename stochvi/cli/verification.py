@@ -111,3 +111,70 @@ def explain(options: Common, scene: str) -> None:
 
     found = explain_scene(load_scene(scene), threads=options.threads)
     options.show(found, print_explanation)
+
+
+FILE_PATHS = 4096
+"""Default number of paths of a problem for other programs: a start that is counted shows then."""
+
+
+@main.command()
+@click.option(
+    "--paths", type=int, default=FILE_PATHS, show_default=True, help="Paths of each problem."
+)
+@click.option(
+    "--relaxations", type=float, default=20.0, show_default=True,
+    help="Length of a path, in relaxation times.",
+)  # fmt: skip
+@common("out", "quiet")
+def problems(options: Common, paths: int, relaxations: float) -> None:
+    """Known-answer problems for integrators in any language.
+
+    They are listed; with --out each is written as plain numbers in JSON, with its answer, an index
+    and a README.
+    """
+    from stochvi.verification.testing.documents import README, index_row, problem_document
+    from stochvi.verification.testing.truths import shipped_problems
+    from stochvi.views.files import write_json, write_table, write_text
+    from stochvi.views.verification_tables import print_problems
+
+    found = shipped_problems(paths=paths, relaxations=relaxations)
+    if not options.quiet:
+        print_problems(options.console, [problem for problem, _ in found])
+    if options.out is None:
+        return
+    import pandas as pd
+
+    for problem, answer in found:
+        write_json(problem_document(problem, answer), str(options.out / f"{problem.name}.json"))
+    write_table(pd.DataFrame([index_row(*each) for each in found]), options.out / "index.csv")
+    write_text(README, options.out / "README.txt")
+
+
+@main.command()
+@click.argument("file")
+@click.option(
+    "--problem", required=True, metavar="NAME|FILE.json",
+    help="A problem that `problems` lists, or a file that it wrote.",
+)  # fmt: skip
+@click.option(
+    "--format", "form", type=click.Choice(["statistics", "averages", "records"]),
+    help="Default: recognised by the header.",
+)  # fmt: skip
+@click.option(
+    "--allowed", type=float, default=0.0, show_default=True, metavar="PERCENT",
+    help="A bias that is harmless.",
+)  # fmt: skip
+@common("json", "out", "quiet")
+def judge(options: Common, file: str, problem: str, form: str | None, allowed: float) -> None:
+    """Judge what another program wrote for a known-answer problem; exit 1 if it is wrong.
+
+    FILE is CSV: statistics (quantity,value,standard_error), averages of each path, or records
+    (path,time,x,v).
+    """
+    from stochvi.verification.testing.files import judge_file
+    from stochvi.views.verification_tables import print_judgement
+
+    verdict = judge_file(file, problem, format=form, paths=FILE_PATHS, allowed_percent=allowed)
+    options.show(verdict, print_judgement, "judge")
+    if not verdict.passed:
+        stop(f"judge failed: {verdict.summary()}", FAILED)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
     from stochvi.verification.checks import Checks
     from stochvi.verification.explain import Explanation
+    from stochvi.verification.testing.judging import Finding, Judgement
+    from stochvi.verification.testing.problems import Problem
 
 
 def print_check(console: Console, verdict: Check) -> None:
@@ -62,6 +64,47 @@ def print_checks(console: Console, verdict: Checks) -> None:
             f"{row.reference} {row.reference_value:.6g}, allowed {row.tolerance:.1e}",
         )
     console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
+
+
+def print_problems(console: Console, problems: Sequence[Problem]) -> None:
+    """A line for each problem, with its title."""
+    table = new_table("known-answer problems", ["problem", "what it is"], ["problem", "what it is"])
+    for problem in problems:
+        table.add_row(problem.name, problem.scene.title)
+    print_table(console, table)
+
+
+def print_judgement(console: Console, verdict: Judgement) -> None:
+    """Every quantity beside its true value, what disagreements look like, and the verdict."""
+    if verdict.read_as:
+        print_line(console, verdict.read_as)
+    headings = ["quantity", "truth", "found", "off by (%)", "visible (%)", "verdict"]
+    table = new_table("judged against the known answer", headings, ["quantity", "verdict"])
+    for row in verdict.findings:
+        style = "bold red" if row in verdict.failures else ""
+        table.add_row(*_finding_cells(row), style=style)
+    print_table(console, table)
+    for reason in verdict.left_out:
+        print_line(console, f"left out: {reason}")
+    for hint in verdict.hints:
+        print_line(console, f"looks like: {hint}")
+    console.print(
+        verdict.summary(), style="green" if verdict.passed else "bold red", highlight=False
+    )
+
+
+def _finding_cells(row: Finding) -> list[str]:
+    if row.value is None or row.standard_error is None or row.bias_percent is None:
+        return [row.quantity, f"{row.truth:.6g} {row.unit}", "not finite", "", "", row.verdict]
+    assert row.bias_error_percent is not None and row.visible_percent is not None
+    return [
+        row.quantity,
+        f"{row.truth:.6g} {row.unit}",
+        format_with_error(row.value, row.standard_error),
+        format_with_error(row.bias_percent, row.bias_error_percent),
+        f"{row.visible_percent:.2g}",
+        row.verdict,
+    ]
 
 
 def _print_judged(console: Console, judged: Sequence[Comparison]) -> None:

@@ -13,28 +13,64 @@ in fact simulated.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from stochvi.results.estimates import format_with_error
+from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.results.estimates import Estimate, format_with_error
 from stochvi.verification.testing.problems import Problem
-from stochvi.verification.testing.samples import Function, Sample, Values
+from stochvi.verification.testing.samples import IMPACTS, Function, Sample, Values, split
+from stochvi.verification.testing.suspects import suspects_of
 
 SURE = 4.0
 """Standard errors from which a deviation is reported as a hint."""
 
+SHARP = 4.0
+"""Standard errors in the energy that a start from rest lacks, from which it is named as a cause."""
+
 NEAR = 0.04
 """Relative distance from a number that has a known cause (a half, 2, R^2) to name that cause."""
+
+NOISE_FACTORS = (
+    (2.0, "noise twice too strong (a one-sided density for S0)"),
+    (0.5, "half the noise (S0 taken for a one-sided density)"),
+    (2.0 * math.pi, "noise 2 pi times too strong (S0 taken for a density per rad/s)"),
+    (
+        0.5 / math.pi,
+        "noise 2 pi times too weak (S0 divided by 2 pi, or a density per rad/s for S0)",
+    ),
+    (math.pi, "noise pi times too strong (S0 taken for a one-sided density per rad/s)"),
+    (1.0 / math.pi, "noise pi times too weak (a one-sided density per rad/s for S0)"),
+    (STANDARD_GRAVITY**2, "accelerations in m/s^2 taken for g: noise 9.81^2 times too strong"),
+    (STANDARD_GRAVITY**-2, "accelerations in g taken for m/s^2: noise 9.81^2 times too weak"),
+)
+"""Factors on the strength of the noise that have a known cause."""
+
+LENGTHS = {
+    "displacement_mean": 1, "displacement_std": 1, "velocity_std": 1, "impact_speed_rate": 1,
+    "impact_speed_square_rate": 2,
+}  # fmt: skip
+"""Power with which a quantity grows with the unit of length."""
+
+UNITS = (
+    (1e3, "in mm where m is expected"),
+    (1e2, "in cm where m is expected"),
+    (1e-3, "in km where m is expected"),
+    (1.0 / STANDARD_GRAVITY, "divided by g"),
+    (STANDARD_GRAVITY, "multiplied by g"),
+)
+"""Factors on the unit of length that have a known cause."""
 
 STOPS = ("velocity_std", "impact_speed_rate", "impact_speed_square_rate")
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A problem with the sample that an integrator returned for it."""
+    """A problem with the sample that an integrator returned for it, and the true values."""
 
     problem: Problem
     sample: Sample
+    truths: Mapping[str, Estimate]
 
     @property
     def finite(self) -> bool:
@@ -53,10 +89,11 @@ class Measured:
         """Whether the sample has impacts."""
         return self.has(*STOPS) and self._of("impact_speed_square_rate") > 0.0
 
-    @property
-    def free(self) -> bool:
-        """Whether the problem has no stops."""
-        return math.isinf(self.problem.lower) and math.isinf(self.problem.upper)
+    def ratio(self, name: str) -> tuple[float, float]:
+        """A quantity over its true value, with the standard error; NaN where the truth is 0."""
+        truth = self.truths[name].value
+        value, error = self.sample.evaluate(lambda values: values[name])
+        return (value / truth, abs(error / truth)) if truth else (math.nan, math.nan)
 
     @property
     def symmetric(self) -> bool:
@@ -73,33 +110,152 @@ def hints_of(measured: Sequence[Measured]) -> Iterator[str]:
             "scheme, or a velocity is not reversed at a stop"
         )
     sound = [each for each in measured if each.finite]
-    flights = list(_flight(sound))
+    if units := list(_units(sound)):
+        yield from units
+        return
+    oscillators = [each for each in sound if each.problem.white_oscillator]
+    flights = list(_flight(oscillators)) or list(_linear_structures(sound))
     yield from flights
-    if not flights:
-        yield from _elastic_stops(sound)
-        yield from _lossy_stops(sound)
-    yield from _clearance(sound)
+    if flights:
+        yield from _start(oscillators)
+    else:
+        found = list(suspects_of([(each.problem, each.sample, each.truths) for each in sound]))
+        found = found or list(_start(oscillators))
+        yield from found or [*_elastic_stops(oscillators), *_lossy_stops(oscillators)]
+    yield from _clearance(oscillators)
+    yield from _counting(sound)
+
+
+def _near(value: float, error: float, wanted: float) -> bool:
+    """Whether a positive number is one that has a known cause, within its error."""
+    return abs(value / wanted - 1.0) < min(NEAR + SURE * error / wanted, 0.2)
+
+
+def _units(measured: Sequence[Measured]) -> Iterator[str]:
+    """Hints on numbers in another unit, or of another kind, than is expected."""
+    found: dict[str, list[str]] = {}
+    squares = []
+    for each in measured:
+        for name in each.truths:
+            power = LENGTHS.get(split(name)[1], 0)
+            if name not in each.sample.names() or not power:
+                continue
+            ratio, error = each.ratio(name)
+            if not ratio > 0.0:
+                continue
+            factor = ratio ** (1.0 / power)
+            for wanted, words in UNITS:
+                if _near(factor, error * factor / (power * ratio), wanted):
+                    found.setdefault(words, []).append(f"{name} of {each.problem.name}")
+            truth = each.truths[name].value
+            apart = abs(math.log(truth)) > 0.5 if truth > 0.0 else False
+            if name.endswith("_std") and apart and _near(ratio, error, truth):
+                squares.append(f"{name} of {each.problem.name}")
+    moments = [(each, name) for each in measured for name in _deviations(each)]
+    for words, names in found.items():
+        # noise that is off by g^2 moves every deviation by g: that is a hint on the noise
+        if words[-1] == "g" and sum(
+            name.split(" of ")[0].endswith("_std") for name in names
+        ) == len(moments):
+            continue
+        yield f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} {words}"
+    if squares:
+        yield f"{', '.join(squares)}: the square stands there (E x^2 and not its root)"
+
+
+def _deviations(each: Measured) -> list[str]:
+    return [name for name in each.sample.names() if name.endswith("_std") and name in each.truths]
+
+
+def _linear_structures(measured: Sequence[Measured]) -> Iterator[str]:
+    """Hints on the noise of structures without stops, whose deviations all grow with it."""
+    for each in measured:
+        names = _deviations(each)
+        if not each.problem.free or not names or each.problem.white_oscillator:
+            continue
+        ratios = [each.ratio(name) for name in names]
+        if all(abs(ratio - 1.0) <= SURE * error for ratio, error in ratios):
+            continue
+        for factor, cause in NOISE_FACTORS:
+            if all(_near(ratio**2, 2.0 * ratio * error, factor) for ratio, error in ratios):
+                yield f"all mean squares of {each.problem.name} are off by one factor: {cause}"
+                return
+
+
+def _start(measured: Sequence[Measured]) -> Iterator[str]:
+    """A hint on a start from rest that was counted: the energy that is then missing from the
+    balance is the one that the motion has when it is stationary, over the duration."""
+    for each in measured:
+        own, truths = each.problem, each.truths
+        needed = ("displacement_mean", "displacement_std", "velocity_std")
+        if not set(needed) <= set(truths) or not each.has("velocity_std"):
+            continue
+        if not own.free and not (each.hit and own.restitution is not None):
+            continue
+        loss = 0.0 if own.restitution is None else 1.0 - own.restitution**2
+
+        def missing(values: Values, own: Problem = own, loss: float = loss) -> object:
+            lost = loss * values.get("impact_speed_square_rate", 0.0)
+            return (
+                1.0 - (2.0 * own.damping_rate * values["velocity_std"] ** 2 + lost) / own.intensity
+            )
+
+        found, error = each.sample.evaluate(missing)
+        mean, deviation, speed = (truths[name].value for name in needed)
+        (start,) = own.start
+        energy = 0.5 * speed**2 + 0.5 * own.omega**2 * (mean**2 + deviation**2 - start**2)
+        energy -= own.load * (mean - start)
+        expected = 2.0 * energy / (own.duration * own.intensity)
+        sharp = SHARP * error < expected
+        if sharp and found > SURE * error and abs(found - expected) < 3.0 * error:
+            yield (
+                f"{own.name} lacks {format_with_error(100.0 * found, 100.0 * error)} % of its "
+                f"energy, and {100.0 * expected:.2g} % would be lacking if the start from rest "
+                f"were counted: leave out the burn-in of {own.burn_in:.4g} s"
+            )
+            return
+
+
+def _counting(measured: Sequence[Measured]) -> Iterator[str]:
+    """A hint on impacts of which half, or twice as many, are counted."""
+    for each in measured:
+        for name in each.sample.names():
+            owner, quantity = split(name)
+            if quantity != "collision_rate" or name not in each.truths:
+                continue
+            rates = [owner + other for other in IMPACTS]
+            names = [rate for rate in rates if rate in each.sample.names() and rate in each.truths]
+            ratios = [each.ratio(rate) for rate in names]
+            others = [each.ratio(other) for other in _deviations(each)]
+            if any(abs(ratio - 1.0) > SURE * error for ratio, error in others):
+                continue
+            for factor, cause in (
+                (0.5, "only one of two stops is counted"),
+                (2.0, "every impact is counted twice"),
+            ):
+                if all(_near(ratio, error, factor) for ratio, error in ratios):
+                    yield f"{', '.join(names)} of {each.problem.name}: {cause}, or a time is wrong"
 
 
 def _flight(measured: Sequence[Measured]) -> Iterator[str]:
     """Hints on noise, damping and the scheme, from problems without stops."""
     for each in measured:
-        if not each.free or not each.has("velocity_std"):
+        if not each.problem.free or not each.has("velocity_std"):
             continue
         own = each.problem
         ratio, error = each.sample.evaluate(
             lambda values, own=own: (values["velocity_std"] / own.speed_scale) ** 2  # type: ignore[misc]
         )
         if abs(ratio - 1.0) <= SURE * error:
+            yield from _frequency(each)
             continue
         hint = f"without stops E v^2 is {format_with_error(ratio, error)} times the truth"
-        for telling, noise, damping in (
-            (2.0, "noise twice too strong (a one-sided density for S0)", "half the damping"),
-            (0.5, "half the noise (S0 taken for a one-sided density)", "twice the damping"),
-        ):
-            if abs(ratio / telling - 1.0) < NEAR + SURE * error:
-                which = _noise_or_damping(measured, telling)
-                cause = {"noise": noise, "damping": damping}.get(which, f"{noise}, or {damping}")
+        for telling, noise in NOISE_FACTORS:
+            if _near(ratio, error, telling):
+                damping = {2.0: "half the damping", 0.5: "twice the damping"}.get(telling)
+                which = _noise_or_damping(measured, telling) if damping else "noise"
+                either = f"{noise}, or {damping}"
+                cause = {"noise": noise, "damping": damping}.get(which, either)
                 hint += f": {cause}"
         if ratio > 1.0 and own.omega > 0.0:
             step = own.damping_rate / own.omega**2 * (1.0 - 1.0 / ratio)
@@ -109,6 +265,22 @@ def _flight(measured: Sequence[Measured]) -> Iterator[str]:
             )
         yield hint
         return
+
+
+def _frequency(each: Measured) -> Iterator[str]:
+    """A hint on hertz taken for rad/s, which white noise shows in the displacement alone."""
+    if not each.has("displacement_std") or "displacement_std" not in each.truths:
+        return
+    ratio, error = each.ratio("displacement_std")
+    for factor, cause in (
+        (2.0 * math.pi, "a frequency in Hz taken for one in rad/s"),
+        (0.5 / math.pi, "a frequency in rad/s taken for one in Hz"),
+    ):
+        if _near(ratio, error, factor):
+            yield (
+                f"the displacement of {each.problem.name} is {format_with_error(ratio, error)} "
+                f"times the truth and the velocity is right: {cause}"
+            )
 
 
 def _noise_or_damping(measured: Sequence[Measured], ratio: float) -> str:

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stochvi.methods.closed_form import exact
-from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.simulate import check_arguments
-from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result
-from stochvi.results.errors import NoExactSolution
 from stochvi.results.estimates import Cost, Estimate, format_with_error
 from stochvi.results.intervals import normal_score, student_quantile
 from stochvi.results.response import QUANTITY_UNITS, CoordinateResponse, PairResponse, Response
@@ -26,11 +21,17 @@ from stochvi.verification.check import (
     TOO_RARE,
     single_alarm_rate,
 )
-from stochvi.verification.checks import seeds_of, zoo
-from stochvi.verification.testing.answers import known_answers
+from stochvi.verification.checks import seeds_of
 from stochvi.verification.testing.hints import Measured, hints_of
-from stochvi.verification.testing.problems import Problem, problem_of
-from stochvi.verification.testing.samples import QUANTITIES, Sample, sample_of
+from stochvi.verification.testing.problems import Problem
+from stochvi.verification.testing.samples import IMPACTS, plain_name, sample_of, split
+from stochvi.verification.testing.truths import (
+    PATHS,
+    RELAXATIONS,
+    known_problems,
+    size_of,
+    truths_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,9 +59,6 @@ NOT_FINITE = "not finite"
 
 TOO_UNCERTAIN = "too uncertain to judge"
 """Verdict on a quantity that agrees, but whose relative standard error is `RARE` or more."""
-
-IMPACTS = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
-"""Quantities of impacts: sums of w^0, w^1 and w^2 per second, w the impact speed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +91,8 @@ class Judgement(Result):
     """The verdict on an integrator.
 
     `findings` are all comparisons, `hints` the likely causes of disagreements, and `left_out` the
-    quantities that were not returned. `allowed_percent` is the bias that the user finds harmless.
+    quantities that were not returned. `allowed_percent` is the bias that the user finds harmless,
+    and `read_as` says how a file was read.
     """
 
     not_in_document = COMMON
@@ -103,6 +102,7 @@ class Judgement(Result):
     z: float
     allowed_percent: float
     findings: Sequence[Finding]
+    read_as: str = ""
 
     @property
     def passed(self) -> bool:
@@ -137,11 +137,12 @@ class Judgement(Result):
             )
         if not compared:
             return "nothing could be compared"
-        scenes = len({row.scene for row in compared})
+        count = len({row.scene for row in compared})
+        scenes = f"{count} scene{'s' if count > 1 else ''}"
         if not self.failures:
             seen = sorted(row.visible_percent or 0.0 for row in compared)
             return (
-                f"{len(compared)} quantities of {scenes} scenes agree; a bias of "
+                f"{len(compared)} quantities of {scenes} agree; a bias of "
                 f"{seen[len(seen) // 2]:.2g} % would have been seen in half of them, of "
                 f"{seen[-1]:.2g} % in all"
             )
@@ -149,7 +150,7 @@ class Judgement(Result):
         bias = "not finite" if worst.bias_percent is None else f"{worst.bias_percent:+.2g} %"
         return (
             f"{len(self.failures)} of {len(compared)} quantities DISAGREE in "
-            f"{len({row.scene for row in self.failures})} of {scenes} scenes; worst: "
+            f"{len({row.scene for row in self.failures})} of {scenes}; worst: "
             f"{worst.quantity} of {worst.scene}, {bias}"
         )
 
@@ -195,8 +196,8 @@ def judge(
     integrator: Integrator,
     scenes: Mapping[str, Scene] | Iterable[str] = SCENES,
     *,
-    paths: int = 1024,
-    relaxations: float = 20.0,
+    paths: int = PATHS,
+    relaxations: float = RELAXATIONS,
     seed: int = 0,
     allowed_percent: float = 0.0,
 ) -> Judgement:
@@ -219,10 +220,14 @@ def judge(
         `problem.speed_threshold`), `impact_speed_rate` and `impact_speed_square_rate` (sums of w
         and w^2 over all impacts). What is not there is not judged.
 
-        Statistics: the quantities with a finished `(value, standard error)`.
+        Statistics: the quantities with a finished `(value, standard error)`, or `Estimate`s, whose
+        stated bias is granted.
+
+        Where there are several coordinates or impact pairs, each name begins with that of its
+        owner and a point: `first.displacement_std`, `wall.collision_rate`.
     scenes
-        Names of the zoo, or scenes of your own by name: single oscillators under white noise with
-        rigid stops or none.
+        Names of the zoo, or scenes of your own by name: linear structures with rigid stops or none
+        under white noise or noise of a tabulated density, whose answer is known.
     paths, relaxations
         How many paths, and of how many relaxation times of the oscillator.
     allowed_percent
@@ -240,7 +245,7 @@ def judge(
     ValueError
         If an argument is out of range, or what was returned is none of the three forms.
     NotApplicable
-        If a scene is no single oscillator under white noise with rigid stops or none.
+        If a scene is no such structure, or no exact answer to it is known.
 
     Examples
     --------
@@ -264,106 +269,82 @@ def judge(
     >>> judge(mine, ["elastic-half-sigma"], paths=64, relaxations=2.0).passed
     True
     """
+    _check_allowed(allowed_percent)
+    check_arguments(None, None, None, seed, None, None, None)
+    known = known_problems(scenes, paths=paths, relaxations=relaxations)
+    seeds = seeds_of(seed, len(known))
+    measured = [
+        _measured(problem, truth, integrator(problem, own_seed))
+        for (problem, truth), own_seed in zip(known, seeds, strict=True)
+    ]
+    return _judgement(measured, allowed_percent)
+
+
+def judge_returned(
+    problem: Problem,
+    truth: Response,
+    returned: Mapping[str, Any],
+    *,
+    allowed_percent: float = 0.0,
+) -> Judgement:
+    """Judge what was returned for one problem, in one of the three forms that `judge` takes.
+
+    Parameters
+    ----------
+    problem, truth
+        The problem, with the paths and the duration that were simulated, and its known answer.
+    returned
+        Records, averages of each path, or statistics.
+    allowed_percent
+        A bias that is harmless, in per cent of each quantity.
+    """
+    _check_allowed(allowed_percent)
+    return _judgement([_measured(problem, truth, returned)], allowed_percent)
+
+
+def _check_allowed(allowed_percent: float) -> None:
     if not 0.0 <= allowed_percent < 100.0:
         raise ValueError(f"allowed_percent must be in [0, 100), got {allowed_percent}")
-    check_arguments(None, None, None, seed, None, None, None)
-    known = _known(scenes, paths, relaxations)
-    seeds = seeds_of(seed, len(known))
-    measured: list[tuple[Measured, Response]] = []
-    left_out: list[str] = []
-    for (problem, truth), own_seed in zip(known, seeds, strict=True):
-        sample = sample_of(problem, integrator(problem, own_seed))
-        measured.append((Measured(problem, sample), truth))
+
+
+def _measured(problem: Problem, truth: Response, returned: Mapping[str, Any]) -> Measured:
+    if isinstance(returned, Mapping):
+        returned = {plain_name(problem, str(name)): each for name, each in returned.items()}
+    return Measured(problem, sample_of(problem, returned), truths_of(problem, truth))
+
+
+def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgement:
+    """The verdict on all samples together, under one alarm rate."""
     pairs = [
-        (each, quantity, truth)
-        for each, response in measured
-        for quantity, truth in _truths(response).items()
-        if quantity in each.sample.names()
+        (each, name) for each in measured for name in each.truths if name in each.sample.names()
     ]
-    for each, response in measured:
-        missing = [name for name in _truths(response) if name not in each.sample.names()]
+    left_out: list[str] = []
+    for each in measured:
+        missing = [name for name in each.truths if name not in each.sample.names()]
         if missing:
             left_out.append(f"{each.problem.name}: {', '.join(missing)} not returned")
+        unknown = [name for name in each.sample.names() if name not in each.truths]
+        if unknown:
+            left_out.append(f"{each.problem.name}: no answer is known for {', '.join(unknown)}")
     rate = single_alarm_rate(max(len(pairs), 1))
-    findings = [
-        _finding(each.problem, each.sample, quantity, truth, rate, allowed_percent / 100.0)
-        for each, quantity, truth in pairs
-    ]
+    findings = [_finding(each, name, rate, allowed_percent / 100.0) for each, name in pairs]
     failed = any(row.verdict in (DISAGREES, NOT_FINITE) for row in findings)
     return Judgement(
         findings=tuple(findings),
-        hints=tuple(hints_of([each for each, _ in measured])) if failed else (),
+        hints=tuple(hints_of(measured)) if failed else (),
         left_out=tuple(left_out),
         z=student_quantile(rate, math.inf),
         allowed_percent=allowed_percent,
     )
 
 
-def _known(
-    scenes: Mapping[str, Scene] | Iterable[str], paths: int, relaxations: float
-) -> list[tuple[Problem, Response]]:
-    """The problem of each scene with the most certain answer to it.
-
-    All problems are made before any is solved, so that a scene that is not allowed fails at once.
-    """
-    if isinstance(scenes, str):
-        raise ValueError(f"scenes must be a list of names, got the one name {scenes!r}")
-    named = dict(scenes) if isinstance(scenes, Mapping) else _of_the_zoo(tuple(scenes))
-    problems = [
-        problem_of(scene, name=name, paths=paths, relaxations=relaxations)
-        for name, scene in named.items()
-    ]
-    if isinstance(scenes, Mapping):
-        answers = {name: _solved(scene) for name, scene in scenes.items()}
-    else:
-        answers = known_answers(*named) if named else {}
-    return [
-        (replace(each, speed_threshold=_threshold(answers[name])), answers[name])
-        for name, each in zip(named, problems, strict=True)
-    ]
-
-
-def _of_the_zoo(names: tuple[str, ...]) -> dict[str, Scene]:
-    """Scenes of the zoo by name; an empty dictionary where no name is given."""
-    return zoo(*names) if names else {}
-
-
-def _solved(scene: Scene) -> Response:
-    try:
-        return exact(scene)
-    except NoExactSolution:
-        thresholds = make_plan(model_of(scene)).layout.thresholds
-        return fokker_planck(scene, speed_threshold=next(iter(thresholds.values()), None))
-
-
-def _threshold(truth: Response) -> float:
-    for pair in truth.impact_pairs.values():
-        if isinstance(threshold := pair["speed_threshold"], float):
-            return threshold
-    return 0.0
-
-
-def _truths(response: Response) -> dict[str, Estimate]:
-    """The known quantities of the oscillator and its stops whose error is stated."""
-    known = {quantity: truth for (_, quantity), truth in response.estimates().items()}
-    return {
-        name: known[name] for name in QUANTITIES if name in known and known[name].bias is not None
-    }
-
-
-def _finding(
-    problem: Problem,
-    sample: Sample,
-    quantity: str,
-    truth: Estimate,
-    alarm_rate: float,
-    allowed: float,
-) -> Finding:
-    value, error = sample.evaluate(lambda quantities: quantities[quantity])
+def _finding(judged: Measured, name: str, alarm_rate: float, allowed: float) -> Finding:
+    problem, sample, truth = judged.problem, judged.sample, judged.truths[name]
+    value, error = sample.evaluate(lambda quantities: quantities[name])
     row: dict[str, Any] = {
         "scene": problem.name,
-        "quantity": quantity,
-        "unit": QUANTITY_UNITS[quantity],
+        "quantity": name,
+        "unit": QUANTITY_UNITS[split(name)[1]],
         "truth": truth.value,
         "truth_error": truth.bias or 0.0,
         "known_by": truth.how.split(",")[0],
@@ -373,17 +354,16 @@ def _finding(
             **row, value=None, standard_error=None, bias_percent=None, bias_error_percent=None,
             visible_percent=None, score=None, verdict=NOT_FINITE,
         )  # fmt: skip
-    size = abs(truth.value)
-    if quantity == "displacement_mean":
-        size = sample.evaluate(lambda quantities: quantities["displacement_std"])[0] or 1.0
+    size = size_of(judged.truths, name)
     difference = value - truth.value
-    granted = (truth.bias or 0.0) + allowed * size
+    stated = sample.bias(name)
+    granted = (truth.bias or 0.0) + stated + allowed * size
     tolerance = student_quantile(alarm_rate, sample.degrees) * error + granted
     beyond = math.copysign(max(abs(difference) - granted, 0.0), difference)
     verdict = AGREES if abs(difference) <= tolerance else DISAGREES
-    if _too_rare(problem, quantity, value, error, truth.value):
+    if _too_rare(problem, split(name)[1], value, error, truth.value):
         verdict = TOO_RARE
-    elif verdict == AGREES and error >= RARE * size:
+    elif verdict == AGREES and error + stated >= RARE * size:
         verdict = TOO_UNCERTAIN
     return Finding(
         **row,
@@ -402,6 +382,8 @@ def _too_rare(problem: Problem, quantity: str, value: float, error: float, truth
     if quantity not in IMPACTS:
         return False
     if value == 0.0:
+        if not problem.white_oscillator:
+            return False
         # a sum of w^k over n impacts is about n times the k-th power of a typical speed
         speed = problem.speed_scale
         expected = truth / speed ** IMPACTS.index(quantity) * problem.duration * problem.paths
@@ -414,23 +396,32 @@ def as_response(problem: Problem, returned: Mapping[str, Any], method: str = "")
 
     Examples
     --------
+    >>> from stochvi.verification.checks import zoo
+    >>> from stochvi.verification.testing.problems import problem_of
     >>> problem = problem_of(zoo("linear")["linear"], name="linear")
     >>> as_response(problem, {"velocity_std": (1.02, 0.01)}, "mine")
     <mine
       x.velocity_std = 1.020(10) m/s>
     """
     sample = sample_of(problem, returned)
-    found: dict[str, Estimate] = {}
-    for name in sample.names():
-        value, error = sample.evaluate(lambda values, name=name: values[name])  # type: ignore[misc]
-        found[name] = Estimate(value=value, standard_error=error, how="returned by an integrator")
+    coordinates: dict[str, dict[str, Estimate]] = {each: {} for each in problem.model.coordinates}
+    impacts: dict[str, dict[str, Estimate]] = {each.name: {} for each in problem.model.pairs}
+    for full in sample.names():
+        owner, name = split(full)
+        owners: Mapping[str, dict[str, Estimate]] = impacts if name in IMPACTS else coordinates
+        value, error = sample.evaluate(lambda values, full=full: values[full])  # type: ignore[misc]
+        for place in [owner.removesuffix(".")] if owner else list(owners):
+            owners[place][name] = Estimate(
+                value=value, standard_error=error, how="returned by an integrator"
+            )
     count = 0 if math.isinf(sample.degrees) else round(sample.degrees) + 1
-    impacts = {name: found.pop(name) for name in IMPACTS if name in found}
-    pair = PairResponse(**impacts, speed_threshold=problem.speed_threshold)
     return Response(
         method=method or "integrator",
-        coordinates={"x": CoordinateResponse(**found)},
-        impact_pairs={each.name: pair for each in problem.scene.impact_pairs},
+        coordinates={name: CoordinateResponse(**each) for name, each in coordinates.items()},
+        impact_pairs={
+            name: PairResponse(**each, speed_threshold=problem.speed_threshold)
+            for name, each in impacts.items()
+        },
         effects=problem.scene.effects(),
         cost=Cost(paths=count),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.coverage import functions
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
@@ -18,70 +18,122 @@ SETTLED = 6.0
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """One oscillator under white noise between rigid stops, per unit mass:
+    """A linear structure under noise, with rigid stops or none, and the run that is asked for.
+
+    One oscillator in white noise has numbers per unit mass:
 
         x'' + damping_rate x' + omega^2 x = load + w(t),   E w(t) w(t + tau) = intensity delta(tau),
 
     where a velocity v at a stop becomes -R v. In a time step h the noise adds a normal number of
-    variance `intensity * h` to the velocity.
+    variance `intensity * h` to the velocity. Several coordinates, and noise of a tabulated density,
+    are numbers of `model`: `mass`, `damping` and `stiffness` (n, n), `white` (intensity matrix of
+    the white forces, N^2 s), `constant_force` (n,), `tables` (one-sided densities, each with the
+    forces (n,) per unit of its noise), and `pairs` with their stops.
 
     Parameters
     ----------
-    omega, damping_rate
-        Natural frequency, rad/s, and damping rate c / m, 1/s.
-    intensity, load
-        (m/s^2)^2 s and m/s^2.
-    lower, upper
-        Stops, m; infinite where there is none.
-    restitution_lower, restitution_upper
-        R of each.
+    name
+        Name of the problem in a verdict.
+    scene
+        The whole scene, for integrators that read scenes.
     speed_threshold
         A collision rate counts impacts faster than this, m/s.
     burn_in, duration
         Seconds to leave out at the start of a path, and to count after that.
     paths
         How many independent paths are asked for.
-    scene
-        The whole scene, for integrators that read scenes.
     """
 
     name: str
-    omega: float
-    damping_rate: float
-    intensity: float
-    load: float
-    lower: float
-    upper: float
-    restitution_lower: float
-    restitution_upper: float
+    scene: Scene
     speed_threshold: float
     burn_in: float
     duration: float
     paths: int
-    scene: Scene
+
+    @property
+    def model(self) -> Model:
+        """The numbers of the structure, its stops and its noise, in SI units."""
+        return model_of(self.scene)
+
+    @property
+    def single(self) -> bool:
+        """Whether this is one oscillator, whose quantities need no name of what they belong to."""
+        return self.model.single
+
+    @property
+    def white_oscillator(self) -> bool:
+        """Whether this is one oscillator under white noise alone."""
+        return self.single and not self.model.tables
+
+    @property
+    def free(self) -> bool:
+        """Whether there are no stops."""
+        return not self.model.stops
+
+    @property
+    def omega(self) -> float:
+        """Natural frequency of one oscillator, rad/s."""
+        return self.model.omega
+
+    @property
+    def damping_rate(self) -> float:
+        """Damping rate c / m of one oscillator, 1/s."""
+        return self.model.damping_rate
+
+    @property
+    def intensity(self) -> float:
+        """Intensity of the white noise on one oscillator, (m/s^2)^2 s."""
+        return self.model.intensity
+
+    @property
+    def load(self) -> float:
+        """Constant load on one oscillator per unit mass, m/s^2."""
+        return self.model.load
+
+    @property
+    def lower(self) -> float:
+        """Lower stop of one oscillator, m; minus infinity where there is none."""
+        return self.model.lower_position
+
+    @property
+    def upper(self) -> float:
+        """Upper stop of one oscillator, m; infinity where there is none."""
+        return self.model.upper_position
+
+    @property
+    def restitution_lower(self) -> float:
+        """R of the lower stop; 1 where there is none."""
+        return _restitution(self.model.lower)
+
+    @property
+    def restitution_upper(self) -> float:
+        """R of the upper stop; 1 where there is none."""
+        return _restitution(self.model.upper)
 
     @property
     def relaxation_time(self) -> float:
         """Time in which the memory of a start falls to 1/e, without stops, s."""
-        return self.burn_in / SETTLED
+        return _relaxation_time(self.model)
 
     @property
     def speed_scale(self) -> float:
-        """Standard deviation of the velocity without stops, sqrt(intensity / (2 b)), m/s."""
+        """Standard deviation of the velocity of one oscillator in white noise without stops,
+        sqrt(intensity / (2 b)), m/s."""
         return math.sqrt(self.intensity / (2.0 * self.damping_rate))
 
     @property
     def restitution(self) -> float | None:
         """R of the stops; None without stops, or where two stops have different R."""
-        found = {
-            r
-            for stop, r in (
-                (self.lower, self.restitution_lower),
-                (self.upper, self.restitution_upper),
-            )
-            if math.isfinite(stop)
-        }
+        found = {stop.law.restitution for stop in self.model.stops}
         return found.pop() if len(found) == 1 else None
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        """Displacements at which a path starts at rest, m: 0, or the stop beyond which 0 lies."""
+        if self.model.single:
+            return (min(max(0.0, self.lower), self.upper),)
+        return (0.0,) * len(self.model.coordinates)
 
 
 def problem_of(
@@ -97,7 +149,8 @@ def problem_of(
     Raises
     ------
     NotApplicable
-        Unless the scene is one oscillator under white noise, with rigid stops or none.
+        Unless the structure is linear and damped, its stops are rigid with a restitution that is a
+        number, and its noise is white or has a density.
     ValueError
         If `paths` or `relaxations` is not positive.
 
@@ -113,32 +166,39 @@ def problem_of(
     if not 0.0 < relaxations < math.inf:
         raise ValueError(f"relaxations must be a positive number, got {relaxations}")
     model = model_of(scene)
-    unmet = beyond_one_oscillator(model)
-    if not unmet:
-        unmet = model.not_rigid()
-        if model.tables or model.intensity == 0.0:
-            unmet.append("excitation must be white noise")
-        if model.damping_rate == 0.0:
-            unmet.append("structure.damping must be above 0")
+    unmet = _unmet(model)
     if unmet:
         raise NotApplicable("judge", unmet)
     relaxation = _relaxation_time(model)
     return Problem(
         name=name or scene.title,
-        omega=model.omega,
-        damping_rate=model.damping_rate,
-        intensity=model.intensity,
-        load=model.load,
-        lower=model.lower_position,
-        upper=model.upper_position,
-        restitution_lower=_restitution(model.lower),
-        restitution_upper=_restitution(model.upper),
+        scene=scene,
         speed_threshold=speed_threshold,
         burn_in=SETTLED * relaxation,
         duration=relaxations * relaxation,
         paths=paths,
-        scene=scene,
     )
+
+
+def _unmet(model: Model) -> list[str]:
+    """The conditions of a problem that a model does not meet."""
+    unmet = functions(model)
+    kinds = {"a sine" if signal.amplitude else "filtered noise" for signal in model.signals}
+    unmet += [
+        f"excitation must be white noise, a density or constant, got {kind}"
+        for kind in sorted(kinds)
+    ]
+    unmet += model.not_rigid()
+    if not model.noisy:
+        unmet.append("excitation must contain noise, got none")
+    if not unmet and not math.isfinite(_relaxation_time(model)):
+        unmet.append(
+            "structure.damping must be above 0, and damp every motion of the structure without "
+            "its stops"
+        )
+    if any(stop.deflection(0.0) > 0.0 for stop in model.stops) and not model.single:
+        unmet.append("impact pairs must be open where all displacements are 0")
+    return unmet
 
 
 def _restitution(stop: Stop | None) -> float:
@@ -147,8 +207,29 @@ def _restitution(stop: Stop | None) -> float:
 
 
 def _relaxation_time(model: Model) -> float:
-    """One over the real part of the slowest eigenvalue, s; without a spring, of the velocity."""
+    """One over the real part of the slowest eigenvalue, s; without a spring, of the velocity.
+
+    Infinite where a motion is not damped.
+    """
+    if len(model.coordinates) > 1:
+        count = len(model.coordinates)
+        inverse = np.linalg.inv(model.mass)
+        states = np.block(
+            [
+                [np.zeros((count, count)), np.eye(count)],
+                [-inverse @ model.stiffness, -inverse @ model.damping],
+            ]
+        )
+        rates = np.linalg.eigvals(states)
+        slowest = -float(rates.real.max())
+        return 1.0 / slowest if slowest > UNDAMPED * float(np.abs(rates).max()) else math.inf
     half = 0.5 * model.damping_rate
+    if half == 0.0:
+        return math.inf
     if model.omega == 0.0:
         return 1.0 / model.damping_rate
     return 1.0 / (half - math.sqrt(max(half**2 - model.omega**2, 0.0)))
+
+
+UNDAMPED = 1e-9
+"""Decay rate, as a share of the fastest rate of a structure, below which it is rounding error."""

@@ -60,7 +60,10 @@ class Sample(Protocol):
         """Degrees of freedom of the standard errors; infinite where they are not known."""
 
     def names(self) -> Sequence[str]:
-        """The names in `QUANTITIES` that the sample has."""
+        """The quantities that the sample has; `split` takes such a name apart."""
+
+    def bias(self, name: str) -> float:
+        """Bound on the bias that was stated with a quantity; 0 where none was stated."""
 
     def evaluate(self, function: Function) -> tuple[float, float]:
         """A function of the quantities with its standard error; NaN where it is not finite."""
@@ -77,7 +80,12 @@ class PathAverages:
         return len(next(iter(self.averages.values()))) - 1.0
 
     def names(self) -> Sequence[str]:
-        return [name for name in QUANTITIES if set(_needs(name)) <= set(self.averages)]
+        owners = dict.fromkeys(split(name)[0] for name in self.averages)
+        names = [owner + quantity for owner in owners for quantity in QUANTITIES]
+        return [name for name in names if set(_needs(name)) <= set(self.averages)]
+
+    def bias(self, name: str) -> float:
+        return 0.0
 
     def evaluate(self, function: Function) -> tuple[float, float]:
         columns = self.averages
@@ -98,7 +106,10 @@ class Statistics:
     degrees: float = math.inf
 
     def names(self) -> Sequence[str]:
-        return [name for name in QUANTITIES if name in self.estimates]
+        return [name for name in self.estimates if split(name)[1] in QUANTITIES]
+
+    def bias(self, name: str) -> float:
+        return self.estimates[name].bias or 0.0
 
     def evaluate(self, function: Function) -> tuple[float, float]:
         """The standard error comes from central differences over one standard error each way."""
@@ -113,20 +124,57 @@ class Statistics:
         return float(function(values)), math.sqrt(variance)
 
 
-def _needs(quantity: str) -> Sequence[str]:
+def split(name: str) -> tuple[str, str]:
+    """The name of what a quantity belongs to, with its point, and the quantity.
+
+    >>> split("front.left.velocity_std"), split("velocity_std")
+    (('front.left.', 'velocity_std'), ('', 'velocity_std'))
+    """
+    owner, point, quantity = name.rpartition(".")
+    return owner + point, quantity
+
+
+def _needs(name: str) -> Sequence[str]:
+    owner, quantity = split(name)
     if quantity == "displacement_std":
-        return ("displacement_mean", "displacement_mean_square")
-    return ("velocity_mean_square",) if quantity == "velocity_std" else (quantity,)
+        return (f"{owner}displacement_mean", f"{owner}displacement_mean_square")
+    return (f"{owner}velocity_mean_square",) if quantity == "velocity_std" else (name,)
 
 
 def _quantities(means: Values) -> dict[str, Any]:
     found = dict(means)
-    if set(_needs("displacement_std")) <= set(means):
-        variance = means["displacement_mean_square"] - means["displacement_mean"] ** 2
-        found["displacement_std"] = np.sqrt(np.maximum(variance, 0.0))
-    if "velocity_mean_square" in means:
-        found["velocity_std"] = np.sqrt(np.maximum(means["velocity_mean_square"], 0.0))
+    for name in means:
+        owner, average = split(name)
+        if average == "displacement_mean_square" and f"{owner}displacement_mean" in means:
+            variance = means[name] - means[f"{owner}displacement_mean"] ** 2
+            found[f"{owner}displacement_std"] = np.sqrt(np.maximum(variance, 0.0))
+        if average == "velocity_mean_square":
+            found[f"{owner}velocity_std"] = np.sqrt(np.maximum(means[name], 0.0))
     return found
+
+
+IMPACTS = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
+"""Quantities of impacts: sums of w^0, w^1 and w^2 per second, w the impact speed."""
+
+
+def returnable(problem: Problem, quantities: Sequence[str]) -> list[str]:
+    """Names under which quantities of a problem may be returned: of one oscillator the bare ones,
+    otherwise with the coordinate or the impact pair before a point."""
+    if problem.single:
+        return list(quantities)
+    model = problem.model
+    moments = [name for name in quantities if name not in (*IMPACTS, "impact_speed", "impact_time")]
+    impacts = [name for name in quantities if name not in moments]
+    return [f"{owner}.{name}" for owner in model.coordinates for name in moments] + [
+        f"{pair.name}.{name}" for pair in model.pairs for name in impacts
+    ]
+
+
+def plain_name(problem: Problem, name: str) -> str:
+    """The name of a quantity as `returnable` has it: one oscillator may have its owner named."""
+    owner, quantity = split(name)
+    owners = (*problem.model.coordinates, *(pair.name for pair in problem.model.pairs))
+    return quantity if problem.single and owner.removesuffix(".") in owners else name
 
 
 def sample_of(problem: Problem, returned: Mapping[str, Any]) -> Sample:
@@ -137,14 +185,16 @@ def sample_of(problem: Problem, returned: Mapping[str, Any]) -> Sample:
             "integrator must return a dict of records, of averages of each path or of "
             f"(value, standard error), got {got}"
         )
-    known = {*RECORDS, *AVERAGES, *QUANTITIES}
+    records = returnable(problem, RECORDS)
+    averages = returnable(problem, AVERAGES)
+    quantities = list(dict.fromkeys((*averages, *returnable(problem, QUANTITIES))))
     for name in returned:
-        if name not in known:
+        if name not in {*records, *quantities}:
             raise ValueError(
-                f"integrator returned {name!r}, expected records ({', '.join(RECORDS)}) or "
-                f"quantities ({', '.join(dict.fromkeys((*AVERAGES, *QUANTITIES)))})"
+                f"integrator returned {name!r}, expected records ({', '.join(records)}) or "
+                f"quantities ({', '.join(quantities)})"
             )
-    if set(returned) & set(RECORDS):
+    if set(returned) & set(records):
         return _from_records(problem, returned)
     statistics = [_is_statistic(entry) for entry in returned.values()]
     if all(statistics):
@@ -152,7 +202,7 @@ def sample_of(problem: Problem, returned: Mapping[str, Any]) -> Sample:
     if any(statistics):
         raise ValueError("integrator returned a mixture of averages of paths and of statistics")
     for name in returned:
-        if name not in AVERAGES:
+        if name not in averages:
             square = name.replace("_std", "_mean_square")
             raise ValueError(
                 f"integrator returned {name} of type {type(returned[name]).__name__}, expected a "
@@ -215,45 +265,59 @@ def _path_averages(columns: Mapping[str, Vector]) -> PathAverages:
 def _from_records(problem: Problem, returned: Mapping[str, Any]) -> PathAverages:
     """Averages of each path, or of each batch of a single path."""
     columns: dict[str, Vector] = {}
-    records = {
-        name: _record(problem, name, returned[name])
-        for name in ("displacement", "velocity")
-        if name in returned
-    }
-    single = any(record.ndim == 1 for record in records.values())
     for name in returned:
-        if name not in RECORDS:
+        if split(name)[1] not in RECORDS:
             raise ValueError(
                 f"integrator returned {name} together with records; give only records, or only "
                 "averages"
             )
+    records = {
+        name: _record(problem, name, entry)
+        for name, entry in returned.items()
+        if split(name)[1] in ("displacement", "velocity")
+    }
+    single = any(record.ndim == 1 for record in records.values())
     if len({record.ndim for record in records.values()}) > 1:
         raise ValueError(
             "integrator returned displacement and velocity of a single path and of several; give "
             "both of the same paths"
         )
-    if "impact_speed" not in returned and "impact_time" in returned:
-        raise ValueError("integrator returned impact_time without impact_speed; give both")
     for name, record in records.items():
         parts = _parts(problem, record) if single else list(record)
-        if name == "displacement":
-            columns["displacement_mean"] = np.array([part.mean() for part in parts])
+        if split(name)[1] == "displacement":
+            columns[f"{name}_mean"] = np.array([part.mean() for part in parts])
         columns[f"{name}_mean_square"] = np.array([(part**2).mean() for part in parts])
-    if "impact_speed" in returned:
-        aligned = _aligned(_speeds(returned["impact_speed"]), records)
-        if aligned is not None:
-            parts = _parts(problem, aligned) if single else list(aligned)
-            seconds = problem.duration / (len(parts) if single else 1)
-        else:
-            parts = _events(problem, returned, records if single else {})
-            seconds = problem.duration / (BATCHES if single else 1)
-        speeds = [np.abs(part[part != 0.0]) for part in parts]
-        columns["collision_rate"] = np.array(
-            [np.sum(w > problem.speed_threshold) / seconds for w in speeds]
-        )
-        columns["impact_speed_rate"] = np.array([w.sum() / seconds for w in speeds])
-        columns["impact_speed_square_rate"] = np.array([(w**2).sum() / seconds for w in speeds])
+    for name in returned:
+        owner, record_name = split(name)
+        if record_name == "impact_time" and f"{owner}impact_speed" not in returned:
+            raise ValueError(f"integrator returned {name} without {owner}impact_speed; give both")
+        if record_name == "impact_speed":
+            columns |= _impact_rates(problem, returned, owner, records)
     return _path_averages(columns)
+
+
+def _impact_rates(
+    problem: Problem, returned: Mapping[str, Any], owner: str, records: Mapping[str, Vector]
+) -> dict[str, Vector]:
+    """Rates of one impact pair in each path, or in each batch of a single path."""
+    single = any(record.ndim == 1 for record in records.values())
+    aligned = _aligned(_speeds(returned[f"{owner}impact_speed"]), records)
+    if aligned is not None:
+        parts = _parts(problem, aligned) if single else list(aligned)
+        seconds = problem.duration / (len(parts) if single else 1)
+    else:
+        parts = _events(problem, returned, owner, records if single else {})
+        seconds = problem.duration / (BATCHES if single else 1)
+    speeds = [np.abs(part[part != 0.0]) for part in parts]
+    rates = (
+        [np.sum(w > problem.speed_threshold) for w in speeds],
+        [w.sum() for w in speeds],
+        [(w**2).sum() for w in speeds],
+    )
+    return {
+        f"{owner}{name}": np.array(rate) / seconds
+        for name, rate in zip(IMPACTS, rates, strict=True)
+    }
 
 
 def _record(problem: Problem, name: str, entry: Any) -> NDArray[np.float64]:
@@ -308,10 +372,10 @@ def _parts(problem: Problem, record: Vector) -> list[Vector]:
 
 
 def _events(
-    problem: Problem, returned: Mapping[str, Any], single: Mapping[str, Vector]
+    problem: Problem, returned: Mapping[str, Any], owner: str, single: Mapping[str, Vector]
 ) -> list[Vector]:
     """Impact speeds of each path, or of each batch of a single path."""
-    speeds = _speeds(returned["impact_speed"])
+    speeds = _speeds(returned[f"{owner}impact_speed"])
     if not single:
         if len(speeds) != problem.paths or any(np.ndim(path) != 1 for path in speeds):
             raise ValueError(
@@ -320,12 +384,12 @@ def _events(
                 "of the records"
             )
         return list(speeds)
-    if "impact_time" not in returned:
+    if f"{owner}impact_time" not in returned:
         raise ValueError(
             "integrator returned impact_speed as a list of events of a single path, which needs "
             "impact_time (s, from the end of the burn-in), got none"
         )
-    times = _numbers("impact_time", returned["impact_time"])
+    times = _numbers("impact_time", returned[f"{owner}impact_time"])
     if np.ndim(times) != 1 or np.shape(speeds) != times.shape:
         raise ValueError(
             f"integrator returned impact_time of shape {times.shape} for impact_speed of shape "
