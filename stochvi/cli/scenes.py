@@ -46,15 +46,16 @@ law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law whe
 kind = "psd"                 # or "white", "filtered", "sine", "constant"; several add up
 profile = "mil-std-810h-truck-vertical-5hz"          # see: stochvi profiles
 level_db = 0.0
-# or: file = "my.csv" (two columns; also .uff, .mat), or frequency_hz = [..] and density = [..],
-# with a unit:
-# unit = "g2/Hz"             # "g2/Hz", "(m/s2)2/Hz" or "N2/Hz"; one-sided per hertz
+# or: file = "my.csv" (text, .uff, .mat; column = "Z" or 3 where it has several), or
+# frequency_hz = [..] and density = [..], with a unit, unless the heading of the file states it:
+# unit = "g2/Hz"             # "(m/s2)2/Hz", "N2/Hz", "dB re 1 g2/Hz", ...; one-sided per hertz
 # white: intensity = S0 (two-sided, SI), or density = .. with unit = ..
 # filtered: the same, of the white noise before it passes a resonance of frequency_hz and zeta
 # (which raises a density to its 1 / (4 zeta^2)-fold at the peak)
 # sine: amplitude (N, or m/s^2 of the base) and frequency_hz
 # road: road = "C" (ISO 8608) and speed_kmh
-# record: file = "run.csv" (time, acceleration) and unit = "g"
+# record: file = "run.csv" (time, acceleration) and unit = "g"; fs = 1000.0 (Hz) without times,
+# column = "Z" where there are several, gaps = "split" where samples are missing
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
 """
 

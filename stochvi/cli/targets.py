@@ -13,7 +13,7 @@ from stochvi.results.errors import SceneError, TargetError
 
 def inputs_of(scenes: Sequence[Path]) -> list[Path]:
     """The scene files, and the files that they name; what cannot be read is refused elsewhere."""
-    from stochvi.scenes.datasets import read_text
+    from stochvi.scenes.text import read_text
 
     found = []
     for scene in scenes:

@@ -26,7 +26,8 @@ class Table:
     Parameters
     ----------
     frequency_hz, density
-        Arrays of equal length >= 2, positive, frequencies strictly increasing.
+        Arrays of equal length >= 2, positive, frequencies increasing. A frequency that stands
+        twice is a step of the density, which holds no area.
     """
 
     frequency_hz: NDArray[np.float64]
@@ -47,12 +48,19 @@ class Table:
                 raise ValueError(
                     f"needs positive finite values of {name}, got {column[row]:g} in row {row + 1}"
                 )
-        falling = np.diff(frequency) <= 0.0
+        falling = np.diff(frequency) < 0.0
         if falling.any():
             row = int(np.argmax(falling))
             raise ValueError(
-                "needs strictly increasing frequency_hz, "
+                "needs increasing frequency_hz (twice the same for a step), "
                 f"got {frequency[row]:g} before {frequency[row + 1]:g}"
+            )
+        thrice = frequency[2:] == frequency[:-2]
+        if thrice.any() or frequency[0] == frequency[-1]:
+            row = int(np.argmax(thrice)) if thrice.any() else 0
+            raise ValueError(
+                "needs increasing frequency_hz (twice the same for a step, and another frequency), "
+                f"got {frequency[row]:g} before {frequency[row]:g} again"
             )
 
     def __eq__(self, other: object) -> bool:
@@ -87,7 +95,7 @@ class Table:
         f1, f2 = self.frequency_hz[:-1], self.frequency_hz[1:]
         p1, p2 = self.density[:-1], self.density[1:]
         ratio = np.log(f2 / f1)
-        exponent = (np.log(p2 / p1) / ratio + power + 1.0) * ratio
+        exponent = np.log(p2 / p1) + (power + 1.0) * ratio
         # (e^t - 1) / t, which is 1 at t = 0 and needs no case of its own
         growth = np.where(
             exponent == 0.0, 1.0, np.expm1(exponent) / np.where(exponent, exponent, 1)

@@ -16,9 +16,16 @@ motion as the acceleration -a.
 from __future__ import annotations
 
 import math
-from typing import Any
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    import pint
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s^2: exact by definition (CGPM 1901)."""
@@ -30,6 +37,212 @@ FORCE_DENSITY_UNITS = {"N2/Hz": 1.0}
 """One-sided force densities: unit -> factor to N^2/Hz."""
 
 DENSITY_UNITS = ACCELERATION_DENSITY_UNITS | FORCE_DENSITY_UNITS
+
+UNITS: dict[str, dict[str, float]] = {
+    "acceleration density": ACCELERATION_DENSITY_UNITS,
+    "force density": FORCE_DENSITY_UNITS,
+    "acceleration": {"g": STANDARD_GRAVITY, "m/s2": 1.0},
+    "force": {"N": 1.0},
+    "length": {"m": 1.0, "mm": 1e-3},
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "frequency": {"Hz": 1.0, "kHz": 1e3},
+    "speed": {"m/s": 1.0, "mm/s": 1e-3},
+}
+"""Quantity -> units in their usual spelling -> factor to SI units."""
+
+DENSITIES = ("acceleration density", "force density")
+"""Quantities that a one-sided density per hertz may be of."""
+
+WORDS = (
+    "nano- = 1e-9 = n-",
+    "micro- = 1e-6 = u- = µ- = μ-",
+    "milli- = 1e-3 = m-",
+    "centi- = 1e-2 = c-",
+    "kilo- = 1e3 = k-",
+    "meter = [length] = m = metre",
+    "second = [time] = s = sec = seconds",
+    "kilogram = [mass] = kg",
+    "newton = kilogram * meter / second ** 2 = N",
+    f"standard_gravity = {STANDARD_GRAVITY!r} * meter / second ** 2 = g = G = gn = g_n = g0 = grms",
+    "hertz = 1 / second = Hz = hz = HZ = cps",
+    f"radian = {1.0 / math.tau!r} = rad",
+    "minute = 60 * second = min = minutes",
+    "hour = 3600 * second = h = hours = hr",
+    "day = 86400 * second = d = days",
+    "inch = 0.0254 * meter = in",
+    "foot = 0.3048 * meter = ft",
+    "pound_force = 4.4482216152605 * newton = lbf = lb",
+)
+"""Units from which spellings are made: g is gravity, not gram, and an angle counts in cycles, so
+that a density per rad/s becomes one per hertz. Inch, foot and pound-force are exact by definition
+(international yard and pound agreement, 1959)."""
+
+DIMENSIONS = {
+    "meter ** 2 / second ** 3": "acceleration density",
+    "kilogram ** 2 * meter ** 2 / second ** 3": "force density",
+    "meter / second ** 2": "acceleration",
+    "kilogram * meter / second ** 2": "force",
+    "meter": "length",
+    "second": "time",
+    "1 / second": "frequency",
+    "meter / second": "speed",
+}
+"""Base units, as pint writes them -> quantity."""
+
+LONGEST_SPELLING = 60
+"""Number of characters from which a text is no unit."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of a quantity: `name` as written in scene files, `factor` to SI units.
+
+    Of a level in decibels, `factor` is that of the reference, and `decibels` is true.
+    """
+
+    name: str
+    factor: float
+    quantity: str
+    decibels: bool = False
+
+    def to_si(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Values in this unit as values in SI units.
+
+        >>> float(unit("dB re 1 g2/Hz").to_si(-20.0)) == 0.01 * STANDARD_GRAVITY**2
+        True
+        """
+        found = np.asarray(values, dtype=float)
+        if self.decibels:
+            with np.errstate(over="ignore"):
+                found = 10.0 ** (found / 10.0)
+        return np.asarray(found * self.factor)
+
+    def same(self, other: Unit) -> bool:
+        """Whether two names stand for one unit."""
+        alike = (self.quantity, self.decibels) == (other.quantity, other.decibels)
+        return alike and math.isclose(self.factor, other.factor, rel_tol=1e-9)
+
+
+@cache
+def unit(spelling: str) -> Unit:
+    """The unit that a spelling stands for: "g^2/Hz", "(m/s²)²/Hz", "dB re 1 g2/Hz", "mm/s^2".
+
+    Spellings that are not in `UNITS` are parsed by pint with the units of `WORDS`. A unit that
+    equals one in `UNITS` gets its name.
+
+    Raises
+    ------
+    ValueError
+        For a spelling that is not known; the message lists the usual ones.
+
+    Examples
+    --------
+    >>> unit("(m/s^2)^2 / Hz").name, unit("G²/Hz").name, unit("m2/s4/Hz").name
+    ('(m/s2)2/Hz', 'g2/Hz', '(m/s2)2/Hz')
+    >>> unit("mm/s^2").factor, unit("rad/s").quantity, round(unit("rad/s").factor, 4)
+    (0.001, 'frequency', 0.1592)
+    """
+    text = spelling.strip()
+    for quantity, known in UNITS.items():
+        if text in known:
+            return Unit(text, known[text], quantity)
+    if len(text) > LONGEST_SPELLING:
+        raise _unknown(spelling)
+    if level := re.fullmatch(r"dB\b\s*(?:re\b\.?|ref\b\.?|rel\b\.?|//)?\s*:?\s*(.*)", text, re.I):
+        return _level(text, level[1])
+    factor, quantity = _parsed(text)
+    for name, size in UNITS.get(quantity, {}).items():
+        if math.isclose(size, factor, rel_tol=1e-12):
+            return Unit(name, size, quantity)
+    return Unit(text, factor, quantity)
+
+
+def listed_units(*quantities: str) -> str:
+    """The usual spellings of the units of some quantities, of all by default."""
+    return ", ".join(name for each in quantities or tuple(UNITS) for name in UNITS[each])
+
+
+def _unknown(spelling: str) -> ValueError:
+    return ValueError(
+        f"{spelling!r} is not a unit that is known; usual ones are {listed_units()}, "
+        "dB re 1 g2/Hz, and products and powers of these"
+    )
+
+
+def _level(text: str, reference: str) -> Unit:
+    """A level in decibels over a reference of a density."""
+    if reference.startswith("(") and reference.endswith(")") and "(" not in reference[1:-1]:
+        reference = reference[1:-1]
+    found = re.fullmatch(r"(\d[\d.]*(?:[eE][-+]?\d+)?)?\s*\*?\s*(.*)", reference)
+    try:
+        if not found or not found[2]:
+            raise ValueError
+        of = unit(found[2])
+        factor = float(found[1] or 1.0) * of.factor
+        if of.quantity not in DENSITIES or of.decibels or not 0.0 < factor < math.inf:
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            f"{text!r} needs the density that 0 dB stands for, as in 'dB re 1 g2/Hz'"
+        ) from None
+    return Unit(f"dB re {found[1] or 1} {of.name}", factor, of.quantity, decibels=True)
+
+
+def _parsed(text: str) -> tuple[float, str]:
+    """Factor to SI units and quantity of a spelling, by pint."""
+    for sign, digit in (("²", "2"), ("³", "3"), ("⁴", "4"), ("·", "*"), ("⋅", "*"), ("^", "**")):
+        text = text.replace(sign, digit)
+    text = re.sub(r"\bper\b", "/", text)
+    text = re.sub(r"√\s*\(?(\w+)\)?|sqrt\((\w+)\)", r"(\1\2)**0.5", text)
+    text = re.sub(r"(?<=[A-Za-z)])(-?\d)(?!\d)", r"**\1", text.replace("g0", "g"))
+    if not re.fullmatch(r"(?:[A-Za-zµμ_]+|\*\*-?\d(?:\.5)?|[\s()/*]|\b1\b)+", text):
+        raise _unknown(text)
+    try:
+        registry = _registry()
+        factor, base = registry.get_base_units(registry.parse_units(text))
+        size = float(str(factor))
+    except Exception:  # pint raises whatever its parsing met
+        raise _unknown(text) from None
+    return size, DIMENSIONS.get(str(base), str(base))
+
+
+@cache
+def _registry() -> pint.UnitRegistry[float]:
+    """Loaded at its first use: pint takes 0.4 s."""
+    import pint
+
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)
+    for word in WORDS:
+        registry.define(word)
+    return registry
+
+
+def measured(text: str, quantity: str, plain: float = 1.0) -> float:
+    """A number with its unit, in SI units; without one, the number times `plain`.
+
+    Raises
+    ------
+    ValueError
+        If it is not a finite number with a unit of that quantity.
+
+    Examples
+    --------
+    >>> measured("30 min", "time"), measured("4mm", "length"), measured("2", "acceleration")
+    (1800.0, 0.004, 2.0)
+    """
+    found = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", text)
+    try:
+        if not found:
+            raise ValueError
+        of = unit(found[2]) if found[2] else Unit("", plain, quantity)
+        value = float(found[1]) * of.factor
+        if of.quantity != quantity or of.decibels or not math.isfinite(value):
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            f"must be a number with a unit of {quantity} ({listed_units(quantity)}), got {text!r}"
+        ) from None
+    return value
 
 
 def intensity_from_density(density: float) -> float:

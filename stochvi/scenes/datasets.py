@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from stochvi.results.errors import SceneError
-
-LARGEST_TEXT_FILE = 10_000_000
-"""Largest size of a table or scene file, bytes: such files have some kilobytes."""
+from stochvi.scenes.text import read_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,87 +74,3 @@ def scene_files(name: str) -> list[Path]:
     path = shipped_scene(name)
     text = path.read_text(encoding="utf-8")
     return [path, *(table for table in sorted(path.parent.glob("*.csv")) if table.name in text)]
-
-
-def read_text(path: Path, largest: int | None = None) -> str:
-    """The text of a small UTF-8 file; a sentence for everything that it may be instead.
-
-    `largest` is the size in bytes from which a file is refused, by default `LARGEST_TEXT_FILE`.
-    """
-    check_file(path, largest or LARGEST_TEXT_FILE)
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise SceneError(f"{path} is not text: expected UTF-8, got binary data") from None
-    except OSError as error:
-        raise _unreadable(path, error) from None
-
-
-def check_file(path: Path, largest: int) -> None:
-    """Raise `SceneError` unless `path` is a file of at most `largest` bytes."""
-    try:
-        if "\0" in str(path):
-            raise SceneError(f"{str(path)!r} cannot be read: a file name holds no null character")
-        size = path.stat().st_size
-        if not path.is_file():
-            got = "a folder" if path.is_dir() else "a device or a pipe"
-            raise SceneError(f"{path} cannot be read: expected a text file, got {got}")
-        if size > largest:
-            raise SceneError(f"{path} holds {size} bytes, expected a text of at most {largest}")
-    except OSError as error:
-        raise _unreadable(path, error) from None
-
-
-def _unreadable(path: Path, error: OSError) -> SceneError:
-    return SceneError(f"{path} cannot be read: {(error.strerror or str(error)).lower()}")
-
-
-def read_table(
-    path: Path,
-    names: Sequence[str] = ("frequency_hz", "density"),
-    largest: int | None = None,
-) -> tuple[NDArray[np.float64], ...]:
-    """Columns of numbers, one for each of `names`, from comma- or space-separated text.
-
-    Lines that start with #, and lines without numbers before the first row, are passed over. Raises
-    `SceneError` for anything else that is not that many numbers.
-    """
-    wanted = f"{_COUNTS.get(len(names), len(names))} ({', '.join(names)})"
-    rows: list[list[float]] = []
-    for number, line in enumerate(read_text(path, largest).splitlines(), start=1):
-        cells = line.split("#")[0].replace(",", " ").replace(";", " ").split()
-        if not cells:
-            continue
-        try:
-            row = [float(cell) for cell in cells]
-        except ValueError:
-            row = []
-        if len(row) != len(names):
-            if not rows and not any(map(_is_number, cells)):
-                _check_order(path, cells, names)
-                continue  # names and units of the columns
-            raise SceneError(f"{path}, line {number}: expected {wanted}, got {line.strip()[:60]!r}")
-        rows.append(row)
-    if not rows:
-        raise SceneError(f"{path} holds no rows of {wanted}")
-    return tuple(np.array(rows).T)
-
-
-def _check_order(path: Path, heading: Sequence[str], names: Sequence[str]) -> None:
-    """A heading that names the columns must name them in the order that is read."""
-    found = [cell.lower() for cell in heading if cell.lower() in names]
-    if sorted(found) == sorted(names) and found != list(names):
-        raise SceneError(
-            f"{path} has the columns {', '.join(found)}; expected {', '.join(names)} in this order"
-        )
-
-
-_COUNTS = {1: "one number", 2: "two numbers"}
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.units import UNITS, Unit, unit
 from stochvi.results.errors import SceneError
-from stochvi.scenes.datasets import check_file, read_table
+from stochvi.scenes.text import TextTable, check_file, read_text_table
 
 Vector = NDArray[np.float64]
 
@@ -25,49 +26,45 @@ MATLAB_SUFFIXES = (".mat",)
 TIME_RESPONSE, SPECTRAL_DENSITY = 1, 9
 """Function types of UFF dataset 58, record 6, field 1."""
 
-UNIT_LABELS = {
-    "g^2/hz": "g2/Hz",
-    "g2/hz": "g2/Hz",
-    "gn^2/hz": "g2/Hz",
-    "(m/s^2)^2/hz": "(m/s2)2/Hz",
-    "(m/s2)2/hz": "(m/s2)2/Hz",
-    "m^2/s^4/hz": "(m/s2)2/Hz",
-    "m^2/s^3": "(m/s2)2/Hz",
-    "n^2/hz": "N2/Hz",
-    "n2/hz": "N2/Hz",
-    "g": "g",
-    "gn": "g",
-    "m/s^2": "m/s2",
-    "m/s2": "m/s2",
-    "n": "N",
-}
-"""Unit as instruments write it (small letters, no blanks) -> unit as scene files write it."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Columns:
-    """Two columns of a file: `x` (None where the file holds `y` alone), and what `y` is in.
+    """Two columns of a file: `x` (None where the file holds `y` alone), and their units.
 
-    `unit` is one of the words of `UNIT_LABELS`, or None where the file does not say.
+    `unit` is that of `y`, as `stated_in` states it; None where the file does not say, or in words
+    that are not known (`heading`). `x` is in Hz or s; NaN in `y` is a value that is missing.
+    `lines` are the lines of a text file.
     """
 
     x: Vector | None
     y: Vector
-    unit: str | None = None
+    unit: Unit | None = None
+    stated_in: str = ""
+    heading: str = ""
+    lines: Sequence[int] | None = None
+
+    def place(self, row: int) -> str:
+        """Where a row stands in the file."""
+        return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
 
 
 def read_columns(
     path: Path,
     names: Sequence[str],
     *,
+    column: int | str | None = None,
     variables: Sequence[str] | None = None,
     dataset: int | None = None,
     function_type: int = SPECTRAL_DENSITY,
 ) -> Columns:
-    """The columns `names` (one or two) of a text, UFF or MATLAB file; the ending tells which.
+    """Two columns (or one) of a text, UFF or MATLAB file; the ending tells which.
 
     Parameters
     ----------
+    names
+        Of the two columns that are wanted; of the one column where a file needs no more.
+    column
+        Of a text file: the name or the number, from 1, of the column of values.
     variables
         Of a MATLAB file: the two vectors, or the one matrix of two columns, to read.
     dataset
@@ -85,22 +82,81 @@ def read_columns(
         raise SceneError([("variables", f"is for MATLAB files (.mat), got {path.name}")])
     if dataset is not None and suffix not in UFF_SUFFIXES:
         raise SceneError([("dataset", f"is for UFF files (.uff, .unv), got {path.name}")])
+    if column is not None and suffix in (*UFF_SUFFIXES, *MATLAB_SUFFIXES):
+        other = "variables" if suffix in MATLAB_SUFFIXES else "dataset"
+        raise SceneError([("column", f"is for text files, got {path.name}; give {other}")])
     if suffix in UFF_SUFFIXES:
         return _read_uff(path, names, dataset, function_type)
     if suffix in MATLAB_SUFFIXES:
         return _read_matlab(path, names, variables)
-    largest = LARGEST_DATA_FILE if function_type == TIME_RESPONSE else None
-    columns = read_table(path, names, largest)
-    return Columns(x=columns[0] if len(columns) == 2 else None, y=columns[-1])
+    return _read_text(path, names, column, function_type)
 
 
-def known_unit(label: str) -> str | None:
-    """The word for a unit as an instrument writes it; None for one that is not known.
+def _read_text(
+    path: Path, names: Sequence[str], column: int | str | None, function_type: int
+) -> Columns:
+    record = function_type == TIME_RESPONSE
+    table = read_text_table(path, names, LARGEST_DATA_FILE if record else None)
+    quantity = "time" if record else "frequency"
+    first, count = table.headings[0], len(table.headings)
+    chosen = None if column is None else table.column_called(column)
+    if len(names) == 1 and (count == 1 or chosen == 0 or not _holds_times(table)):
+        if chosen is None and count > 1:
+            raise table.choose()
+        place, x = chosen or 0, None
+    else:
+        _check_first_column(path, table, names)
+        if chosen is None and count > 2:
+            raise table.choose()
+        place = 1 if chosen is None else chosen
+        x = 0
+    if place == x:
+        raise SceneError(
+            [("column", f"is the first of {path}, which holds the {quantity}; name another")]
+        )
+    found = table.columns(*((place,) if x is None else (x, place)))
+    known, line = table.headings[place].unit, table.headings[place].line
+    if known is None and not record:
+        known, line = table.stated, table.stated_line
+    times = found[0] if x is not None else None
+    if times is not None and not table.is_stamp(0) and first.unit is not None:
+        if first.unit.quantity != quantity:
+            raise SceneError(
+                f"{path}, line {first.line}: the first column is in {first.unit.name}, expected "
+                f"{quantity}; put the column of {quantity} first"
+            )
+        times = first.unit.to_si(times)
+    return Columns(
+        x=times, y=found[-1], unit=known, stated_in=f"line {line} of {path}",
+        heading=" ".join(table.headings[place].cells),
+        lines=[number for number, _ in table.lines],
+    )  # fmt: skip
 
-    >>> known_unit("(m/s**2)^2 / Hz"), known_unit("EU")
-    ('(m/s2)2/Hz', None)
-    """
-    return UNIT_LABELS.get(label.lower().replace(" ", "").replace("**", "^").replace("²", "^2"))
+
+def _holds_times(table: TextTable) -> bool:
+    """Whether the first column of a record holds times: by its heading, else because it rises."""
+    first = table.headings[0]
+    if table.is_stamp(0) or first.is_time:
+        return True
+    return not first.cells and bool(np.all(np.diff(table.columns(0)[0]) > 0.0))
+
+
+def _check_first_column(path: Path, table: TextTable, names: Sequence[str]) -> None:
+    """Names of the columns, where they are the usual ones, must stand in the order that is read."""
+    found = [heading.name.lower() for heading in table.headings]
+    if sorted(found) == sorted(names) and found != list(names):
+        raise SceneError(
+            f"{path} has the columns {', '.join(found)}; expected {', '.join(names)} in this order"
+        )
+
+
+def _label(label: str) -> Unit | None:
+    """The unit of a label that an instrument wrote; None for one that is not of a quantity here."""
+    try:
+        found = unit(label)
+    except ValueError:
+        return None
+    return found if found.quantity in UNITS else None
 
 
 # UFF --------------------------------------------------------------------------------------
@@ -127,7 +183,10 @@ def _read_uff(path: Path, names: Sequence[str], dataset: int | None, function_ty
             [("dataset", f"{dataset} of {path} is complex, expected the real column {names[-1]}")]
         )
     label = str(entry.get("ordinate_axis_units_lab") or "")
-    return Columns(x=x.astype(float), y=y.astype(float), unit=known_unit(label))
+    return Columns(
+        x=x.astype(float), y=y.astype(float), unit=_label(label),
+        stated_in=f"dataset {dataset} of {path}",
+    )  # fmt: skip
 
 
 def _uff_functions(path: Path) -> dict[int, Mapping[str, Any]]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.results.errors import SceneError
 from stochvi.results.intervals import jackknife_error
-from stochvi.scenes.readers import TIME_RESPONSE, read_columns
+from stochvi.scenes.readers import TIME_RESPONSE, Columns, read_columns
 
 Vector = NDArray[np.float64]
 
@@ -38,6 +40,23 @@ SMALLEST_DENSITY = 1e-16
 UNEVEN = 0.1
 """Largest distance of a time from the even grid, in sampling intervals: printed digits are few."""
 
+ROUNDED = 0.6
+"""Largest distance of a time from the even grid, in units of its last digit: rounding moves it by
+0.5 at most, and the grid that is fitted to rounded times is a little off."""
+
+MOST_DIGITS = 9
+"""Number of decimals (of seconds) from which times are not taken for rounded."""
+
+LAG = 64
+"""Number of samples over which the interval between two is first estimated."""
+
+RATES_AGREE = 1e-3
+"""Largest relative difference of two sampling rates that counts as one: it moves the spectrum by a
+hundredth of the bandwidth of a mount with a damping ratio of 0.05."""
+
+GAPS_LISTED = 3
+"""Number of gaps that a sentence lists."""
+
 BLOCKS = 16
 """Number of blocks of a record from which the standard error of its kurtosis is taken."""
 
@@ -49,28 +68,47 @@ class Record:
     Parameters
     ----------
     values
-        Values of the record, m/s^2 (or N).
+        Values of the record, m/s^2 (or N), of all segments in turn.
     fs
         Sampling rate, 1/s.
+    lengths
+        Number of samples of each segment, between which there are gaps; empty for a record in one
+        piece.
+    gaps
+        Start of each gap in s after the first sample, and its length, s.
+    notes
+        What was taken from the file besides the numbers, in words.
     """
 
     values: Vector
     fs: float
+    lengths: tuple[int, ...] = ()
+    gaps: tuple[tuple[float, float], ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, Record)
-            and self.fs == other.fs
+            and (self.fs, self.lengths) == (other.fs, other.lengths)
             and np.array_equal(self.values, other.values)
         )
 
     def __hash__(self) -> int:
-        return hash((self.fs, len(self.values), self.values[:BLOCKS].tobytes()))
+        return hash((self.fs, self.lengths, len(self.values), self.values[:BLOCKS].tobytes()))
+
+    @property
+    def segments(self) -> tuple[Vector, ...]:
+        """The values of each segment without gaps."""
+        return tuple(np.split(self.values, np.cumsum(self.lengths)[:-1]))
 
     @property
     def duration(self) -> float:
-        """Length, s."""
+        """Length of what was recorded, without gaps, s."""
         return len(self.values) / self.fs
+
+    def scaled(self, factor: float) -> Record:
+        """The record at `factor` times its values."""
+        return replace(self, values=self.values * factor)
 
     @property
     def rms(self) -> float:
@@ -99,15 +137,18 @@ class Record:
         enough for it; without one, the finest that the record allows.
 
         The coarsest is the smaller of b / (2 pi) / 6 (b / (2 pi) = 2 zeta f_n is the half-power
-        bandwidth) and f_n / 10, the finest 8 / duration.
+        bandwidth) and f_n / 10, the finest 8 / duration, or one over the longest segment.
         """
-        finest = FEWEST_SEGMENT_LENGTHS / self.duration
+        longest = max(map(len, self.segments)) / self.fs
+        finest = max(FEWEST_SEGMENT_LENGTHS / self.duration, 1.0 / longest)
         if not omega or not damping_rate:
             return finest
         return max(finest, wanted_resolution(omega, damping_rate))
 
     def density(self, resolution_hz: float) -> DensityEstimate:
         """One-sided density by Welch's method: Hann windows, half overlap, means taken off.
+
+        No window reaches over a gap; a segment that is shorter than a window is left out.
 
         Parameters
         ----------
@@ -125,8 +166,9 @@ class Record:
         """
         from scipy.fft import next_fast_len
 
-        length = next_fast_len(min(math.ceil(self.fs / resolution_hz), len(self.values)), True)
-        return _welch(self, min(length, len(self.values)))
+        longest = max(map(len, self.segments))
+        length = next_fast_len(min(math.ceil(self.fs / resolution_hz), longest), True)
+        return _welch(self, min(length, longest))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,8 +187,12 @@ def _welch(record: Record, length: int) -> DensityEstimate:
     """Kept, because a scene asks for its tables again and again."""
     from scipy.signal import welch
 
-    frequency, density = welch(record.values, record.fs, nperseg=length)
-    segments = (len(record.values) - length // 2) // (length - length // 2)
+    overlap = length // 2
+    parts = [part for part in record.segments if len(part) >= length]
+    windows = [(len(part) - overlap) // (length - overlap) for part in parts]
+    spectra = [welch(part, record.fs, nperseg=length) for part in parts]
+    frequency, segments = spectra[0][0], sum(windows)
+    density = np.average([found for _, found in spectra], axis=0, weights=windows)
     floor = SMALLEST_DENSITY * float(density[1:].max())
     return DensityEstimate(
         table=Table(frequency_hz=frequency[1:], density=np.maximum(density[1:], floor)),
@@ -212,51 +258,168 @@ def _grid(table: Table, omega: float, damping_rate: float) -> Vector:
 def read_record(
     path: Path,
     *,
-    factor: float = 1.0,
     fs: float | None = None,
+    column: int | str | None = None,
     variables: tuple[str, ...] | None = None,
     dataset: int | None = None,
-) -> tuple[Record, str | None]:
-    """A record from two columns (time in s, value), or from one where `fs` is given.
+    gaps: Literal["refuse", "split"] = "refuse",
+) -> tuple[Record, Columns]:
+    """A record from a column of times and one of values, or from values alone where `fs` is given.
 
-    Returns the record, its values times `factor`, and the unit that the file states, if any.
+    Times may be seconds, in another unit that the heading states, or ISO 8601 stamps, rounded to
+    few digits: the sampling rate is fitted to all of them. Values that are missing, and times that
+    leave samples out, are gaps.
+
+    Parameters
+    ----------
+    fs
+        Sampling rate, 1/s; beside times it must agree with them.
+    column
+        Of a text file with several columns of values: name or number of the one that is read.
+    gaps
+        "refuse" them, or "split" the record there into segments.
+
+    Returns
+    -------
+    record, columns
+        The record in the unit of the file, and the columns that were read, which state the unit.
+
+    Raises
+    ------
+    SceneError
+        In a sentence that names the file, where in it, and what helps.
     """
     names = ("acceleration",) if fs is not None else ("time", "acceleration")
     columns = read_columns(
-        path, names, variables=variables, dataset=dataset, function_type=TIME_RESPONSE
-    )
-    values = columns.y
-    if not np.all(np.isfinite(values)):
-        row = int(np.argmin(np.isfinite(values))) + 1
-        raise SceneError([("file", f"{path} holds {values[row - 1]} in row {row}")])
-    if len(values) < FEWEST_SAMPLES:
+        path, names, column=column, variables=variables, dataset=dataset,
+        function_type=TIME_RESPONSE,
+    )  # fmt: skip
+    times, values = columns.x, columns.y
+    notes: tuple[str, ...] = ()
+    missing = ~np.isfinite(values)
+    if len(values) - missing.sum() < FEWEST_SAMPLES:
         raise SceneError(
-            [("file", f"{path} holds {len(values)} samples, expected at least {FEWEST_SAMPLES}")]
+            f"{path} holds {len(values) - missing.sum()} samples, expected at least "
+            f"{FEWEST_SAMPLES}; take a longer record"
         )
-    rate = fs if fs is not None or columns.x is None else _sampling_rate(columns.x, path)
-    assert rate is not None
-    values = (values - values.mean()) * factor
+    if times is None:
+        assert fs is not None
+        rate, breaks = fs, np.zeros(len(values) - 1)
+    else:
+        rate, breaks, notes = _sampling(times, path, columns)
+        if fs is not None and abs(fs / rate - 1.0) > RATES_AGREE:
+            raise SceneError(
+                [("fs", f"is {fs:g} Hz, but the times of {path} give {rate:.6g} Hz; take fs out or "
+                  "correct the one that is wrong")]
+            )  # fmt: skip
+    lengths, found = _segments(missing, breaks, rate)
+    if found and gaps == "refuse":
+        raise SceneError(
+            f'{path} has {listed_gaps(found)}; say gaps = "split" to take what lies between as '
+            "segments, or fill them in"
+        )
+    values = values[~missing]
+    values = values - values.mean()
     if not np.any(values):
-        raise SceneError([("file", f"{path} holds a record that does not move")])
-    return Record(values=values, fs=rate), columns.unit
+        raise SceneError(f"{path} holds a record that does not move; choose another column")
+    record = Record(
+        values=values, fs=rate, lengths=lengths if len(lengths) > 1 else (), gaps=found, notes=notes
+    )
+    return record, columns
 
 
-def _sampling_rate(time: Vector, path: Path) -> float:
-    """1/s; the times of a record must be evenly spaced."""
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    if not math.isfinite(step) or step <= 0.0:
-        raise SceneError([("file", f"{path} must have rising times in its first column")])
-    off = np.abs(time - (time[0] + step * np.arange(len(time))))
-    if off.max() > UNEVEN * step:
-        row = int(np.argmax(off)) + 1
-        raise SceneError(
-            [
-                (
-                    "file",
-                    f"{path} must be sampled evenly: time {time[row - 1]:g} s in row {row} lies "
-                    f"{off.max():.2g} s off the grid of {step:.4g} s; resample it, or give one "
-                    "column and fs",
-                )
-            ]
+def _segments(
+    missing: NDArray[np.bool_], breaks: Vector, rate: float
+) -> tuple[tuple[int, ...], tuple[tuple[float, float], ...]]:
+    """Numbers of samples of the segments, and start and length (s) of the gaps between them.
+
+    `breaks` are the seconds by which an interval between two samples is too long.
+    """
+    clock = np.concatenate([[0.0], np.cumsum(breaks)]) + np.arange(len(missing)) / rate
+    held = np.flatnonzero(~missing)
+    step = np.diff(held) > 1
+    step |= np.add.reduceat(breaks, held[:-1]) > 0.0 if len(held) > 1 else False
+    ends = np.flatnonzero(step)
+    found = [
+        (
+            float(clock[held[end]] + 1.0 / rate),
+            float(clock[held[end + 1]] - clock[held[end]] - 1.0 / rate),
         )
-    return float(1.0 / step)
+        for end in ends
+    ]
+    if held[0] > 0:
+        found.insert(0, (0.0, float(clock[held[0]])))
+    if held[-1] < len(missing) - 1:
+        found.append((float(clock[held[-1]] + 1.0 / rate), float(clock[-1] - clock[held[-1]])))
+    cuts = np.concatenate([[0], ends + 1, [len(held)]])
+    return tuple(int(size) for size in np.diff(cuts)), tuple(found)
+
+
+def listed_gaps(gaps: Sequence[tuple[float, float]]) -> str:
+    """How many gaps there are, and where and how long the first of them are, in words."""
+    count = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+    listed = ", ".join(f"{length:.4g} s at {start:.6g} s" for start, length in gaps[:GAPS_LISTED])
+    more = f" and {len(gaps) - GAPS_LISTED} more" if len(gaps) > GAPS_LISTED else ""
+    return f"{count} ({listed}{more})"
+
+
+def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vector, tuple[str, ...]]:
+    """Sampling rate, 1/s, the seconds by which each interval is too long, and notes.
+
+    The rate is the slope of the times by least squares, of one slope for all segments. Times may
+    be rounded: they must then lie on the grid to half of their last digit.
+    """
+    if not np.all(np.isfinite(times)):
+        place = columns.place(int(np.argmin(np.isfinite(times))))
+        raise SceneError(f"{path}, {place}: the time is missing; take out the line, or fill it in")
+    lag = min(LAG, len(times) - 1)
+    interval = float(np.median(times[lag:] - times[:-lag])) / lag
+    if not interval > 0.0:
+        raise SceneError(
+            f"{path} must have rising times in its first column; give fs = .. for a file without "
+            "times, or column = .. where the values are in another one"
+        )
+    digit = _last_digit(times, interval)
+    steps = np.diff(times)
+    if np.any(steps < -UNEVEN * interval):
+        row = int(np.argmax(steps < -UNEVEN * interval)) + 1
+        raise SceneError(
+            f"{path}, {columns.place(row)}: times must rise, got {times[row]:.9g} s after "
+            f"{times[row - 1]:.9g} s; sort the rows, or cut the record there"
+        )
+    apart = steps > 1.5 * interval + digit
+    segment = np.concatenate([[0], np.cumsum(apart)])
+    count = np.bincount(segment)
+    index = np.arange(len(times), dtype=float)
+    centred = index - (np.bincount(segment, index) / count)[segment]
+    offset = times - (np.bincount(segment, times) / count)[segment]
+    if not np.any(centred):
+        raise SceneError(f"{path} must be sampled evenly, but no interval follows another; give fs")
+    slope = float(centred @ offset / (centred @ centred))
+    off = offset - slope * centred
+    starts = np.flatnonzero(np.diff(segment, prepend=-1))
+    spread = 0.5 * (np.maximum.reduceat(off, starts) - np.minimum.reduceat(off, starts))
+    allowed = max(UNEVEN * slope, ROUNDED * digit)
+    if spread.max() > allowed:
+        row = int(np.argmax(np.abs(off)))
+        raise SceneError(
+            f"{path} must be sampled evenly: time {times[row]:.9g} s in {columns.place(row)} lies "
+            f"{abs(off[row]):.2g} s off the grid of {slope:.4g} s; resample it, or take the times "
+            "out and give fs"
+        )
+    breaks = np.where(apart, steps - slope, 0.0)
+    rounded = f"its times are rounded to {digit:g} s; the rate is fitted to all of them"
+    return 1.0 / slope, breaks, (rounded,) if digit > UNEVEN * slope else ()
+
+
+def _last_digit(times: Vector, interval: float) -> float:
+    """The decimal unit, s, that all times are multiples of; 0 for one far below the interval."""
+    for digits in range(MOST_DIGITS + 1):
+        digit = 10.0**-digits
+        if digit < UNEVEN * interval:
+            break
+        scaled = times / digit
+        off = np.abs(scaled - np.round(scaled))
+        if np.all(off < 1e-6 + 1e-12 * np.abs(scaled)):  # the rounding of binary numbers
+            return digit
+    return 0.0

@@ -13,7 +13,6 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
-from stochvi.scenes.datasets import read_text
 from stochvi.scenes.excitations import (
     BASE,
     EXCITATIONS,
@@ -27,6 +26,7 @@ from stochvi.scenes.excitations import (
 )
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
+from stochvi.scenes.text import read_text
 from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number
 
 

@@ -38,12 +38,25 @@ def _plain_numbers(values: Any) -> Any:
 Column = Annotated[tuple[Positive, ...], BeforeValidator(_plain_numbers)]
 """A column of a table: positive numbers, from a sequence or an array."""
 
+Numbers = Annotated[tuple[Number, ...], BeforeValidator(_plain_numbers)]
+"""A column of a table that may hold any number."""
+
 NonNegatives = Annotated[tuple[NonNegative, ...], BeforeValidator(_plain_numbers)]
 """A column of a table that may hold zeros."""
 
 
 Count = Annotated[int, Field(strict=True, ge=1)]
 """A whole number from 1 on."""
+
+
+def _column_name(value: Any) -> Any:
+    if not isinstance(value, str | int) or isinstance(value, bool) or value == "":
+        raise ValueError(f"must be the name of a column, or its number from 1, got {value!r}")
+    return value
+
+
+ColumnName = Annotated[str | int, BeforeValidator(_column_name)]
+"""A column of a file, by its name or its number, from 1."""
 
 Names = Annotated[tuple[str, ...], BeforeValidator(_plain_numbers), Field(min_length=1)]
 """Names of variables in a file."""

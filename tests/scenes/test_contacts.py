@@ -237,7 +237,7 @@ def test_a_bumper_is_looked_for_beside_its_scene(tmp_path):
         ({}, "0 0\n2 40\n", "unit", "must be 'm,N' or 'mm,N' for the columns of file, got None"),
         ({"unit": "in,lbf"}, "0 0\n2 40\n", "unit", "got 'in,lbf'"),
         ({"unit": "m,N"}, "", "file", "holds no rows of two numbers (deflection, force)"),
-        ({"unit": "m,N"}, "0 0\n2 x\n", "file", "line 2: expected two numbers"),
+        ({"unit": "m,N"}, "0 0\n2 x\n", "file", "line 2: expected a number in column 2, got 'x'"),
         ({"unit": "m,N"}, "0 0\n2 -4\n", "force.1", "must be at least 0"),
         ({"unit": "m,N"}, "0 0\n2 4\n3 2\n", "", "force that never decreases, got 2 after 4"),
         ({"unit": "m,N", "force": [1.0]}, "0 0\n2 4\n", "", "takes file, or deflection and force"),

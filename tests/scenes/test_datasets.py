@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from stochvi.results.errors import SceneError
-from stochvi.scenes.datasets import data_folder, profiles, read_table, read_text, shipped_scene
+from stochvi.scenes.datasets import data_folder, profiles, shipped_scene
 from stochvi.scenes.scene import load_scene
 
 
@@ -58,67 +58,3 @@ def test_the_reference_table_says_what_it_holds_and_in_which_units():
     assert lines[0].startswith("# omega 1, b 0.1, S0 0.2, stops at -1 and 1")
     widths = {len(row) for row in csv.reader(lines[1:])}
     assert len(widths) == 1
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "1,10\n2,20.5\n",
-        "1 10\n2 20.5",
-        "1\t10\r\n2\t20.5\r\n",
-        "1;10\n2; 20.5\n",
-        "frequency_hz,density\n1,10\n2,20.5\n",
-        "# a comment\n\nHz g2/Hz\n1,10 # the first\n\n2,20.5\n",
-        "\ufefff,G\n1,1e1\n2,2.05E+1\n",
-    ],
-    ids=["commas", "spaces", "tabs", "semicolons", "header", "comments", "byte-order mark"],
-)
-def test_a_table_of_two_columns_is_read_however_they_are_parted(tmp_path: Path, text: str):
-    (tmp_path / "table.csv").write_text(text, encoding="utf-8", newline="")
-    frequency, density = read_table(tmp_path / "table.csv")
-    assert frequency.tolist() == [1.0, 2.0]
-    assert density.tolist() == [10.0, 20.5]
-
-
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ("1,O.1\n2,1\n", 1),
-        ("5;0,01\n", 1),
-        ("1,2,3\n", 1),
-        ("f,G\n1;2;3\n1,1\n", 2),
-        ("1,1\n2\n", 2),
-        ("1,1\nend,0\n", 2),
-    ],
-    ids=[
-        "typing error",
-        "decimal commas",
-        "three columns",
-        "numbers in a header",
-        "one cell",
-        "a word",
-    ],
-)
-def test_a_line_that_is_not_two_numbers_is_never_passed_over(tmp_path: Path, text, line):
-    (tmp_path / "table.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(SceneError, match=rf"table\.csv, line {line}: expected two numbers"):
-        read_table(tmp_path / "table.csv")
-
-
-def test_a_file_of_the_largest_size_is_read_and_one_byte_more_is_not(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("stochvi.scenes.datasets.LARGEST_TEXT_FILE", 8)
-    (tmp_path / "fits").write_text("12345678", encoding="utf-8")
-    (tmp_path / "does not").write_text("123456789", encoding="utf-8")
-    assert read_text(tmp_path / "fits") == "12345678"
-    with pytest.raises(SceneError, match="holds 9 bytes, expected a text of at most 8"):
-        read_text(tmp_path / "does not")
-
-
-def test_columns_in_another_order_than_their_heading_says_are_refused(tmp_path: Path) -> None:
-    file = tmp_path / "swapped.csv"
-    file.write_text("density,frequency_hz\n0.01,10\n0.02,100\n")
-    with pytest.raises(SceneError, match="has the columns density, frequency_hz; expected"):
-        read_table(file)
-    file.write_text("frequency_hz density\n10 0.01\n100 0.02\n")
-    frequency, _ = read_table(file)
-    assert frequency.tolist() == [10.0, 100.0]

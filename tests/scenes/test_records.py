@@ -194,12 +194,16 @@ def test_a_band_cuts_the_density(tmp_path: Path) -> None:
     ("change", "sentence"),
     [
         (lambda t, a: (t, a[:100]), "holds 100 samples, expected at least 256"),
-        (lambda t, a: (t, np.where(t == t[7], np.nan, a)), "holds nan in row 8"),
+        (lambda t, a: (t, np.where(t == t[7], np.nan, a)), "has a gap (0.0025 s at 0.0175 s)"),
         (lambda t, a: (t, 0.0 * a + 3.0), "holds a record that does not move"),
         (lambda t, a: (t[::-1], a), "must have rising times in its first column"),
-        (lambda t, a: (np.delete(t, 500), np.delete(a, 500)), "must be sampled evenly: time"),
+        (lambda t, a: (np.delete(t, 500), np.delete(a, 500)), "has a gap (0.0025 s at 1.25 s)"),
+        (
+            lambda t, a: (t + np.where(t == t[7], 0.001, 0.0), a),
+            "in line 8 lies 0.001 s off the grid",
+        ),
     ],
-    ids=["short", "nan", "still", "backwards", "a sample missing"],
+    ids=["short", "nan", "still", "backwards", "a sample missing", "one time off"],
 )
 def test_a_bad_record_gives_a_sentence(tmp_path: Path, change, sentence: str) -> None:
     record = white_record(10.0)
@@ -218,3 +222,134 @@ def test_a_record_without_a_unit_is_asked_for_one(tmp_path: Path) -> None:
         RecordedNoise(file=path)
     with pytest.raises(SceneError, match=r"= 1000, expected 0\.1 to 25 Hz"):
         RecordedNoise(file=path, unit="g", resolution_hz=1000.0)
+
+
+# files of loggers ---------------------------------------------------------------------------
+
+
+def write_rows(path: Path, times: list[str], *columns: np.ndarray, heading: str = "") -> str:
+    rows = zip(times, *columns, strict=True)
+    path.write_text(heading + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    return str(path)
+
+
+@pytest.mark.parametrize("rounding", [np.round, np.floor], ids=["rounded", "cut off"])
+@pytest.mark.parametrize("rate", [400.0, 512.0, 1000.0, 1997.0, 3000.0])
+def test_the_rate_is_found_from_times_of_whole_milliseconds(tmp_path, rate, rounding) -> None:
+    record = white_record(10.0)
+    exact = np.arange(len(record.values)) / rate
+    times = [f"{time / 1e3:.3f}" for time in rounding(1e3 * exact + 1e-9)]
+    path = write_rows(tmp_path / "run.csv", times, record.values)
+    found = RecordedNoise(file=path, unit="g").record
+    # the slope of N times that are off by up to 0.5 ms, at worst one half early, one half late
+    assert abs(found.fs / rate - 1.0) < 1.5e-3 / exact[-1]
+    assert found.segments[0] is not found.values and len(found.segments) == 1
+
+
+def test_times_that_are_not_rounded_but_uneven_are_refused_with_the_place(tmp_path: Path) -> None:
+    record = white_record(10.0)
+    exact = np.arange(len(record.values)) / FS
+    shaken = exact + np.random.default_rng(3).uniform(-0.3, 0.3, len(exact)) / FS
+    path = write_rows(tmp_path / "run.csv", [f"{time:.6f}" for time in shaken], record.values)
+    with pytest.raises(SceneError, match=r"must be sampled evenly: time .* in line \d+ lies"):
+        RecordedNoise(file=path, unit="g")
+    slower = np.where(exact < 5.0, exact, 5.0 + 1.05 * (exact - 5.0))
+    path = write_rows(tmp_path / "run.csv", [f"{time:.3f}" for time in slower], record.values)
+    with pytest.raises(SceneError, match="must be sampled evenly"):
+        RecordedNoise(file=path, unit="g")
+    path = write_rows(tmp_path / "run.csv", [f"{t:.3f}" for t in exact % 5.0], record.values)
+    with pytest.raises(SceneError, match=r"line 2001: times must rise, got 0 s after 4.99"):
+        RecordedNoise(file=path, unit="g")
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    ["2024-05-01T12:{:02d}:{:09.6f}Z", "2024-05-01 12:{:02d}:{:09.6f}",
+     "2024-05-01T12:{:02d}:{:06.3f}+05:30"],
+)  # fmt: skip
+def test_times_may_be_stamps(tmp_path: Path, stamp: str) -> None:
+    record = white_record(40.0)
+    seconds = 30.0 + np.arange(len(record.values)) / FS
+    times = [stamp.format(int(second // 60), second % 60.0) for second in seconds]
+    path = write_rows(tmp_path / "run.csv", times, record.values, heading="time,a (m/s^2)\n")
+    found = RecordedNoise(file=path)
+    assert found.record.fs == pytest.approx(FS, rel=1e-5) and found.density_unit == "(m/s2)2/Hz"
+    path = write_rows(tmp_path / "run.csv", [*times[:-1], "2024-05-01T25:00:00"], record.values)
+    with pytest.raises(SceneError, match=r"line 16000: expected a time stamp .*25:00"):
+        RecordedNoise(file=path, unit="g")
+
+
+@pytest.mark.parametrize("column", ["Y", "y (g)", 3])
+def test_one_of_several_columns_is_chosen(tmp_path: Path, column: str | int) -> None:
+    values = [white_record(10.0, seed).values for seed in (1, 2, 3)]
+    times = [f"{1e3 * row / FS:.1f}" for row in range(len(values[0]))]
+    heading = "Time (ms),X (g),Y (g),Z (g)\n"
+    path = write_rows(tmp_path / "run.csv", times, *values, heading=heading)
+    noise = RecordedNoise(file=path, column=column)
+    np.testing.assert_allclose(noise.record.values, 9.80665 * values[1], rtol=1e-12, atol=1e-9)
+    assert noise.record.fs == pytest.approx(FS, rel=1e-9)
+    told = " ".join(noise.said())
+    assert "its unit, g, is the one that line 1" in told
+    for wrong, words in (
+        (None, "must say which column"), ("W", "has no column with this name"),
+        (5, "is 5, but"), (1, "which holds the time"), (True, "must be the name of a column"),
+    ):  # fmt: skip
+        with pytest.raises(SceneError, match=words) as failure:
+            RecordedNoise(file=path, column=wrong)
+        assert failure.value.problems[0][0] == "column"
+    with pytest.raises(SceneError, match=r"unit is 'm/s2', but line 1 of .* says 'g'"):
+        RecordedNoise(file=path, column=column, unit="m/s2")
+    assert RecordedNoise(file=path, column=column, unit="gn").density_unit == "g2/Hz"
+
+
+def test_fs_agrees_with_times_or_is_refused_and_stands_for_them(tmp_path: Path) -> None:
+    record = white_record(10.0)
+    path = str(write_text(tmp_path / "run.csv", record))
+    assert RecordedNoise(file=path, unit="g", fs=FS).record.fs == pytest.approx(FS)
+    with pytest.raises(SceneError, match=r"fs is 200 Hz, but the times of .* give 400 Hz"):
+        RecordedNoise(file=path, unit="g", fs=200.0)
+    columns = np.column_stack([record.values, record.values[::-1]])
+    np.savetxt(tmp_path / "two.csv", columns, delimiter=";", header="X;Y", comments="")
+    noise = RecordedNoise(file=str(tmp_path / "two.csv"), unit="g", fs=200.0, column="Y")
+    np.testing.assert_allclose(noise.record.values[::-1], 9.80665 * record.values)
+    with pytest.raises(SceneError, match="column must say which column"):
+        RecordedNoise(file=str(tmp_path / "two.csv"), unit="g", fs=200.0)
+
+
+@pytest.mark.parametrize("kind", ["values", "rows", "values without times"])
+def test_gaps_are_refused_or_split_and_never_bridged(tmp_path: Path, kind: str) -> None:
+    record = white_record(60.0)
+    time = np.arange(len(record.values)) / FS
+    lost = (time >= 20.0) & (time < 22.5)
+    # what is on either side differs by a step, which a bridge would take for a slow motion
+    values = record.values + np.where(time > 22.0, 500.0, 0.0)
+    keys: dict[str, object] = {"unit": "m/s2"}
+    if kind == "rows":
+        np.savetxt(tmp_path / "run.csv", np.column_stack([time, values])[~lost])
+    else:
+        columns = np.column_stack([time, np.where(lost, np.nan, values)])
+        with_times = kind == "values"
+        np.savetxt(tmp_path / "run.csv", columns if with_times else columns[:, 1])
+        keys |= {} if with_times else {"fs": FS}
+    path = str(tmp_path / "run.csv")
+    with pytest.raises(SceneError, match=r"has a gap \(2.5 s at 20 s\); say gaps = \"split\""):
+        RecordedNoise(file=path, **keys)
+    noise = RecordedNoise(file=path, gaps="split", **keys)
+    found = noise.record
+    assert found.lengths == (8000, 15000) and [len(part) for part in found.segments] == [
+        8000,
+        15000,
+    ]
+    assert found.gaps == (pytest.approx((20.0, 2.5), rel=1e-6),)
+    assert found.duration == pytest.approx(57.5)
+    assert "split at a gap (2.5 s at 20 s)" in " ".join(noise.said())
+    whole = record.density(0.4).table.density.mean()
+    apart = found.density(0.4)
+    # windows of 1000 samples, half overlapping, in either segment
+    assert apart.segments == 15 + 29
+    error = whole * apart.relative_error * math.sqrt(1.5 / len(apart.table.density))
+    inner = apart.table.density[2:]  # a window's mean is taken off: the first bins hold the rest
+    assert_agrees(Estimate(value=float(inner.mean()), standard_error=1.5 * error), DENSITY)
+    bridged = Record(values=found.values, fs=FS).density(0.4).table.density[2:]
+    with pytest.raises(AssertionError):
+        assert_agrees(Estimate(value=float(bridged.mean()), standard_error=1.5 * error), DENSITY)

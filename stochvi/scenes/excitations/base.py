@@ -5,28 +5,55 @@ from __future__ import annotations
 import contextlib
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Self
 
-from pydantic import PrivateAttr, model_validator
+from pydantic import AfterValidator, PrivateAttr, model_validator
 
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import ACCELERATION_DENSITY_UNITS, FORCE_DENSITY_UNITS
+from stochvi.mathematics.units import DENSITIES, UNITS, Unit, listed_units, unit
 from stochvi.results.errors import SceneError
+from stochvi.scenes.readers import Columns
 from stochvi.scenes.validation import Checked, Number
 
 BASE = "base"
 """The place of an excitation that moves the base; every other place is a coordinate."""
 
-Unit = Literal["g2/Hz", "(m/s2)2/Hz", "N2/Hz"]
+
+def unit_name(spelling: str, *quantities: str, decibels: bool = False) -> str:
+    """The usual name of a unit of one of some quantities; ValueError for any other."""
+    known = listed_units(*quantities)
+    try:
+        found = unit(spelling)
+    except ValueError:
+        found = None
+    if found is None or found.quantity not in quantities or (found.decibels and not decibels):
+        level = ", or dB re 1 g2/Hz" if decibels else ""
+        other = "is not a unit that is known" if found is None else "is no unit of this"
+        raise ValueError(f"{spelling!r} {other}; expected {known}{level}, or a spelling of these")
+    return found.name
 
 
-def check_unit(unit: str, on: str) -> None:
+def _density_name(spelling: str) -> str:
+    return unit_name(spelling, *DENSITIES)
+
+
+def _density_or_level_name(spelling: str) -> str:
+    return unit_name(spelling, *DENSITIES, decibels=True)
+
+
+DensityUnit = Annotated[str, AfterValidator(_density_name)]
+"""A unit of a one-sided density, in any spelling; kept by its usual name."""
+
+DensityOrLevelUnit = Annotated[str, AfterValidator(_density_or_level_name)]
+"""The same, or decibels over such a density."""
+
+
+def check_unit(name: str, on: str) -> None:
     """A force density belongs on a mass, an acceleration density on the base."""
-    fitting = ACCELERATION_DENSITY_UNITS if on == BASE else FORCE_DENSITY_UNITS
-    if unit not in fitting:
-        raise ValueError(
-            f"has unit {unit!r}, but on = {on!r} takes a density in {' or '.join(fitting)}"
-        )
+    fitting = "acceleration density" if on == BASE else "force density"
+    if unit(name).quantity != fitting:
+        choices = " or ".join(UNITS[fitting])
+        raise ValueError(f"has unit {name!r}, but on = {on!r} takes a density in {choices}")
 
 
 class Disturbance(Checked):
@@ -133,14 +160,30 @@ def band_of(numbers: Mapping[str, float]) -> str:
     return f"{numbers['lowest_frequency_hz']:.4g} to {numbers['highest_frequency_hz']:.4g} Hz"
 
 
-def agreed_unit(unit: str | None, stated: str | None, choices: Mapping[str, float]) -> str:
-    """The unit that the scene says, or else its source; never two."""
-    stated = stated if stated in choices else None
-    if unit is None and stated is None:
-        raise ValueError(f"needs unit, one of {', '.join(choices)}, got none")
-    if unit is not None and stated is not None and unit != stated:
-        raise SceneError([("unit", f"is {unit!r}, but the file states {stated!r}")])
-    return unit or stated or ""
+def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...]) -> Unit:
+    """The unit that the scene says, or else the file that the columns are from; never two.
+
+    Raises
+    ------
+    SceneError
+        Where both say one and they differ, where the file holds another quantity, or where
+        neither says one.
+    """
+    stated = columns.unit
+    if stated is not None and name is not None and not stated.same(unit(name)):
+        raise SceneError(
+            [("unit", f"is {name!r}, but {columns.stated_in} says {stated.name!r}; take out the "
+              "one that is wrong")]
+        )  # fmt: skip
+    if stated is not None and stated.quantity not in quantities:
+        raise SceneError(
+            [("file", f"{columns.stated_in} says {stated.name!r}, expected the unit of an "
+              f"{' or a '.join(quantities)} ({listed_units(*quantities)})")]
+        )  # fmt: skip
+    if stated is None and name is None:
+        above = f"; above the values stands {columns.heading!r}" if columns.heading else ""
+        raise ValueError(f"needs unit, one of {listed_units(*quantities)}, got none{above}")
+    return stated or unit(name or "")
 
 
 @contextlib.contextmanager

@@ -5,21 +5,35 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import PrivateAttr, model_validator
+from pydantic import AfterValidator, PrivateAttr, model_validator
 
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
-from stochvi.scenes.excitations.base import BASE, DensityNoise, agreed_unit, sentences_of
+from stochvi.mathematics.units import STANDARD_GRAVITY, Unit, power_ratio
+from stochvi.scenes.excitations.base import (
+    BASE,
+    DensityNoise,
+    agreed_unit,
+    sentences_of,
+    unit_name,
+)
 from stochvi.scenes.records import (
     FEWEST_SEGMENT_LENGTHS,
     Record,
+    listed_gaps,
     read_record,
     response_error,
     wanted_resolution,
 )
-from stochvi.scenes.validation import Band, Count, Names, Positive
+from stochvi.scenes.validation import Band, ColumnName, Count, Names, Positive
+
+VALUES = ("acceleration", "force")
+"""Quantities that a record may hold."""
+
+
+def _value_unit(spelling: str) -> str:
+    return unit_name(spelling, *VALUES)
 
 
 class RecordedNoise(DensityNoise):
@@ -31,12 +45,18 @@ class RecordedNoise(DensityNoise):
     Parameters
     ----------
     file
-        Text with a time (s) and a value in each line, or with a value alone and `fs` given; a UFF
-        file with a dataset 58 (`dataset` says which), or a MATLAB file (`variables`).
+        Text with a time (s, or ISO 8601 stamps) and a value in each line, or with a value alone
+        and `fs` given; a UFF file with a dataset 58 (`dataset` says which), or a MATLAB file
+        (`variables`).
     unit
-        Of the values: "g", "m/s2" or "N"; may be left out where a UFF file states it.
+        Of the values: "g", "m/s2" or "N"; may be left out where the file states it.
     fs
-        Sampling rate, Hz, of a file without times.
+        Sampling rate, Hz; needed where there are no times, and compared with them where there are.
+    column
+        Name or number, from 1, of the column of values, where a text file has several.
+    gaps
+        What to do with missing values and missing samples: "refuse" them, or "split" the record
+        there into segments, whose statistics are pooled and never bridge a gap.
     band_hz
         Lowest and highest frequency of the density that is kept, Hz.
     """
@@ -45,24 +65,32 @@ class RecordedNoise(DensityNoise):
 
     kind: Literal["record"] = "record"
     file: str
-    unit: Literal["g", "m/s2", "N"] | None = None
+    unit: Annotated[str, AfterValidator(_value_unit)] | None = None
     fs: Positive | None = None
+    column: ColumnName | None = None
+    gaps: Literal["refuse", "split"] = "refuse"
     variables: Names | None = None
     dataset: Count | None = None
     band_hz: Band | None = None
     resolution_hz: Positive | None = None
-    _unit: str = PrivateAttr()
+    _unit: Unit = PrivateAttr()
+    _notes: tuple[str, ...] = PrivateAttr(default=())
     _record: Record = PrivateAttr()
 
     @model_validator(mode="after")
     def _read(self) -> Self:
         with sentences_of("file"):
-            record, stated = read_record(
-                Path(self.file), fs=self.fs, variables=self.variables, dataset=self.dataset
+            record, columns = read_record(
+                Path(self.file), fs=self.fs, column=self.column, variables=self.variables,
+                dataset=self.dataset, gaps=self.gaps,
+            )  # fmt: skip
+        self._unit = agreed_unit(self.unit, columns, VALUES)
+        if columns.unit is not None and self.unit is None:
+            self._notes = (
+                f"its unit, {self._unit.name}, is the one that {columns.stated_in} states",
             )
-        self._unit = agreed_unit(self.unit, stated, VALUE_UNITS)
-        scale = VALUE_UNITS[self._unit] * math.sqrt(power_ratio(self.level_db))
-        self._record = Record(values=record.values * scale, fs=record.fs)
+        scale = self._unit.factor * math.sqrt(power_ratio(self.level_db))
+        self._record = record.scaled(scale)
         if self.resolution_hz is not None and not (
             1.0 / record.duration <= self.resolution_hz <= record.fs / FEWEST_BINS
         ):
@@ -93,7 +121,7 @@ class RecordedNoise(DensityNoise):
 
     @property
     def density_unit(self) -> str | None:
-        return {"g": "g2/Hz", "m/s2": "(m/s2)2/Hz", "N": "N2/Hz"}[self._unit]
+        return {"g": "g2/Hz", "N": "N2/Hz"}.get(self._unit.name, DENSITY_OF[self._unit.quantity])
 
     def table_for(self, omega: float, damping_rate: float) -> Table:
         return self._within_band(self._record.resolution(omega, damping_rate))
@@ -107,6 +135,12 @@ class RecordedNoise(DensityNoise):
             f"record {Path(self.file).name}: {record.duration:.4g} s at {record.fs:.4g} Hz, "
             f"kurtosis {kurtosis:.2f} +- {doubt:.2f} (Gaussian: 3); simulated is Gaussian noise of "
             "its density, not the record",
+            *(f"record {Path(self.file).name}: {note}" for note in self._notes + record.notes),
+            *(
+                (f"record {Path(self.file).name}: split at {listed_gaps(record.gaps)}",)
+                if record.gaps
+                else ()
+            ),
             f"its density: Welch, {estimate.segments} segments, bins of "
             f"{estimate.resolution_hz:.3g} Hz, {100.0 * estimate.relative_error:.2g} % each",
             *self.cautions(omega, damping_rate),
@@ -174,8 +208,8 @@ class RecordedNoise(DensityNoise):
         ]
 
 
-VALUE_UNITS = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "N": 1.0}
-"""Units of a record: unit -> factor to m/s^2 or N."""
+DENSITY_OF = {"acceleration": "(m/s2)2/Hz", "force": "N2/Hz"}
+"""Quantity of a record -> SI unit of its density."""
 
 FEWEST_BINS = 16
 """Samples in the shortest segment."""

@@ -10,22 +10,31 @@ import numpy as np
 from pydantic import PrivateAttr, model_validator
 
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import DENSITY_UNITS, power_ratio
+from stochvi.mathematics.units import DENSITIES, Unit, power_ratio, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.datasets import profiles
-from stochvi.scenes.excitations.base import DensityNoise, Unit, agreed_unit, band_of, sentences_of
-from stochvi.scenes.readers import read_columns
-from stochvi.scenes.validation import Column, Count, Names, given
+from stochvi.scenes.excitations.base import (
+    DensityNoise,
+    DensityOrLevelUnit,
+    agreed_unit,
+    band_of,
+    sentences_of,
+)
+from stochvi.scenes.readers import Columns, read_columns
+from stochvi.scenes.validation import Column, ColumnName, Count, Names, Numbers, given
 
 
 class TabulatedNoise(DensityNoise):
     """Gaussian noise with a tabulated one-sided density per hertz, zero outside the table.
 
     Between breakpoints log density is linear in log frequency. Give one of `profile` (a name
-    that ships, in g^2/Hz), `file` and `frequency_hz` with `density`; the last two need `unit`.
-    `file` is text of two columns, a UFF file with a dataset 58 (`dataset` says which, if several
-    fit; its unit is taken if it states one) or a MATLAB file (`variables` names the two vectors,
-    or the matrix of two columns, if several fit).
+    that ships, in g^2/Hz), `file` and `frequency_hz` with `density`; the last two need `unit`,
+    unless the file states it.
+    `file` is text (`column` names the densities or counts their place from 1, if there are more
+    than two columns), a UFF file with a dataset 58 (`dataset` says which, if several fit) or a
+    MATLAB file (`variables` names the two vectors, or the matrix of two columns, if several fit).
+    A unit that the file states is taken; one of the scene must then be the same. `unit` may be
+    decibels, "dB re 1 g2/Hz". A frequency that stands twice is a step.
 
     Examples
     --------
@@ -39,12 +48,14 @@ class TabulatedNoise(DensityNoise):
     kind: Literal["psd"] = "psd"
     profile: str | None = None
     file: str | None = None
+    column: ColumnName | None = None
     variables: Names | None = None
     dataset: Count | None = None
     frequency_hz: Column | None = None
-    density: Column | None = None
-    unit: Unit | None = None
-    _unit: str = PrivateAttr()
+    density: Numbers | None = None
+    unit: DensityOrLevelUnit | None = None
+    _unit: Unit = PrivateAttr()
+    _notes: tuple[str, ...] = PrivateAttr(default=())
 
     @model_validator(mode="after")
     def _read(self) -> Self:
@@ -54,21 +65,32 @@ class TabulatedNoise(DensityNoise):
                 "needs exactly one of profile, file, and frequency_hz with density, "
                 f"got {given(self, 'profile', 'file', 'frequency_hz', 'density')}"
             )
-        if self.file is None and given(self, "variables", "dataset") != "none":
-            raise ValueError(f"has {given(self, 'variables', 'dataset')} without a file")
+        if self.file is None and given(self, "column", "variables", "dataset") != "none":
+            raise ValueError(f"has {given(self, 'column', 'variables', 'dataset')} without a file")
         if self.profile is not None and self.unit not in (None, "g2/Hz"):
             raise ValueError(f"has unit {self.unit!r}, but shipped profiles are in 'g2/Hz'")
-        frequency, density, stated = self._columns()
-        self._unit = agreed_unit(self.unit, stated, DENSITY_UNITS)
-        factor = DENSITY_UNITS[self._unit] * power_ratio(self.level_db)
+        columns = self._columns()
+        self._unit = agreed_unit(self.unit, columns, DENSITIES)
+        if self.file is not None:
+            with sentences_of("file"):
+                columns, notes = cleaned(columns, Path(self.file), self._unit.decibels)
+            stated = f"its unit, {self._unit.name}, is the one that {columns.stated_in} states"
+            self._notes = ((stated,) if columns.unit and not self.unit else ()) + notes
+        elif not self._unit.decibels and self.density is not None:
+            for row, value in enumerate(self.density):
+                if value <= 0.0:
+                    sentence = f"must be greater than 0, got {value!r}"
+                    raise SceneError([(f"density.{row}", sentence)])
+        assert columns.x is not None
         try:
-            self._table = Table(frequency_hz=frequency, density=density).scaled(factor)
+            density = self._unit.to_si(columns.y) * power_ratio(self.level_db)
+            self._table = Table(frequency_hz=columns.x, density=density)
         except ValueError as error:
             where = "" if self.file is None else f"{self.file} "
             raise SceneError([("" if self.file is None else "file", f"{where}{error}")]) from None
         return self
 
-    def _columns(self) -> tuple[np.ndarray, np.ndarray, str | None]:
+    def _columns(self) -> Columns:
         """Frequencies, densities, and the unit that their source states."""
         if self.profile is not None:
             if self.profile not in profiles():
@@ -76,25 +98,29 @@ class TabulatedNoise(DensityNoise):
                     f"has the unknown profile {self.profile!r}; known: {', '.join(profiles())}"
                 )
             shipped = profiles()[self.profile]
-            return np.array(shipped.frequency_hz), np.array(shipped.density), "g2/Hz"
+            return Columns(
+                x=np.array(shipped.frequency_hz), y=np.array(shipped.density), unit=unit("g2/Hz")
+            )
         if self.file is not None:
-            names = ("frequency_hz", "density")
             with sentences_of("file"):
-                columns = read_columns(
-                    Path(self.file), names, variables=self.variables, dataset=self.dataset
-                )
-            assert columns.x is not None
-            return columns.x, columns.y, columns.unit
+                return read_columns(
+                    Path(self.file), ("frequency_hz", "density"), column=self.column,
+                    variables=self.variables, dataset=self.dataset,
+                )  # fmt: skip
         if self.frequency_hz is None or self.density is None:
             raise ValueError(
                 "needs frequency_hz and density together, "
                 f"got {given(self, 'frequency_hz', 'density')}"
             )
-        return np.array(self.frequency_hz), np.array(self.density), None
+        return Columns(x=np.array(self.frequency_hz), y=np.array(self.density))
 
     @property
     def density_unit(self) -> str | None:
-        return self._unit
+        return self._unit.name
+
+    def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
+        """What was taken from its file besides the numbers, and what was left out."""
+        return tuple(f"table {Path(self.file or '').name}: {note}" for note in self._notes)
 
     def numbers(self) -> dict[str, float]:
         stated = {}
@@ -113,3 +139,84 @@ class TabulatedNoise(DensityNoise):
         source = "breakpoints in the scene" if self.file is None else self.file
         points = f"{numbers['points']:g} points in {self.density_unit}, {band_of(numbers)}"
         return [(name, Path(source).name + self.raised, points)]
+
+
+def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tuple[str, ...]]:
+    """Rows of a file as a table needs them, and notes on what was changed.
+
+    Rows in descending order are turned round; rows at 0 Hz, and rows without density at either end,
+    are left out; one of two equal rows is dropped.
+
+    Raises
+    ------
+    SceneError
+        With the line: for what is missing, negative, out of order, or 0 between other densities.
+    """
+    assert columns.x is not None
+    frequency, density, order = columns.x, columns.y, np.arange(len(columns.y))
+    notes = []
+
+    def refuse(row: int, sentence: str) -> SceneError:
+        return SceneError(f"{path}, {columns.place(int(order[row]))}: {sentence}")
+
+    for name, values in (("frequency_hz", frequency), ("density", density)):
+        if not np.all(np.isfinite(values)):
+            row = int(np.argmin(np.isfinite(values)))
+            raise refuse(
+                row, f"needs positive finite values of {name}, got nan; fill it in or take it out"
+            )
+    if np.all(np.diff(frequency) <= 0.0) and frequency[0] > frequency[-1]:
+        order = order[::-1]
+        notes.append("rows in descending order were turned round")
+    frequency, density = frequency[order], density[order]
+    falls = np.diff(frequency) < 0.0
+    if falls.any():
+        row = int(np.argmax(falls)) + 1
+        raise refuse(
+            row,
+            "needs increasing frequency_hz (twice the same for a step), got "
+            f"{frequency[row - 1]:g} before {frequency[row]:g}; sort the rows",
+        )
+    for name, values, remedy in (
+        ("frequency_hz", frequency, "take out the line"),
+        ("density", density, "say unit = 'dB re 1 g2/Hz', with their reference, if it is a level"),
+    ):
+        wrong = (values < 0.0) & (name == "frequency_hz" or not decibels)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            got = f"needs positive finite values of {name}, got {values[row]:g}"
+            raise refuse(row, f"{got}; {remedy}")
+    held = (frequency > 0.0) & (decibels | (density > 0.0))
+    if not held.any():
+        raise SceneError(f"{path} needs positive finite values of density, got none")
+    first, last = int(np.argmax(held)), len(held) - 1 - int(np.argmax(held[::-1]))
+    if not held[first : last + 1].all():
+        row = first + int(np.argmin(held[first : last + 1]))
+        raise refuse(
+            row,
+            f"the density is 0 at {frequency[row]:g} Hz, between others: a table is straight in "
+            "logarithms, which never reach 0; give the parts as two excitations",
+        )
+    if left := len(held) - (last + 1 - first):
+        notes.append(
+            f"{left} rows at its ends, without density or frequency, were left out: it "
+            f"reaches from {frequency[first]:g} to {frequency[last]:g} Hz"
+        )
+    kept = np.arange(first, last + 1)
+    same = (np.diff(frequency[kept]) == 0.0) & (np.diff(density[kept]) == 0.0)
+    kept = kept[np.append(True, ~same)]
+    thrice = frequency[kept[2:]] == frequency[kept[:-2]]
+    if thrice.any():
+        row = int(kept[2:][np.argmax(thrice)])
+        raise refuse(
+            row,
+            f"{frequency[row]:g} Hz stands three times, expected twice at most, for the densities "
+            "below and above a step; take out the one between",
+        )
+    steps = frequency[kept[1:]][np.diff(frequency[kept]) == 0.0]
+    if len(steps):
+        notes.append(f"it has a step at {', '.join(f'{step:g}' for step in steps)} Hz")
+    found = Columns(
+        x=frequency[kept], y=density[kept], unit=columns.unit, stated_in=columns.stated_in
+    )
+    return found, tuple(notes)

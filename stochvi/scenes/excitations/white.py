@@ -8,8 +8,8 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from stochvi.mathematics.units import DENSITY_UNITS, intensity_from_density, power_ratio
-from stochvi.scenes.excitations.base import BASE, Disturbance, Unit
+from stochvi.mathematics.units import intensity_from_density, power_ratio, unit
+from stochvi.scenes.excitations.base import BASE, DensityUnit, Disturbance
 from stochvi.scenes.validation import Positive, given
 
 
@@ -19,7 +19,7 @@ class _Strength(Disturbance):
     on: str | None = None
     intensity: Positive | None = None
     density: Positive | None = None
-    unit: Unit | None = None
+    unit: DensityUnit | None = None
 
     @property
     def density_unit(self) -> str | None:
@@ -46,7 +46,7 @@ class _Strength(Disturbance):
         if self.intensity is not None:
             return self.intensity
         assert self.density is not None and self.unit is not None
-        return intensity_from_density(self.density * DENSITY_UNITS[self.unit])
+        return intensity_from_density(self.density * unit(self.unit).factor)
 
     def louder(self, level_db: float) -> Self:
         power = power_ratio(level_db)

@@ -13,8 +13,8 @@ from pydantic import model_validator
 
 from stochvi.mathematics.kelvin_voigt import Impact
 from stochvi.results.errors import SceneError
-from stochvi.scenes.datasets import read_table
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
+from stochvi.scenes.text import read_table
 from stochvi.scenes.validation import NonNegatives
 
 Vector = NDArray[np.float64]

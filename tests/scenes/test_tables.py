@@ -1,0 +1,199 @@
+"""Tables of a density as they come: steps, zeros, order, levels, and the units that they state."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stochvi import SceneError, TabulatedNoise
+from stochvi.mathematics.spectra import Table, response_moments
+from stochvi.mathematics.units import STANDARD_GRAVITY
+
+ROWS = ["10;0,002", "20;0,01", "40;0,04", "80;0,04"]
+PLAIN = TabulatedNoise(
+    frequency_hz=[10, 20, 40, 80], density=[0.002, 0.01, 0.04, 0.04], unit="g2/Hz"
+)
+
+
+def noise(path: Path, text: str, **keys: object) -> TabulatedNoise:
+    (path / "table.csv").write_text(text, encoding="utf-8")
+    return TabulatedNoise(file=str(path / "table.csv"), **keys)
+
+
+def assert_same(found: TabulatedNoise, factor: float = 1.0) -> None:
+    np.testing.assert_allclose(found.table.frequency_hz, PLAIN.table.frequency_hz, rtol=1e-8)
+    np.testing.assert_allclose(found.table.density, factor * PLAIN.table.density, rtol=1e-5)
+
+
+@pytest.mark.parametrize("spelling", ["g2/Hz", "g^2/Hz", "G²/Hz", "gn**2 / Hz", "g²/HZ"])
+def test_a_unit_is_known_in_every_spelling(tmp_path: Path, spelling: str) -> None:
+    found = noise(tmp_path, "\n".join(ROWS), unit=spelling)
+    assert_same(found)
+    assert found.density_unit == "g2/Hz" and found.said() == ()
+
+
+@pytest.mark.parametrize(
+    ("heading", "factor"),
+    [
+        ("f;ASD run 1 (g^2/Hz)", 1.0),
+        ("Frequency [Hz];PSD [G²/Hz]", 1.0),
+        ("f;PSD\nHz;g^2/Hz", 1.0),
+        ("# floor 3, (g^2/Hz)", 1.0),
+        ("f;((m/s2)^2/Hz)", STANDARD_GRAVITY**-2),
+        ("f;PSD in m2/s4/Hz", STANDARD_GRAVITY**-2),
+        ("f;PSD (mm/s^2)^2/Hz", 1e-6 * STANDARD_GRAVITY**-2),
+        ("f;PSD ((m/s^2)^2/(rad/s))", 2.0 * np.pi * STANDARD_GRAVITY**-2),
+    ],
+)
+def test_the_unit_of_the_heading_is_taken_and_explained(
+    tmp_path: Path, heading: str, factor: float
+) -> None:
+    found = noise(tmp_path, "\n".join([heading, *ROWS]))
+    assert_same(found, factor)
+    (told,) = found.said()
+    assert "its unit" in told and "table.csv" in told
+    stated = found.density_unit
+    assert_same(noise(tmp_path, "\n".join([heading, *ROWS]), unit=stated), factor)
+    other = "N2/Hz" if factor == 1.0 else "g2/Hz"
+    with pytest.raises(SceneError) as failure:
+        noise(tmp_path, "\n".join([heading, *ROWS]), unit=other)
+    ((key, sentence),) = failure.value.problems
+    assert key == "unit" and repr(other) in sentence and repr(stated) in sentence
+
+
+@pytest.mark.parametrize(
+    ("heading", "keys", "words"),
+    [
+        ("f;PSD (EU^2/Hz)", {}, "needs unit, one of g2/Hz, (m/s2)2/Hz, N2/Hz, got none; above"),
+        ("f;PSD", {"unit": "V2/Hz"}, "expected g2/Hz, (m/s2)2/Hz, N2/Hz"),
+        ("f;a (g)", {"unit": "g2/Hz"}, "says 'g'"),
+        ("f;a (g)", {}, "says 'g', expected the unit of an acceleration density"),
+        ("f;PSD ((mm/s)^2/Hz)", {}, "expected the unit of an acceleration density"),
+        ("f;PSD (g2/Hz)", {"unit": "dB re 1 g2/Hz"}, "take out the one that is wrong"),
+        ("PSD (g2/Hz);f (Hz)", {}, "put the column of frequency first"),
+        ("f;PSD", {"unit": "dB"}, "dB re 1 g2/Hz"),
+        ("f;PSD", {"unit": "g"}, "is no unit of this"),
+    ],
+)
+def test_a_unit_that_is_not_known_or_not_of_a_density_is_refused(
+    tmp_path: Path, heading: str, keys: dict[str, str], words: str
+) -> None:
+    with pytest.raises(SceneError) as failure:
+        noise(tmp_path, "\n".join([heading, *ROWS]), **keys)
+    assert words in str(failure.value)
+
+
+@pytest.mark.parametrize(
+    ("heading", "scale"), [("f (kHz);PSD (g2/Hz)", 1e-3), ("w (rad/s);PSD (g2/Hz)", 2.0 * np.pi)]
+)
+def test_frequencies_are_read_in_the_unit_of_their_heading(
+    tmp_path: Path, heading: str, scale: float
+) -> None:
+    rows = [f"{float(row.split(';')[0]) * scale:.12g};{row.split(';')[1]}" for row in ROWS]
+    assert_same(noise(tmp_path, "\n".join([heading, *rows]).replace(",", ".")))
+
+
+@pytest.mark.parametrize(
+    ("heading", "unit", "reference"),
+    [
+        ("", "dB re 1 g2/Hz", 1.0),
+        ("", "dB re 1e-6 g^2/Hz", 1e-6),
+        ("f;Level (dB re 1 g²/Hz)\n", None, 1.0),
+        ("", "dB re (m/s2)2/Hz", STANDARD_GRAVITY**-2),
+    ],
+)
+def test_levels_in_decibels(
+    tmp_path: Path, heading: str, unit: str | None, reference: float
+) -> None:
+    density = PLAIN.table.density / STANDARD_GRAVITY**2 / reference
+    rows = [
+        f"{f:g};{10.0 * np.log10(g):.8f}" for f, g in zip([10, 20, 40, 80], density, strict=True)
+    ]
+    assert_same(noise(tmp_path, heading + "\n".join(rows), unit=unit))
+
+
+def test_levels_without_their_unit_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"got -26\.9; say unit = 'dB re 1 g2/Hz'"):
+        noise(tmp_path, "10 -26.9\n20 -20\n", unit="g2/Hz")
+
+
+def test_levels_in_the_scene(tmp_path: Path) -> None:
+    levels = (10.0 * np.log10([0.002, 0.01, 0.04, 0.04])).tolist()
+    keys = {"frequency_hz": [10, 20, 40, 80], "density": levels}
+    assert_same(TabulatedNoise(unit="dB re 1 g2/Hz", **keys))
+    with pytest.raises(SceneError, match=r"density.0 must be greater than 0, got -26\.98"):
+        TabulatedNoise(unit="g2/Hz", **keys)
+
+
+def test_rows_in_descending_order_and_rows_without_density_at_the_ends(tmp_path: Path) -> None:
+    turned = noise(tmp_path, "\n".join(reversed(ROWS)), unit="g2/Hz")
+    assert_same(turned)
+    assert "descending order" in " ".join(turned.said())
+    ends = noise(tmp_path, "\n".join(["0;1", "5;0", *ROWS, "100;0", "200;0"]), unit="g2/Hz")
+    assert_same(ends)
+    assert "4 rows at its ends" in " ".join(ends.said())
+    assert_same(noise(tmp_path, "\n".join([ROWS[0], *ROWS]), unit="g2/Hz"))
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (["10;1", "30;1", "20;1"], "line 3: needs increasing frequency_hz"),
+        (["10;1", "20;0", "30;1"], "line 2: the density is 0 at 20 Hz, between others"),
+        (["10;1", "20;-1", "30;1"], "line 2: needs positive finite values of density, got -1"),
+        (
+            ["-10;1", "20;1", "30;1"],
+            "line 1: needs positive finite values of frequency_hz, got -10",
+        ),
+        (["10;1", "20;nan", "30;1"], "line 2: needs positive finite values of density, got nan"),
+        (["10;1", "20;1", "20;2", "20;3", "30;1"], "line 4: 20 Hz stands three times"),
+        (["10;0", "20;0"], "needs positive finite values of density, got none"),
+        (["30;1", "20;0", "10;1"], "line 2: the density is 0 at 20 Hz, between others"),
+    ],
+)
+def test_what_no_table_can_hold_is_refused_with_its_line(
+    tmp_path: Path, rows: list[str], words: str
+) -> None:
+    with pytest.raises(SceneError) as failure:
+        noise(tmp_path, "\n".join(rows), unit="g2/Hz")
+    assert words in str(failure.value) and "table.csv" in str(failure.value)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_step_of_a_specification_is_two_tables_side_by_side(tmp_path: Path, turned: bool) -> None:
+    rows = ["10 0.002", "40 0.04", "40 0.01", "80 0.01", "300 0.001"]
+    found = noise(tmp_path, "\n".join(rows[::-1] if turned else rows), unit="(m/s2)2/Hz")
+    parts = [
+        Table(frequency_hz=np.array(f), density=np.array(g))
+        for f, g in (([10.0, 40.0], [0.002, 0.04]), ([40.0, 80.0, 300.0], [0.01, 0.01, 0.001]))
+    ]
+    assert found.table.mean_square() == pytest.approx(sum(each.mean_square() for each in parts))
+    assert "a step at 40 Hz" in " ".join(found.said())
+    for omega in (100.0, 2.0 * np.pi * 40.0, 1000.0):
+        whole, apart = (
+            response_moments(tables, omega, 0.1 * omega) for tables in ([found.table], parts)
+        )
+        assert whole.displacement == pytest.approx(apart.displacement, rel=1e-12)
+        assert whole.absolute_acceleration == pytest.approx(apart.absolute_acceleration, rel=1e-12)
+    assert found.table([39.999, 40.001]) == pytest.approx([0.04, 0.01], rel=1e-3)
+
+
+@pytest.mark.parametrize("frequency", [[20.0, 20.0], [10.0, 20.0, 20.0, 20.0], [10.0, 30.0, 20.0]])
+def test_a_table_needs_two_frequencies_and_no_more_than_two_densities_at_one(frequency) -> None:
+    with pytest.raises(ValueError, match="needs increasing frequency_hz"):
+        Table(frequency_hz=np.array(frequency), density=np.ones(len(frequency)))
+
+
+def test_the_column_is_chosen_where_there_are_several(tmp_path: Path) -> None:
+    text = "f;Floor (g2/Hz);Roof (N2/Hz)\n" + "\n".join(f"{row};1" for row in ROWS)
+    assert_same(noise(tmp_path, text, column="floor"))
+    assert_same(noise(tmp_path, text, column=2))
+    assert noise(tmp_path, text, column="Roof").density_unit == "N2/Hz"
+    for column in (None, "wall", 4, 0):
+        with pytest.raises(SceneError, match=r"1 f, 2 Floor \(g2/Hz\), 3 Roof") as failure:
+            noise(tmp_path, text, column=column)
+        assert failure.value.problems[0][0] == "column"
+    with pytest.raises(SceneError, match="has column without a file"):
+        TabulatedNoise(profile="navmat-p-9492", column=2)

@@ -1,0 +1,162 @@
+"""Tables of text as instruments, spreadsheets and people write them, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stochvi import SceneError
+from stochvi.scenes.text import read_table, read_text, read_text_table, unit_in
+
+WANTED = [[10.0, 20.5, 40.0], [0.002, 0.01, 0.04]]
+"""Columns that each of `LAYOUTS` holds."""
+
+LAYOUTS = {
+    "points and commas": "10,0.002\n20.5,0.01\n40,.04\n",
+    "decimal commas and semicolons": "10;0,002\n20,5;0,01\n40;0,04\n",
+    "decimal commas and tabs": "10\t0,002\n20,5\t0,01\n40\t0,04\n",
+    "decimal commas and blanks": "10 0,002\n20,5 0,01\n40 4,0e-2\n",
+    "decimal commas in quotes": '"10,0","0,002"\n"20,5","0,01"\n"40,0","0,04"\n',
+    "quotes": '"10","0.002"\n"20.5","0.01"\n"40","0.04"\n',
+    "Fortran": "  1.000D+01  2.000D-03\n  2.050d+01  1.0D-02\n  0.400D+02  4.0D-02\n",
+    "bars": "10|0.002\n20.5|0.01\n40|0.04\n",
+    "a delimiter at the end": "10;0,002;\n20,5;0,01;\n40;0,04;\n",
+    "old line ends": "10,0.002\r20.5,0.01\r40,0.04\r",
+    "numbers in the heading": "ASD run 1 (g^2/Hz)\n10 0.002\n20.5 0.01\n40 0.04\n",
+    "several headings": (
+        "sep=;\nLogger 4711;\nSample rate;2048\nf [Hz];PSD [g^2/Hz]\n10;0.002\n20.5;0.01\n40;0.04\n"
+    ),
+    "comments": "% floor\n// run 3\n# 4 of 5\n10 0.002\n\n20.5 0.01 # the second\n40 0.04\n",
+}
+
+
+@pytest.mark.parametrize("text", LAYOUTS.values(), ids=LAYOUTS)
+def test_a_table_is_read_however_it_is_laid_out(tmp_path: Path, text: str) -> None:
+    (tmp_path / "table.txt").write_text(text, encoding="utf-8", newline="")
+    assert [column.tolist() for column in read_table(tmp_path / "table.txt")] == WANTED
+
+
+@pytest.mark.parametrize(
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1", "cp1252"]
+)
+def test_a_table_is_read_in_every_usual_encoding(tmp_path: Path, encoding: str) -> None:
+    text = "Frequenz für Ü (Hz);PSD (g²/Hz)\r\n10;0,002\r\n20,5;0,01\r\n40;0,04\r\n"
+    (tmp_path / "table.txt").write_bytes(text.encode(encoding))
+    table = read_text_table(tmp_path / "table.txt", ("f", "G"))
+    assert [column.tolist() for column in table.columns(0, 1)] == WANTED
+    known = table.headings[1].unit
+    assert known is not None and known.name == "g2/Hz"
+
+
+def test_binary_data_is_no_text(tmp_path: Path) -> None:
+    (tmp_path / "table.txt").write_bytes(np.linspace(0.0, 1.0, 99).tobytes())
+    with pytest.raises(SceneError, match="is not text: expected UTF-8, UTF-16 or Latin-1"):
+        read_table(tmp_path / "table.txt")
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "what"),
+    [
+        ("1,O.1\n2,1\n", "line 1", "two numbers"),
+        ("1,1\n2,1O\n", "line 2", "a number in column 2, got '1O'"),
+        ("1,2,3\n", "line 1", "two numbers"),
+        ("1;2;3\n1;1\n2;2\n", "line 1", "two numbers"),
+        ("6\n1 1\n2 2\n", "line 1", "two numbers"),
+        ("1,1\n2\n", "line 2", "two numbers"),
+        ("1,1\nend,0\n", "line 2", "a number in column 1, got 'end'"),
+        ("1;2,5\n2;3.5\n", "line 2", "with decimal commas"),
+        ("1.000;2,5\n2;3,5\n", "line 1", "no sign between thousands"),
+        ("1,1\n2,\n", "line 2", "a number is missing"),
+    ],
+    ids=[
+        "letter for a digit above", "letter for a digit", "three columns", "other heading",
+        "a count of rows", "one cell", "a word", "two decimal signs", "thousands", "nothing",
+    ],
+)  # fmt: skip
+def test_a_line_that_is_not_two_numbers_is_never_passed_over(
+    tmp_path: Path, text: str, where: str, what: str
+) -> None:
+    (tmp_path / "table.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(SceneError) as failure:
+        read_table(tmp_path / "table.csv")
+    assert f"table.csv, {where}: " in str(failure.value) and what in str(failure.value)
+
+
+@pytest.mark.parametrize("text", ["0,12\n-0,07\n", "0.12\n-0.07\n", "0,12\n-,07\n"])
+def test_one_column_of_decimal_fractions(tmp_path: Path, text: str) -> None:
+    (tmp_path / "run.csv").write_text(text)
+    table = read_text_table(tmp_path / "run.csv", ("a",))
+    assert [column.tolist() for column in table.columns(0)] == [[0.12, -0.07]]
+
+
+def test_whole_numbers_with_commas_between_them_are_two_columns(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("1,20\n2,30\n")
+    assert len(read_text_table(tmp_path / "run.csv", ("a",)).headings) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("ASD run 1 (g^2/Hz)", "g2/Hz"),
+        ("PSD ((m/s2)^2/Hz)", "(m/s2)2/Hz"),
+        ("PSD [(m/s²)²/Hz]", "(m/s2)2/Hz"),
+        ("PSD (m/s2)^2/Hz", "(m/s2)2/Hz"),
+        ("PSD in g^2/Hz", "g2/Hz"),
+        ("Accel (vertical) [g]", "g"),
+        ("Level (dB re 1 g^2/Hz)", "dB re 1 g2/Hz"),
+        ("density_g2_per_hz", "g2/Hz"),
+        ("acceleration_g", "g"),
+        ("time_ms", "ms"),
+        ("Hz", "Hz"),
+        ("Frequency [rad/s]", "rad/s"),
+        ("G", None),
+        ("f", None),
+        ("Channel 1 (EU)", None),
+        ("run (third)", None),
+        ("acc_z", None),
+    ],
+)
+def test_the_unit_in_a_heading(text: str, unit: str | None) -> None:
+    found = unit_in(text)
+    assert (found and found.name) == unit
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1,10\n2,20.5\n",
+        "1 10\n2 20.5",
+        "1\t10\r\n2\t20.5\r\n",
+        "1;10\n2; 20.5\n",
+        "frequency_hz,density\n1,10\n2,20.5\n",
+        "# a comment\n\nHz g2/Hz\n1,10 # the first\n\n2,20.5\n",
+        "\ufefff,G\n1,1e1\n2,2.05E+1\n",
+    ],
+    ids=["commas", "spaces", "tabs", "semicolons", "header", "comments", "byte-order mark"],
+)
+def test_a_table_of_whole_numbers_is_read_however_it_is_parted(tmp_path: Path, text: str):
+    (tmp_path / "table.csv").write_text(text, encoding="utf-8", newline="")
+    frequency, density = read_table(tmp_path / "table.csv")
+    assert frequency.tolist() == [1.0, 2.0]
+    assert density.tolist() == [10.0, 20.5]
+
+
+def test_a_file_of_the_largest_size_is_read_and_one_byte_more_is_not(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr("stochvi.scenes.text.LARGEST_TEXT_FILE", 8)
+    (tmp_path / "fits").write_text("12345678", encoding="utf-8")
+    (tmp_path / "does not").write_text("123456789", encoding="utf-8")
+    assert read_text(tmp_path / "fits") == "12345678"
+    with pytest.raises(SceneError, match="holds 9 bytes, expected a text of at most 8"):
+        read_text(tmp_path / "does not")
+
+
+def test_columns_in_another_order_than_their_heading_says_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "swapped.csv"
+    file.write_text("density,frequency_hz\n0.01,10\n0.02,100\n")
+    with pytest.raises(SceneError, match="has the columns density, frequency_hz; expected"):
+        read_table(file)
+    file.write_text("frequency_hz density\n10 0.01\n100 0.02\n")
+    frequency, _ = read_table(file)
+    assert frequency.tolist() == [10.0, 100.0]
