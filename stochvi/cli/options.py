@@ -170,12 +170,13 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
 
 
 def shown(solve: Callable[[], Found], show: Callable[[Found], None]) -> None:
-    """Show an answer; where its accuracy was not reached, show what was reached, then fail."""
-    from stochvi.results.errors import NotConverged
+    """Show an answer; where its accuracy was not reached, or Ctrl-C ended it, show what was
+    reached, then fail."""
+    from stochvi.results.errors import Interrupted, NotConverged
 
     try:
         found = solve()
-    except NotConverged as reason:
+    except (NotConverged, Interrupted) as reason:
         if reason.response is not None:
             show(reason.response)
         raise

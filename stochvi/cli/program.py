@@ -40,7 +40,7 @@ def _stop_for(error: BaseException) -> NoReturn:
     from stochvi.results.errors import NotConverged, StochviError
 
     if isinstance(error, KeyboardInterrupt):
-        stop("interrupted by Ctrl-C; nothing was kept", FAILED)
+        stop(str(error) or "interrupted by Ctrl-C; nothing was kept", FAILED)
     if isinstance(error, NotConverged):
         stop(str(error), FAILED)
     if isinstance(error, StochviError | ValueError | ArithmeticError):

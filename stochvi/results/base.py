@@ -15,7 +15,7 @@ from stochvi.results.estimates import Cost
 if TYPE_CHECKING:
     import pandas as pd
 
-COMMON = ("warnings", "cost", "provenance")
+COMMON = ("warnings", "cost", "provenance", "interrupted")
 """Fields that every answer has; they stand last in documents."""
 
 MOST_ROWS = 60
@@ -37,11 +37,14 @@ class Result:
         What the answer took.
     provenance
         What is needed to make it again: versions, processor, seed and the scene.
+    interrupted
+        Whether Ctrl-C ended it: it holds what there was until then.
     """
 
     warnings: Sequence[str] = ()
     cost: Cost = field(default_factory=Cost)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    interrupted: bool = False
 
     not_in_document: ClassVar[tuple[str, ...]] = ()
     """Fields that the JSON document of a kind of answer does not hold."""

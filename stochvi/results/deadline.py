@@ -1,13 +1,28 @@
-"""The time that was asked for: the one clock at which everything with a budget looks."""
+"""The time that was asked for: the one clock at which everything with a budget looks.
+
+Ctrl-C is the same as a deadline that passes: what is under way ends with what it has.
+"""
 
 from __future__ import annotations
 
 import math
+import signal
+import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, is_dataclass, replace
+from typing import Any, TypeVar
+
+from stochvi.results.errors import Interrupted, NotConverged
+
+Found = TypeVar("Found")
 
 SHORTEST_BUDGET = 1e-3
 """Seconds that are handed on once a deadline has passed: a budget must be positive."""
+
+_heard = [0]
+"""How often Ctrl-C has ended what was under way in this process."""
 
 
 @dataclass(frozen=True)
@@ -19,6 +34,11 @@ class Deadline:
     moment
         A time of `time.time()`, s: workers on other machines have that clock as well. Infinite
         where nothing is due.
+    budget
+        The seconds that were asked for, for messages; None for no limit.
+    before
+        How often Ctrl-C had been heard when it was made: one more, and it has passed. Infinite
+        where Ctrl-C is not heard.
 
     Examples
     --------
@@ -27,30 +47,91 @@ class Deadline:
     """
 
     moment: float = math.inf
+    budget: float | None = None
+    before: float = math.inf
 
     @classmethod
     def after(cls, budget: float | None) -> Deadline:
         """The deadline that so many seconds from now make; None for no limit."""
-        return cls(math.inf if budget is None else time.time() + budget)
+        moment = math.inf if budget is None else time.time() + budget
+        return cls(moment, budget, _heard[0])
 
     def passed(self) -> bool:
         """Whether the answer is due."""
-        return time.time() >= self.moment
+        return self.interrupted or time.time() >= self.moment
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C came since it was made, and was heeded (see `heeding_ctrl_c`)."""
+        return _heard[0] > self.before
 
     @property
     def left(self) -> float:
         """Seconds until the answer is due: infinite without a limit, zero once it has passed."""
-        return max(self.moment - time.time(), 0.0)
+        return 0.0 if self.passed() else max(self.moment - time.time(), 0.0)
 
     @property
-    def budget(self) -> float | None:
+    def rest(self) -> float | None:
         """The seconds that are left, as the `budget` of a calculation that begins now."""
-        return None if math.isinf(self.moment) else max(self.left, SHORTEST_BUDGET)
+        return None if math.isinf(self.left) else max(self.left, SHORTEST_BUDGET)
 
     def sooner(self, share: float) -> Deadline:
-        """The deadline that ends a share (0 to 1) of the time that is left before this one."""
-        return self if math.isinf(self.moment) else Deadline(self.moment - share * self.left)
+        """The deadline that leaves a share (0 to 1) of the seconds that are left unused."""
+        if math.isinf(self.moment):
+            return self
+        return replace(self, moment=self.moment - share * self.left)
+
+    def fell_short(self, where: str, remedy: str, answer: Any = None) -> NotConverged | Interrupted:
+        """The error to raise where an answer was due before it was what was asked for.
+
+        Its message is "the budget of 5 s ended `where`; `remedy`", and it carries the answer so
+        far. After Ctrl-C it is `Interrupted`, and the answer is marked.
+        """
+        if self.interrupted:
+            if is_dataclass(answer) and hasattr(answer, "interrupted"):
+                answer = replace(answer, interrupted=True)  # type: ignore[type-var]
+            return Interrupted(f"interrupted by Ctrl-C {where}", answer)
+        return NotConverged(f"the budget of {self.budget:g} s ended {where}; {remedy}", answer)
+
+
+def as_far_as_it_got(calculate: Callable[..., Found], *arguments: Any, **named: Any) -> Found:
+    """What a calculation finds, or what it had found when its budget or Ctrl-C ended it.
+
+    For a calculation that is a part of another one, which looks at the errors of what it gets and
+    at its own deadline.
+    """
+    try:
+        return calculate(*arguments, **named)
+    except (NotConverged, Interrupted) as reason:
+        if reason.response is None:
+            raise
+        found: Found = reason.response
+        return found
 
 
 NEVER = Deadline()
-"""The deadline of what may take as long as it needs."""
+"""The deadline of what may take as long as it needs, and does not heed Ctrl-C."""
+
+
+@contextmanager
+def heeding_ctrl_c() -> Iterator[None]:
+    """Meanwhile the first Ctrl-C makes all deadlines pass instead of raising KeyboardInterrupt.
+
+    A second one raises it as ever. Nothing changes outside the main thread, or where a program
+    has a handler of its own.
+    """
+    usual = signal.default_int_handler
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not usual:
+        yield
+        return
+
+    def hear(*_: Any) -> None:
+        _heard[0] += 1
+        signal.signal(signal.SIGINT, usual)
+
+    signal.signal(signal.SIGINT, hear)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)

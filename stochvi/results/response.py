@@ -142,8 +142,7 @@ class Response(Result):
 
     `coordinates` and `impact_pairs` map a name to its quantities, which may be given as any mapping
     from their names. `identities` holds the residuals of the energy, virial
-    and force balances, which are zero for a right answer. `interrupted` says that it holds what was
-    simulated until Ctrl-C.
+    and force balances, which are zero for a right answer.
     """
 
     method: str
@@ -152,7 +151,6 @@ class Response(Result):
     identities: Mapping[str, Estimate] = field(default_factory=dict)
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
-    interrupted: bool = False
 
     def __post_init__(self) -> None:
         for name, record in (("coordinates", CoordinateResponse), ("impact_pairs", PairResponse)):

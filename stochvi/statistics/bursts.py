@@ -230,8 +230,11 @@ def bursts(
                 progress((rel_error / max(error, rel_error)) ** 2, f"{paths} paths")
             unseen = estimate.value == 0.0 and len(parts) * plan.block >= LOOK * FEWEST_PATHS
             if error <= rel_error or deadline.passed() or unseen or _far(estimate, far_from):
-                return found
+                break
             blocks = math.ceil(len(parts) * min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0))
+    if deadline.interrupted:
+        raise deadline.fell_short(f"after {len(parts) * plan.block} paths", "", found)
+    return found
 
 
 def _far(estimate: Estimate, place: float | None) -> bool:

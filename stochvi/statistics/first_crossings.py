@@ -306,14 +306,17 @@ def first_crossings(
             if progress:
                 progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{done} paths")
             enough = ages is answer and error <= MISSED * rel_error
-            if enough or (budget is not None and now > 0.5 * budget):
-                return found
+            if enough or deadline.passed() or (budget is not None and now > 0.5 * budget):
+                break
             growth = min(MARGIN * (error / rel_error) ** 2, 4.0)
             if budget is not None and now > 0.0:
                 # in the time that is left, and the time that is there now is what there will be
                 growth = min(growth, max(budget / now, 1.25))
             ages = answer
             found = fly(0, answer, max(math.ceil(growth * done), FEWEST_PATHS))
+    if deadline.interrupted:
+        raise deadline.fell_short(f"after {done} paths", "", found)
+    return found
 
 
 def _ages(

@@ -11,10 +11,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
+from stochvi.methods.monte_carlo.blocks import LONG_PATH, Crew, blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
@@ -363,7 +364,8 @@ def cost(
     started = time.perf_counter()
     layout = _joint_layout(plans)
     with crew_of(executor, threads) as crew:
-        statistics, cpu = _simulate(plans, layout, seed, budget, paths, crew, progress)
+        deadline = Deadline.after(budget if paths is None else None)
+        statistics, cpu = _simulate(plans, layout, seed, budget, deadline, paths, crew, progress)
     known, reference = _known(scene, plan)
     rows: list[StepError] = []
     models: list[ModelError] = []
@@ -379,10 +381,10 @@ def cost(
             continue
         order = step_order(plan, key)
         truth = _reference(quantity, plans, order, known.get(key))
-        found = _errors_of(key, quantity, truth, size, order, plans, statistics, cpu)
-        rows += found
+        steps = _errors_of(key, quantity, truth, size, order, plans, statistics, cpu)
+        rows += steps
         models += _models_of(key, truth, size, free, statistics)
-    return WorkPrecision(
+    found = WorkPrecision(
         errors=sorted(rows, key=lambda row: -row.step),
         models=models,
         reference=reference,
@@ -396,6 +398,9 @@ def cost(
         ),
         provenance=provenance(scene.document(), seed),
     )
+    if deadline.interrupted:
+        raise deadline.fell_short(f"after {statistics.count} paths", "", found)
+    return found
 
 
 def ladder(plan: Plan) -> list[Plan]:
@@ -419,19 +424,27 @@ def step_order(plan: Plan, key: Key) -> float | None:
     return math.log2(1.0 + 1.0 / share)
 
 
-Block = tuple[PathStatistics, list[float]]
+Block = tuple[PathStatistics, NDArray[np.float64]]
 
 
 def _block(
-    plans: Sequence[Plan], layout: Layout, seed: int, first_path: int, paths: int, _: Deadline
-) -> Block:
+    plans: Sequence[Plan], layout: Layout, seed: int, first_path: int, paths: int,
+    deadline: Deadline,
+) -> Block:  # fmt: skip
     """The same paths at every step: their joint statistics, and the CPU seconds of each step."""
-    averages, seconds = [], []
-    for plan in plans:
-        start = thread_seconds()
-        averages.append(plan.averages(seed, first_path, paths))
-        seconds.append(thread_seconds() - start)
-    return PathStatistics.of(np.concatenate(averages), layout), seconds
+
+    def at_every_step(first: int, paths: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        averages, seconds = [], []
+        for plan in plans:
+            start = thread_seconds()
+            averages.append(plan.averages(seed, first, paths))
+            seconds.append(thread_seconds() - start)
+        return np.concatenate(averages), np.array(seconds)
+
+    long = max(plan.steps_per_path for plan in plans) > LONG_PATH
+    parts = in_pieces(at_every_step, first_path, paths, deadline, long=long)
+    averages = np.concatenate([part for part, _ in parts], axis=1)
+    return PathStatistics.of(averages, layout), np.sum([spent for _, spent in parts], axis=0)
 
 
 def _simulate(
@@ -439,6 +452,7 @@ def _simulate(
     layout: Layout,
     seed: int,
     budget: float,
+    deadline: Deadline,
     paths: int | None,
     crew: Crew,
     progress: Progress | None,
@@ -449,7 +463,6 @@ def _simulate(
     statistics, seconds = PathStatistics.none(layout), np.zeros(len(plans))
     work = partial(_block, plans, layout, seed)
     blocks = blocks_between(0, math.inf if paths is None else paths, size)
-    deadline = Deadline.after(budget if paths is None else None)
     for block, spent in crew.results(work, blocks, deadline):
         statistics = statistics.merge(block)
         seconds += spent
@@ -458,9 +471,8 @@ def _simulate(
             share = elapsed / budget if paths is None else statistics.count / paths
             progress(min(1.0, share), f"{statistics.count} paths")
     if statistics.count < FEWEST_PATHS:
-        raise NotConverged(
-            f"budget of {budget:g} s was too short: {statistics.count} of at least {FEWEST_PATHS} "
-            "paths were done; raise budget"
+        raise deadline.fell_short(
+            f"after {statistics.count} paths, of at least {FEWEST_PATHS}", "raise budget"
         )
     return statistics, [float(spent) for spent in seconds]
 

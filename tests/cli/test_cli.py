@@ -193,7 +193,7 @@ def test_simulate_exits_with_1_beyond_its_budget_and_still_writes_what_it_has(
     options = ("--rel-error", "1e-5", "--budget", "0.05", "--threads", "2", "--quiet")
     code, out, err = stochvi("simulate", ELASTIC, *options, "--json", file)
     assert (code, out) == (1, "")
-    assert err.startswith("stochvi: relative standard error ")
+    assert err.startswith("stochvi: the budget of 0.05 s ended at a relative standard error of ")
     assert len(err.splitlines()) == 1
     document = one_document(file.read_text("utf-8"))
     assert document["coordinates"]["x"]["displacement_mean_square"]["standard_error"] > 0.0

@@ -396,7 +396,7 @@ def test_what_is_never_hit_is_looked_for_until_paths_or_time_run_out(monkeypatch
     told: list[float] = []
     monkeypatch.setattr(method, "MOST_UNSEEN", 3000)
     far = scene(1.0, -9.0, 9.0)
-    for budget, fewest in ((None, 3000), (1e-3, 64)):
+    for budget, fewest in ((None, 3000), (1e-3, 2)):
         with pytest.raises(NotConverged, match=r"no impact was seen in \d+ paths") as stopped:
             impacts(far, budget=budget, threads=1, progress=lambda done, text: told.append(done))
         answer = stopped.value.response
@@ -429,9 +429,9 @@ def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
         impacts(ELASTIC, rel_error=1e-5, budget=1e-3, threads=1)
     rate = short.value.response.pairs["stops"].rates["both"].estimate
     assert rate.standard_error > 1e-5 * rate.value
-    with pytest.raises(NotConverged, match=r"\d+ of 1000000 paths were done in 0.001 s") as short:
+    with pytest.raises(NotConverged, match=r"0.001 s ended after \d+ of 1000000 paths") as short:
         impacts(ELASTIC, paths=10**6, budget=1e-3, threads=1)
-    assert 64 <= short.value.response.cost.paths < 10**6
+    assert 2 <= short.value.response.cost.paths < 10**6
     few = impacts(ELASTIC, paths=2, duration=1.0, seed=1, threads=1)
     assert "too few impacts" in few.summary()
 

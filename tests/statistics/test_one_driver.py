@@ -1,12 +1,16 @@
 """Everything that samples runs on any executor, to the same digits, and leaves no task running."""
 
+import os
 import pickle
+import signal
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from typing import Any
 
 import pytest
 
 from stochvi.isolators.sizing.clatter import clatter
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.errors import Interrupted
 from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -54,7 +58,7 @@ def _first_crossings(**how: Any) -> object:
 
 
 def _spectrum(**how: Any) -> object:
-    found = spectrum(FREE, paths=64, seed=3, **how)
+    found = spectrum(FREE, paths=96, seed=3, **how)
     return [curve.value.tolist() for curve in found.curves["x"].values()]
 
 
@@ -123,6 +127,36 @@ def test_ctrl_c_leaves_no_task_that_may_begin(sampler: Any) -> None:
             sampler(executor=executor, progress=interrupts)
         assert executor.futures
         assert all(future.running() or future.done() for future in executor.futures)
+
+
+def ctrl_c() -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.parametrize("name", [name for name in SAMPLERS if name != "clatter"])
+def test_ctrl_c_answers_with_what_there_is(name: str) -> None:
+    told: list[str] = []
+
+    def once(_share: float, sentence: str) -> None:
+        if "compiling" not in sentence and not told:
+            told.append(sentence)
+            ctrl_c()
+
+    usual = signal.getsignal(signal.SIGINT)
+    with pytest.raises(Interrupted, match="interrupted by Ctrl-C") as stopped:
+        SAMPLERS[name](threads=1, progress=once)
+    answer = stopped.value.response
+    assert answer is not None
+    assert getattr(answer, "interrupted", True)
+    assert signal.getsignal(signal.SIGINT) is usual
+    assert not Deadline.after(None).passed()  # of what begins after it
+
+
+def test_a_second_ctrl_c_ends_at_once() -> None:
+    with heeding_ctrl_c():
+        ctrl_c()
+        with pytest.raises(KeyboardInterrupt):
+            ctrl_c()
 
 
 @samplers

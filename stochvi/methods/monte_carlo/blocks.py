@@ -23,16 +23,16 @@ from concurrent.futures import (
 )
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from itertools import islice
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
-from stochvi.results.deadline import NEVER, Deadline
+from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotConverged, StochviError
 from stochvi.results.machine import thread_seconds, usable_cores
 
@@ -78,6 +78,8 @@ FEWEST_AT_ONCE = 2
 PIECE_SECONDS = 0.25
 """Seconds that a piece of a block takes at most, as far as the piece before tells: a budget is
 overrun by no more."""
+
+Piece = TypeVar("Piece")
 
 Block = tuple[int, int]
 """First path, and how many."""
@@ -154,24 +156,35 @@ def path_statistics(
 def averages_in_time(
     plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline
 ) -> NDArray[np.float64]:
-    """The averages of a block of paths, or of its first paths where the deadline passes.
+    """The averages of a block of paths, or of its first paths where the deadline passes."""
+    long = plan.steps_per_path > LONG_PATH
+    parts = in_pieces(partial(plan.averages, seed), first_path, paths, deadline, long=long)
+    return np.concatenate(parts, axis=1)
 
-    A block that takes long is simulated in pieces, between which the clock is looked at; the paths
-    do not depend on the pieces.
+
+def in_pieces(
+    make: Callable[[int, int], Piece], first_path: int, paths: int, deadline: Deadline,
+    *, long: bool = False,
+) -> list[Piece]:  # fmt: skip
+    """What `make(first_path, paths)` gives of a block of paths, some after the other.
+
+    Between pieces the clock is looked at; where the deadline has passed, the paths that are left
+    are left out, but for those of the first piece. The paths do not depend on the pieces. Where
+    paths are `long`, the first piece has only `FEWEST_AT_ONCE`.
     """
     if deadline == NEVER:
-        return plan.averages(seed, first_path, paths)
-    done: list[NDArray[np.float64]] = []
-    made, size = 0, LANES if plan.steps_per_path <= LONG_PATH else FEWEST_AT_ONCE
+        return [make(first_path, paths)]
+    done: list[Piece] = []
+    made, size = 0, FEWEST_AT_ONCE if long else LANES
     while made < paths and not (made and deadline.passed()):
         size = min(size, paths - made)
         began = time.perf_counter()
-        done.append(plan.averages(seed, first_path + made, size))
+        done.append(make(first_path + made, size))
         each = max((time.perf_counter() - began) / size, SHORTEST_BLOCK)
         made += size
         left = min(PIECE_SECONDS, deadline.left)
         size = LANES * max(1, int(left / each / LANES))
-    return np.concatenate(done, axis=1)
+    return done
 
 
 def blocks_between(first_path: int, end: float, size: int) -> Iterator[Block]:
@@ -335,12 +348,13 @@ def start_crew(executor: Executor | None, threads: int | None) -> Crew:
 
 @contextmanager
 def crew_of(executor: Executor | None, threads: int | None) -> Iterator[Crew]:
-    """The same for a while: at its end, also by Ctrl-C, no task is left that may still begin, and
-    threads of its own have ended."""
+    """The same for a while, in which Ctrl-C makes deadlines pass. At its end no task is left that
+    may still begin, and threads of its own have ended."""
     check_executor(executor)
     crew = start_crew(executor, threads)
     try:
-        yield crew
+        with heeding_ctrl_c():
+            yield crew
     finally:
         crew.cancel()
         if not crew.external_executor:

@@ -413,38 +413,38 @@ def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
     return {name: replace(each, bias=largest * abs(each.value)) for name, each in group.items()}
 
 
-def run_until_accurate(run: Run, rel_error: float, budget: float | None) -> None:
+def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
     """Raise the number of paths until every governed quantity is as accurate as `rel_error` asks.
 
-    Apart from the budget (s), every decision depends on the state alone, so that a run that resumes
+    Apart from the deadline, every decision depends on the state alone, so that a run that resumes
     from a checkpoint decides as one that was never stopped.
     """
-    deadline = Deadline.after(budget)
     if not run.state.goal:
         run.set_goal(max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS))
     run.expected_paths = 4.0 * run.state.goal  # until the first errors are known
     while True:
         in_time = run.reach_goal(deadline)
         if run.fine.count < 2:
-            raise NotConverged(f"budget of {budget:g} s was too short for a single block of paths")
+            raise deadline.fell_short("before two paths were simulated", "raise budget")
         errors, bias = _relative_errors(run)
         if errors <= rel_error:
             if bias <= rel_error:
                 run.set_goal(run.fine.count)  # the accuracy is reached, even if the deadline passed
                 return
-            if not in_time or run.state.refinements == MOST_REFINEMENTS:
-                raise NotConverged(
-                    f"the step still leaves a relative bias of {bias:.2g}, asked for "
-                    f"{rel_error:g}; raise rel_error" + ("" if in_time else " or budget"),
-                    run.response(("the accuracy asked for was not reached",)),
-                )
+            biased = f"a relative bias of {bias:.2g} by the step, asked for {rel_error:g}"
+            so_far = partial(run.response, ("the accuracy asked for was not reached",))
+            if not in_time:
+                raise deadline.fell_short(f"at {biased}", "raise budget or rel_error", so_far())
+            if run.state.refinements == MOST_REFINEMENTS:
+                raise NotConverged(f"the shortest step leaves {biased}; raise rel_error", so_far())
             run.refine()
             continue
         needed = run.seconds * (errors / rel_error) ** 2
         if not in_time or deadline.passed():
-            raise NotConverged(
-                f"relative standard error {errors:.2g} after {run.seconds:.1f} s, asked for "
-                f"{rel_error:g}, which takes about {needed:.0f} s; raise budget or rel_error",
+            raise deadline.fell_short(
+                f"at a relative standard error of {errors:.2g}, asked for {rel_error:g}, which "
+                f"takes about {needed:.0f} s",
+                "raise budget or rel_error",
                 run.response(("the accuracy asked for was not reached",)),
             )
         run.expected_paths = 1.1 * run.fine.count * (errors / rel_error) ** 2

@@ -28,7 +28,7 @@ from stochvi.methods.monte_carlo.rounds import (
     run_until_accurate,
 )
 from stochvi.model.model import Model, model_of
-from stochvi.results.deadline import Deadline
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
@@ -141,25 +141,27 @@ def simulate(
         raise Interrupted("interrupted by Ctrl-C before any path was simulated") from None
     try:
         try:
-            _simulate(run, asked, budget)
+            with heeding_ctrl_c():
+                deadline = Deadline.after(budget)
+                _simulate(run, asked, deadline)
         finally:
             if executor is None:
                 run.crew.executor.shutdown(wait=False, cancel_futures=True)
             run.write_checkpoint()
-    except KeyboardInterrupt:
-        raise Interrupted(
-            "interrupted by Ctrl-C",
-            _so_far(run, "interrupted before all paths were simulated", True),
-        ) from None
     except WorkersLost as error:
         raise NotConverged(
             f"{error}, after {run.fine.count} paths; start workers that do, and resume from a "
             "checkpoint if there is one",
             _so_far(run, "not all paths were simulated, for want of workers"),
         ) from error
-    except NotConverged as error:
+    except (NotConverged, Interrupted) as error:
         error.response = error.response and _noted(run, error.response)
         raise
+    except KeyboardInterrupt:  # a second Ctrl-C, or one that a program raises
+        raise Interrupted(
+            "interrupted by Ctrl-C",
+            _so_far(run, "interrupted before all paths were simulated", True),
+        ) from None
     return _noted(run, run.response())
 
 
@@ -200,16 +202,17 @@ def _begun(
     return Run(scene, plan, asked.seed or 0, crew, progress, compile_time, state, keeper), asked
 
 
-def _simulate(run: Run, asked: Asked, budget: float | None) -> None:
+def _simulate(run: Run, asked: Asked, deadline: Deadline) -> None:
     """As many paths, or as long, as was asked for."""
     if asked.paths is None:
         assert asked.rel_error is not None  # settled
-        run_until_accurate(run, asked.rel_error, budget)
+        run_until_accurate(run, asked.rel_error, deadline)
         return
     run.set_goal(asked.paths)
-    if not run.reach_goal(Deadline.after(budget)):
-        raise NotConverged(
-            f"{run.fine.count} of {asked.paths} paths were done in {budget:g} s; raise budget",
+    if not run.reach_goal(deadline):
+        raise deadline.fell_short(
+            f"after {run.fine.count} of {asked.paths} paths",
+            "raise budget",
             _so_far(run, "not all paths were simulated"),
         )
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
-from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
 from stochvi.methods.monte_carlo.quantities import collapses
 from stochvi.methods.monte_carlo.rounds import compiling
@@ -87,6 +87,9 @@ FEWEST_FITTED = 100
 FEWEST_PATHS = 64
 """For an honest standard error."""
 
+LEAST_PATHS = 2
+"""For any standard error, where not even the fewest fit into the budget."""
+
 FEWEST_HITS = 30
 """For a dispersion; with fewer the counts tell nothing against Poisson."""
 
@@ -134,7 +137,8 @@ def impacts(
     threads, executor, progress
         The same arguments as those of `simulate`.
     budget
-        Seconds after which `NotConverged` is raised; None for no limit.
+        Seconds after which `NotConverged` is raised with the answer so far; None for no limit.
+        Ctrl-C does the same, with `Interrupted`.
 
     Raises
     ------
@@ -172,12 +176,11 @@ def impacts(
     with compiling(progress):
         plan.impacts(seed, 0, 1)
     found: dict[str, list[Tally]] = {name: [] for name in grids}
-    short = ""
     deadline = Deadline.after(budget)
     done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths
 
     def late() -> bool:
-        return done >= FEWEST_PATHS and deadline.passed()
+        return done >= LEAST_PATHS and deadline.passed()
 
     work = partial(_block, plan, grids, seed)
     with crew_of(executor, threads) as crew:
@@ -192,8 +195,8 @@ def impacts(
             error = _largest_error([merged(tallies) for tallies in found.values()], plan)
             if progress and not paths:
                 progress((asked / max(error, asked)) ** 2, f"{done} paths")
-            short = _fell_short(done, paths, error, asked, budget, deadline)
-            if short or done == paths or (paths is None and error <= asked):
+            short = _fell_short(done, paths, error, asked, deadline)
+            if short or done == paths or error <= asked:
                 break
             target = done + math.ceil(done * min(1.1 * (error / asked) ** 2 - 1.0, 3.0))
             target = math.ceil(target / plan.block) * plan.block
@@ -225,41 +228,47 @@ def impacts(
         provenance=provenance(scene.document(), seed),
     )
     if short:
-        raise NotConverged(short, answer)
+        raise short(answer)
     return answer
 
 
 def _fell_short(
-    done: int, paths: int | None, error: float, asked: float, budget: float | None,
-    deadline: Deadline,
-) -> str:  # fmt: skip
-    """Why no more paths are simulated though what was asked for is not there; empty if they are."""
+    done: int, paths: int | None, error: float, asked: float, deadline: Deadline
+) -> Callable[[ImpactStatistics], BaseException] | None:
+    """The error to raise with the answer, where no more paths are simulated though what was asked
+    for is not there; None if it is, or more paths are to come."""
+    if done == paths or (paths is None and error <= asked):
+        return None
     if paths is not None:
-        if done == paths:
-            return ""
-        return f"{done} of {paths} paths were done in {budget:g} s; raise budget"
-    if error <= asked:
-        return ""
-    late = deadline.passed()
-    if math.isinf(error) and (late or done >= MOST_UNSEEN):
-        return (
+        return partial(deadline.fell_short, f"after {done} of {paths} paths", "raise budget")
+    if (
+        math.isinf(error)
+        and not deadline.interrupted
+        and (deadline.passed() or done >= MOST_UNSEEN)
+    ):
+        return partial(
+            NotConverged,
             f"no impact was seen in {done} paths, so that no rate is known to {asked:g}; give "
-            "paths and duration to look further, or ask reliability for the chance of a hit"
+            "paths and duration to look further, or ask reliability for the chance of a hit",
         )
-    if late:
-        return (
-            f"relative standard error {error:.2g} after {budget:g} s, asked for {asked:g}; raise "
-            "budget or rel_error"
-        )
-    return ""
+    if deadline.passed():
+        where = f"at a relative standard error of {error:.2g}, asked for {asked:g}"
+        return partial(deadline.fell_short, where, "raise budget or rel_error")
+    return None
 
 
 def _block(
-    plan: ImpactPlan, grids: dict[str, Grid], seed: int, first: int, paths: int, _: Deadline
+    plan: ImpactPlan, grids: dict[str, Grid], seed: int, first: int, paths: int, deadline: Deadline
 ) -> dict[str, Tally]:
-    """One task: the impacts of some paths, counted and let go."""
-    logs = plan.impacts(seed, first, paths)
-    return {name: Tally.of(log, paths, grids[name]) for name, log in logs.items()}
+    """One task: the impacts of some paths, counted and let go; of the first of them where the
+    deadline passes."""
+
+    def counted(first: int, paths: int) -> dict[str, Tally]:
+        logs = plan.impacts(seed, first, paths)
+        return {name: Tally.of(log, paths, grids[name]) for name, log in logs.items()}
+
+    parts = in_pieces(counted, first, paths, deadline)
+    return {name: merged([part[name] for part in parts]) for name in grids}
 
 
 def _grid(plan: ImpactPlan, pair: Pair) -> Grid:

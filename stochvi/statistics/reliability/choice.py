@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -25,8 +26,8 @@ from stochvi.methods.monte_carlo.splitting import (
     pilot_levels,
     repetition,
 )
-from stochvi.results.deadline import Deadline
-from stochvi.results.errors import NotConverged
+from stochvi.results.deadline import NEVER, Deadline
+from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import logarithmic_interval
 from stochvi.statistics.reliability.answer import Chance
@@ -73,19 +74,23 @@ MARGIN = 1.3
 COARSE_SHARE = 0.25
 """Of the trials, made again at twice the step."""
 
+KEPT = 0.1
+"""Share of the time that is left that every calculation leaves to those after it."""
+
 PURPOSES = ("pilot missions", "levels", "pilot repetitions", "answer", "twice the step")
 """Uses of a seed that share no random number."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What a second stage says, at the step and at twice the step, and the way to it.
+    """What a second stage says, at the step and, if there was time, at twice the step, and the way
+    to it.
 
     `price` are CPU seconds of one crude mission, `steps` and `seconds` those of everything.
     """
 
     fine: Sample
-    coarse: Sample
+    coarse: Sample | None
     way: str
     why: str
     levels: int
@@ -96,15 +101,20 @@ class Found:
 
 @dataclass(kw_only=True)
 class Jobs:
-    """How chances are found: by whom, the seed, the accuracy and what it may cost."""
+    """How chances are found: by whom, the seed, the accuracy and what it may cost.
+
+    `until` is the deadline of what is being looked for; `cut_short` names what was found from fewer
+    trials than were asked for.
+    """
 
     crew: Crew
     seed: int
     rel_error: float
     confidence: float
-    budget: float | None
     deadline: Deadline
     progress: Progress | None
+    until: Deadline = NEVER
+    cut_short: list[str] = field(default_factory=list)
 
     @property
     def sampling(self) -> dict[str, Any]:
@@ -114,13 +124,13 @@ class Jobs:
             "seed": self.seed,
             "threads": crew.workers,
             "executor": crew.executor if crew.external_executor else None,
-            "budget": self.deadline.budget,
+            "budget": self.deadline.sooner(KEPT).rest,
             "progress": self.progress,
         }
 
     def chance(self, plan: MissionPlan, event: str, limit: float | None, way: Way | None) -> Chance:
         """The chance of the event of a plan."""
-        found = self._found(plan, way, hits=False)
+        found = self._found(plan, event, way, hits=False)
         fine, coarse = found.fine, found.coarse
         interval = fine.interval(self.confidence)
         wilson = None
@@ -130,8 +140,8 @@ class Jobs:
         estimate = Estimate(
             value=fine.chance,
             standard_error=fine.error,
-            bias=_bias(plan, fine.chance, coarse.chance),
-            how=f"{interval.rule}; bias from twice the step",
+            bias=None if coarse is None else _bias(plan, fine.chance, coarse.chance),
+            how=f"{interval.rule}; {_source(coarse)}",
             upper_95=interval.upper if fine.chance == 0.0 else None,
         )
         return Chance(
@@ -154,7 +164,7 @@ class Jobs:
 
     def hits(self, plan: MissionPlan, way: Way | None, missions: float = 1.0) -> Hits:
         """Expected impacts in so many missions of the plan, and their interval."""
-        found = self._found(plan, way, hits=True)
+        found = self._found(plan, "expected hits", way, hits=True)
         fine = found.fine
         lower, upper = logarithmic_interval(
             fine.hits, fine.hits_error, fine.trials - 1, self.confidence
@@ -162,15 +172,16 @@ class Jobs:
         estimate = Estimate(
             value=fine.hits,
             standard_error=fine.hits_error,
-            bias=_bias(plan, fine.hits, found.coarse.hits),
-            how=f"{found.way}, {fine.trials} {_trials(found.way)}; bias from twice the step",
+            bias=None if found.coarse is None else _bias(plan, fine.hits, found.coarse.hits),
+            how=f"{found.way}, {fine.trials} {_trials(found.way)}; {_source(found.coarse)}",
         )
         return Hits(estimate * missions, (missions * lower, missions * upper), found.steps)
 
-    def _found(self, plan: MissionPlan, way: Way | None, hits: bool) -> Found:
+    def _found(self, plan: MissionPlan, event: str, way: Way | None, hits: bool) -> Found:
         """Pilot, choice, second stage."""
         with compiling(self.progress):
             plan.fly(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
+        self.until = self.deadline.sooner(KEPT)
         tried = int(min(max(PILOT_STEPS // plan.steps_per_path, PILOT_FEWEST), PILOT_MISSIONS))
         pilot = self._missions(plan, "pilot missions", tried, hits)
         price, steps = pilot.seconds / pilot.missions, pilot.steps
@@ -199,14 +210,24 @@ class Jobs:
         chosen, why = self._choice(pilot, repeated, missions, repetitions, way)
         if chosen == "splitting":
             assert levels is not None
-            fine = self._repeated(plan, levels, "answer", repetitions, particles, hits)
-            less = max(PILOT_REPETITIONS, math.ceil(COARSE_SHARE * repetitions))
-            coarse = self._repeated(plan.coarser(), levels, "twice the step", less, particles, hits)
+            asked, at = repetitions, levels
+            count = PILOT_REPETITIONS
+            fine = self._repeated(plan, at, "answer", repetitions, particles, hits, count)
+            less = max(count, math.ceil(COARSE_SHARE * repetitions))
+            coarse = self._if_in_time(
+                lambda: self._repeated(
+                    plan.coarser(), at, "twice the step", less, particles, hits, count
+                )
+            )
         else:
-            levels = None
-            fine = self._missions(plan, "answer", missions, hits)
+            levels, asked = None, missions
+            fine = self._missions(plan, "answer", missions, hits, 1)
             less = max(pilot.missions, math.ceil(COARSE_SHARE * missions))
-            coarse = self._missions(plan.coarser(), "twice the step", less, hits)
+            coarse = self._if_in_time(
+                lambda: self._missions(plan.coarser(), "twice the step", less, hits, 1)
+            )
+        if fine.trials < asked:
+            self.cut_short.append(event.replace("_", " "))
         return Found(
             fine=fine,
             coarse=coarse,
@@ -214,9 +235,16 @@ class Jobs:
             why=why,
             levels=0 if levels is None else len(levels.levels),
             price=price,
-            steps=steps + fine.steps + coarse.steps,
-            seconds=spent + fine.seconds + coarse.seconds,
+            steps=steps + fine.steps + (coarse.steps if coarse else 0),
+            seconds=spent + fine.seconds + (coarse.seconds if coarse else 0.0),
         )
+
+    def _if_in_time(self, calculate: Callable[[], Sample]) -> Sample | None:
+        """A sample that the answer can do without; None if it is late."""
+        try:
+            return calculate()
+        except (NotConverged, Interrupted):
+            return None
 
     def _missions_needed(self, pilot: Counted, repeated: Sample | None, hits: bool) -> int:
         """Crude missions for the accuracy asked for, from the better guess of the chance."""
@@ -251,29 +279,36 @@ class Jobs:
         chosen = "crude" if crude_steps <= splitting_steps else "splitting"
         return chosen, f"{chosen}: {compared}"
 
-    def _missions(self, plan: MissionPlan, purpose: str, missions: int, hits: bool) -> Counted:
+    def _missions(
+        self, plan: MissionPlan, purpose: str, missions: int, hits: bool, enough: float = math.inf
+    ) -> Counted:
         blocks = [*blocks_between(0, missions, crude_block(plan))]
-        return of_missions(self._all(partial(crude, plan, self._seed(purpose), hits), blocks))
+        work = partial(crude, plan, self._seed(purpose), hits)
+        return of_missions(self._all(work, blocks, enough))
 
     def _repeated(
         self, plan: MissionPlan, levels: Levels, purpose: str, count: int, particles: int,
-        hits: bool,
+        hits: bool, enough: float = math.inf,
     ) -> Sample:  # fmt: skip
         blocks = [*blocks_between(0, count * particles, particles)]
         work = partial(repetition, plan, levels.levels, self._seed(purpose), hits)
-        return of_repetitions(self._all(work, blocks))
+        return of_repetitions(self._all(work, blocks, enough))
 
-    def _all(self, work: Work, blocks: list[Block]) -> list[Any]:
-        """What the work gives of all blocks, in their order."""
+    def _all(self, work: Work, blocks: list[Block], enough: float = math.inf) -> list[Any]:
+        """What the work gives of all blocks, in their order; where time is up, of the first ones if
+        they are `enough`."""
         done: list[Any] = []
-        for result in self.crew.results(work, blocks, self.deadline):
-            done.append(result)
-            if self.progress:
-                self.progress(len(done) / len(blocks), f"{len(done)} of {len(blocks)} parts")
-        if len(done) < len(blocks):
-            raise NotConverged(
-                f"the budget of {self.budget:g} s ended after {len(done)} of {len(blocks)} "
-                "parts of a stage; raise budget or rel_error"
+        try:
+            for result in self.crew.results(work, blocks, self.until):
+                done.append(result)
+                if self.progress:
+                    self.progress(len(done) / len(blocks), f"{len(done)} of {len(blocks)} parts")
+        except NotConverged:
+            if not self.until.passed():
+                raise
+        if len(done) < min(len(blocks), enough):
+            raise self.deadline.fell_short(
+                f"after {len(done)} of {len(blocks)} parts of a stage", "raise budget or rel_error"
             )
         return done
 
@@ -291,6 +326,10 @@ def _variance(sample: Sample, hits: bool) -> float:
 def _bias(plan: MissionPlan, fine: float, coarse: float) -> float | None:
     """What the step leaves, as that of a sum of impact speeds (`step_bias.extrapolated`)."""
     return plan.base.step_bias("impact_speed_rate", abs(coarse - fine))
+
+
+def _source(coarse: Sample | None) -> str:
+    return "bias of the step unknown" if coarse is None else "bias from twice the step"
 
 
 def _trials(way: str) -> str:

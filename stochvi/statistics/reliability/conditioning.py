@@ -9,7 +9,8 @@ from dataclasses import replace
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.model.model import model_of
-from stochvi.results.errors import NotApplicable
+from stochvi.results.deadline import as_far_as_it_got
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import logarithmic_interval, normal_quantile
 from stochvi.scenes.scene import Scene
@@ -46,9 +47,9 @@ def first_hit(
             )
         return None
     started = time.process_time()
-    crossings = first_crossings(
-        scene, lower=[below], upper=[above], mission=mission, rel_error=jobs.rel_error,
-        **jobs.sampling,
+    crossings = as_far_as_it_got(
+        first_crossings, scene, lower=[below], upper=[above], mission=mission,
+        rel_error=jobs.rel_error, **jobs.sampling,
     )  # fmt: skip
     (estimate,) = crossings.probability(mission)
     if not surely and not 0.0 < estimate.value < SMALL:
@@ -77,8 +78,9 @@ def first_hit(
 
 def by_conditioning(
     scene: Scene, ends: Ends, limits: dict[str, float], mission: float, jobs: Jobs
-) -> tuple[dict[str, Chance], Hits | None]:
-    """Of noise with a memory of its own, from a stationary start."""
+) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:
+    """Of noise with a memory of its own, from a stationary start; and why what is missing was not
+    found."""
     chance = first_hit(scene, ends, mission, jobs, surely=True)
     assert chance is not None
     chances = {chance.event: chance}
@@ -87,10 +89,17 @@ def by_conditioning(
             raise NotApplicable(
                 "reliability", ["impacts need a stop, got a scene without impact_pair"]
             )
-        return chances, None
+        return chances, None, {}
+    missing: dict[str, str] = {}
     for name, limit in limits.items():
-        chances[name] = _exceedance(scene, name, limit, mission, jobs)
-    return chances, _hits(scene, mission, jobs)
+        try:
+            chances[name] = _exceedance(scene, name, limit, mission, jobs)
+        except (NotConverged, Interrupted) as error:
+            missing[name] = str(error)
+    try:
+        return chances, _hits(scene, mission, jobs), missing
+    except (NotConverged, Interrupted) as error:
+        return chances, None, missing | {"expected_hits": str(error)}
 
 
 def _exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs) -> Chance:
@@ -103,10 +112,9 @@ def _exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Job
     def wanted(found: Bursts) -> Estimate:
         return found.exceedance_rate(name, limit)
 
-    found = bursts(
-        scene, rel_error=jobs.rel_error, wanted=wanted, widening=WIDENING,
-        **jobs.sampling,
-    )  # fmt: skip
+    found = as_far_as_it_got(
+        bursts, scene, rel_error=jobs.rel_error, wanted=wanted, widening=WIDENING, **jobs.sampling
+    )
     rate = wanted(found)
     if not found.apart:
         raise NotApplicable(
@@ -147,10 +155,10 @@ def _exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Job
 
 def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
     """Rate times mission: by bursts where they are apart, else by simulating everything."""
-    found = bursts(scene, rel_error=jobs.rel_error, **jobs.sampling)
+    found = as_far_as_it_got(bursts, scene, rel_error=jobs.rel_error, **jobs.sampling)
     rate, steps = found.hit_rate(), 0
     if not found.apart:
-        response = simulate(scene, rel_error=jobs.rel_error, **jobs.sampling)
+        response = as_far_as_it_got(simulate, scene, rel_error=jobs.rel_error, **jobs.sampling)
         simulated = response.impact_pairs[scene.impact_pairs[0].name]["collision_rate"]
         assert isinstance(simulated, Estimate)
         rate, steps = simulated, response.cost.steps

@@ -30,7 +30,7 @@ from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline
-from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import deviations
@@ -136,12 +136,11 @@ def reliability(
     }  # fmt: skip
     with crew_of(executor, threads) as crew:
         jobs = Jobs(
-            crew=crew, seed=seed, rel_error=rel_error, confidence=confidence, budget=budget,
+            crew=crew, seed=seed, rel_error=rel_error, confidence=confidence,
             deadline=Deadline.after(budget), progress=progress,
         )  # fmt: skip
         if coloured:
-            chances, hits = by_conditioning(scene, ends, limits, mission, jobs)
-            missing: dict[str, str] = {}
+            chances, hits, missing = by_conditioning(scene, ends, limits, mission, jobs)
         else:
             chances, hits, missing = _sampled(model, scene, ends, limits, mission, start, way, jobs)
     found = Reliability(
@@ -168,9 +167,16 @@ def reliability(
         ),
         provenance=provenance(scene.document(), seed),
     )
+    unfound = [name.replace("_", " ") for name in missing]
+    if jobs.deadline.interrupted:
+        where = f"before {', '.join(unfound)} were found" if unfound else "before its errors were"
+        raise jobs.deadline.fell_short(where, "", found)
     if missing:
-        told = "; ".join(f"{name.replace('_', ' ')}: {why}" for name, why in missing.items())
-        raise NotConverged(told, found)
+        told = zip(unfound, missing.values(), strict=True)
+        raise NotConverged("; ".join(f"{name}: {why}" for name, why in told), found)
+    if jobs.cut_short:
+        where = f"before the relative error of {', '.join(jobs.cut_short)} was {rel_error:g}"
+        raise jobs.deadline.fell_short(where, "raise budget or rel_error", found)
     return found
 
 
@@ -198,7 +204,7 @@ def _sampled(
     for event, plan in plans.items():
         try:
             chances[event] = jobs.chance(plan, event, limits.get(event), missions)
-        except NotConverged as error:
+        except (NotConverged, Interrupted) as error:
             missing[event] = str(error)
     if not model.stops:
         return chances, None, missing
@@ -208,7 +214,7 @@ def _sampled(
     hits = None
     try:
         hits = jobs.hits(impact_plan(model, part, start), missions, mission / part)
-    except NotConverged as error:
+    except (NotConverged, Interrupted) as error:
         missing["expected_hits"] = str(error)
     return chances, hits, missing
 

@@ -24,14 +24,15 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.model import Model
 from stochvi.results.deadline import Deadline
-from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import CONFIDENCE, PathMoments, delta_method, student_quantile
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -118,7 +119,8 @@ def spectrum(
     threads, executor, progress
         The same arguments as those of `simulate`.
     budget
-        Seconds after which `NotConverged` is raised; None for no limit.
+        Seconds after which `NotConverged` is raised with the answer so far; None for no limit.
+        Ctrl-C does the same, with `Interrupted`.
 
     Raises
     ------
@@ -178,14 +180,12 @@ def spectrum(
             if late() or paths is not None or error <= asked:
                 break
             target = math.ceil(moments.count * min(1.1 * (error / asked) ** 2, 4.0)) + 1
-    short = ""
+    short = remedy = ""
     if paths is not None and moments.count < paths:
-        short = f"{moments.count} of {paths} paths were done in {budget:g} s; raise budget"
+        short, remedy = f"after {moments.count} of {paths} paths", "raise budget"
     elif error > asked and paths is None:
-        short = (
-            f"median relative standard error {error:.2g} after {budget:g} s, asked for {asked:g}; "
-            "raise budget or rel_error"
-        )
+        short = f"at a median relative standard error of {error:.2g}, asked for {asked:g}"
+        remedy = "raise budget or rel_error"
     answer = _answer(
         scene, plan, layout, moments, method, bandwidth,
         ["the accuracy asked for was not reached"] if short else [],
@@ -198,7 +198,7 @@ def spectrum(
         seed,
     )  # fmt: skip
     if short:
-        raise NotConverged(short, answer)
+        raise deadline.fell_short(short, remedy, answer)
     return answer
 
 
@@ -259,10 +259,14 @@ def _jumps(model: Model) -> list[float]:
 
 
 def _block(
-    plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int, _: Deadline
+    plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int, deadline: Deadline
 ) -> PathMoments:
-    """One task: records of some paths, reduced."""
-    return moments_of(products(channels_of(plan, plan.histories(seed, first, paths)), layout))
+    """One task: records of some paths, reduced; of the first of them where the deadline passes."""
+
+    def reduced(first: int, paths: int) -> NDArray[np.float64]:
+        return products(channels_of(plan, plan.histories(seed, first, paths)), layout)
+
+    return moments_of(np.concatenate(in_pieces(reduced, first, paths, deadline)))
 
 
 def _median_error(moments: PathMoments) -> float:
