@@ -132,14 +132,20 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
     They are listed; with --out each is written as plain numbers in JSON, with its answer, an index
     and a README.
     """
-    from stochvi.verification.testing.documents import README, index_row, problem_document
+    from stochvi.verification.testing.documents import (
+        in_a_sentence,
+        index_row,
+        problem_document,
+        readme,
+    )
     from stochvi.verification.testing.truths import shipped_problems
     from stochvi.views.files import write_json, write_table, write_text
     from stochvi.views.verification_tables import print_problems
 
     found = shipped_problems(paths=paths, relaxations=relaxations)
     if not options.quiet:
-        print_problems(options.console, [problem for problem, _ in found])
+        sentences = {each[0].name: in_a_sentence(*each) for each in found}
+        print_problems(options.console, sentences)
     if options.out is None:
         return
     import pandas as pd
@@ -147,7 +153,7 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
     for problem, answer in found:
         write_json(problem_document(problem, answer), str(options.out / f"{problem.name}.json"))
     write_table(pd.DataFrame([index_row(*each) for each in found]), options.out / "index.csv")
-    write_text(README, options.out / "README.txt")
+    write_text(readme(), options.out / "README.txt")
 
 
 @main.command()

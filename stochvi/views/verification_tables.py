@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from stochvi.results.estimates import format_with_error
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from stochvi.verification.checks import Checks
     from stochvi.verification.explain import Explanation
     from stochvi.verification.testing.judging import Finding, Judgement
-    from stochvi.verification.testing.problems import Problem
 
 
 def print_check(console: Console, verdict: Check) -> None:
@@ -66,12 +65,11 @@ def print_checks(console: Console, verdict: Checks) -> None:
     console.print(verdict.summary(), style="green" if verdict.passed else "bold red")
 
 
-def print_problems(console: Console, problems: Sequence[Problem]) -> None:
-    """A line for each problem, with its title."""
-    table = new_table("known-answer problems", ["problem", "what it is"], ["problem", "what it is"])
-    for problem in problems:
-        table.add_row(problem.name, problem.scene.title)
-    print_table(console, table)
+def print_problems(console: Console, sentences: Mapping[str, str]) -> None:
+    """A line for each problem: its name, and what it is in a sentence."""
+    width = max(map(len, sentences))
+    for name, sentence in sentences.items():
+        console.print(f"{name:{width}}  {sentence}", markup=False, highlight=False, soft_wrap=True)
 
 
 def print_judgement(console: Console, verdict: Judgement) -> None:

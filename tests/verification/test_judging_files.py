@@ -18,7 +18,7 @@ from scipy.linalg import solve_continuous_lyapunov
 from scipy.stats import binom
 
 from stochvi.results.errors import NotApplicable
-from stochvi.testing import Judgement, judge, judge_file, read_problem
+from stochvi.testing import Judgement, Problem, judge, judge_file, read_problem
 from stochvi.verification.check import FAMILY_ALARM_RATE
 from stochvi.verification.testing.documents import problem_document
 from stochvi.verification.testing.files import problem_named
@@ -85,7 +85,8 @@ def test_the_command_writes_every_problem_with_an_index(stochvi: Run, tmp_path: 
     assert {"linear", "two-storeys-linear", "chain-two-pairs", "psd-truck-linear"} <= set(
         index["problem"]
     )
-    assert "one-sided density per Hz" in (tmp_path / "README.txt").read_text(encoding="utf-8")
+    told = (tmp_path / "README.txt").read_text(encoding="utf-8")
+    assert "one-sided density per Hz" in " ".join(told.split())
     assert "two-storeys-linear" in stochvi("problems").out
 
 
@@ -288,6 +289,80 @@ def test_noise_of_a_table_and_several_masses_are_judged_by_a_function_too() -> N
     assert judge(right, names).passed
     wrong = judge(lambda *task: {n: (1.1 * v, e) for n, (v, e) in right(*task).items()}, names)
     assert {row.scene for row in wrong.failures} == set(names)
+
+
+def two_storeys(problem: Problem, seed: int, burn_in: bool = True) -> dict[str, np.ndarray]:
+    """Semi-implicit steps of several masses in white noise, from rest."""
+    model, rng, h = problem.model, np.random.default_rng(seed), 0.1
+    count, paths = len(model.coordinates), problem.paths
+    inverse = np.linalg.inv(model.mass)
+    kick = inverse @ np.linalg.cholesky(h * model.white + 1e-15 * np.eye(count))
+    x, v = np.zeros((2, count, paths))
+    first, steps = round(burn_in * problem.burn_in / h), round(problem.duration / h)
+    sums = np.zeros((3, count, paths))
+    for step in range(first + steps):
+        v = v - 0.5 * h * inverse @ model.stiffness @ x
+        x = x + 0.5 * h * v
+        v = v - h * inverse @ model.damping @ v + kick @ rng.standard_normal((count, paths))
+        x = x + 0.5 * h * v
+        v = v - 0.5 * h * inverse @ model.stiffness @ x
+        if step >= first:
+            sums += x, x**2, v**2
+    return {
+        f"{owner}.{name}": sums[k, place] / steps
+        for place, owner in enumerate(model.coordinates)
+        for k, name in enumerate(MOMENTS)
+    }
+
+
+def test_an_integrator_of_several_masses_passes_and_one_without_burn_in_is_named() -> None:
+    assert judge(two_storeys, ["two-storeys-linear"], paths=256, relaxations=5.0).passed
+    wrong = judge(
+        lambda *task: two_storeys(*task, burn_in=False),
+        ["two-storeys-linear"], paths=1024, relaxations=5.0,
+    )  # fmt: skip
+    assert not wrong.passed
+    assert "leave out the burn-in" in wrong.hints[0]
+
+
+def cosines(problem: Problem, seed: int, factor: float = 1.0) -> dict[str, np.ndarray]:
+    """Records of an oscillator whose base is moved by a sum of cosines with random phases."""
+    ((table, _),) = problem.model.tables
+    rng, h = np.random.default_rng(seed), 1.0 / (2.5 * table.frequency_hz[-1])
+    samples = 2 * math.ceil(problem.duration / h / 2)
+    f = np.fft.rfftfreq(samples, h)
+    density = np.zeros_like(f)
+    density[1:] = factor * table(f[1:])
+    shape = (problem.paths, len(f))
+    # each line has the variance density * df: coefficients of irfft are samples / 2 times cosines
+    lines = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    lines *= np.sqrt(density / (samples * h)) * samples / 2.0
+    w = 2.0 * math.pi * f
+    lines /= problem.omega**2 - w**2 + 1j * problem.damping_rate * w
+    return {
+        "displacement": np.fft.irfft(-lines, samples),
+        "velocity": np.fft.irfft(-1j * w * lines, samples),
+    }
+
+
+def test_an_integrator_under_a_tabulated_density_passes_and_a_two_sided_one_is_named() -> None:
+    asked: dict[str, Any] = {"paths": 128, "relaxations": 10.0}
+    assert judge(cosines, ["psd-truck-linear"], **asked).passed
+    wrong = judge(lambda *task: cosines(*task, 0.5), ["psd-truck-linear"], **asked)
+    assert "half the noise" in wrong.hints[0]
+
+
+@pytest.mark.verify
+def test_right_integrators_between_stops_are_refused_as_rarely_as_stated() -> None:
+    seeds, paths = 200, 64
+    document = document_of("elastic-half-sigma", paths=seeds * paths, relaxations=20.0)
+    found = integrate(document, 0.02, seed=4)
+    own, truth = problem_named("elastic-half-sigma", paths=paths)
+    alarms = sum(
+        bool(judge_returned(own, truth, dict(zip(found.averages, each, strict=True))).failures)
+        for each in np.array(list(found.averages.values())).reshape(6, seeds, paths).swapaxes(0, 1)
+    )
+    assert alarms <= binom.isf(1e-4, seeds, FAMILY_ALARM_RATE)
 
 
 @pytest.mark.parametrize("paths", [64, pytest.param(1024, marks=pytest.mark.verify)])

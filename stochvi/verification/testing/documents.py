@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -359,20 +360,41 @@ def index_row(problem: Problem, answer: Response) -> dict[str, Any]:
     }
 
 
-README = f"""Known-answer problems for integrators of stochastic vibration with impacts
+def in_a_sentence(problem: Problem, answer: Response) -> str:
+    """What a problem is, in a sentence."""
+    row = index_row(problem, answer)
+    masses = "one coordinate" if row["coordinates"] == 1 else f"{row['coordinates']} coordinates"
+    count = len(problem.model.stops)
+    stops = {0: "no stops", 1: "one rigid stop"}.get(count, f"{count} rigid stops")
+    return (
+        f"{problem.scene.title}: {masses} under {row['noise']} noise with {stops}, known by "
+        f"{'a' if answer.method == 'exact' else 'the'} {row['known_by']}."
+    )
+
+
+README_WIDTH = 96
+"""Characters in a line of the README of the problems."""
+
+
+def readme() -> str:
+    """The README of the problems: the conventions, and the files that are judged."""
+    paragraphs = (
+        EQUATION,
+        RUN,
+        f'Noise of kind "white": {WHITE}',
+        f'Noise of kind "tabulated": {TABULATED}',
+        f"Stops: {IMPACTS}",
+    )
+    told = "\n\n".join(textwrap.fill(paragraph, README_WIDTH) for paragraph in paragraphs)
+    return README.format(conventions=told, paths=FEWEST_PATHS)
+
+
+README = """Known-answer problems for integrators of stochastic vibration with impacts
 ===========================================================================
 
 Each JSON file is one problem as plain numbers in SI units. index.csv lists them.
 
-{EQUATION}
-
-{RUN}
-
-Noise of kind "white": {WHITE}
-
-Noise of kind "tabulated": {TABULATED}
-
-Stops: {IMPACTS}
+{conventions}
 
 "quantities" are what is judged, "averages_per_path" the averages over time of each path that
 they are made of. "answer" holds the true values with the largest error of each. Look there only to
@@ -382,7 +404,7 @@ Write one of three CSV files with a header line:
 
   statistics   quantity,value,standard_error          a row for each quantity; a column bias may
                velocity_std,1.002,0.003               state how far a step may bias the value
-  averages     displacement_mean_square,...           a row for each path ({FEWEST_PATHS} or more)
+  averages     displacement_mean_square,...           a row for each path ({paths} or more)
                1.04,...
   records      path,time,x,v                          a row for each time of each path, the time
                0,120.0,0.31,-0.8                      from the start of the path, equal steps; a

@@ -17,6 +17,9 @@ from stochvi.verification.testing.truths import solved, truths_of
 AGREED = 4.0
 """Standard errors within which every quantity must lie for a suspected problem to explain them."""
 
+RTOL = 1e-2
+"""Relative error asked of the answer to a suspected problem; what is left of it is allowed for."""
+
 Document = dict[str, Any]
 Change = Callable[[Document], None]
 Judged = tuple[Problem, Sample, Mapping[str, Estimate]]
@@ -47,7 +50,7 @@ def _fits(problem: Problem, sample: Sample, change: Change) -> bool:
         change(document)
         if document == before:
             return False
-        truth = solved(Scene(**document), problem.speed_threshold)
+        truth = solved(Scene(**document), problem.speed_threshold, rtol=RTOL)
     except (KeyError, ValueError, ArithmeticError, StochviError):
         return False  # the change makes no sense of this problem, or nothing knows its answer
     return _explained(sample, truths_of(problem, truth))

@@ -70,7 +70,7 @@ def shipped_problems(
     return found
 
 
-def solved(scene: Scene, speed_threshold: float | None = None) -> Response:
+def solved(scene: Scene, speed_threshold: float | None = None, *, rtol: float = RTOL) -> Response:
     """The exact answer to a scene, or else that of the Fokker-Planck equation.
 
     Parameters
@@ -78,6 +78,8 @@ def solved(scene: Scene, speed_threshold: float | None = None) -> Response:
     speed_threshold
         The collision rate counts impacts faster than this, m/s; None for that of `simulate`. A
         closed form counts all impacts.
+    rtol
+        Relative error asked of the Fokker-Planck equation.
 
     Raises
     ------
@@ -92,7 +94,7 @@ def solved(scene: Scene, speed_threshold: float | None = None) -> Response:
         thresholds = make_plan(model_of(scene)).layout.thresholds
         speed_threshold = next(iter(thresholds.values()), None)
     try:
-        return fokker_planck(scene, rtol=RTOL, speed_threshold=speed_threshold)
+        return fokker_planck(scene, rtol=rtol, speed_threshold=speed_threshold)
     except NotConverged as reason:
         if not isinstance(reason.response, Response):
             raise
