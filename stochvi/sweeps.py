@@ -365,12 +365,29 @@ def _set(document: Any, key: str, value: float) -> None:
             part = part[word]
         else:
             raise _unknown(document, key)
-    if isinstance(part, list) and _is_place(last) and int(last) < len(part):
+    if last == "clearance" and way[:1] == ["impact_pair"]:
+        _set_clearance(part, key, value)
+    elif isinstance(part, list) and _is_place(last) and int(last) < len(part):
         part[int(last)] = value
     elif isinstance(part, dict) and not isinstance(part.get(last), dict | list | str):
         part[last] = value
     else:
         raise _unknown(document, key)
+
+
+def _set_clearance(pair: Any, key: str, value: float) -> None:
+    """Set both stops of an impact pair that has them at equal distances."""
+    lower, upper = pair.get("lower"), pair.get("upper")
+    if lower is None or upper is None or not math.isclose(-lower, upper):
+        have = " and ".join(
+            f"{name} = {stop:g}" for name, stop in (("lower", lower), ("upper", upper))
+            if stop is not None
+        )  # fmt: skip
+        raise SceneError(
+            f"vary: {key} is for stops at equal distances, got {have}; vary these instead"
+        )
+    del pair["lower"], pair["upper"]
+    pair["clearance"] = value
 
 
 def _unknown(document: Any, key: str) -> SceneError:

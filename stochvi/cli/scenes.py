@@ -34,7 +34,7 @@ zeta = 0.1
 
 [[impact_pair]]              # leave the section out for no stops
 lower = -0.004               # m from the position of the unloaded spring; leave out for none
-upper = 0.004
+upper = 0.004                # both sides alike: clearance = 0.004 instead of lower and upper
 law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
 # stops that give way (N/m): { kind = "elastic", stiffness = 1e5 },
 # { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 }, { kind = "hertz",

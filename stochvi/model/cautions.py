@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from stochvi.mathematics.spectra import response_moments
+from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.model import Model
 
 FAR_STOPS = 20.0
@@ -15,13 +16,25 @@ BROAD_VELOCITY = 1.5
 """Ratio of the zero-crossing frequency to the natural one above which a single hit starts a burst
 of hits."""
 
+LARGEST_INPUT = 25.0
+"""Acceleration of a base, g rms, above which a slip of units is likelier than intent: the severest
+profile that ships has 14.1 g rms, and a density in (m/s2)2/Hz that is taken for g2/Hz is 9.8 times
+too strong."""
+
 
 def scene_notes(model: Model) -> list[str]:
-    """Warnings that concern every method: resonance off the table, stops out of reach."""
+    """Warnings that concern every method: inputs that cannot be right, resonance off the table,
+    stops out of reach."""
     if model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0:
         return []
-    found = []
+    found = list(model.cautions)
     tables = model.acceleration_tables
+    shaken = math.sqrt(sum(table.mean_square() for table in tables)) / STANDARD_GRAVITY
+    if shaken > LARGEST_INPUT and model.moving_base and not model.noise_on_mass:
+        found.append(
+            f"the base is shaken with {shaken:.3g} g rms, more than any usual test "
+            f"({LARGEST_INPUT:g} g rms): check the unit of the density, and its band"
+        )
     theta = model.intensity / (2.0 * model.damping_rate)
     linear = response_moments(tables, model.omega, model.damping_rate)
     displacement = linear.displacement + theta / model.omega**2

@@ -20,6 +20,7 @@ from stochvi.scenes.excitations import (
     DensityNoise,
     Excitation,
     FilteredNoise,
+    RoadNoise,
     Sine,
     WhiteNoise,
 )
@@ -169,6 +170,8 @@ class Model:
         Whether displacements are relative to a base that moves.
     rates
         omega (rad/s) and b (1/s) of one oscillator; None of several coordinates.
+    cautions
+        What should be known of an excitation before an answer is believed, in words.
     restoring, potential, drag
         Spring force, its energy, and damper force per unit mass, where they are functions.
 
@@ -197,6 +200,7 @@ class Model:
     pairs: tuple[Pair, ...]
     moving_base: bool = False
     rates: tuple[float, float] | None = None
+    cautions: tuple[str, ...] = ()
     restoring: PerUnitMass | None = None
     potential: PerUnitMass | None = None
     drag: PerUnitMass | None = None
@@ -435,6 +439,12 @@ def _lowered(scene: Scene) -> Model:
         moving_base=isinstance(structure, Isolator)
         or any(scene.place(excitation) == BASE for excitation in scene.excitations),
         rates=rates,
+        cautions=tuple(
+            sentence
+            for excitation in scene.excitations
+            if isinstance(excitation, RoadNoise)
+            for sentence in excitation.cautions(*(rates or (0.0, 0.0)))
+        ),
         restoring=restoring,
         potential=potential,
         drag=drag,

@@ -27,7 +27,7 @@ from stochvi.scenes.excitations import (
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.text import read_text
-from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number
+from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
 
 
 class ImpactPair(Checked):
@@ -38,6 +38,8 @@ class ImpactPair(Checked):
     lower, upper
         Position of the stops, m from the position of the unloaded spring; leave out for none.
         A stop beyond it (an upper stop below 0) is a preload.
+    clearance
+        Instead of the two, one clearance on both sides, m: stops at -clearance and clearance.
     on, between
         The coordinate that hits (left out where there is one), or the first and the second of
         two, whose difference does.
@@ -57,6 +59,7 @@ class ImpactPair(Checked):
     between: tuple[str, str] | None = None
     lower: Number | None = None
     upper: Number | None = None
+    clearance: Positive | None = Field(default=None, exclude=True)
     law: Law | None = None
     lower_law: Law | None = None
     upper_law: Law | None = None
@@ -70,8 +73,18 @@ class ImpactPair(Checked):
     def _stops(self) -> Self:
         if self.on is not None and self.between is not None:
             raise ValueError("takes on or between, got both")
+        if self.clearance is not None:
+            if given(self, "lower", "upper") != "none":
+                raise ValueError(
+                    "takes clearance, or lower and upper, got clearance with "
+                    f"{given(self, 'lower', 'upper')}"
+                )
+            # from here on the pair is the one that lower and upper describe
+            for name, value in (("lower", -self.clearance), ("upper", self.clearance)):
+                object.__setattr__(self, name, value)
+            object.__setattr__(self, "clearance", None)
         if self.lower is None and self.upper is None:
-            raise ValueError("needs at least one of lower and upper (m from rest)")
+            raise ValueError("needs at least one of lower and upper (m from rest), or clearance")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
             raise ValueError(f"needs lower < upper, got {self.lower:g} and {self.upper:g}")
         for side in ("lower", "upper"):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from stochvi.mathematics.units import power_ratio
+from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
 from stochvi.scenes.excitations.base import BASE, DensityNoise, band_of
 from stochvi.scenes.roads import ROUGHNESS, WAVENUMBERS, road_table
 from stochvi.scenes.validation import Band, Positive, given
@@ -80,6 +81,18 @@ class RoadNoise(DensityNoise):
             f"the base follows a road of ISO 8608, {which}, at {self.metres_per_second:.4g} m/s, "
             f"from {low:.3g} to {high:.3g} Hz, without a suspension; class table from secondary "
             "sources",
+        )
+
+    def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
+        """A mount that is bolted to a road feels more than any vehicle would pass on."""
+        if not omega or self.band_hz is not None:
+            return ()
+        rms = math.sqrt(self._table.mean_square()) / STANDARD_GRAVITY
+        return (
+            f"the mount stands on the road itself, with no vehicle between them: {rms:.3g} g rms "
+            f"up to {self._table.frequency_hz[-1]:.3g} Hz; tyres and suspension pass on little above "
+            'some 20 Hz: put the masses of the vehicle into the scene (kind = "matrices"), or '
+            "band_hz around what reaches the mount",
         )
 
     def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
