@@ -365,7 +365,7 @@ def _set(document: Any, key: str, value: float) -> None:
             part = part[word]
         else:
             raise _unknown(document, key)
-    if last == "clearance" and way[:1] == ["impact_pair"]:
+    if last == "clearance" and way[:1] == ["impact_pair"] and isinstance(part, dict):
         _set_clearance(part, key, value)
     elif isinstance(part, list) and _is_place(last) and int(last) < len(part):
         part[int(last)] = value

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import Common, acceleration, common, numbers
+from stochvi.cli.options import SPEED, TIME, Common, acceleration, common, lengths, numbers
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def screen(options: Common, scene: str) -> None:
 @click.argument("scene")
 @click.option(
     "--gaps", default="1,1.5,2,2.5,3,3.5,4", show_default=True, metavar="LIST",
-    help="Clearances per side, in rms displacements without stops.",
+    help="Clearances per side, in rms displacements without stops, or with units: 1mm,2mm.",
 )  # fmt: skip
 @click.option("--rel-error", type=float, default=0.02, show_default=True, help="Of Monte Carlo.")
 @common("budget", "seed", "threads", "out", "quiet")
@@ -44,12 +44,11 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     from stochvi.views.files import write_clearance
     from stochvi.views.isolator_tables import print_clearance
 
-    multiples = numbers("--gaps", gaps)
     loaded = load_scene(scene)
-    sigma = solve(loaded).displacement_std
+    places = lengths("--gaps", gaps, plain=solve(loaded).displacement_std)
     with options.progress("clearance") as report:
         curve = clearance_curve(
-            loaded, [multiple * sigma for multiple in multiples], rel_error=rel_error,
+            loaded, places, rel_error=rel_error,
             progress=report, **options.sampling,
         )  # fmt: skip
     options.show(curve, print_clearance)
@@ -62,7 +61,10 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 @click.option("--probability", type=float, metavar="P", help="Chance of any hit in the mission.")
 @click.option("--rate", type=float, metavar="F", help="Or: hits per second on all stops.")
 @click.option(
-    "--impact-speed", type=float, metavar="V", help="Or: largest impact speed of the mission, m/s."
+    "--impact-speed",
+    type=SPEED,
+    metavar="V",
+    help="Or: largest impact speed of the mission, m/s.",
 )
 @click.option(
     "--peak-acceleration",
@@ -79,11 +81,11 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 )
 @click.option(
     "--mission",
-    type=float,
+    type=TIME,
     default=3600.0,
     show_default=True,
-    metavar="SECONDS",
-    help="Time of exposure.",
+    metavar="TIME",
+    help="Time of exposure: 3600 (s), 30min, 10h.",
 )
 @click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
 @click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")
@@ -133,7 +135,7 @@ JOLT_COLUMNS = {
     help="Jolts: changes of the relative velocity, m/s, with commas.",
 )  # fmt: skip
 @click.option("--paths", type=int, default=64, show_default=True, help="For each jolt.")
-@click.option("--duration", type=float, help="Seconds after a jolt [1000 periods].")
+@click.option("--duration", type=TIME, help="Seconds after a jolt [1000 periods].")
 @common("seed", "json", "out", "quiet")
 def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
     """Sine on a mount: can a jolt throw it into clatter, how long does it stay."""

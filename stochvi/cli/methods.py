@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import BUDGET, Common, barriers, common, numbers, shown
+from stochvi.cli.options import BUDGET, SPEED, TIME, Common, barriers, common, numbers, shown
 from stochvi.cli.output import executor_at
 from stochvi.cli.program import FAILED, main, stop
 
@@ -60,7 +60,7 @@ def exact(options: Common, scene: str) -> None:
     "--rtol", type=float, default=0.01, show_default=True,
     help="Relative error of deviations, F1 and F2; 1e-6 takes a second or so.",
 )  # fmt: skip
-@click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
+@click.option("--speed-threshold", type=SPEED, help="Slowest impact that a rate counts, m/s.")
 @common("json", "out", "quiet")
 def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
     """Fokker-Planck equation: one oscillator, white noise, stops of any law."""
@@ -85,9 +85,7 @@ def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
     help="Metres from the unloaded spring; leave one empty for none. Default: the stops.",
 )  # fmt: skip
 @click.option("--times", metavar="LIST", help="Seconds, with commas ...")
-@click.option(
-    "--mission", type=float, metavar="SECONDS", help="... or a duration, and parts of it."
-)
+@click.option("--mission", type=TIME, metavar="TIME", help="... or a duration, and parts of it.")
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
     help="At rest, or in the stationary law without barriers.",
@@ -165,8 +163,8 @@ def average(options: Common, scene: str, variant: str) -> None:
 @click.argument("scene")
 @click.option("--rel-error", type=float, help="Relative standard error to reach [0.01].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")
-@click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
-@click.option("--speed-threshold", type=float, help="Slowest impact that a rate counts, m/s.")
+@click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
+@click.option("--speed-threshold", type=SPEED, help="Slowest impact that a rate counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R < 0.5.")
 @click.option(
     "--checkpoint",
@@ -175,7 +173,7 @@ def average(options: Common, scene: str, variant: str) -> None:
     "FILE.earlier.",
 )
 @click.option(
-    "--checkpoint-interval", type=float, default=1.0, show_default=True, metavar="SECONDS",
+    "--checkpoint-interval", type=TIME, default=1.0, show_default=True, metavar="TIME",
     help="At most this is lost in a crash, and one task.",
 )  # fmt: skip
 @click.option(
@@ -184,7 +182,7 @@ def average(options: Common, scene: str, variant: str) -> None:
 )  # fmt: skip
 @click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster, as tcp://host:8786.")
 @click.option(
-    "--budget", type=float, metavar="SECONDS",
+    "--budget", type=TIME, metavar="TIME",
     help=f"Give up (exit 1) after this [{BUDGET:g}; none with --paths, --checkpoint, --resume].",
 )  # fmt: skip
 @click.option("--seed", type=int, help="Same seed, same digits [0].")

@@ -125,6 +125,25 @@ class Folder(click.Path):
         return super().convert(value, param, ctx)
 
 
+class Quantity(click.ParamType[float]):
+    """A number with a unit of one quantity ("10h", "30 min", "0.5 m/s"); a plain one is in SI."""
+
+    def __init__(self, quantity: str) -> None:
+        self.name = self.quantity = quantity
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        from stochvi.mathematics.units import measured
+
+        if isinstance(value, int | float):
+            return float(value)
+        try:
+            return measured(value, self.quantity)
+        except ValueError as error:
+            raise ValueError(f"{param.opts[0]} {error}") from None
+
+
+TIME, SPEED = Quantity("time"), Quantity("speed")
+
 OPTIONS = {
     "json": click.option(
         "--json", "json_file", metavar="FILE|-", help="Write the answer as JSON (- : stdout)."
@@ -135,11 +154,11 @@ OPTIONS = {
     "seed": click.option("--seed", type=int, default=0, help="Same seed, same digits."),
     "threads": click.option("--threads", type=int, help="Default: all cores."),
     "budget": click.option(
-        "--budget", type=float, default=BUDGET, show_default=True, metavar="SECONDS",
+        "--budget", type=TIME, default=BUDGET, show_default=True, metavar="TIME",
         help="Give up (exit 1) if the accuracy takes longer.",
     ),
     "open budget": click.option(
-        "--budget", type=float, metavar="SECONDS",
+        "--budget", type=TIME, metavar="TIME",
         help=f"Give up (exit 1) after this [{BUDGET:g}; none with --paths].",
     ),
     "quiet": click.option("--quiet", is_flag=True, help="No tables, no progress."),
@@ -192,33 +211,35 @@ def numbers(option: str, text: str) -> list[float]:
 
 
 def acceleration(text: str | None) -> float | None:
-    """An acceleration in m/s^2, from "150" (m/s^2) or "15.3g"."""
-    from stochvi.mathematics.units import STANDARD_GRAVITY
+    """An acceleration in m/s^2, from "150" (m/s^2), "15.3g" or another unit."""
+    return None if text is None else _measured("--peak-acceleration", text, "acceleration")
 
-    if text is None:
-        return None
-    number, factor = text.strip(), 1.0
-    if number.endswith("g"):
-        number, factor = number[:-1], STANDARD_GRAVITY
+
+def lengths(option: str, text: str, plain: float = 1.0) -> list[float]:
+    """Lengths in m with commas between them: "4mm" with its unit, a plain number times `plain`."""
+    return [_measured(option, word, "length", plain) for word in text.split(",")]
+
+
+def _measured(option: str, text: str, quantity: str, plain: float = 1.0) -> float:
+    from stochvi.mathematics.units import measured
+
     try:
-        return float(number) * factor
-    except ValueError:
-        raise ValueError(
-            f"--peak-acceleration must be a number of m/s^2 or of g (80g), got {text!r}"
-        ) from None
+        return measured(text, quantity, plain)
+    except ValueError as error:
+        raise ValueError(f"{option} {error}") from None
 
 
 def barriers(text: str | None) -> tuple[float | None, float | None]:
-    """Lower and upper barrier from "3", the same on both sides, or from "LO,HI"."""
+    """Lower and upper barrier in m from "3" or "3mm", on both sides, or from "LO,HI"."""
     if text is None:
         return None, None
     words = [word.strip() for word in text.split(",")]
     if len(words) == 1 and words[0]:
-        (either,) = numbers("--barrier", words[0])
+        (either,) = lengths("--barrier", words[0])
         if not either > 0.0:
             raise ValueError(f"--barrier must be positive, or LO,HI, got {text!r}")
         return -either, either
     if len(words) != 2 or not any(words):
         raise ValueError(f"--barrier must be B, or LO,HI with at least one of them, got {text!r}")
-    lower, upper = (numbers("--barrier", word)[0] if word else None for word in words)
+    lower, upper = (lengths("--barrier", word)[0] if word else None for word in words)
     return lower, upper

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import Common, acceleration, barriers, common, shown
+from stochvi.cli.options import SPEED, TIME, Common, acceleration, barriers, common, shown
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     help="Overlapping segments, or several tapers over whole paths.",
 )  # fmt: skip
 @click.option("--highest", type=float, metavar="HZ", help="Highest frequency [4 times the mode's].")
-@click.option("--segment", type=float, metavar="SECONDS", help="Length [21 / bandwidth].")
+@click.option("--segment", type=TIME, metavar="TIME", help="Length [21 / bandwidth].")
 @common("open budget", "seed", "threads", "json", "out", "quiet")
 def spectrum(options: Common, scene: str, **asked: Any) -> None:
     """Spectra of the response, transmissibility, coherence, with bands."""
@@ -59,8 +59,8 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 @click.argument("scene")
 @click.option("--rel-error", type=float, help="Of the rate [0.02].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")
-@click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
-@click.option("--speed-threshold", type=float, help="Slowest impact that counts, m/s.")
+@click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
+@click.option("--speed-threshold", type=SPEED, help="Slowest impact that counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Resolve impacts down to the threshold.")
 @click.option("--first-hits", is_flag=True, help="Simulate the rate of first hits, too.")
 @common("open budget", "seed", "threads", "json", "out", "quiet")
@@ -97,12 +97,12 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 
 @main.command()
 @click.argument("scene")
-@click.option("--mission", type=float, required=True, metavar="SECONDS", help="Its duration.")
+@click.option("--mission", type=TIME, required=True, metavar="TIME", help="As 600 (s) or 10h.")
 @click.option(
     "--barrier", metavar="B|LO,HI",
-    help="Without stops: metres from the unloaded spring; leave one empty for none.",
+    help="Without stops: from the unloaded spring, 0.004 (m) or 4mm; leave one empty for none.",
 )  # fmt: skip
-@click.option("--impact-speed", type=float, metavar="M/S", help="A hit must not be faster.")
+@click.option("--impact-speed", type=SPEED, metavar="M/S", help="A hit must not be faster.")
 @click.option(
     "--peak-acceleration", metavar="A|Ag",
     help="No contact must bring more: m/s^2, or g (80g); stops that give way.",

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from stochvi.cli.options import Common, common
+from stochvi.cli.options import TIME, Common, common
 from stochvi.cli.output import executor_at
 from stochvi.cli.program import FAILED, main, stop
 
@@ -25,13 +25,13 @@ from stochvi.cli.program import FAILED, main, stop
 )  # fmt: skip
 @click.option("--rel-error", type=float, help="Of simulations [0.01].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")
-@click.option("--duration", type=float, help="... of this many seconds each, after burn-in.")
+@click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
 @click.option(
     "--random-numbers", type=click.Choice(["common", "independent"]), default="common",
     show_default=True, help="The same in each row, so that differences are the scenes', or not.",
 )  # fmt: skip
 @click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster.")
-@click.option("--budget", type=float, metavar="SECONDS", help="Of a row [60; none with --paths].")
+@click.option("--budget", type=TIME, metavar="TIME", help="Of a row [60; none with --paths].")
 @common("seed", "threads", "out", "quiet")
 def sweep(
     options: Common, scene: str, vary: tuple[str, ...], method: str, random_numbers: str,

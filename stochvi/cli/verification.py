@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from stochvi.cli.options import Common, common
+from stochvi.cli.options import TIME, Common, common
 from stochvi.cli.program import FAILED, main, stop
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def check(options: Common, scenes: tuple[str, ...], zoo: bool, rel_error: float 
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--budget", type=float, default=20.0, show_default=True, metavar="SECONDS",
+    "--budget", type=TIME, default=20.0, show_default=True, metavar="TIME",
     help="Time to spend on measuring.",
 )  # fmt: skip
 @common("seed", "threads", "json", "out", "quiet")

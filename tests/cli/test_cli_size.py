@@ -91,7 +91,10 @@ def test_the_picture_holds_rice_three_sigma_and_the_answer() -> None:
     [
         ((), "give exactly one of probability, rate, impact_speed, peak_acceleration"),
         (("--probability", "2"), "probability must be in"),
-        (("--peak-acceleration", "30 apples"), "number of m/s^2 or of g"),
+        (
+            ("--peak-acceleration", "30 apples"),
+            "must be a number with a unit of acceleration (g, m/s2)",
+        ),
         (("--peak-acceleration", "30g"), "needs the stiffness of the stops"),
         (("--rate", "1", "--mission", "-1"), "mission must be a positive"),
         (("--probability", "0.1", "--rel-error", "2"), "rel_error must be in"),

@@ -49,6 +49,23 @@ def test_a_row_is_what_the_method_says_of_its_scene() -> None:
     assert set(table["note"]) == {""}
 
 
+def test_a_clearance_moves_both_stops() -> None:
+    law = Restitution(coefficient=1.0)
+    even = oscillator().model_copy(update={"impact_pairs": (ImpactPair(clearance=1.0, law=law),)})
+    table = sweep(even, {"impact_pair.0.clearance": [0.5, 2.0]}, method="exact")
+    for row, clearance in enumerate((0.5, 2.0)):
+        pair = ImpactPair(lower=-clearance, upper=clearance, law=law)
+        known = exact(even.model_copy(update={"impact_pairs": (pair,)}))
+        rate = known.impact_pairs["stops"]["collision_rate"].value
+        assert table["stops.collision_rate"][row] == rate
+    with pytest.raises(
+        SceneError, match="for stops at equal distances, got lower = -1 and upper = 2"
+    ):
+        sweep(oscillator(upper=2.0), {"impact_pair.0.clearance": [0.5]}, method="exact")
+    with pytest.raises(SceneError, match=r"impact_pair\.1\.clearance is not a number of the scene"):
+        sweep(even, {"impact_pair.1.clearance": [0.5]}, method="exact")
+
+
 def test_methods_agree_within_their_errors() -> None:
     vary = {R: [0.9, 1.0]}
     simulated = sweep(oscillator(), vary, rel_error=0.01, seed=2)

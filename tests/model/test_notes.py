@@ -9,8 +9,10 @@ from stochvi import (
     ImpactPair,
     Isolator,
     Restitution,
+    RoadNoise,
     Scene,
     TabulatedNoise,
+    explain,
     linearise,
     screen,
     simulate,
@@ -108,3 +110,25 @@ def test_damping_in_per_cent_is_noted() -> None:
 )
 def test_ordinary_scenes_draw_no_notes(scene: Scene) -> None:
     assert scene_notes(model_of(scene)) == []
+
+
+def test_an_input_beyond_every_test_is_noted() -> None:
+    def shaken(g_rms: float) -> set[str]:
+        flat = TabulatedNoise(
+            frequency_hz=[5.0, 105.0], density=[g_rms**2 / 100.0] * 2, unit="g2/Hz"
+        )
+        return notes(Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[flat]))
+
+    (note,) = shaken(26.0) - shaken(24.0)
+    assert "26 g rms" in note and "unit" in note
+    assert not [each for each in shaken(24.0) if "g rms" in each]
+
+
+def test_a_mount_on_a_road_without_a_vehicle_is_noted() -> None:
+    def on_road(**keys) -> Scene:
+        road = RoadNoise(road="B", speed=10.0, **keys)
+        return Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[road])
+
+    (note,) = (each for each in notes(on_road()) if "no vehicle" in each)
+    assert "g rms" in note and note in explain(on_road()).notes
+    assert not [each for each in notes(on_road(band_hz=[0.5, 20.0])) if "no vehicle" in each]

@@ -25,6 +25,8 @@ from support.known import DOCUMENT, MISTAKES, NOTHING, changed, oscillator, to_t
 
 # What is read -----------------------------------------------------------------------------
 
+RIGID = Restitution(coefficient=0.5)
+
 
 def test_a_scene_file_says_what_the_same_scene_says_in_python(tmp_path: Path):
     file = tmp_path / "scene.toml"
@@ -245,6 +247,14 @@ def test_a_bad_table_file_gives_a_sentence_with_the_key_and_its_name(tmp_path, c
         ),
         (lambda: ImpactPair(lower=1.0, upper=0.0), "needs lower < upper, got 1 and 0"),
         (
+            lambda: ImpactPair(clearance=0.1, upper=0.1, law=RIGID),
+            "takes clearance, or lower and upper, got clearance with upper",
+        ),
+        (
+            lambda: ImpactPair(clearance=-0.1, law=RIGID),
+            "clearance must be greater than 0, got -0.1",
+        ),
+        (
             lambda: ConstantLoad(force=1.0, on="base"),
             "takes force on a coordinate and acceleration with on = 'base', got on = 'base'",
         ),
@@ -365,3 +375,11 @@ def test_any_file_gives_a_scene_or_sentences(tmp_path_factory, content):
 
 def test_the_writer_of_these_tests_writes_what_it_is_given():
     assert tomllib.loads(to_toml(RICH)) == RICH
+
+
+def test_a_clearance_is_two_stops_at_equal_distances() -> None:
+    pair = ImpactPair(clearance=4e-3, law=RIGID)
+    assert pair == ImpactPair(lower=-4e-3, upper=4e-3, law=RIGID)
+    assert [side for side, _ in pair.stops()] == ["lower", "upper"]
+    keys = pair.model_dump(mode="json", exclude_none=True)
+    assert "clearance" not in keys and ImpactPair(**keys) == pair

@@ -90,7 +90,7 @@ class RoadNoise(DensityNoise):
         rms = math.sqrt(self._table.mean_square()) / STANDARD_GRAVITY
         return (
             f"the mount stands on the road itself, with no vehicle between them: {rms:.3g} g rms "
-            f"up to {self._table.frequency_hz[-1]:.3g} Hz; tyres and suspension pass on little above "
+            f"up to {self._table.frequency_hz[-1]:.3g} Hz; tyres and springs pass on little above "
             'some 20 Hz: put the masses of the vehicle into the scene (kind = "matrices"), or '
             "band_hz around what reaches the mount",
         )

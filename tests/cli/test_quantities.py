@@ -1,0 +1,56 @@
+"""Numbers with units on the command line: times, lengths, speeds, accelerations."""
+
+import pytest
+
+from stochvi.cli.options import SPEED, TIME, acceleration, barriers, lengths
+from support.commands import ISOLATOR, Run, one_document, refused
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [("90", 90.0), ("90s", 90.0), ("30 min", 1800.0), ("10h", 36000.0), ("250ms", 0.25),
+     ("1.5e3", 1500.0), ("2 d", 172800.0), (60.0, 60.0)],
+)  # fmt: skip
+def test_times(text: str | float, seconds: float) -> None:
+    assert TIME.convert(text, None, None) == pytest.approx(seconds, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["10 parsec", "10 m", "h", "", "nan", "1e999", "10h 5", "10 Hz"])
+def test_what_is_no_time_is_refused(stochvi: Run, text: str) -> None:
+    sentence = refused(stochvi("reliability", ISOLATOR, "--mission", text))
+    assert sentence.startswith(
+        "--mission must be a number with a unit of time (s, ms, min, h), got"
+    )
+    assert repr(text) in sentence
+
+
+def test_a_mission_in_hours_is_that_in_seconds(stochvi: Run) -> None:
+    in_hours, in_seconds = (
+        one_document(
+            stochvi(
+                "reliability", ISOLATOR, "--mission", mission, "--rel-error", ".3", "--json", "-"
+            ).out
+        )
+        for mission in (".0005h", "1.8")
+    )
+    estimate = in_hours["chances"]["hit"]["estimate"]
+    assert estimate == in_seconds["chances"]["hit"]["estimate"] and 0.0 < estimate["value"] < 1.0
+
+
+def test_lengths_speeds_and_accelerations() -> None:
+    assert lengths("--gaps", "1mm, 2 mm,0.3 cm,4", plain=0.5) == pytest.approx(
+        [1e-3, 2e-3, 3e-3, 2.0], rel=1e-15
+    )
+    assert barriers("4mm") == (-4e-3, 4e-3) and barriers("-0.003,") == (-3e-3, None)
+    assert SPEED.convert("50 cm/s", None, None) == 0.5
+    assert acceleration("40g") == acceleration("40 G") == pytest.approx(40.0 * 9.80665)
+    assert acceleration("150") == acceleration("150 m/s^2") == 150.0 and acceleration(None) is None
+
+
+@pytest.mark.parametrize(
+    "wrong", [lambda: lengths("--gaps", "1mm,2s"), lambda: acceleration("40 m"),
+              lambda: barriers("4kg"), lambda: lengths("--gaps", "1mm,")],
+)  # fmt: skip
+def test_a_unit_of_another_quantity_is_refused(wrong) -> None:
+    with pytest.raises(ValueError, match=r"^--\S+ must be a number with a unit of"):
+        wrong()
