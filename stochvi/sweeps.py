@@ -38,6 +38,9 @@ Change = tuple[tuple[str, float], ...]
 METHODS = ("simulate", "exact", "closure", "fokker-planck", "average")
 """Methods that can answer for a row; "closure" is a form of linearisation."""
 
+MOST_ROWS = 10_000
+"""Largest number of rows of a sweep, whose table takes some 10 kB for each row while it grows."""
+
 ERROR, BIAS = "standard_error", "bias"
 """Endings of the columns of a table that hold the errors of a quantity."""
 
@@ -84,7 +87,8 @@ def sweep(
         If the scene does not have a key. The message names the nearest key that the scene has;
         nothing has been computed then.
     ValueError
-        If a value is not a number, a key has no values, or a key is named twice.
+        If a value is not a number, a key has no values, a key is named twice, or the values have
+        more combinations than `MOST_ROWS`.
 
     Examples
     --------
@@ -112,21 +116,32 @@ def sweep(
     if out is not None and str(out) == "":
         raise ValueError("out must name a folder, got ''")
     ranges = _ranges(vary)
+    _check_size({key: len(values) for key, values in ranges.items()})
     grid = [tuple(zip(ranges, point, strict=True)) for point in itertools.product(*ranges.values())]
-    jobs = [
-        Job.of(changed_scene(document, change), change, method, common, seed, arguments)
-        for change in grid
-    ]
+    for change in grid:  # a value that the scene refuses ends the sweep before its first row
+        changed_scene(document, change)
     folder = None if out is None else folder_in(Path(out), "rows")
     rows = []
-    for number, job in enumerate(jobs):
+    for number, change in enumerate(grid):
 
         def report(done: float, text: str, number: int = number) -> None:
             if progress:
-                progress((number + done) / len(jobs), f"row {number + 1} of {len(jobs)}, {text}")
+                progress((number + done) / len(grid), f"row {number + 1} of {len(grid)}, {text}")
 
+        scene = changed_scene(document, change)
+        job = Job.of(scene, change, method, common, seed, arguments)
         rows.append(job.row(folder, executor, report))
     return pd.DataFrame(rows).astype({"seed": "Int64", "paths": "Int64", "seconds": float})
+
+
+def _check_size(numbers: Mapping[str, int]) -> None:
+    """ValueError where there are more combinations of values than a sweep may have rows."""
+    rows = math.prod(numbers.values())
+    if rows > MOST_ROWS:
+        of = " times ".join(f"{number} of {key}" for key, number in numbers.items())
+        raise ValueError(
+            f"vary: {of} are {rows} rows, and a sweep has at most {MOST_ROWS}; give fewer values"
+        )
 
 
 def _check_seed(seed: Any) -> None:
@@ -306,7 +321,7 @@ def _kept_response(kept: Path) -> Response | None:
     """The answer that the file of a row holds; None if it cannot be read."""
     try:
         return Response.from_dict(json.loads(kept.read_text("utf-8")))
-    except (OSError, TypeError, ValueError):
+    except (OSError, TypeError, ValueError, LookupError, AttributeError, RecursionError):
         return None
 
 
@@ -439,6 +454,7 @@ def values_of(text: str) -> tuple[str, list[float]]:
             "--vary must be KEY=FIRST:LAST:NUMBER, KEY=FIRST:LAST:NUMBER:log or "
             f"KEY=VALUE,VALUE,..., got {text!r}"
         ) from None
+    _check_size({key: count})
     spaced = np.geomspace(start, stop, count) if spacing else np.linspace(start, stop, count)
     # 0.1, 0.2, 0.3: what is written, not what is left of it after a sum
     return key, [float(f"{value:.12g}") for value in spaced]

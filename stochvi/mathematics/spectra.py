@@ -18,6 +18,21 @@ from stochvi.mathematics.quadrature import gauss_panels
 NODES = 16
 """Number of Gauss-Legendre nodes in each panel of a table."""
 
+FEW_NODES = 4
+"""Number of nodes in a panel that is narrow, of which a measured table has thousands."""
+
+NARROW, LEVEL = 0.1, 0.5
+"""A panel is narrow if it is no wider than this part of its distance to the resonance, and if the
+logarithm of the density changes by no more than this in it: the error of 4 nodes is then below
+1e-11 of the panel's part."""
+
+FEWEST_TO_TELL = 200
+"""Breakpoints of a table below which narrow panels are too few to be worth telling apart."""
+
+MOST_BREAKPOINTS = 100_000
+"""Largest number of breakpoints of a table: sums over more take seconds, and no analyser has more
+lines."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
@@ -48,6 +63,11 @@ class Table:
                 raise ValueError(
                     f"needs positive finite values of {name}, got {column[row]:g} in row {row + 1}"
                 )
+        if len(frequency) > MOST_BREAKPOINTS:
+            raise ValueError(
+                f"needs at most {MOST_BREAKPOINTS} breakpoints, got {len(frequency)}; average the "
+                "densities of neighbouring frequencies"
+            )
         falling = np.diff(frequency) < 0.0
         if falling.any():
             row = int(np.argmax(falling))
@@ -226,4 +246,21 @@ def _quadrature(
         ]
     )
     edges = np.unique(edges[(edges >= low) & (edges <= high)])
-    return gauss_panels(edges, NODES)
+    if len(table.frequency_hz) < FEWEST_TO_TELL:
+        return gauss_panels(edges, NODES)
+    distance = np.maximum(np.minimum(*np.abs(_ends(edges) - resonance)), width)
+    logs = np.interp(np.log(edges), np.log(table.frequency_hz), np.log(table.density))
+    narrow = (np.diff(edges) <= NARROW * distance) & (np.abs(np.diff(logs)) <= LEVEL)
+    parts = [
+        gauss_panels(_ends(edges)[:, chosen].T, nodes)
+        for chosen, nodes in ((narrow, FEW_NODES), (~narrow, NODES))
+    ]
+    f, weights = (
+        np.concatenate([each.ravel() for each in both]) for both in zip(*parts, strict=True)
+    )
+    return f, weights
+
+
+def _ends(edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Left and right ends of the panels between edges."""
+    return np.stack([edges[:-1], edges[1:]])

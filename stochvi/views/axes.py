@@ -6,6 +6,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -49,6 +50,9 @@ PLAIN_NUMBERS = (1e-4, 2e4)
 FEW_DECADES = 300.0
 """Ratio of the ends of an axis below which 2 and 5 are labelled too."""
 
+MOST_DECADES, MARGIN = 10, 3.0
+"""Most decades of a logarithmic axis, and the ratio of its ends to the lines on it."""
+
 LONGEST_LINE, MOST_LINES = 70, 2
 """Most characters of a line of text in a picture, and lines that a longer one is wrapped to: more
 would leave no room for the picture."""
@@ -81,6 +85,10 @@ def as_written(ax: Axes) -> Figure:
     """
     figure = ax.get_figure(root=True)
     assert figure is not None
+    for each in figure.axes:
+        low, high = sorted(each.get_ylim())
+        if each.get_yscale() == "log" and not high < 10.0 ** (MOST_DECADES + 2) * low:
+            limit_decades(each)
     scales = {id(text) for axis in figure.findobj(Axis) for text in _of_scale(axis)}
     for text in figure.findobj(Text):
         assert isinstance(text, Text)
@@ -101,6 +109,19 @@ def _shortened(line: str) -> str:
     if len(line) <= LONGEST_LINE:
         return line
     return "\n".join(textwrap.wrap(line, LONGEST_LINE, max_lines=MOST_LINES, placeholder=" …"))
+
+
+def limit_decades(ax: Axes) -> None:
+    """Limit a logarithmic y axis to what its lines reach, and to `MOST_DECADES`.
+
+    The lower end of a band of errors may be zero, which a logarithmic axis draws 300 decades below.
+    """
+    drawn = [np.asarray(line.get_ydata(), float) for line in ax.get_lines()]
+    heights = np.concatenate([np.zeros(0), *drawn])
+    heights = heights[np.isfinite(heights) & (heights > 0.0)]
+    if heights.size:
+        low, high = float(heights.min()), float(heights.max())
+        ax.set_ylim(max(low / MARGIN, high / 10.0**MOST_DECADES), MARGIN * high)
 
 
 def add_grid(ax: Axes) -> None:

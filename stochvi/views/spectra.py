@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import BAND_ALPHA, COLOURS, OWNERS
+from stochvi.views.axes import BAND_ALPHA, COLOURS, OWNERS, limit_decades
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,7 +38,7 @@ TITLE = "spectra, one-sided per hertz, with 95 % bands"
 
 
 def plot_curve(curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = "") -> Axes:
-    """A curve with its 95 % band, both axes logarithmic."""
+    """A curve with its 95 % band, both axes logarithmic; what reaches zero leaves the view."""
     ax.fill_between(
         curve.frequency_hz, np.maximum(curve.lower, 1e-300), curve.upper,
         color=colour, alpha=BAND_ALPHA, linewidth=0,
@@ -46,6 +46,7 @@ def plot_curve(curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = 
     ax.plot(curve.frequency_hz, curve.value, color=colour, linewidth=0.9, label=label)
     ax.set_xscale("log")
     ax.set_yscale("log")
+    limit_decades(ax)
     return ax
 
 

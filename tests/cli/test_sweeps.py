@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.sweeps import changed_scene, sweep, values_of
 from stochvi.views.sweep import changes, draw_sweep, quantities, terminal_table
+from support.commands import ELASTIC, refused
 
 R = "impact_pair.0.law.coefficient"
 GAP = "impact_pair.0.upper"
@@ -333,3 +335,19 @@ def test_the_command_refuses_a_key_twice_and_folders_without_a_name(tmp_path: Pa
     ):
         done = CliRunner().invoke(main, ["sweep", scene, *ask])
         assert done.exit_code == 2 and done.stderr.count("\n") == 1 and said in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("vary", "rows"),
+    [
+        (["1:2:1000000000"], "1000000000 of structure.stiffness are 1000000000 rows"),
+        (["1:2:5000", "structure.damping=1:2:5000"], "are 25000000 rows"),
+    ],
+)
+def test_more_rows_than_a_sweep_may_have_are_refused_at_once(stochvi, vary, rows):
+    words = [word for part in vary for word in ("--vary", f"structure.stiffness={part}")]
+    words = [word.replace("structure.stiffness=structure", "structure") for word in words]
+    began = time.process_time()
+    message = refused(stochvi("sweep", ELASTIC, *words, "--method", "exact"))
+    assert rows in message and "at most 10000" in message
+    assert time.process_time() - began < 2.0

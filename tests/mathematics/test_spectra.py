@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import quad
 
 from stochvi.isolators.screening import screen
+from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.scenes.datasets import profiles
@@ -203,6 +204,30 @@ def test_a_ragged_table_gives_the_integral_of_its_response(frequency_hz):
             ),
         )
         assert moment == pytest.approx(expected, rel=0.0, abs=error + 10.0 * ROUNDING * expected)
+
+
+@pytest.mark.parametrize(("resonance", "b"), [(3.0, 0.5), (50.0, 1e-3), (500.0, 40.0)])
+def test_a_measured_table_of_thousands_of_lines_gives_the_integral_of_each(resonance, b):
+    """Against 40 nodes on each segment, which is graded towards the resonance by hand."""
+    random = np.random.default_rng(3)
+    f = np.linspace(1.0, 200.0, 4000)
+    table = Table(frequency_hz=f, density=np.exp(random.normal(size=f.size)))
+    omega = 2.0 * math.pi * resonance
+    distances = np.geomspace(1e-6, 100.0, 400)
+    edges = np.concatenate([f, [resonance], resonance - distances, resonance + distances])
+    edges = np.unique(edges[(edges >= 1.0) & (edges <= 200.0)])
+    x, weights = gauss_panels(edges, 40)
+    parts = squared_gain(x, omega, b) * table(x) * weights
+    found = response_moments([table], omega, b)
+    assert found.displacement == pytest.approx(parts.sum(), rel=1e-10)
+    assert found.velocity == pytest.approx(((2.0 * math.pi * x) ** 2 * parts).sum(), rel=1e-10)
+
+
+def test_a_table_of_more_lines_than_any_analyser_is_refused():
+    lines = np.arange(1.0, 100_002.0)
+    with pytest.raises(ValueError, match=r"at most 100000 breakpoints, got 100001; average"):
+        Table(frequency_hz=lines, density=lines)
+    assert Table(frequency_hz=lines[:-1], density=lines[:-1]).moment(-1.0) == pytest.approx(99_999)
 
 
 def test_a_wide_flat_table_gives_white_noise_but_for_what_lies_outside_it():

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -223,3 +224,15 @@ def test_names_in_pictures_are_shown_letter_by_letter(tmp_path: Path, name: str)
     assert len(ax.get_title()) < 150
     assert "mathdefault" in ax.get_xticklabels()[0].get_text()
     assert ax.get_xticklabels()[0].get_parse_math()  # a power of ten stays one
+
+
+@pytest.mark.parametrize("lowest", [0.0, 1e-300, 1e-5])
+def test_a_band_that_touches_zero_does_not_stretch_a_logarithmic_axis(tmp_path: Path, lowest):
+    _, ax = plt.subplots()
+    x = np.array([1.0, 2.0, 3.0])
+    ax.plot(x, [1e-3, 1e-2, 1e-4])
+    ax.fill_between(x, np.maximum([lowest, 1e-3, lowest], 1e-300), 0.1)
+    ax.set_yscale("log")
+    write_picture(ax, tmp_path / "picture.png")
+    low, high = ax.get_ylim()
+    assert low < 1e-4 and high > 1e-2 and high < 1e12 * low

@@ -13,12 +13,16 @@ import json
 import os
 import re
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from typing_extensions import TypedDict
 
 from stochvi.mathematics.units import plain_number
 from stochvi.methods.monte_carlo.blocks import machine
@@ -34,6 +38,34 @@ HEADER, FORMAT = "stochvi checkpoint", 1
 LONG_SECONDS = 10.0
 """Seconds of simulation above which a checkpoint is set aside, not overwritten, if a new run is
 given the same file."""
+
+
+STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+"""How a checkpoint is checked: no value is converted, no key left out or added."""
+
+Count = Annotated[int, Ge(0)]
+
+
+class PartDocument(TypedDict):
+    """`PathStatistics` as plain types, without their layout."""
+
+    __pydantic_config__ = STRICT  # type: ignore[misc]
+    count: Count
+    mean: list[float]
+    scatter: list[list[float]]
+
+
+class StateDocument(TypedDict):
+    """`State` as plain types."""
+
+    __pydantic_config__ = STRICT  # type: ignore[misc]
+    fine: PartDocument
+    coarse: PartDocument
+    goal: Count
+    steps: Count
+    refinements: Count
+    machines: list[str]
+    seconds: Annotated[float, Ge(0.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +89,29 @@ class Asked:
     def plain(self) -> Asked:
         """The same with NumPy numbers converted to Python numbers, which JSON can hold."""
         return Asked(**{name: plain_number(value) for name, value in asdict(self).items()})
+
+
+class AskedDocument(TypedDict):
+    """`Asked` as plain types."""
+
+    __pydantic_config__ = STRICT  # type: ignore[misc]
+    rel_error: float | None
+    paths: int | None
+    duration: float | None
+    seed: int | None
+    speed_threshold: float | None
+    slow_impacts: bool
+
+
+class Document(TypedDict):
+    """What the body of a checkpoint holds."""
+
+    __pydantic_config__ = STRICT  # type: ignore[misc]
+    scene: dict[str, Any]
+    asked: AskedDocument
+    machine: str
+    proof: str
+    state: StateDocument
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +161,9 @@ class State:
 
     @classmethod
     def from_document(cls, plain: Mapping[str, Any], layout: Layout) -> State:
-        """The state that was written; `layout` is that of the scene."""
+        """The state that was written; `layout` is that of the scene. A ValueError if its tables do
+        not have the size of the layout."""
+        size = len(layout.rows)
         parts = {
             name: PathStatistics(
                 count=plain[name]["count"],
@@ -116,6 +173,9 @@ class State:
             )
             for name in ("fine", "coarse")
         }
+        for name, part in parts.items():
+            if part.mean.shape != (size,) or part.scatter.shape != (size, size):
+                raise ValueError(f"state.{name} has not the {size} rows of this scene")
         return cls(**{**plain, **parts, "machines": tuple(plain["machines"])})
 
 
@@ -162,10 +222,16 @@ class Checkpoint:
                 "checksum does not match); start again without it"
             )
         try:
-            found = json.loads(body)
-            return cls(path=path, **(found | {"asked": Asked(**found["asked"])}))
-        except (KeyError, TypeError, ValueError) as error:
+            found: Any = TypeAdapter(Document).validate_python(json.loads(body))
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise _incomplete(path, ".".join(map(str, first["loc"]))) from error
+        except (ValueError, RecursionError) as error:
             raise _incomplete(path) from error
+        asked = Asked(**found["asked"])
+        if asked.paths is None and asked.rel_error is None:
+            raise _incomplete(path, "asked")
+        return cls(path=path, **(found | {"asked": asked}))
 
     def asked_again(self, given: Asked) -> Asked:
         """The arguments of the earlier run; CheckpointError if other ones are `given` now."""
@@ -206,15 +272,16 @@ class Checkpoint:
         """The state to go on from."""
         try:
             return State.from_document(self.state, plan.layout)
-        except (KeyError, TypeError, ValueError) as error:
-            raise _incomplete(self.path) from error
+        except ValueError as error:
+            raise _incomplete(self.path, str(error)) from error
 
 
 class Keeper:
     """Writes the checkpoint of a run: at once, and whenever the interval is over.
 
     A checkpoint that is there is replaced, nothing else is; that of another run (`new`) which took
-    longer than `LONG_SECONDS` is set aside first, as FILE.earlier.
+    longer than `LONG_SECONDS` is set aside first, as FILE.earlier, and one that is damaged as
+    FILE.damaged.
 
     Raises
     ------
@@ -231,6 +298,7 @@ class Keeper:
         try:
             _check_place(self.path)
             if new:
+                _keep_damaged(self.path)
                 _set_aside(self.path)
             self.keep(state)
         except OSError as error:
@@ -285,6 +353,19 @@ def _set_aside(path: Path) -> None:
             os.replace(path, earlier)
 
 
+def _keep_damaged(path: Path) -> None:
+    """Rename a checkpoint that cannot be read to FILE.damaged, with a UserWarning that says so."""
+    if not path.exists() or _is_empty(path):
+        return
+    try:
+        Checkpoint.read(path)
+    except CheckpointError as error:
+        aside = path.with_name(path.name + ".damaged")
+        os.replace(path, aside)
+        reason = str(error).rpartition("; ")[0]
+        warnings.warn(f"{reason}; it was renamed to {aside.name}", stacklevel=2)
+
+
 def _seconds_in(path: Path) -> float:
     """Seconds of simulation in a checkpoint; 0 if no run can resume from it."""
     try:
@@ -294,9 +375,11 @@ def _seconds_in(path: Path) -> float:
         return 0.0
 
 
-def _incomplete(path: Path) -> CheckpointError:
+def _incomplete(path: Path, where: str = "") -> CheckpointError:
+    place = f" ({where})" if where else ""
     return CheckpointError(
-        f"{path} does not hold what a checkpoint of this version holds; start again without it"
+        f"{path} does not hold what a checkpoint of this version holds{place}; start again without "
+        "it"
     )
 
 

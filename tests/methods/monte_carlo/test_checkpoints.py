@@ -196,12 +196,41 @@ def test_another_format_and_missing_keys_are_said(tmp_path: Path) -> None:
         whole | {"state": {key: state[key] for key in state if key != "coarse"}},
         whole | {"state": state | {"fine": {"count": 64}}},
         whole | {"state": state | {"more": 1}},
+        whole | {"state": state | {"fine": state["fine"] | {"count": "64"}}},
+        whole | {"state": state | {"fine": state["fine"] | {"count": True}}},
+        whole | {"state": state | {"fine": state["fine"] | {"count": -1}}},
+        whole | {"state": state | {"coarse": state["fine"] | {"scatter": []}}},
+        whole | {"state": state | {"fine": state["fine"] | {"mean": [[0.0]]}}},
+        whole | {"state": state | {"fine": state["fine"] | {"mean": "abc"}}},
+        whole | {"state": state | {"machines": "abc"}},
+        whole | {"state": state | {"goal": 1e3}},
+        whole | {"scene": [1]},
+        whole | {"proof": None},
+        whole | {"asked": whole["asked"] | {"paths": "64"}},
+        whole | {"asked": whole["asked"] | {"paths": None}},
     ):
         body = json.dumps(document).encode()
         header = f"stochvi checkpoint 1 {hashlib.sha256(body).hexdigest()}\n".encode()
         kept.write_bytes(header + body)
         with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
             simulate(oscillator(), resume=kept)
+    nested = b'{"scene": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
+    for body in (nested, b"{", b"\xff", text.partition(b"\n")[2].replace(b"0.", b"NaN, 0.", 1)):
+        digest = hashlib.sha256(body).hexdigest()
+        kept.write_bytes(f"stochvi checkpoint 1 {digest}\n".encode() + body)
+        with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
+            simulate(oscillator(), resume=kept)
+
+
+def test_a_damaged_checkpoint_is_kept_aside_with_a_word(tmp_path: Path) -> None:
+    kept = tmp_path / "run"
+    simulate(oscillator(), **ASKED, checkpoint=kept)
+    cut = kept.read_bytes()[:-100]
+    kept.write_bytes(cut)
+    with pytest.warns(UserWarning, match=r"run is damaged.*renamed to run\.damaged"):
+        simulate(oscillator(), **ASKED, checkpoint=kept)
+    assert (tmp_path / "run.damaged").read_bytes() == cut
+    assert paths_in(kept) == 64
 
 
 # ---- executors that are none, and Ctrl-C ------------------------------------------------------
