@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,10 @@ from scipy.ndimage import maximum_filter1d
 from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.methods.monte_carlo.simulate import compile_kernels
 from stochvi.results.base import Result, total_cost
-from stochvi.results.errors import NotApplicable
+from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.scenes.absorbers import Absorber
@@ -42,6 +44,12 @@ DRAWS = 400
 
 GRID = 801
 """Number of plays at which a curve is searched for its lowest point."""
+
+FEWEST_POINTS = 4
+"""Plays of a candidate without which it has no curve."""
+
+DECIBELS = 20.0 / math.log(10.0)
+"""Decibels of a unit of the logarithm of a play."""
 
 DEGREE = 6
 """Largest degree of the polynomial in log play that a curve is smoothed by."""
@@ -81,7 +89,7 @@ class Design(Result):
         The best play and ratio of each restitution and number of units.
     """
 
-    not_in_document = ("warnings", "provenance")
+    not_in_document = ("provenance",)
 
     scene: Scene
     mass: float
@@ -147,11 +155,17 @@ def design_absorber(
         The robust box is best in the worst case from this much below to this much above.
     rel_error
         Relative error of the points close to the best one.
+    budget
+        Seconds for all points together, compilation apart, in proportion to the accuracy that is
+        asked for there. None for no limit.
 
     Raises
     ------
     NotApplicable
         If the structure is not of that kind.
+    NotConverged
+        If the budget ends first, or `Interrupted` after Ctrl-C: it carries the best box of the
+        points with the errors that they got to.
 
     Examples
     --------
@@ -169,40 +183,30 @@ def design_absorber(
     structure = alone(structure)
     sigma = _check(structure, mass_budget, restitutions, units, plays, level_range_db)
     pairs = [(r, n) for r in restitutions for n in units]
-    points = len(pairs) * len(plays) + len(CLOSER)
-    rows: list[dict[str, float]] = []
-    costs: list[Cost] = []
-
-    def look(restitution: float, count: int, play: float, error: float) -> None:
-        scene = with_absorber(structure, mass_budget, play * sigma, restitution, count)
-        response = simulate(scene, rel_error=error, seed=seed, threads=threads, budget=budget)
-        deviation = response.coordinates["structure"]["displacement_std"]
-        assert deviation is not None
-        rows.append(
-            {
-                "restitution": restitution,
-                "units": count,
-                "play": play * sigma,
-                "play_in_sigma": play,
-                "rms_ratio": deviation.value / sigma,
-                "rms_ratio_error": math.hypot(deviation.standard_error, deviation.bias or 0.0)
-                / sigma,
-            }
-        )
-        costs.append(response.cost)
-        if progress:
-            progress(len(rows) / points, f"play {play:.2f} sigma, R = {restitution:g}")
-
-    for restitution, count in pairs:
-        for play in sorted(plays):
-            look(restitution, count, play, COARSE * rel_error)
-    firsts = [_best_box(_points(rows, *pair), sigma, 0.0, seed) for pair in pairs]
-    winner = min(range(len(pairs)), key=lambda k: firsts[k].ratio.value)
-    for factor in CLOSER:
-        look(*pairs[winner], factor * firsts[winner].play / sigma, rel_error)
-    points_of_winner = _points(rows, *pairs[winner])
+    search = _Search(structure, mass_budget, sigma, rel_error, seed, threads, progress)
+    search.left = len(pairs) * len(plays) * COARSE**-2 + len(CLOSER)
+    search.all = search.left
+    compile_kernels(with_absorber(structure, mass_budget, sigma, restitutions[0], units[0]))
+    search.deadline = Deadline.after(budget)
+    with heeding_ctrl_c():
+        for restitution, count in pairs:
+            for play in _spread(sorted(plays)):
+                search.look(restitution, count, play, COARSE)
+        known = [pair for pair in pairs if len(_points(search.rows, *pair).T) >= FEWEST_POINTS]
+        if not known:
+            raise search.deadline.fell_short(
+                f"after {len(search.rows)} of {len(pairs) * len(plays)} plays, too few for a curve",
+                "raise budget",
+            )
+        firsts = [_best_box(_points(search.rows, *pair), sigma, 0.0, seed) for pair in known]
+        winner = min(range(len(known)), key=lambda k: firsts[k].ratio.value)
+        for factor in CLOSER:
+            search.look(*known[winner], factor * firsts[winner].play / sigma, 1.0)
+    points_of_winner = _points(search.rows, *known[winner])
     best = _best_box(points_of_winner, sigma, 0.0, seed)
-    robust = _best_box(points_of_winner, sigma, level_range_db, seed)
+    # points that are missing may leave no room for the whole range of levels
+    reach = min(level_range_db, 0.49 * DECIBELS * float(np.ptp(points_of_winner[0])))
+    robust = _best_box(points_of_winner, sigma, reach, seed)
     candidates = pd.DataFrame(
         [
             {
@@ -214,13 +218,13 @@ def design_absorber(
                 "rms_ratio_error": box.ratio.standard_error,
             }
             for (restitution, count), box in zip(
-                pairs, [best if k == winner else first for k, first in enumerate(firsts)],
+                known, [best if k == winner else first for k, first in enumerate(firsts)],
                 strict=True,
             )
         ]
     ).sort_values("rms_ratio", ignore_index=True)  # fmt: skip
-    restitution, count = pairs[winner]
-    return Design(
+    restitution, count = known[winner]
+    answer = Design(
         scene=with_absorber(structure, mass_budget, best.play, restitution, count),
         mass=mass_budget,
         sigma=sigma,
@@ -228,12 +232,85 @@ def design_absorber(
         units=count,
         best=best,
         robust=robust,
-        level_range_db=level_range_db,
-        curve=pd.DataFrame(rows),
+        level_range_db=reach,
+        curve=pd.DataFrame(search.rows),
         candidates=candidates,
-        cost=total_cost(costs),
+        cost=total_cost(search.costs),
         provenance=provenance(structure.document(), seed),
+        warnings=[f"plays that were not simulated as accurately as asked for: {search.short}"]
+        if search.short
+        else [],
     )
+    if search.short:
+        where = f"before {search.short} plays reached the accuracy that is asked for there"
+        raise search.deadline.fell_short(where, "raise budget or rel_error", answer)
+    return answer
+
+
+def _spread(plays: Sequence[float]) -> list[float]:
+    """Every second play, then those between: where time ends, the whole range was looked at."""
+    return [*plays[::2], *plays[1::2]]
+
+
+@dataclass
+class _Search:
+    """Points of the curves of all candidates, simulated within a deadline.
+
+    `left` and `all` are the work that is to be done and all of it, in points of full accuracy;
+    `short` counts the points that are missing, or not as accurate as they should be.
+    """
+
+    structure: Scene
+    mass: float
+    sigma: float
+    rel_error: float
+    seed: int
+    threads: int | None
+    progress: Progress | None
+    deadline: Deadline = NEVER
+    left: float = 0.0
+    all: float = 0.0
+    short: int = 0
+    rows: list[dict[str, float]] = field(default_factory=list)
+    costs: list[Cost] = field(default_factory=list)
+
+    def look(self, restitution: float, count: int, play: float, coarse: float) -> None:
+        """Simulate a play (in sigma) to `coarse` times the error, in its share of the time."""
+        work = coarse**-2
+        share, self.left = work / self.left, self.left - work
+        if self.deadline.passed():
+            self.short += 1
+            return
+        scene = with_absorber(self.structure, self.mass, play * self.sigma, restitution, count)
+        try:
+            response = simulate(
+                scene, rel_error=coarse * self.rel_error, seed=self.seed, threads=self.threads,
+                budget=self.deadline.part(share),
+            )  # fmt: skip
+        except (NotConverged, Interrupted) as reason:
+            self.short += 1
+            if reason.response is None:
+                return
+            response = reason.response
+        deviation = response.coordinates["structure"]["displacement_std"]
+        assert deviation is not None
+        error = math.hypot(deviation.standard_error, deviation.bias or 0.0)
+        if not 0.0 < error < math.inf:
+            return
+        self.rows.append(
+            {
+                "restitution": restitution,
+                "units": count,
+                "play": play * self.sigma,
+                "play_in_sigma": play,
+                "rms_ratio": deviation.value / self.sigma,
+                "rms_ratio_error": error / self.sigma,
+            }
+        )
+        self.costs.append(response.cost)
+        if self.progress:
+            done = 1.0 - self.left / self.all
+            self.progress(done, f"play {play:.2f} sigma, R = {restitution:g}")
 
 
 def with_absorber(

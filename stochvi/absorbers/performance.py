@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,10 +13,12 @@ import pandas as pd
 
 from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.methods.monte_carlo.simulate import compile_kernels
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.base import Result, total_cost
-from stochvi.results.errors import NotApplicable
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, format_with_error, provenance
 from stochvi.results.intervals import mean_and_error
 from stochvi.results.response import Response
@@ -161,11 +164,17 @@ def absorber(
         Levels of all that shakes, dB about the scene's own; constant loads stay.
     rel_error
         Relative error of the simulated mean squares and rates, as for `simulate`.
+    budget
+        Seconds for all levels together, compilation apart; each gets as much of what is left as
+        any other that is still to come. None for no limit.
 
     Raises
     ------
     NotApplicable
         If the scene names no absorber, or `simulate` does not cover it.
+    NotConverged
+        If the budget ends first, or `Interrupted` after Ctrl-C: it carries the levels that were
+        simulated, with the errors they got to, and names those that were not.
 
     Examples
     --------
@@ -197,36 +206,68 @@ def absorber(
     full = scene.expanded
     masses = scene.absorber_coordinates
     carrier = next(name for name in full.structure.coordinates if name not in masses)
-    found = []
-    for number, level in enumerate(levels_db):
+    found: list[Performance] = []
+    short: list[float] = []
+    recording = 0.0  # seconds that the peaks of a level take
+    compile_kernels(full)
+    deadline = Deadline.after(budget)
+    with heeding_ctrl_c():
+        for number, level in enumerate(levels_db):
 
-        def report(done: float, text: str, number: int = number) -> None:
-            if progress:
-                progress((number + done) / len(levels_db), text)
+            def report(done: float, text: str, number: int = number) -> None:
+                if progress:
+                    progress((number + done) / len(levels_db), text)
 
-        shaken = scene.at_level(level)
-        response = simulate(
-            shaken.expanded,
-            rel_error=rel_error,
-            seed=seed,
-            threads=threads,
-            budget=budget,
-            progress=report,
-        )
-        report(1.0, "peaks of recorded paths")
-        found.append(_performance(shaken, carrier, level, response, seed))
+            if deadline.passed():
+                break
+            shaken = scene.at_level(level)
+            to_come = len(levels_db) - number
+            try:
+                response = simulate(
+                    shaken.expanded,
+                    rel_error=rel_error,
+                    seed=seed,
+                    threads=threads,
+                    budget=deadline.sooner_by(to_come * recording).part(1.0 / to_come),
+                    progress=report,
+                )
+            except (NotConverged, Interrupted) as reason:
+                if reason.response is None:
+                    break
+                response = reason.response
+                short.append(level)
+            report(1.0, "peaks of recorded paths")
+            began = time.perf_counter()
+            found.append(_performance(shaken, carrier, level, response, seed))
+            recording = time.perf_counter() - began
+    missing = [level for level in levels_db if level not in {each.level_db for each in found}]
+    unreached = _in_decibels(short), _in_decibels(missing)
+    if not found:
+        raise deadline.fell_short("before any level was simulated", "raise budget")
     mass = np.diag(full.structure.matrices[0])
     light = np.array([name in masses for name in full.structure.coordinates])
-    return AbsorberReport(
+    answer = AbsorberReport(
         scene=scene,
         carrier=carrier,
         masses=masses,
         mass_ratio=float(mass[light].sum() / mass[~light].sum()),
         performances=found,
-        warnings=min(found, key=lambda each: abs(each.level_db)).response.warnings,
+        warnings=[
+            *([f"levels that were not simulated: {unreached[1]}"] if missing else []),
+            *([f"levels that did not reach {rel_error:g}: {unreached[0]}"] if short else []),
+            *min(found, key=lambda each: abs(each.level_db)).response.warnings,
+        ],
         cost=total_cost(each.response.cost for each in found),
         provenance=provenance(scene.document(), seed),
     )
+    if missing or short:
+        where = f"before the relative error of {_in_decibels([*short, *missing])} was {rel_error:g}"
+        raise deadline.fell_short(where, "raise budget or rel_error", answer)
+    return answer
+
+
+def _in_decibels(levels: Sequence[float]) -> str:
+    return ", ".join(f"{level:+g} dB" for level in levels)
 
 
 def without_absorber(scene: Scene) -> Scene:

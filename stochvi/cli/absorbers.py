@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from stochvi.cli.options import Common, common, numbers
+from stochvi.cli.options import Common, common, numbers, shown
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
@@ -46,21 +46,24 @@ def absorber(
 
     loaded = load_scene(scene)
     asked = {"rel_error": rel_error} | options.sampling
-    with options.progress("absorber") as report:
-        if mass_budget is None:
-            found: Any = perform(
-                loaded, levels_db=numbers("--levels", levels), progress=report, **asked
-            )
-        else:
-            found = design_absorber(
+
+    def performance() -> AbsorberReport:
+        with options.progress("absorber") as report:
+            return perform(loaded, levels_db=numbers("--levels", levels), progress=report, **asked)
+
+    def design() -> Design:
+        assert mass_budget is not None
+        with options.progress("absorber") as report:
+            return design_absorber(
                 loaded, mass_budget=mass_budget, progress=report,
                 restitutions=numbers("--restitutions", restitutions),
                 units=[round(n) for n in numbers("--units", units)], **asked,
             )  # fmt: skip
+
     if mass_budget is None:
-        _show_performance(options, found)
+        shown(performance, lambda found: _show_performance(options, found))
     else:
-        _show_design(options, found)
+        shown(design, lambda found: _show_design(options, found))
 
 
 def _show_performance(options: Common, found: AbsorberReport) -> None:

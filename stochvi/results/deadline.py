@@ -81,6 +81,15 @@ class Deadline:
             return self
         return replace(self, moment=self.moment - share * self.left)
 
+    def sooner_by(self, seconds: float) -> Deadline:
+        """The deadline so many seconds before this one."""
+        return replace(self, moment=self.moment - seconds)
+
+    def part(self, share: float) -> float | None:
+        """A share (0 to 1) of the seconds that are left, as the `budget` of one of several
+        calculations; None for no limit."""
+        return None if self.rest is None else max(share * self.rest, SHORTEST_BUDGET)
+
     def fell_short(self, where: str, remedy: str, answer: Any = None) -> NotConverged | Interrupted:
         """The error to raise where an answer was due before it was what was asked for.
 

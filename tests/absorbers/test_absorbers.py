@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from stochvi import (
     Estimate,
     Isolator,
     NotApplicable,
+    NotConverged,
     Oscillator,
     Restitution,
     Scene,
@@ -27,11 +30,13 @@ from stochvi import (
     load_scene,
     simulate,
 )
-from stochvi.absorbers import design_absorber
+from stochvi.absorbers import design, design_absorber, performance
 from stochvi.absorbers.design import GRID, _best_box, alone
 from stochvi.absorbers.performance import _absorbed, linear_rms, without_absorber
 from stochvi.cli import main
 from stochvi.model.model import model_of
+from stochvi.results.estimates import Cost
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
@@ -525,6 +530,61 @@ def test_soft_walls_on_an_environment_end_within_the_budget() -> None:
     apart = Estimate(value=lower.value - upper.value, standard_error=error, bias=bias)
     assert_agrees(apart, 0.0)
     assert 0.1 * found.wall_force.value > Z * error + bias
+
+
+@pytest.mark.parametrize("overrun", [1.0, 2.5])
+def test_a_design_shares_its_budget_and_begins_nothing_after_it(
+    monkeypatch: pytest.MonkeyPatch, overrun: float
+) -> None:
+    now, given = [0.0], []
+    monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
+
+    def simulated(scene: Scene, *, budget: float, **_: Any) -> Response:
+        given.append((now[0], budget))
+        now[0] += overrun * budget
+        assert isinstance(scene.absorber, Absorber)
+        play = math.log((scene.absorber.play or 3.0) / 3.0)
+        deviation = Estimate(value=0.5 + 0.05 * play**2, standard_error=0.01)
+        so_far = SimpleNamespace(
+            coordinates={"structure": {"displacement_std": deviation}}, cost=Cost()
+        )
+        raise NotConverged("late", so_far)
+
+    monkeypatch.setattr(design, "simulate", simulated)
+    with pytest.raises(NotConverged, match=r"the budget of 30 s ended before .* plays") as late:
+        design_absorber(
+            Scene(structure=LIGHTLY_DAMPED, excitations=[UNIT_RMS]),
+            mass_budget=0.1,
+            restitutions=[0.5],
+            budget=30.0,
+        )
+    assert late.value.response.best.play > 0.0
+    assert late.value.response.warnings
+    assert all(began < 30.0 for began, _ in given)
+    assert all(began + budget <= 30.0 + 1e-9 for began, budget in given)
+    whole = len(design.PLAYS) + len(design.CLOSER)
+    assert len(given) == whole if overrun == 1.0 else len(given) < whole
+
+
+def test_levels_share_a_budget_and_what_is_missing_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now, given = [0.0], []
+    monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
+    real = performance.simulate
+
+    def simulated(scene: Scene, *, budget: float, **_: Any) -> Response:
+        given.append((now[0], budget))
+        now[0] += 3.0 * budget
+        raise NotConverged("late", real(scene, paths=64, duration=20.0))
+
+    monkeypatch.setattr(performance, "simulate", simulated)
+    with pytest.raises(NotConverged, match=r"error of -3 dB, \+0 dB, \+3 dB was 0.05") as late:
+        absorber(boxed(3.0, 0.5), levels_db=[-3.0, 0.0, 3.0], rel_error=0.05, budget=12.0)
+    answer = late.value.response
+    assert given[0] == (0.0, pytest.approx(4.0))
+    assert [each.level_db for each in answer.performances] == [-3.0]
+    assert answer.warnings[0] == "levels that were not simulated: +0 dB, +3 dB"
 
 
 def test_what_absorbers_cannot_be_asked() -> None:

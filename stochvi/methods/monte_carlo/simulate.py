@@ -405,6 +405,11 @@ def _check_seconds(**times: float | None) -> None:
             raise ValueError(f"{name} must be a positive number of seconds, got {value}")
 
 
+def compile_kernels(scene: Scene) -> None:
+    """Compile what a simulation of the scene runs, so that no budget pays for it."""
+    _compile(make_plan(model_of(scene)))
+
+
 def _compile(plan: Plan) -> tuple[float, str]:
     """Run the kernels once on next to nothing: seconds it took (machine code is cached), and a
     digest of what came out."""
