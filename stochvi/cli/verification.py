@@ -180,6 +180,8 @@ def judge(options: Common, file: str, problem: str, form: str | None, allowed: f
     from stochvi.verification.testing.files import judge_file
     from stochvi.views.verification_tables import print_judgement
 
+    if not 0.0 <= allowed < 100.0:
+        raise ValueError(f"--allowed must be at least 0 and below 100 per cent, got {allowed:g}")
     verdict = judge_file(file, problem, format=form, paths=FILE_PATHS, allowed_percent=allowed)
     options.show(verdict, print_judgement, "judge")
     if not verdict.passed:

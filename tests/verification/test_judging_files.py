@@ -267,6 +267,36 @@ def test_units_that_are_mixed_up_are_named(factors: tuple[float, float], hint: s
     assert any(pd.Series(verdict.hints).str.contains(hint)), verdict
 
 
+@pytest.mark.parametrize(
+    ("name", "quantity", "factor", "hint"),
+    [
+        ("linear", "velocity_std", 2.0, "velocity_std of linear is 2 times .* factor of 2"),
+        ("linear", "displacement_std", 0.5, "displacement_std of linear is 0.5 times"),
+        ("two-storeys-linear", "second.velocity_std", 2.0 * math.pi, "second.* factor of 2 pi"),
+        ("elastic-half-sigma", "collision_rate", 0.5 / math.pi, "collision_rate.* factor of 2 pi"),
+        ("elastic-half-sigma", "collision_rate", 0.5, "only one of two stops is counted"),
+        ("elastic-half-sigma", "impact_speed_square_rate", 1e6, "in mm where m is expected"),
+        ("lossy-0.5", "displacement_std", 9.80665, "multiplied by g"),
+        ("elastic-bench-12-hz", "velocity_std", None, "the square stands there"),
+    ],
+)
+def test_one_quantity_that_is_off_by_a_known_factor_is_named(
+    name: str, quantity: str, factor: float | None, hint: str
+) -> None:
+    own, truth = problem_named(name)
+    truths = truths_of(own, truth)
+    returned = {
+        each: ((factor or right.value) if each == quantity else 1.0) * right.value
+        for each, right in truths.items()
+        if right.value
+    }
+    verdict = judge_returned(
+        own, truth, {each: (value, 0.003 * abs(value)) for each, value in returned.items()}
+    )
+    assert {row.quantity for row in verdict.failures} == {quantity}
+    assert any(pd.Series(verdict.hints).str.contains(hint)), verdict
+
+
 @pytest.mark.parametrize("factor", [2.0 * math.pi, 0.5 / math.pi])
 def test_hertz_taken_for_radians_per_second_is_named(factor: float) -> None:
     own, truth = problem_named("linear")
@@ -423,6 +453,8 @@ GOOD = "quantity,value,standard_error\nvelocity_std,1.0,0.01\n"
         ("time,x\n200,0\n201,0\n202,0\n", ("1920 s or more", "got 3 s")),
         ("time,path,x\n200,1,0\n201,1,0\n200,2,0\n", ("same times", "got 1 rows", "and 2")),
         ("time,time\n0,0\n", ("header", "twice")),
+        (GOOD.replace("_std", "_mean_square"), ("row 2", "give its root, velocity_std")),
+        (GOOD + "# a comment\n\ndisplacement_std,1.0,-1\n", ("row 5", "standard_error")),
     ],
 )  # fmt: skip
 def test_a_file_that_cannot_be_judged_is_refused_by_row_and_column(
@@ -442,10 +474,12 @@ def test_a_problem_that_is_not_there_is_refused(stochvi: Run, tmp_path: Path) ->
     assert "rigid" in refused(stochvi("judge", file, "--problem", "spring-stops"))
     refused(stochvi("judge", file, "--problem", tmp_path / "nothing.json"))
     refused(stochvi("judge", tmp_path / "nothing.csv", "--problem", "linear"))
+    assert "--allowed" in refused(stochvi("judge", file, "--problem", "linear", "--allowed", "200"))
 
 
 @pytest.mark.parametrize(
-    "text", [GOOD, "\ufeff# mine\n\n" + GOOD.replace(",", ";"), GOOD.replace(",", "\t")]
+    "text",
+    [GOOD, "\ufeff# mine\n\n" + GOOD.replace(",", ";").replace(".", ","), GOOD.replace(",", "\t")],
 )
 def test_separators_comments_and_byte_order_marks_are_read(text: str, tmp_path: Path) -> None:
     file = tmp_path / "mine.csv"

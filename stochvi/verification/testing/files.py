@@ -75,8 +75,7 @@ class Sheet:
             return float(cell)
         except (TypeError, ValueError):
             got = repr(cell)[:MOST_BAD_WORDS]
-            comma = "; write decimals with a point" if "," in str(cell) else ""
-            raise self.wrong(row, f"column {name}: expected a number, got {got}{comma}") from None
+            raise self.wrong(row, f"column {name}: expected a number, got {got}") from None
 
     def wrong(self, row: int, sentence: str) -> ValueError:
         """An error that names the source and the row."""
@@ -226,6 +225,8 @@ def _texts(path: str | Path, separator: str, header: tuple[str, ...]) -> Sheet:
     if not kept:
         raise ValueError(f"{path} must hold a header and at least one row below it, got none")
     cells = list(csv.reader((line for _, line in kept), delimiter=separator))
+    if separator != ",":
+        cells = [[cell.replace(",", ".") for cell in row] for row in cells]  # decimal commas
     for (number, _), row in zip(kept, cells, strict=True):
         if len(row) != len(header):
             comma = "; write decimals with a point" if separator == "," else ""
@@ -286,8 +287,11 @@ def _statistics(sheet: Sheet, problem: Problem) -> dict[str, Estimate]:
         stated = str(entry["quantity"]).strip()
         name = plain_name(problem, stated)
         if name not in known:
+            root = name.replace("_mean_square", "_std")
+            remedy = f"; give its root, {root}" if root in known else ""
             raise sheet.wrong(
-                row, f"column quantity: expected one of {', '.join(known)}, got {stated!r}"
+                row,
+                f"column quantity: expected one of {', '.join(known)}, got {stated!r}{remedy}",
             )
         if name in found:
             raise sheet.wrong(row, f"column quantity: {stated} stands there twice")

@@ -64,6 +64,14 @@ UNITS = (
 )
 """Factors on the unit of length that have a known cause."""
 
+FACTORS = (
+    (2.0 * math.pi, "a factor of 2 pi (a frequency in Hz taken for one in rad/s?)"),
+    (0.5 / math.pi, "a factor of 2 pi (a frequency in rad/s taken for one in Hz?)"),
+    (2.0, "a factor of 2"),
+    (0.5, "a factor of 2"),
+)
+"""Factors on a single quantity that have a known cause."""
+
 STOPS = ("velocity_std", "impact_speed_rate", "impact_speed_square_rate")
 
 
@@ -124,9 +132,14 @@ def hints_of(measured: Sequence[Measured]) -> Iterator[str]:
     else:
         found = list(suspects_of([(each.problem, each.sample, each.truths) for each in sound]))
         found = found or list(_start(oscillators))
-        yield from found or [*_elastic_stops(oscillators), *_lossy_stops(oscillators)]
+        if found:
+            yield from found
+            return
+        yield from _elastic_stops(oscillators)
+        yield from _lossy_stops(oscillators)
     yield from _clearance(oscillators)
     yield from _counting(sound)
+    yield from _factors(sound)
 
 
 def _near(value: float, error: float, wanted: float) -> bool:
@@ -275,24 +288,22 @@ def _all_low(each: Measured, most: float) -> bool:
 
 
 def _counting(measured: Sequence[Measured]) -> Iterator[str]:
-    """A hint on impacts of which half, or twice as many, are counted."""
+    """A hint on impacts of which half, or twice as many, are counted in a right motion."""
     for each in measured:
-        for name in each.sample.names():
-            owner, quantity = split(name)
-            if quantity != "collision_rate" or name not in each.truths:
-                continue
-            rates = [owner + other for other in IMPACTS]
-            names = [rate for rate in rates if rate in each.sample.names() and rate in each.truths]
-            ratios = [each.ratio(rate) for rate in names]
-            others = [each.ratio(other) for other in _deviations(each)]
-            if any(abs(ratio - 1.0) > SURE * error for ratio, error in others):
-                continue
-            for factor, cause in (
-                (0.5, "only one of two stops is counted"),
-                (2.0, "every impact is counted twice"),
-            ):
-                if all(_near(ratio, error, factor) for ratio, error in ratios):
-                    yield f"{', '.join(names)} of {each.problem.name}: {cause}, or a time is wrong"
+        if any(abs(r - 1.0) > SURE * error for r, error in map(each.ratio, _deviations(each))):
+            continue
+        rates = [name for name in each.truths if split(name)[1] in IMPACTS]
+        for factor, cause in (
+            (0.5, "only one of two stops is counted"),
+            (2.0, "every impact is counted twice"),
+        ):
+            names = [
+                name
+                for name in rates
+                if name in each.sample.names() and _near(*each.ratio(name), factor)
+            ]
+            if names:
+                yield f"{', '.join(names)} of {each.problem.name}: {cause}, or a time is wrong"
 
 
 def _flight(measured: Sequence[Measured]) -> Iterator[str]:
@@ -305,7 +316,6 @@ def _flight(measured: Sequence[Measured]) -> Iterator[str]:
             lambda values, own=own: (values["velocity_std"] / own.speed_scale) ** 2  # type: ignore[misc]
         )
         if abs(ratio - 1.0) <= SURE * error:
-            yield from _frequency(each)
             continue
         hint = f"without stops E v^2 is {format_with_error(ratio, error)} times the truth"
         for telling, noise in NOISE_FACTORS:
@@ -325,20 +335,20 @@ def _flight(measured: Sequence[Measured]) -> Iterator[str]:
         return
 
 
-def _frequency(each: Measured) -> Iterator[str]:
-    """A hint on hertz taken for rad/s, which white noise shows in the displacement alone."""
-    if not each.has("displacement_std") or "displacement_std" not in each.truths:
-        return
-    ratio, error = each.ratio("displacement_std")
-    for factor, cause in (
-        (2.0 * math.pi, "a frequency in Hz taken for one in rad/s"),
-        (0.5 / math.pi, "a frequency in rad/s taken for one in Hz"),
-    ):
-        if _near(ratio, error, factor):
-            yield (
-                f"the displacement of {each.problem.name} is {format_with_error(ratio, error)} "
-                f"times the truth and the velocity is right: {cause}"
-            )
+def _factors(measured: Sequence[Measured]) -> Iterator[str]:
+    """Hints on quantities that are off by a factor of 2 or of 2 pi."""
+    for factor, cause in FACTORS:
+        names = [
+            f"{name} of {each.problem.name}"
+            for each in measured
+            for name in each.truths
+            if name in each.sample.names()
+            and (split(name)[1] not in IMPACTS or factor not in (2.0, 0.5))
+            and _near(*each.ratio(name), factor)
+        ]
+        if names:
+            are = "is" if len(names) == 1 else "are"
+            yield f"{', '.join(names)} {are} {factor:.3g} times the truth: {cause}"
 
 
 def _noise_or_damping(measured: Sequence[Measured], ratio: float) -> str:
