@@ -125,7 +125,7 @@ class Folder(click.Path):
         return super().convert(value, param, ctx)
 
 
-class Quantity(click.ParamType[float]):
+class Quantity(click.ParamType):  # type: ignore[type-arg]
     """A number with a unit of one quantity ("10h", "30 min", "0.5 m/s"); a plain one is in SI."""
 
     def __init__(self, quantity: str) -> None:

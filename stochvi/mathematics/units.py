@@ -15,6 +15,7 @@ motion as the acceleration -a.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from dataclasses import dataclass
@@ -53,12 +54,16 @@ UNITS: dict[str, dict[str, float]] = {
 DENSITIES = ("acceleration density", "force density")
 """Quantities that a one-sided density per hertz may be of."""
 
-WORDS = (
+PREFIXES = (
     "nano- = 1e-9 = n-",
     "micro- = 1e-6 = u- = µ- = μ-",
     "milli- = 1e-3 = m-",
     "centi- = 1e-2 = c-",
     "kilo- = 1e3 = k-",
+)
+"""Prefixes of units, as pint defines them."""
+
+WORDS = (
     "meter = [length] = m = metre",
     "second = [time] = s = sec = seconds",
     "kilogram = [mass] = kg",
@@ -76,6 +81,20 @@ WORDS = (
 """Units from which spellings are made: g is gravity, not gram, and an angle counts in cycles, so
 that a density per rad/s becomes one per hertz. Inch, foot and pound-force are exact by definition
 (international yard and pound agreement, 1959)."""
+
+
+def _names(definition: str) -> list[str]:
+    """The names in a definition "name = value = other name"."""
+    first, _, *others = (part.strip().rstrip("-") for part in definition.split(" = "))
+    return [first, *others]
+
+
+SPELLINGS = frozenset(
+    prefix + name
+    for name in itertools.chain(*map(_names, WORDS))
+    for prefix in ("", *itertools.chain(*map(_names, PREFIXES)))
+) | {"sqrt", "per"}
+"""Words of which a spelling may consist."""
 
 DIMENSIONS = {
     "meter ** 2 / second ** 3": "acceleration density",
@@ -143,9 +162,11 @@ def unit(spelling: str) -> Unit:
     (0.001, 'frequency', 0.1592)
     """
     text = spelling.strip()
+    usual = re.sub(r"\s*/\s*", "/", re.sub(r"\^|\*\*", "", text.replace("²", "2")))
+    usual = re.sub(r"\bhz\b", "Hz", usual, flags=re.I)
     for quantity, known in UNITS.items():
-        if text in known:
-            return Unit(text, known[text], quantity)
+        if usual in known:
+            return Unit(usual, known[usual], quantity)
     if len(text) > LONGEST_SPELLING:
         raise _unknown(spelling)
     if level := re.fullmatch(r"dB\b\s*(?:re\b\.?|ref\b\.?|rel\b\.?|//)?\s*:?\s*(.*)", text, re.I):
@@ -190,6 +211,8 @@ def _level(text: str, reference: str) -> Unit:
 
 def _parsed(text: str) -> tuple[float, str]:
     """Factor to SI units and quantity of a spelling, by pint."""
+    if not SPELLINGS.issuperset(re.findall(r"[A-Za-zµμ_]+", text)):
+        raise _unknown(text)
     for sign, digit in (("²", "2"), ("³", "3"), ("⁴", "4"), ("·", "*"), ("⋅", "*"), ("^", "**")):
         text = text.replace(sign, digit)
     text = re.sub(r"\bper\b", "/", text)
@@ -212,7 +235,7 @@ def _registry() -> pint.UnitRegistry[float]:
     import pint
 
     registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)
-    for word in WORDS:
+    for word in (*PREFIXES, *WORDS):
         registry.define(word)
     return registry
 

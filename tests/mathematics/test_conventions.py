@@ -8,11 +8,13 @@ import pytest
 from scipy.integrate import quad
 
 from stochvi.mathematics.units import (
+    DENSITIES,
     DENSITY_UNITS,
     STANDARD_GRAVITY,
     density_from_intensity,
     intensity_from_density,
     power_ratio,
+    unit,
 )
 from stochvi.model.model import model_of
 from stochvi.scenes.excitations import ConstantLoad, WhiteNoise
@@ -64,3 +66,49 @@ def test_an_acceleration_of_the_base_pushes_the_relative_motion_the_other_way():
     load = ConstantLoad(acceleration=9.80665)
     scene = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[load])
     assert model_of(scene).load == -9.80665
+
+
+@pytest.mark.parametrize(
+    ("spelling", "name", "factor"),
+    [
+        ("g^2/Hz", "g2/Hz", STANDARD_GRAVITY**2),
+        ("(m/s**2)**2 / hz", "(m/s2)2/Hz", 1.0),
+        ("G²/Hz", "g2/Hz", STANDARD_GRAVITY**2),
+        ("m2/s4/Hz", "(m/s2)2/Hz", 1.0),
+        ("m^2/s^3", "(m/s2)2/Hz", 1.0),
+        ("m² s^-4 / Hz", "(m/s2)2/Hz", 1.0),
+        ("kN^2/Hz", "kN^2/Hz", 1e6),
+        ("mg^2/Hz", "mg^2/Hz", 1e-6 * STANDARD_GRAVITY**2),
+        ("(in/s^2)^2/Hz", "(in/s^2)^2/Hz", 0.0254**2),
+        ("g2/(rad/s)", "g2/(rad/s)", 2.0 * math.pi * STANDARD_GRAVITY**2),
+    ],
+)
+def test_a_spelling_of_a_unit(spelling: str, name: str, factor: float) -> None:
+    found = unit(spelling)
+    assert found.name == name and found.factor == pytest.approx(factor, rel=1e-12)
+    assert found.quantity in DENSITIES
+
+
+@pytest.mark.parametrize(
+    "spelling",
+    ["V^2/Hz", "EU", "", "10", "g**999", "kg2/Hz/", "dB", "dB re 1 m", "Gg^2/Hz", "x" * 99],
+)
+def test_what_is_no_unit_is_answered_with_those_that_are(spelling: str) -> None:
+    with pytest.raises(ValueError, match=r"g2/Hz"):
+        unit(spelling)
+
+
+def test_usual_spellings_need_no_parser(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[str] = []
+    monkeypatch.setattr("stochvi.mathematics.units._registry", lambda: loaded.append("pint"))
+    unit.cache_clear()
+    for spelling in ("g^2/Hz", "(m/s**2)^2 / Hz", "g2/hz", "dB re 1 g²/Hz", "N2/Hz", "ms", "h"):
+        assert unit(spelling).factor > 0.0
+    for spelling in ("ASD run 1", "frequency", "run (third)", "Channel 4"):
+        with pytest.raises(ValueError, match="not a unit"):
+            unit(spelling)
+    assert not loaded
+    with pytest.raises(ValueError, match="not a unit"):
+        unit("g2/kHz")
+    assert loaded
+    unit.cache_clear()
