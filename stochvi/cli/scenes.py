@@ -37,7 +37,9 @@ lower = -0.004               # m from the position of the unloaded spring; leave
 upper = 0.004                # both sides alike: clearance = 0.004 instead of lower and upper
 law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
 # stops that give way (N/m): { kind = "elastic", stiffness = 1e5 },
-# { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 }, { kind = "hertz",
+# { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 } (or loss_factor = 0.4, or
+# restitution = 0.6 with at_speed = 0.5 (m/s); instead of stiffness a rubber pad: shore_a = 60.0,
+# area = 4e-4 (m^2) and thickness = 0.01 (m)), { kind = "hertz",
 # coefficient = 1e6 }, { kind = "table", deflection = [..], force = [..] } (m, N), or a measured
 # one: { kind = "table", file = "bumper.csv", unit = "mm,N" }
 # on = "absorber", or between = ["absorber", "box"] (first minus second)

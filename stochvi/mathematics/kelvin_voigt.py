@@ -51,6 +51,33 @@ def kelvin_voigt(stiffness: float, z: float, speed: float, mass: float) -> Impac
     )
 
 
+def damping_ratio_of(restitution: float) -> float:
+    """The damping ratio z at which a free mass leaves the stop with a restitution (B App. I).
+
+    The root of exp(-2 z arccos z / sqrt(1 - z^2)) = R, which falls from 1 at z = 0 to 0; it is the
+    same at every speed.
+
+    Parameters
+    ----------
+    restitution
+        R, in (0, 1].
+
+    Examples
+    --------
+    >>> round(damping_ratio_of(0.571740027585), 9), damping_ratio_of(1.0)
+    (0.2, 0.0)
+    """
+    from scipy.optimize import brentq
+
+    if not 0.0 < restitution <= 1.0:
+        raise ValueError(f"must be in (0, 1], got {restitution:g}")
+    if restitution == 1.0:
+        return 0.0
+    loss = -math.log(restitution)
+    highest = 1.0 + math.exp(loss / 2.0)  # from z = 1 on the left side is above 2 ln z
+    return float(brentq(lambda z: 2.0 * z * half_contact(z) - loss, 0.0, highest, xtol=1e-14))
+
+
 def identify_viscoelastic(contact_time: float, time_to_peak: float) -> tuple[float, float]:
     """Damping ratio and contact frequency (rad/s) of a stop from the record of one impact.
 

@@ -24,7 +24,7 @@ from stochvi.scenes.excitations import (
     WhiteNoise,
     check_unit,
 )
-from stochvi.scenes.impact_laws import Law, SpeedRestitution
+from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.text import read_text
 from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
@@ -381,6 +381,8 @@ class Scene(Checked):
                 "recovers at once"
             )
         laws = [law for pair in self.impact_pairs for _, law in pair.stops()]
+        sources = [law.source for law in laws if isinstance(law, Elastic | Viscoelastic)]
+        found += [f"stops: {source}" for source in dict.fromkeys(filter(None, sources))]
         if any(isinstance(law, SpeedRestitution) for law in laws):
             found.append("restitution depends on the speed of the impact alone")
         if any(isinstance(excitation, Sine) for excitation in self.excitations):

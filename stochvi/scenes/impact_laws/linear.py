@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
 
 from stochvi.mathematics.kelvin_voigt import Impact, half_contact, kelvin_voigt
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
+from stochvi.scenes.impact_laws.rubber import with_damping_ratio, with_stiffness
 from stochvi.scenes.validation import NonNegative, Positive
 
 Vector = NDArray[np.float64]
@@ -17,6 +19,14 @@ Vector = NDArray[np.float64]
 
 class Elastic(CompliantLaw):
     """A linear spring, force = stiffness * y.
+
+    Parameters
+    ----------
+    stiffness
+        K, N/m; or `shore_a`, `area` (m^2) and `thickness` (m) of a rubber pad, from which it comes
+        by Gent's relation.
+    source
+        Where the numbers come from; what was converted is added.
 
     Examples
     --------
@@ -31,6 +41,12 @@ class Elastic(CompliantLaw):
 
     kind: Literal["elastic"] = "elastic"
     stiffness: Positive
+    source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _converted(cls, keys: Any) -> Any:
+        return with_stiffness(keys) if isinstance(keys, dict) else keys
 
     def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
         return self.stiffness * inside(deflection)
@@ -74,9 +90,13 @@ class Viscoelastic(CompliantLaw):
     Parameters
     ----------
     stiffness
-        K, N/m.
+        K, N/m; or `shore_a`, `area` and `thickness`, as for `Elastic`.
     damping_ratio
         z, of any size. The restitution that a free mass sees is exp(-2 z arccos z / sqrt(1 - z^2)).
+        Or `loss_factor` = 2 z, that of the rubber at the frequency sqrt(K / M) of the contact; or
+        `restitution`, that of a free mass, measured `at_speed` (m/s).
+    source
+        Where the numbers come from; what was converted is added.
 
     Examples
     --------
@@ -90,6 +110,12 @@ class Viscoelastic(CompliantLaw):
     kind: Literal["viscoelastic"] = "viscoelastic"
     stiffness: Positive
     damping_ratio: NonNegative
+    source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _converted(cls, keys: Any) -> Any:
+        return with_damping_ratio(with_stiffness(keys)) if isinstance(keys, dict) else keys
 
     @property
     def conservative(self) -> bool:
