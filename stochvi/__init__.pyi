@@ -7,6 +7,7 @@ from .methods.closed_form import exact
 from .methods.fokker_planck import first_passage, fokker_planck, transient
 from .methods.linearisation import linearise
 from .methods.monte_carlo import simulate
+from .methods.replay import replay
 from .results.errors import Interrupted, NotApplicable, NotConverged, SceneError, StochviError
 from .results.estimates import Estimate
 from .results.response import Response
@@ -83,6 +84,7 @@ __all__ = [
     "load_scene",
     "methods",
     "reliability",
+    "replay",
     "results",
     "scenes",
     "screen",

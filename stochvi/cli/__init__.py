@@ -2,7 +2,7 @@
 
 # each module registers its commands, in the order of the help page
 from stochvi.cli import methods, statistics, verification  # isort: skip
-from stochvi.cli import isolators, absorbers, sweeps, demo, scenes  # isort: skip
+from stochvi.cli import isolators, replay, absorbers, sweeps, demo, scenes  # isort: skip
 from stochvi.cli.program import main
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "isolators",
     "main",
     "methods",
+    "replay",
     "scenes",
     "statistics",
     "sweeps",

@@ -1,4 +1,12 @@
-from . import averaging, closed_form, fokker_planck, linearisation, monte_carlo, periodic
+from . import (
+    averaging,
+    closed_form,
+    fokker_planck,
+    linearisation,
+    monte_carlo,
+    periodic,
+    replay,
+)
 
 __all__ = [
     "averaging",
@@ -7,4 +15,5 @@ __all__ = [
     "linearisation",
     "monte_carlo",
     "periodic",
+    "replay",
 ]

@@ -72,14 +72,11 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
         limit = "" if chance.limit is None else f" > {chance.limit:g} {LIMIT_UNITS[name]}"
         if name == "peak_acceleration" and limit_in_g:
             limit = f" > {limit_in_g.removesuffix('g').strip()} g"
-        unseen = estimate.value == 0.0
-        known = estimate.bias is not None and not unseen
+        known = estimate.bias is not None and estimate.value > 0.0
         crude = chance.crude_seconds
         table.add_row(
             f"{name.replace('_', ' ')}{limit}",
-            f"at most {chance.upper:.3g} ({100.0 * chance.confidence:g} %)"
-            if unseen
-            else chance_in_words(estimate.value, estimate.standard_error, chance.lower),
+            chance_in_words(estimate.value, estimate.standard_error, chance.lower),
             f"{chance.lower:.3g} to {chance.upper:.3g}",
             f"{(estimate.bias or 0.0) / estimate.value:.1g}" if known else "unknown",
             chance.way,
@@ -87,7 +84,7 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
             "" if crude is None else f"{crude:.2g}",
         )
     for name in found.missing:
-        if name != "expected_hits" and name not in found.chances:
+        if name != "expected_hits":
             table.add_row(name.replace("_", " "), "not found", "", "", "", "", "")
     print_table(console, table)
     if "expected_hits" in found.missing:

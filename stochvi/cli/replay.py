@@ -1,0 +1,49 @@
+"""Command of the replay: a measured record itself between the stops."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from stochvi.cli.options import Common, common, lengths
+from stochvi.cli.program import main
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--clearances", metavar="LIST",
+    help="Distances of the stops from the position of rest, with commas: 2mm,3mm (or in m) "
+    "[the stops of the scene].",
+)  # fmt: skip
+@common("threads", "json", "out", "quiet")
+def replay(options: Common, scene: str, clearances: str | None) -> None:
+    """A measured record itself through the mount and its stops: hits, speeds, x(t).
+
+    Example: stochvi replay box.toml --clearances 4mm,5mm,6mm --out out
+    """
+    from stochvi.methods.replay import replay as solve
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.files import write_table
+    from stochvi.views.replay import print_replay
+
+    loaded = load_scene(scene)
+    places = None if clearances is None else lengths("--clearances", clearances)
+    found = solve(loaded, places, threads=options.threads)
+
+    def picture() -> Axes:
+        from stochvi.views.replay import draw_replay
+
+        return draw_replay(found, loaded.title)
+
+    options.show(found, print_replay, "replay")
+    if options.out is not None:
+        write_table(found.impacts, options.out / "impacts.csv")
+        if found.histories is not None:
+            write_table(found.histories.to_frame(), options.out / "histories.csv")
+    if found.single is None or found.histories is not None:
+        options.draw("replay", picture)

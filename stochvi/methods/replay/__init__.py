@@ -1,0 +1,5 @@
+"""The motion under measured records themselves: deterministic, every impact located."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

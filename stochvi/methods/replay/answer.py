@@ -1,0 +1,274 @@
+"""What a measured record makes a structure between its stops do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.results.base import Result
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Quantities
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoordinateReplay(Quantities[Estimate | None]):
+    """The motion of one coordinate.
+
+    Parameters
+    ----------
+    displacement_max, displacement_min
+        Largest and smallest displacement, between samples too, m.
+    displacement_mean, displacement_std
+        Of the samples, m.
+    displacement_kurtosis
+        Fourth moment of the samples about their mean over the square of the second; 3 for a
+        Gaussian process. None where nothing moves.
+    acceleration_max
+        Largest size of the absolute acceleration, m/s^2; with rigid stops, between the impacts.
+    """
+
+    displacement_max: Estimate
+    displacement_min: Estimate
+    displacement_mean: Estimate
+    displacement_std: Estimate
+    displacement_kurtosis: Estimate | None
+    acceleration_max: Estimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairReplay(Quantities[Estimate | None]):
+    """The impacts of one impact pair.
+
+    Parameters
+    ----------
+    hits, hits_lower, hits_upper
+        Number of impacts: of stops that give way, of contacts that began. Bounces that accumulate
+        on a rigid stop are counted until the mass rests.
+    impact_speed_max, impact_speed_mean
+        m/s; None without a hit.
+    peak_force
+        Largest force of a contact, N; None of rigid stops.
+    contact_time
+        Time in contact, or at rest on a rigid stop, s.
+    rests
+        How often the mass came to rest on a rigid stop.
+    """
+
+    hits: Estimate
+    hits_lower: Estimate | None
+    hits_upper: Estimate | None
+    impact_speed_max: Estimate | None
+    impact_speed_mean: Estimate | None
+    peak_force: Estimate | None
+    contact_time: Estimate
+    rests: Estimate
+
+
+REPLAY_UNITS = {
+    "displacement_max": "m",
+    "displacement_min": "m",
+    "displacement_mean": "m",
+    "displacement_std": "m",
+    "displacement_kurtosis": "1",
+    "acceleration_max": "m/s^2",
+    "hits": "1",
+    "hits_lower": "1",
+    "hits_upper": "1",
+    "impact_speed_max": "m/s",
+    "impact_speed_mean": "m/s",
+    "peak_force": "N",
+    "contact_time": "s",
+    "rests": "1",
+}
+"""Units of every quantity of a replay."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Histories:
+    """Samples of a replay (SI units).
+
+    Parameters
+    ----------
+    time
+        s from the start of the record.
+    base_acceleration
+        m/s^2; zeros where the records are forces.
+    displacement, velocity, acceleration
+        Coordinate -> samples; accelerations are absolute.
+    force
+        "pair side" -> force of that stop on the mass, N, positive while it pushes; of a rigid stop,
+        while the mass rests on it.
+    """
+
+    time: Vector
+    base_acceleration: Vector
+    displacement: Mapping[str, Vector]
+    velocity: Mapping[str, Vector]
+    acceleration: Mapping[str, Vector]
+    force: Mapping[str, Vector]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A table with a row per sample; names of coordinates stand in front where there are
+        several."""
+        import pandas as pd
+
+        columns: dict[str, Vector] = {
+            "time": self.time,
+            "base_acceleration": self.base_acceleration,
+        }
+        several = len(self.displacement) > 1
+        for name in self.displacement:
+            before = f"{name}." if several else ""
+            for quantity in ("displacement", "velocity", "acceleration"):
+                columns[before + quantity] = getattr(self, quantity)[name]
+        columns |= {f"force_{name.replace(' ', '_')}": each for name, each in self.force.items()}
+        return pd.DataFrame(columns)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReplayAt:
+    """The replay between stops at one clearance.
+
+    Parameters
+    ----------
+    clearance
+        Distance of the stops from the rest position, m; None for the stops of the scene.
+    stops
+        "pair side" -> position of the stop, m from the unloaded spring.
+    coordinates, impact_pairs
+        The quantities by the names of coordinates and of impact pairs.
+    impacts
+        One row per impact: `time` (s), `pair`, `side`, `speed` (m/s), `peak_force` (N, 0 for rigid
+        stops).
+    histories
+        The samples; None where they would not fit into memory.
+    """
+
+    clearance: float | None
+    stops: Mapping[str, float]
+    coordinates: Mapping[str, CoordinateReplay]
+    impact_pairs: Mapping[str, PairReplay]
+    impacts: pd.DataFrame
+    histories: Histories | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document; histories and the list of impacts are tables of their own."""
+        from stochvi.results.base import plain
+
+        return {
+            "clearance": self.clearance,
+            "coordinates": plain(self.coordinates),
+            "impact_pairs": plain(self.impact_pairs),
+        }
+
+    def row(self) -> dict[str, float | None]:
+        """The quantities as a row of a table."""
+        found: dict[str, float | None] = {"clearance": self.clearance}
+        for group in (self.coordinates, self.impact_pairs):
+            for owner, quantities in group.items():
+                before = f"{owner}." if len(group) > 1 else ""
+                for name, each in quantities.items():
+                    found[before + name] = None if each is None else float(each)
+        return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Replay(Result):
+    """The records of a scene, passed through its structure and stops.
+
+    `replay.coordinates["x"].displacement_max` and `replay.impact_pairs["stops"].hits` are those of
+    a single clearance, or of the stops of the scene; over several clearances these two are empty,
+    and `clearances` holds the answer at each.
+
+    Parameters
+    ----------
+    clearances
+        The answers, in the order that was asked for.
+    duration
+        Time that was replayed, s.
+    assumptions
+        What was taken for granted, a sentence each.
+    """
+
+    clearances: tuple[ReplayAt, ...]
+    duration: float
+    assumptions: Sequence[str] = ()
+
+    @property
+    def single(self) -> ReplayAt | None:
+        """The answer where there is only one."""
+        return self.clearances[0] if len(self.clearances) == 1 else None
+
+    @property
+    def coordinates(self) -> Mapping[str, CoordinateReplay]:
+        """Quantities of the coordinates at the only clearance."""
+        return self.single.coordinates if self.single else {}
+
+    @property
+    def impact_pairs(self) -> Mapping[str, PairReplay]:
+        """Quantities of the impact pairs at the only clearance."""
+        return self.single.impact_pairs if self.single else {}
+
+    @property
+    def histories(self) -> Histories | None:
+        """The samples at the only clearance."""
+        return self.single.histories if self.single else None
+
+    @property
+    def impacts(self) -> pd.DataFrame:
+        """The impacts one by one, with the clearance at which each happened."""
+        import pandas as pd
+
+        tables = [each.impacts.assign(clearance=each.clearance) for each in self.clearances]
+        filled = [table for table in tables if len(table)]
+        return pd.concat(filled, ignore_index=True) if filled else tables[0]
+
+    def summary(self) -> str:
+        """What happened, in a sentence."""
+        if self.single is None:
+            return (
+                f"replay of {self.duration:.4g} s of record between stops at "
+                f"{len(self.clearances)} clearances"
+            )
+        moved = [
+            f"{name} from {1e3 * float(each.displacement_min):.4g} to "
+            f"{1e3 * float(each.displacement_max):.4g} mm"
+            for name, each in self.coordinates.items()
+        ]
+        hit = [
+            f"{float(each.hits):.0f} hits on {name}"
+            + (
+                f", up to {float(each.impact_speed_max):.4g} m/s"
+                if each.impact_speed_max is not None
+                else ""
+            )
+            for name, each in self.impact_pairs.items()
+        ]
+        return f"replay of {self.duration:.4g} s of record: {'; '.join([*moved, *hit])}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row per clearance, a column per quantity (SI units)."""
+        import pandas as pd
+
+        return pd.DataFrame([each.row() for each in self.clearances])
+
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        single = self.single
+        top = {} if single is None else single.to_dict()
+        return {
+            "method": "replay",
+            "coordinates": top.get("coordinates", {}),
+            "impact_pairs": top.get("impact_pairs", {}),
+            **found,
+        }

@@ -1,0 +1,651 @@
+"""The march of a structure through samples of what shakes it, with its stops, by power series.
+
+In modal coordinates with unit masses, under forces f that are linear in time between samples,
+
+    q'' + D q' + W q = f(t) - sum over stops of side F w,    d = side (phi . q - place),
+
+w = phi / (phi . phi), so that F is the force of a stop per reduced mass. While no stop changes its
+state, the coefficients of q = sum of q_k t^k follow from each other, whatever the number of modes:
+the motion is exact but for rounding. Steps are short against the fastest motion, so that every
+condition for a change of state (a stop is met, is left, ...) is a series with few turns, whose
+first root is found.
+
+States of a stop, FREE (d < 0) or
+    rigid       0: at rest on the stop, phi . q'' = 0, while the stop has to push
+    pieces      k: F = force_k + slope_k (d - start_k), in piece k of the table
+    damped      0: F = K d + c d' > 0;  1: no force, until d = 0 or F > 0 again
+    Hertz       0: no force, d below a depth that holds no energy;  1: F = k d^(3/2)
+
+Symbols: n modes, m stops, c coordinates.
+"""
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+ROUNDING = 2.0**-52
+"""Relative spacing of floating-point numbers at 1."""
+
+MOST_STEPS = 120
+"""Largest number of steps to a root: each halves the bracket at least every second time."""
+
+
+RIGID, PIECES, DAMPED, HERTZ = range(4)
+"""Kinds of stops."""
+
+FREE = -1
+"""State of a stop that is not touched."""
+
+ANGLE = 0.5
+"""Longest step times the fastest rate of the motion, rad: series converge in 15 terms, and no
+condition bends twice within a step."""
+
+MOST_TERMS = 26
+"""Highest power of a series, that of a Hertz contact, whose series converge like 1 / 4^k."""
+
+APPROACH = 0.25
+"""Longest step in a Hertz contact, in units of the time to its singular touch."""
+
+SHALLOW = 1e-5
+"""Depth of a Hertz contact, relative to its largest, below which the force is left out: the energy
+there is SHALLOW^(5/2) = 3e-13 of the whole."""
+
+MOST_PASSES = 64
+"""Largest number of passes over stops that pass an impact on to each other before they rest."""
+
+MOST_CHANGES = 1_000_000
+"""Largest number of changes of the state of stops within one sampling interval."""
+
+TIME, STOP, SPEED, PEAK = range(4)
+"""Columns of the log of impacts: time (s), number of the stop, speed (m/s), and the largest force
+of the contact per reduced mass (N/kg), 0 for a rigid stop."""
+
+HIGHEST, LOWEST, ACCELERATION = range(3)
+"""Columns of the extremes of a coordinate: largest and smallest displacement (m), largest size of
+the absolute acceleration (m/s^2)."""
+
+CONTACT, RESTS = range(2)
+"""Columns of the tally of a stop: time in contact (s), and how often the mass came to rest on it
+(rigid stops)."""
+
+DONE, TOO_MANY = range(2)
+"""Status: the march came to its end; it met more impacts than it may."""
+
+
+class Structure(NamedTuple):
+    """omega^2 (n,), the modal damping matrix (n, n), and the displacements = shapes q (c, n)."""
+
+    squares: np.ndarray
+    damping: np.ndarray
+    shapes: np.ndarray
+
+
+class Stops(NamedTuple):
+    """Of m stops: phi (m, n), phi . phi (m,), side, place (m), kind, and the numbers of the law per
+    reduced mass (m, rows, 3): rigid (R), pieces (start, force, slope) with unused rows that start
+    at infinity, damped (K, c), Hertz (k)."""
+
+    gaps: np.ndarray
+    levers: np.ndarray
+    sides: np.ndarray
+    places: np.ndarray
+    kinds: np.ndarray
+    laws: np.ndarray
+
+
+class Series(NamedTuple):
+    """Coefficients by power: modal displacements and accelerations (powers, n), and of the stops
+    the deflections and forces (m, powers); of a Hertz stop d^(3/2) stands for the force."""
+
+    x: np.ndarray
+    a: np.ndarray
+    d: np.ndarray
+    f: np.ndarray
+
+
+# Power series over a short time: row 0 of an array p holds the coefficients, p(t) = sum of
+# p[0, k] t^k for k <= last, rows 1 to 3 those of its derivatives.
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def value_of(p, order, last, t):
+    """A derivative (order 0: the value) of a series at t."""
+    total = 0.0
+    for k in range(last - order, -1, -1):
+        total = total * t + p[order, k]
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def differentiate(p, last):
+    """Write the coefficients of the derivatives below those of the series."""
+    for order in range(1, 4):
+        for k in range(last - order + 1):
+            p[order, k] = (k + 1) * p[order - 1, k + 1]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def reach_of(p, first, last, span):
+    """A bound of |p(t) / t^first - p[0, first]| for t in [0, span]."""
+    reach, power = 0.0, 1.0
+    for k in range(first + 1, last + 1):
+        power *= span
+        reach += abs(p[0, k]) * power
+    return reach
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def root_between(p, order, last, low, high):
+    """Time in (low, high) at which a derivative changes its sign, by Newton within a bracket.
+
+    The derivative has a different sign at the two ends, or is 0 at the first.
+    """
+    rising = value_of(p, order, last, high) > 0.0
+    t = 0.5 * (low + high)
+    for _ in range(MOST_STEPS):
+        value = value_of(p, order, last, t)
+        if (value > 0.0) == rising:
+            high = t
+        else:
+            low = t
+        slope = value_of(p, order + 1, last, t)
+        following = t - value / slope if slope != 0.0 else low
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        moved = abs(following - t)
+        t = following
+        if moved <= ROUNDING * t or high - low <= ROUNDING * high:
+            break
+    return t
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def turning_times(p, last, span, found):
+    """Write the zeros of p' in (0, span), and then `span`, into `found`; returns how many.
+
+    p'' may change its sign once: `span` is short against the motion. Derivatives are known.
+    """
+    count, low = 0, 0.0
+    bend = -1.0
+    if value_of(p, 2, last, 0.0) * value_of(p, 2, last, span) < 0.0:
+        bend = root_between(p, 2, last, 0.0, span)
+    for high in (bend, span):
+        if high > low:
+            if value_of(p, 1, last, low) * value_of(p, 1, last, high) < 0.0:
+                found[count] = root_between(p, 1, last, low, high)
+                count += 1
+            low = high
+    found[count] = span
+    return count + 1
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def first_rise(p, first, last, span, found):
+    """First time in [0, span] at which the series rises through 0; -1 where it does not.
+
+    `first` zeros at t = 0 are known (a mass that has just left its stop) and divided out, so that
+    rounding cannot find them again. A series that begins above 0 and falls has just passed 0.
+    """
+    if p[0, first] >= 0.0:
+        if p[0, first + 1] > 0.0:
+            return 0.0
+        first += 1
+    if p[0, first] + reach_of(p, first, last, span) <= 0.0:
+        return -1.0
+    for k in range(first, last + 1):
+        p[0, k - first] = p[0, k]
+    last -= first
+    differentiate(p, last)
+    low = 0.0
+    for number in range(turning_times(p, last, span, found)):
+        high = found[number]
+        if value_of(p, 0, last, high) > 0.0:
+            return root_between(p, 0, last, low, high)
+        low = high
+    return -1.0
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def widened(p, last, span, found, low, high):
+    """The interval [low, high], widened by the values of the series over [0, span]."""
+    reach = reach_of(p, 0, last, span)
+    if p[0, 0] + reach <= high and p[0, 0] - reach >= low:
+        return low, high
+    differentiate(p, last)
+    low, high = min(low, p[0, 0]), max(high, p[0, 0])
+    for number in range(turning_times(p, last, span, found)):
+        value = value_of(p, 0, last, found[number])
+        low, high = min(low, value), max(high, value)
+    return low, high
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def terms_for(angle):
+    """Highest power that a series of exp(angle) needs for its last digit, 5 at least."""
+    term, k = 1.0, 0
+    while term > 0.1 * ROUNDING or k < 5:
+        k += 1
+        term *= angle / k
+    return k
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def three_halves(d, p, k):
+    """Coefficient k of p = d^(3/2), from d[0..k] and p[0..k-1]; d[0] > 0."""
+    if k == 0:
+        return d[0] * math.sqrt(d[0])
+    total = 0.0
+    for j in range(1, k + 1):
+        total += (2.5 * j - k) * d[j] * p[k - j]
+    return total / (k * d[0])
+
+
+# The motion.
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def dot(a, b):
+    """Sum of the products of two rows."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def longest_step(left, slowest, stops, state, depth, d, speed):
+    """Length of the next step, at most `left`, and the highest power that its series need."""
+    stiff, loss, hertz = 0.0, 0.0, False
+    for s in range(len(state)):
+        if state[s] == FREE or stops.kinds[s] == RIGID:
+            continue
+        if stops.kinds[s] == PIECES:
+            stiff += stops.laws[s, state[s], 2]
+        elif stops.kinds[s] == DAMPED:
+            stiff += stops.laws[s, 0, 0]
+            loss += stops.laws[s, 0, 1]
+        elif state[s] == 1:
+            hertz = True
+            deep = max(d[s, 0], depth[s])
+            stiff += 1.5 * stops.laws[s, 0, 0] * math.sqrt(2.0 * deep)
+            if speed[s] != 0.0:
+                left = min(left, APPROACH * deep / abs(speed[s]))
+    rate = slowest + math.sqrt(stiff) + loss
+    span = min(left, ANGLE / rate) if rate > 0.0 else left
+    return span, (MOST_TERMS if hertz else terms_for(span * rate))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def hold(power, state, stops, series):
+    """Take from the accelerations what the rigid stops do not let pass on which the mass rests."""
+    held = np.empty(len(state), np.int64)
+    count = 0
+    for s in range(len(state)):
+        if stops.kinds[s] == RIGID and state[s] == 0:
+            held[count] = s
+            count += 1
+    # reactions on directions that are made orthogonal, then on those of the stops themselves
+    a = series.a[power]
+    n = len(a)
+    rows, sizes = np.empty((count, n)), np.empty(count)
+    mixed, found = np.zeros((count, count)), np.empty(count)
+    for row in range(count):
+        for i in range(n):
+            rows[row, i] = stops.gaps[held[row], i]
+        for other in range(row):
+            mixed[row, other] = dot(rows[row], rows[other]) / sizes[other]
+            for i in range(n):
+                rows[row, i] -= mixed[row, other] * rows[other, i]
+        sizes[row] = dot(rows[row], rows[row])
+        found[row] = dot(rows[row], a) / sizes[row]
+        for i in range(n):
+            a[i] -= found[row] * rows[row, i]
+    for row in range(count - 1, -1, -1):
+        for later in range(row + 1, count):
+            found[row] -= mixed[later, row] * found[later]
+        s = held[row]
+        series.f[s, power] = stops.sides[s] * found[row] * stops.levers[s]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def expand(last, force, slope, structure, stops, state, resting, series):
+    """Coefficients up to `last` (accelerations) from q, q', d and d' in those of powers 0 and 1."""
+    n, m = series.x.shape[1], len(state)
+    for power in range(last + 1):
+        a = series.a[power]
+        for i in range(n):
+            total = force[i] if power == 0 else slope[i] if power == 1 else 0.0
+            total -= structure.squares[i] * series.x[power, i]
+            for j in range(n):
+                total -= structure.damping[i, j] * (power + 1) * series.x[power + 1, j]
+            a[i] = total
+        for s in range(m):
+            kind, law, f = stops.kinds[s], stops.laws[s], 0.0
+            if state[s] != FREE and kind != RIGID:
+                if kind == PIECES:
+                    start, push, stiffness = law[state[s]]
+                    f = stiffness * series.d[s, power]
+                    if power == 0:
+                        f += push - stiffness * start
+                elif kind == DAMPED:
+                    f = law[0, 0] * series.d[s, power]
+                    f += law[0, 1] * (power + 1) * series.d[s, power + 1]
+                elif state[s] == 1:
+                    f = three_halves(series.d[s], series.f[s], power)
+            series.f[s, power] = f
+            if kind == HERTZ:
+                f *= law[0, 0]
+            if f != 0.0 and not (kind == DAMPED and state[s] == 1):
+                for i in range(n):
+                    a[i] -= stops.sides[s] * f * stops.gaps[s, i] / stops.levers[s]
+        if resting:
+            hold(power, state, stops, series)
+        for i in range(n):
+            series.x[power + 2, i] = a[i] / ((power + 1) * (power + 2))
+        for s in range(m):
+            d = 0.0
+            for i in range(n):
+                d += stops.gaps[s, i] * series.x[power + 2, i]
+            series.d[s, power + 2] = stops.sides[s] * d
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def next_change(span, last, stops, state, zeros, depth, series, p, found):
+    """Time, stop and way (0: back, towards free; 1: on, further in) of the first change of state
+    within a step; a time of -1 where there is none."""
+    when, which, way = -1.0, -1, 0
+    for s in range(len(state)):
+        kind, d, f = stops.kinds[s], series.d[s], series.f[s]
+        for direction in range(2):
+            offset = 0.0
+            if direction == 1:
+                if state[s] == FREE:
+                    sign, source = 1.0, d
+                elif kind == PIECES and state[s] + 1 < stops.laws.shape[1]:
+                    sign, source = 1.0, d
+                    offset = -stops.laws[s, state[s] + 1, 0]
+                elif kind == DAMPED and state[s] == 1:
+                    sign, source = 1.0, f
+                elif kind == HERTZ and state[s] == 0:
+                    sign, source = 1.0, d
+                    offset = -depth[s]
+                else:
+                    continue
+            elif state[s] == FREE:
+                continue
+            elif kind == RIGID or (kind == DAMPED and state[s] == 0):
+                sign, source = -1.0, f
+            else:
+                sign, source = -1.0, d
+                if kind == PIECES:
+                    offset = stops.laws[s, state[s], 0]
+                elif kind == HERTZ and state[s] == 1:
+                    offset = depth[s]
+            for k in range(last + 1):
+                p[0, k] = sign * source[k]
+            p[0, 0] += offset
+            if kind == RIGID and state[s] == 0 and p[0, 0] > 0.0:
+                time = 0.0
+            else:
+                time = first_rise(p, zeros[s, direction], last, span, found)
+            if time >= 0.0 and (when < 0.0 or time < when):
+                when, which, way = time, s, direction
+    return when, which, way
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def strike(s, structure, stops, state, zeros, tally, force, tick, q, v):
+    """An impact on rigid stop s, and on those at which it throws a mass that rested on them."""
+    moved = True
+    for attempt in range(MOST_PASSES):
+        for r in range(len(state)):
+            if stops.kinds[r] != RIGID or not (r == s or state[r] == 0):
+                continue
+            speed = stops.sides[r] * dot(stops.gaps[r], v)
+            if r != s and speed <= 0.0:
+                if speed < 0.0:  # pulled off by the impact on another stop
+                    state[r] = FREE
+                    zeros[r, 1] = 1
+                continue
+            if r == s and attempt > 0 and speed <= 0.0:
+                continue
+            restitution = stops.laws[r, 0, 0]
+            speed = max(speed, 0.0)
+            rebound = restitution * speed
+            for i in range(len(q)):
+                v[i] -= stops.sides[r] * (speed + rebound) / stops.levers[r] * stops.gaps[r, i]
+            push = 0.0
+            for i in range(len(q)):
+                a = force[i] - structure.squares[i] * q[i] - dot(structure.damping[i], v)
+                push += stops.sides[r] * stops.gaps[r, i] * a
+            ends = push > 0.0 and 2.0 * rebound <= tick * push * (1.0 - restitution)
+            rests = ends or (rebound == 0.0 and push >= 0.0) or attempt == MOST_PASSES - 1
+            if rests:
+                tally[r, RESTS] += 1.0 if state[r] != 0 else 0.0
+                for i in range(len(q)):
+                    v[i] += stops.sides[r] * rebound / stops.levers[r] * stops.gaps[r, i]
+            state[r] = 0 if rests else FREE
+            zeros[r, 0] = 0
+            zeros[r, 1] = 1 if rebound > 0.0 else 2
+            moved = True
+        if not moved:
+            break
+        moved = False
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def add_step(last, span, base, base_rate, structure, stops, state, entry, series, extremes, tally,
+             log, p, found):  # fmt: skip
+    """Add a step to the extremes of the coordinates, to times in contact and to peak forces."""
+    for j in range(len(extremes)):
+        for power in range(last + 1):
+            p[0, power] = dot(structure.shapes[j], series.a[power])
+        p[0, 0] += base
+        p[0, 1] += base_rate
+        known = extremes[j, ACCELERATION]
+        low, high = widened(p, last, span, found, -known, known)
+        extremes[j, ACCELERATION] = max(-low, high)
+        for power in range(last + 1):
+            p[0, power] = dot(structure.shapes[j], series.x[power])
+        extremes[j, LOWEST], extremes[j, HIGHEST] = widened(
+            p, last, span, found, extremes[j, LOWEST], extremes[j, HIGHEST]
+        )
+    for s in range(len(state)):
+        if state[s] == FREE:
+            continue
+        tally[s, CONTACT] += span
+        silent = stops.kinds[s] == RIGID or (stops.kinds[s] == DAMPED and state[s] == 1)
+        if not silent and entry[s] >= 0:
+            factor = stops.laws[s, 0, 0] if stops.kinds[s] == HERTZ else 1.0
+            for power in range(last + 1):
+                p[0, power] = factor * series.f[s, power]
+            log[entry[s], PEAK] = widened(p, last, span, found, 0.0, log[entry[s], PEAK])[1]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def march(step, forces, base, structure, stops, start, tick, most_impacts, keep):
+    """March from rest through the samples.
+
+    Parameters
+    ----------
+    step
+        Sampling interval, s.
+    forces
+        (samples, n), modal forces, constant loads included.
+    base
+        (samples,), what is added to the accelerations of the coordinates, m/s^2: the acceleration
+        of the base where displacements are relative to it, else 0.
+    structure, stops
+        What moves, and what it can hit.
+    start
+        (n,), modal displacements at the start.
+    tick
+        A mass whose bounces on a rigid stop would end within this time (s) rests on it.
+    most_impacts
+        Number of impacts at which the march is given up.
+    keep
+        Whether displacements, velocities, absolute accelerations and forces of samples are kept.
+
+    Returns
+    -------
+    tuple
+        Status; displacements, velocities and accelerations (samples, c) and forces of the stops per
+        reduced mass (samples, m), empty unless kept; sums of the powers 1 to 4 of the displacements
+        (c, 4), extremes (c, 3), tallies (m, 2), log of impacts (impacts, 4).
+    """
+    samples, n = forces.shape
+    m, c = len(stops.sides), len(structure.shapes)
+    rows = samples if keep else 0
+    displacements, velocities = np.empty((rows, c)), np.empty((rows, c))
+    accelerations, pushes = np.empty((rows, c)), np.zeros((rows, m))
+    sums, extremes, tally = np.zeros((c, 4)), np.zeros((c, 3)), np.zeros((m, 2))
+    log, logged = np.empty((64, 4)), 0
+    q, v = start.copy(), np.zeros(n)
+    state, zeros = np.full(m, FREE, np.int64), np.zeros((m, 2), np.int64)
+    depth, entry, speed = np.zeros(m), np.full(m, -1, np.int64), np.zeros(m)
+    powers = MOST_TERMS + 4
+    series = Series(
+        np.zeros((powers, n)), np.zeros((powers, n)), np.zeros((m, powers)), np.zeros((m, powers))
+    )
+    p, found = np.zeros((4, powers)), np.zeros(4)
+    force, slope = np.zeros(n), np.zeros(n)
+    slowest = 0.0
+    for i in range(n):
+        slowest = max(
+            slowest, math.sqrt(structure.squares[i]) + np.sum(np.abs(structure.damping[i]))
+        )
+
+    # a mass that starts on a stop, or beyond one, touches it from the start
+    for s in range(m):
+        d = stops.sides[s] * (dot(stops.gaps[s], q) - stops.places[s])
+        if d < 0.0:
+            continue
+        if stops.kinds[s] == RIGID:
+            strike(s, structure, stops, state, zeros, tally, forces[0], tick, q, v)
+        elif stops.kinds[s] == PIECES:
+            state[s] = 0
+            while state[s] + 1 < stops.laws.shape[1] and d >= stops.laws[s, state[s] + 1, 0]:
+                state[s] += 1
+        elif stops.kinds[s] == HERTZ:
+            state[s] = 1
+            depth[s] = SHALLOW * d
+        else:
+            state[s] = 0
+
+    for j in range(c):
+        extremes[j, HIGHEST] = extremes[j, LOWEST] = dot(structure.shapes[j], q)
+    for k in range(samples):
+        following = min(k + 1, samples - 1)
+        for i in range(n):
+            slope[i] = (forces[following, i] - forces[k, i]) / step
+        passed, changes, fresh = 0.0, 0, True
+        while passed < step:
+            for i in range(n):
+                series.x[0, i], series.x[1, i] = q[i], v[i]
+                force[i] = forces[k, i] + passed * slope[i]
+            resting = False
+            for s in range(m):
+                place, rate = 0.0, 0.0
+                for i in range(n):
+                    place += stops.gaps[s, i] * q[i]
+                    rate += stops.gaps[s, i] * v[i]
+                series.d[s, 0] = stops.sides[s] * (place - stops.places[s])
+                series.d[s, 1] = speed[s] = stops.sides[s] * rate
+                resting = resting or (stops.kinds[s] == RIGID and state[s] == 0)
+                if stops.kinds[s] == HERTZ and state[s] == 1:
+                    series.d[s, 0] = max(series.d[s, 0], depth[s])
+            left = step - passed
+            span, last = longest_step(left, slowest, stops, state, depth, series.d, speed)
+            expand(last, force, slope, structure, stops, state, resting, series)
+            base_rate = (base[following] - base[k]) / step
+            if fresh:
+                fresh = False
+                for j in range(c):
+                    x, power = 0.0, 1.0
+                    for i in range(n):
+                        x += structure.shapes[j, i] * q[i]
+                    for order in range(4):
+                        power *= x
+                        sums[j, order] += power
+                    if keep:
+                        displacements[k, j] = x
+                        velocities[k, j] = dot(structure.shapes[j], v)
+                        accelerations[k, j] = base[k] + dot(structure.shapes[j], series.a[0])
+                if keep:
+                    for s in range(m):
+                        if not (stops.kinds[s] == DAMPED and state[s] == 1):
+                            factor = stops.laws[s, 0, 0] if stops.kinds[s] == HERTZ else 1.0
+                            pushes[k, s] = factor * series.f[s, 0]
+            if k == samples - 1:
+                break
+
+            when, which, way = next_change(span, last, stops, state, zeros, depth, series, p, found)
+            taken = span if when < 0.0 else when
+
+            add_step(last, taken, base[k] + passed * base_rate, base_rate, structure, stops, state,
+                     entry, series, extremes, tally, log, p, found)  # fmt: skip
+
+            # the end of the step
+            for i in range(n):
+                position, velocity = 0.0, 0.0
+                for power in range(last + 2, 0, -1):
+                    position = (position + series.x[power, i]) * taken
+                    velocity = velocity * taken + power * series.x[power, i]
+                q[i], v[i] = series.x[0, i] + position, velocity
+            if taken > 0.0:
+                zeros[:] = 0
+            passed = step if taken == left else passed + taken
+            if when < 0.0:
+                continue
+            changes += 1
+            s = which
+            zeros[s, 0] = zeros[s, 1] = 0
+            kind = stops.kinds[s]
+            for i in range(n):
+                force[i] = forces[k, i] + passed * slope[i]
+            if state[s] == FREE:
+                rate = stops.sides[s] * dot(stops.gaps[s], v)
+                if logged == len(log):
+                    longer = np.empty((2 * logged, 4))
+                    longer[:logged] = log
+                    log = longer
+                log[logged, TIME] = k * step + passed
+                log[logged, STOP], log[logged, SPEED], log[logged, PEAK] = s, rate, 0.0
+                entry[s] = logged
+                logged += 1
+                if kind == RIGID:
+                    # the mass is on the stop, without the rounding of the time of the impact
+                    off = dot(stops.gaps[s], q) - stops.places[s]
+                    for i in range(n):
+                        q[i] -= off * stops.gaps[s, i] / stops.levers[s]
+                    strike(s, structure, stops, state, zeros, tally, force, tick, q, v)
+                else:
+                    state[s] = 0
+                    if kind != DAMPED:
+                        zeros[s, 0] = 1
+                    if kind == HERTZ:
+                        push = abs(dot(stops.gaps[s], series.a[0]))
+                        k_hertz = stops.laws[s, 0, 0]
+                        deepest = max(
+                            (1.25 * rate**2 / k_hertz) ** 0.4, (push / k_hertz) ** (2.0 / 3.0)
+                        )
+                        depth[s] = SHALLOW * deepest
+            elif kind == RIGID:
+                state[s] = FREE
+                zeros[s, 1] = 2
+            elif way == 1:
+                state[s] += 1 if kind != DAMPED else -1
+                zeros[s, 0] = 1
+            elif kind == DAMPED and state[s] == 0:
+                state[s] = 1
+                zeros[s, 1] = 1
+            else:
+                state[s] = FREE if kind == DAMPED else state[s] - 1
+                zeros[s, 1] = 1
+            if logged > most_impacts or changes > MOST_CHANGES:
+                return (TOO_MANY, displacements, velocities, accelerations, pushes, sums, extremes,
+                        tally, log[:logged])  # fmt: skip
+    return (DONE, displacements, velocities, accelerations, pushes, sums, extremes, tally,
+            log[:logged])  # fmt: skip

@@ -1,0 +1,199 @@
+"""Base motion as samples in, histories out: the march of a model through what shakes it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.methods.replay import kernel
+from stochvi.model.model import Model, Pair, Stop
+from stochvi.results.errors import NotConverged
+from stochvi.scenes.impact_laws import CompliantLaw
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+KINDS = {
+    "rigid": kernel.RIGID,
+    "pieces": kernel.PIECES,
+    "damped": kernel.DAMPED,
+    "hertz": kernel.HERTZ,
+}
+"""Kinds of stops of the kernel, by the forms of impact laws."""
+
+REST_ANGLE = 1e-6
+"""A mass rests on a rigid stop from where its bounces would end within this angle of the fastest
+motion of the structure, rad: what they would still move is 1e-12 of a displacement."""
+
+MOST_IMPACTS = 10_000_000
+"""Number of impacts at which a march is given up: a log of them takes 320 MB."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shaking:
+    """What shakes a structure, sampled evenly; linear between samples.
+
+    Parameters
+    ----------
+    step
+        Sampling interval, s.
+    forces
+        Forces on the coordinates (samples, coordinates), N, without constant loads. A base that
+        accelerates with a brings -a times the masses.
+    base
+        Acceleration of the base (samples,), m/s^2; zeros where nothing moves it.
+    """
+
+    step: float
+    forces: Matrix
+    base: Vector
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """What a structure did from rest on (SI units).
+
+    Parameters
+    ----------
+    samples, duration
+        Number of samples and their time, s.
+    displacement, velocity, acceleration
+        At the samples (samples, coordinates), accelerations absolute; empty unless kept.
+    force
+        Of the stops (samples, stops), N; empty unless kept.
+    powers
+        Sums over the samples of the displacements to the powers 1 to 4 (coordinates, 4).
+    highest, lowest, largest_acceleration
+        Of each coordinate, between samples too.
+    impacts
+        (impacts, 4): time, number of the stop, speed, largest force of the contact (N; 0 for a
+        rigid stop).
+    contact_time, rests
+        Of each stop: seconds in contact, and how often a mass came to rest on it (rigid stops).
+    """
+
+    samples: int
+    duration: float
+    displacement: Matrix
+    velocity: Matrix
+    acceleration: Matrix
+    force: Matrix
+    powers: Matrix
+    highest: Vector
+    lowest: Vector
+    largest_acceleration: Vector
+    impacts: Matrix
+    contact_time: Vector
+    rests: Vector
+
+
+def march(model: Model, shaking: Shaking, start: Vector, *, keep: bool = True) -> Motion:
+    """Move a model from rest at `start` (m, of the coordinates) through what shakes it.
+
+    Linear motion and contact are integrated by power series to rounding error, for forces that are
+    linear between samples; impacts and changes of contact are located as roots of these series.
+
+    Raises
+    ------
+    NotConverged
+        Where more than `MOST_IMPACTS` impacts were met.
+    """
+    modes = model.modal
+    forces = (shaking.forces + model.constant_force) @ modes.shapes
+    stops = _stops(model)
+    tick = REST_ANGLE / (modes.fastest or 1.0 / shaking.step)
+    # displacements = shapes q with shapes' M shapes = 1
+    begin = modes.shapes.T @ model.mass @ start
+    status, x, v, a, push, powers, extremes, tally, log = kernel.march(
+        shaking.step, np.ascontiguousarray(forces), np.ascontiguousarray(shaking.base),
+        kernel.Structure(
+            modes.squares.astype(float), np.ascontiguousarray(modes.damping),
+            np.ascontiguousarray(modes.shapes),
+        ),
+        stops, begin, tick, MOST_IMPACTS, keep,
+    )  # fmt: skip
+    if status == kernel.TOO_MANY:
+        raise NotConverged(
+            f"the record was left after {MOST_IMPACTS} impacts: the stops are too close to rattle "
+            "in a countable way; give a larger clearance or a smaller restitution"
+        )
+    masses = np.array([pair.mass for pair in model.pairs for _ in pair.stops])
+    log = log.copy()
+    log[:, kernel.PEAK] *= masses[log[:, kernel.STOP].astype(int)] if len(log) else 1.0
+    return Motion(
+        samples=len(forces),
+        duration=shaking.step * (len(forces) - 1),
+        displacement=x,
+        velocity=v,
+        acceleration=a,
+        force=push * masses,
+        powers=powers,
+        highest=extremes[:, kernel.HIGHEST],
+        lowest=extremes[:, kernel.LOWEST],
+        largest_acceleration=extremes[:, kernel.ACCELERATION],
+        impacts=log,
+        contact_time=tally[:, kernel.CONTACT],
+        rests=tally[:, kernel.RESTS],
+    )
+
+
+def rest_of(model: Model) -> Vector:
+    """Displacements (m) at which the structure is at rest under its constant loads, on a stop if
+    one is in the way of a single coordinate."""
+    rest = model.modal.shapes @ model.modal.rest
+    if len(model.coordinates) > 1 or not model.pairs:
+        return rest
+    for stop in model.stops:
+        if stop.deflection(rest[0]) <= 0.0:
+            continue
+        if stop.rigid:
+            return np.array([stop.position])
+        return np.array([_pressed(model, stop, float(rest[0]))])
+    return rest
+
+
+def _pressed(model: Model, stop: Stop, rest: float) -> float:
+    """Where spring, load and a stop that gives way balance, m."""
+    from scipy.optimize import brentq
+
+    law, stiffness = stop.law, float(model.stiffness[0, 0])
+    assert isinstance(law, CompliantLaw)
+
+    def unbalance(x: float) -> float:
+        push = float(law.force_at(stop.deflection(x)))
+        return stiffness * x - float(model.constant_force[0]) + stop.side * push
+
+    return float(brentq(unbalance, stop.position, rest, xtol=1e-15))
+
+
+def _stops(model: Model) -> kernel.Stops:
+    """The stops of all pairs as the kernel reads them."""
+    gaps = model.modal.gaps
+    found: list[tuple[Pair, int, int]] = [
+        (pair, number, side)
+        for number, pair in enumerate(model.pairs)
+        for side in range(len(pair.stops))
+    ]
+    numbers = []
+    for pair, _, side in found:
+        form = pair.stops[side].law.per_unit_mass(pair.mass).form()
+        assert form is not None
+        numbers.append((KINDS[form.name], form.numbers))
+    rows = max([len(each) for _, each in numbers], default=1)
+    laws = np.zeros((len(found), rows, 3))
+    laws[:, :, 0] = math.inf
+    for law, (_, each) in zip(laws, numbers, strict=True):
+        law[: len(each), : each.shape[1]] = each
+    directions = np.array([gaps[number] for _, number, _ in found]).reshape(-1, gaps.shape[1])
+    stops = [pair.stops[side] for pair, _, side in found]
+    return kernel.Stops(
+        gaps=directions,
+        levers=np.sum(directions**2, axis=1),
+        sides=np.array([stop.side for stop in stops], dtype=float),
+        places=np.array([stop.position for stop in stops], dtype=float),
+        kinds=np.array([kind for kind, _ in numbers], dtype=np.int64),
+        laws=laws,
+    )

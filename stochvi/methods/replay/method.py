@@ -1,0 +1,304 @@
+"""A measured record itself, passed through a structure and its stops."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace as changed
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
+from stochvi.methods.replay.march import Motion, Shaking, march, rest_of
+from stochvi.model.coverage import functions
+from stochvi.model.model import Model, Pair, Stop, model_of
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.scenes.excitations import BASE, ConstantLoad, RecordedNoise
+from stochvi.scenes.scene import Scene
+
+Vector = NDArray[np.float64]
+
+MOST_KEPT = 20_000_000
+"""Numbers in the histories of all clearances together (160 MB) beyond which none are kept."""
+
+EXACT = "the record itself, exact steps"
+"""How the numbers of a replay were found."""
+
+
+def replay(
+    scene: Scene, clearances: Sequence[float] | None = None, *, threads: int | None = None
+) -> Replay:
+    """Pass the measured records of a scene through its structure and stops.
+
+    The motion starts from rest in the position of rest under the constant loads, at the start of
+    each segment of a record. Accelerations are linear between samples, and the mean of a record is
+    taken off, as it is for its density. The motion follows in exact steps; impacts are located
+    within a step as roots of its power series; contact with stops that give way is integrated.
+    Nothing is random: the same record gives the same answer.
+
+    Parameters
+    ----------
+    scene
+        A linear structure whose excitations are records (`kind = "record"`) and constant loads.
+    clearances
+        Metres per side from the rest position, at each of which the stops of the one impact pair
+        are put, with their laws; by default the stops are where the scene has them. A scene
+        without stops is replayed without.
+    threads
+        Number of clearances that are replayed at a time, by default all cores.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene has no record, has noise that is none, a spring, damper or restitution that is
+        a function, or records of different lengths.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> from pathlib import Path
+    >>> from stochvi import ImpactPair, Isolator, RecordedNoise, Restitution
+    >>> time = np.arange(4000) / 1000.0
+    >>> file = Path(tempfile.mkdtemp()) / "sine.txt"
+    >>> np.savetxt(file, 0.3 * np.sin(2.0 * np.pi * 10.0 * time))
+    >>> scene = Scene(
+    ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
+    ...     impact_pairs=[
+    ...         ImpactPair(lower=-0.004, upper=0.004, law=Restitution(coefficient=0.5))
+    ...     ],
+    ...     excitations=[RecordedNoise(file=str(file), unit="g", fs=1000.0)],
+    ... )
+    >>> found = replay(scene)
+    >>> float(found.coordinates["x"].displacement_max)
+    0.004
+    >>> free = replay(scene, [0.008])
+    >>> round(1e3 * float(free.coordinates["x"].displacement_max), 2)
+    7.45
+    """
+    begin = time.perf_counter()
+    model = model_of(scene)
+    unmet = unmet_conditions(scene, model)
+    places = [None] if clearances is None else [float(each) for each in clearances]
+    if clearances is not None:
+        if not places or any(not 0.0 < each < math.inf for each in places if each is not None):
+            raise ValueError(
+                f"clearances must be positive lengths in metres, got {list(clearances)}; give "
+                "distances from the rest position, such as [0.002, 0.003]"
+            )
+        if len(model.pairs) != 1:
+            unmet.append(
+                "the scene must have one impact pair, whose law is kept while its stops move, got "
+                f"{len(model.pairs)}"
+            )
+    if unmet:
+        raise NotApplicable("replay", unmet)
+    segments = shaking_of(scene, model)
+    numbers = sum(each.forces.size for each in segments) * len(places)
+    keep = numbers <= MOST_KEPT
+
+    def at(clearance: float | None) -> ReplayAt:
+        placed = model if clearance is None else with_clearance(model, clearance)
+        start = rest_of(placed)
+        motions = [march(placed, each, start, keep=keep) for each in segments]
+        return _answer_at(placed, clearance, motions, segments, keep)
+
+    with ThreadPoolExecutor(threads) as pool:
+        found = tuple(pool.map(at, places))
+    return Replay(
+        clearances=found,
+        duration=float(sum(each.step * len(each.base) for each in segments)),
+        assumptions=_assumptions(scene, model, len(segments)),
+        warnings=()
+        if keep
+        else (
+            f"The samples of x(t) are not kept: {numbers:.2g} of them would not fit into memory. "
+            "Ask for fewer clearances.",
+        ),
+        cost=Cost(
+            wall_time=time.perf_counter() - begin,
+            steps=sum(len(each.base) for each in segments) * len(places),
+            impacts=sum(len(each.impacts) for each in found),
+            paths=len(places),
+        ),
+        provenance=provenance(scene.document()),
+    )
+
+
+def unmet_conditions(scene: Scene, model: Model) -> list[str]:
+    """What of a scene keeps its records from being replayed."""
+    found = functions(model)
+    records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
+    if not records:
+        found.append('excitation must hold a measured record (kind = "record"), got none')
+    others = {
+        each.kind
+        for each in scene.excitations
+        if not isinstance(each, RecordedNoise | ConstantLoad)
+    }
+    found += [
+        f"excitation must be record or constant, got {kind}: what is random cannot be replayed, "
+        "and a sine belongs into the record"
+        for kind in sorted(others)
+    ]
+    if (
+        len({(each.record.fs, each.record.lengths, len(each.record.values)) for each in records})
+        > 1
+    ):
+        found.append("all records must have the same sampling rate, length and gaps")
+    if len(model.coordinates) > 1:
+        rest = model.modal.gaps @ model.modal.rest
+        found += [
+            f"impact_pair {pair.name}: the position of rest must lie between the stops"
+            for pair, place in zip(model.pairs, rest, strict=True)
+            if any(stop.deflection(place) > 0.0 for stop in pair.stops)
+        ]
+    return found
+
+
+def shaking_of(scene: Scene, model: Model) -> list[Shaking]:
+    """The records of a scene as forces on its coordinates, a part for each segment."""
+    records = [
+        (each.record, scene.place(each))
+        for each in scene.excitations
+        if isinstance(each, RecordedNoise)
+    ]
+    inertia = -model.mass.sum(axis=1)
+    first = records[0][0]
+    forces = np.zeros((len(first.values), len(model.coordinates)))
+    base = np.zeros(len(first.values))
+    for record, place in records:
+        if place == BASE:
+            forces += np.outer(record.values, inertia)
+            base += record.values
+        else:
+            forces[:, model.coordinates.index(place)] += record.values
+    cuts = np.cumsum(first.lengths)[:-1]
+    return [
+        Shaking(step=1.0 / first.fs, forces=force, base=acceleration)
+        for force, acceleration in zip(np.split(forces, cuts), np.split(base, cuts), strict=True)
+    ]
+
+
+def with_clearance(model: Model, clearance: float) -> Model:
+    """The model with the stops of its one pair at a distance (m) from the position of rest."""
+    (pair,) = model.pairs
+    rest = float(model.modal.gaps[0] @ model.modal.rest)
+    stops = tuple(Stop(stop.side, rest + stop.side * clearance, stop.law) for stop in pair.stops)
+    return changed(model, pairs=(changed(pair, stops=stops),))
+
+
+def _answer_at(
+    model: Model,
+    clearance: float | None,
+    motions: Sequence[Motion],
+    segments: Sequence[Shaking],
+    keep: bool,
+) -> ReplayAt:
+    """The answer at one clearance, of all segments together."""
+    import pandas as pd
+
+    starts = np.cumsum([0.0, *(each.step * len(each.base) for each in segments)])
+    for motion, begin in zip(motions, starts, strict=False):
+        motion.impacts[:, 0] += begin
+    impacts = np.concatenate([motion.impacts for motion in motions])
+    owners = [(pair, stop) for pair in model.pairs for stop in pair.stops]
+    hit = [owners[int(number)] for number in impacts[:, 1]]
+    return ReplayAt(
+        clearance=clearance,
+        stops={f"{pair.name} {stop.name}": stop.position for pair, stop in owners},
+        coordinates={
+            name: _coordinate(motions, number) for number, name in enumerate(model.coordinates)
+        },
+        impact_pairs={pair.name: _pair(model, pair, motions, impacts) for pair in model.pairs},
+        impacts=pd.DataFrame(
+            {
+                "time": impacts[:, 0],
+                "pair": [pair.name for pair, _ in hit],
+                "side": [stop.name for _, stop in hit],
+                "speed": impacts[:, 2],
+                "peak_force": impacts[:, 3],
+            }
+        ),
+        histories=_histories(model, motions, segments, starts) if keep else None,
+    )
+
+
+def _estimate(value: float) -> Estimate:
+    return Estimate(value=float(value), how=EXACT)
+
+
+def _coordinate(motions: Sequence[Motion], number: int) -> CoordinateReplay:
+    samples = sum(motion.samples for motion in motions)
+    one, two, three, four = sum(motion.powers[number] for motion in motions) / samples
+    variance = max(two - one**2, 0.0)
+    fourth = four - 4.0 * one * three + 6.0 * one**2 * two - 3.0 * one**4
+    return CoordinateReplay(
+        displacement_max=_estimate(max(motion.highest[number] for motion in motions)),
+        displacement_min=_estimate(min(motion.lowest[number] for motion in motions)),
+        displacement_mean=_estimate(one),
+        displacement_std=_estimate(math.sqrt(variance)),
+        displacement_kurtosis=_estimate(fourth / variance**2) if variance > 0.0 else None,
+        acceleration_max=_estimate(max(motion.largest_acceleration[number] for motion in motions)),
+    )
+
+
+def _pair(
+    model: Model, pair: Pair, motions: Sequence[Motion], impacts: NDArray[np.float64]
+) -> PairReplay:
+    owners = [(each, stop) for each in model.pairs for stop in each.stops]
+    own = [number for number, (each, _) in enumerate(owners) if each is pair]
+    mine = impacts[np.isin(impacts[:, 1], own)]
+    by_side = {owners[number][1].name: _estimate(np.sum(mine[:, 1] == number)) for number in own}
+    return PairReplay(
+        hits=_estimate(len(mine)),
+        hits_lower=by_side.get("lower"),
+        hits_upper=by_side.get("upper"),
+        impact_speed_max=_estimate(mine[:, 2].max()) if len(mine) else None,
+        impact_speed_mean=_estimate(mine[:, 2].mean()) if len(mine) else None,
+        peak_force=_estimate(mine[:, 3].max()) if len(mine) and not pair.rigid else None,
+        contact_time=_estimate(sum(motion.contact_time[own].sum() for motion in motions)),
+        rests=_estimate(sum(motion.rests[own].sum() for motion in motions)),
+    )
+
+
+def _histories(
+    model: Model, motions: Sequence[Motion], segments: Sequence[Shaking], starts: Vector
+) -> Histories:
+    times = [
+        begin + each.step * np.arange(len(each.base))
+        for each, begin in zip(segments, starts, strict=False)
+    ]
+    owners = [f"{pair.name} {stop.name}" for pair in model.pairs for stop in pair.stops]
+
+    def columns(quantity: str, names: Sequence[str]) -> dict[str, Vector]:
+        together = np.concatenate([getattr(motion, quantity) for motion in motions])
+        return {name: together[:, number] for number, name in enumerate(names)}
+
+    return Histories(
+        time=np.concatenate(times),
+        base_acceleration=np.concatenate([each.base for each in segments]),
+        displacement=columns("displacement", model.coordinates),
+        velocity=columns("velocity", model.coordinates),
+        acceleration=columns("acceleration", model.coordinates),
+        force=columns("force", owners),
+    )
+
+
+def _assumptions(scene: Scene, model: Model, segments: int) -> tuple[str, ...]:
+    found = [
+        "The record is linear between its samples, and its mean is taken off.",
+        "The motion starts from rest"
+        + (", anew in each segment of the record." if segments > 1 else "."),
+    ]
+    if any(isinstance(each, RecordedNoise) and each.band_hz for each in scene.excitations):
+        found.append("band_hz limits the density of the record, not the record that is replayed.")
+    if any(stop.rigid for stop in model.stops):
+        found.append(
+            "Rigid stops: the largest acceleration is that between impacts; an impact takes no "
+            "time, and only a stop with a stiffness has a peak acceleration."
+        )
+    return tuple(found)

@@ -1,0 +1,363 @@
+"""Measured records through a structure and its stops, against other ways to the same motion."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from stochvi import (
+    ConstantLoad,
+    Elastic,
+    ForceTable,
+    Hertz,
+    ImpactPair,
+    Isolator,
+    Matrices,
+    NotApplicable,
+    RecordedNoise,
+    Restitution,
+    Scene,
+    Viscoelastic,
+    WhiteNoise,
+    replay,
+)
+from stochvi.methods.replay import Replay
+from stochvi.methods.replay.march import Shaking, march
+from stochvi.model.model import model_of
+from stochvi.scenes.impact_laws import CompliantLaw, Law
+from support.commands import Run, one_document, refused
+
+Vector = NDArray[np.float64]
+FS, MASS = 500.0, 2.0
+MOUNT = Isolator(frequency_hz=12.0, zeta=0.08, mass=MASS)
+OMEGA, B = MOUNT.omega, MOUNT.damping_rate
+SAMPLES = 400
+
+
+def shaken(seed: int = 1, samples: int = SAMPLES, pothole: float = 150.0) -> Vector:
+    """Band-limited noise with a pothole, m/s^2, mean taken off."""
+    spectrum = np.fft.rfft(np.random.default_rng(seed).normal(size=samples))
+    spectrum[np.fft.rfftfreq(samples, 1.0 / FS) > 60.0] = 0.0
+    a = 60.0 * np.fft.irfft(spectrum, samples)
+    a[samples // 3 : samples // 3 + 15] += pothole
+    return np.asarray(a - a.mean())
+
+
+def scene_of(
+    folder: Path, values: Vector, law: Law | None = None, *, fs: float = FS, gap: float = 5e-3,
+    lower: bool = True, excitations: tuple = (), **mount: object,
+) -> Scene:  # fmt: skip
+    file = folder / f"record{len(values)}.txt"
+    np.savetxt(file, values, fmt="%.17g")
+    stops = ImpactPair(lower=-gap if lower else None, upper=gap, law=law) if law else None
+    return Scene(
+        structure=MOUNT.model_copy(update=mount),
+        impact_pairs=[stops] if stops else [],
+        excitations=[RecordedNoise(file=str(file), unit="m/s2", fs=fs), *excitations],
+    )
+
+
+def samples_of(found: Replay, name: str = "x") -> Vector:
+    assert found.histories is not None
+    return found.histories.displacement[name]
+
+
+def linear(a: Vector, fs: float = FS) -> Vector:
+    """The mount without stops by the matrix exponential of mass and interpolated input."""
+    flow = np.zeros((4, 4))
+    flow[0, 1] = flow[2, 3] = 1.0
+    flow[1] = -(OMEGA**2), -B, -1.0, 0.0
+    step = expm(flow / fs)
+    state, found = np.zeros(2), [0.0]
+    for now, then in pairwise(a):
+        state = (step @ [*state, now, (then - now) * fs])[:2]
+        found.append(state[0])
+    return np.array(found)
+
+
+def integrated(a: Vector, gap: float, law: Law, lower: bool = True) -> tuple[Vector, int]:
+    """x at the samples and the number of hits, by an integrator for any right-hand side."""
+    times = np.arange(len(a)) / FS
+    unit = law.per_unit_mass(MASS)
+
+    def force(d: float, rate: float) -> float:
+        if not isinstance(unit, CompliantLaw) or d <= 0.0:
+            return 0.0
+        if isinstance(unit, Viscoelastic):
+            return float(unit.force_at(d, rate, 1.0))
+        return float(unit.force_at(d))
+
+    def rate(t: float, s: Vector) -> list[float]:
+        push = force(s[0] - gap, s[1]) - (force(-gap - s[0], -s[1]) if lower else 0.0)
+        return [s[1], -(OMEGA**2) * s[0] - B * s[1] - push - float(np.interp(t, times, a))]
+
+    def event(side: float) -> Callable[[float, Vector], float]:
+        def clear(t: float, s: Vector) -> float:
+            return side * s[0] - gap
+
+        clear.direction = 1.0  # type: ignore[attr-defined]
+        clear.terminal = True  # type: ignore[attr-defined]
+        return clear
+
+    events = [event(1.0), *([event(-1.0)] if lower else [])]
+    state, hits, found = np.zeros(2), 0, [0.0]
+    for begin, end in pairwise(times):
+        now = begin
+        while now < end:
+            part = solve_ivp(rate, (now, end), state, "DOP853", events=events, rtol=1e-11,
+                             atol=1e-14)  # fmt: skip
+            now, state = part.t[-1], part.y[:, -1]
+            if part.status == 1:
+                hits += 1
+                assert hits < 200
+                if isinstance(law, Restitution):
+                    state = np.array([np.sign(state[0]) * gap * (1.0 - 1e-15), -state[1]])
+                    state[1] *= law.coefficient
+                else:  # past the touch, or the same event ends the next part
+                    now, state = now + 1e-12, state + 1e-12 * np.array(rate(now, state))
+        found.append(state[0])
+    return np.array(found), hits
+
+
+def test_without_stops_it_is_the_exact_linear_response(tmp_path: Path) -> None:
+    a = shaken()
+    found = replay(scene_of(tmp_path, a))
+    truth = linear(a)
+    assert np.abs(samples_of(found) - truth).max() < 1e-12 * np.abs(truth).max()
+    x = found.coordinates["x"]
+    assert truth.max() <= float(x.displacement_max) < 1.02 * truth.max()
+    assert x.displacement_kurtosis is not None
+    centred = truth - truth.mean()
+    kurtosis = np.mean(centred**4) / np.mean(centred**2) ** 2
+    assert float(x.displacement_kurtosis) == pytest.approx(kurtosis, rel=1e-9)
+    kept = found.histories
+    assert kept is not None
+    absolute = -(OMEGA**2) * kept.displacement["x"] - B * kept.velocity["x"]
+    assert kept.acceleration["x"] == pytest.approx(absolute, abs=1e-9)
+    assert float(x.acceleration_max) >= np.abs(absolute).max()
+
+
+LAWS: list[Law] = [
+    Restitution(coefficient=0.6),
+    Elastic(stiffness=3e5),
+    Viscoelastic(stiffness=2e5, damping_ratio=0.3),
+    Hertz(coefficient=4e6),
+    ForceTable(deflection=[1e-4, 4e-4], force=[5.0, 120.0]),
+]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.kind)
+def test_an_integrator_of_any_equation_agrees(tmp_path: Path, law: Law) -> None:
+    a = shaken(samples=260)
+    found = replay(scene_of(tmp_path, a, law))
+    truth, hits = integrated(a, 5e-3, law)
+    apart = np.abs(samples_of(found) - truth).max() / np.abs(truth).max()
+    assert apart < 1e-7
+    assert (float(found.impact_pairs["stops"].hits), len(found.impacts)) == (hits, hits)
+    assert hits > 2
+    # negative control: stops a thousandth further away are another motion
+    other = replay(scene_of(tmp_path, a, law, gap=5.005e-3))
+    assert np.abs(samples_of(other) - truth).max() > 1e-4 * np.abs(truth).max()
+
+
+@pytest.mark.parametrize("law", [*LAWS, Restitution(coefficient=0.0)], ids=str)
+def test_samples_between_the_samples_change_nothing(tmp_path: Path, law: Law) -> None:
+    """The input is linear between samples: more samples on the same lines are the same motion."""
+    a = shaken(seed=5, samples=300)
+    model = model_of(scene_of(tmp_path, a, law))
+    found = []
+    for number in (1, 3):
+        fine = np.interp(np.arange((len(a) - 1) * number + 1) / number, np.arange(len(a)), a)
+        shaking = Shaking(step=1.0 / (number * FS), forces=-MASS * fine[:, None], base=fine)
+        motion = march(model, shaking, np.zeros(1))
+        assert len(motion.impacts) > 3
+        found.append((motion.displacement[::number, 0], motion.highest[0], motion.impacts))
+    (coarse, top, hits), (refined, same_top, same_hits) = found
+    assert np.abs(refined - coarse).max() < 1e-10 * 5e-3
+    assert same_top == pytest.approx(top, rel=1e-12)
+    assert same_hits[:, 0] == pytest.approx(hits[:, 0], abs=1e-10)
+    assert same_hits[:, 2:] == pytest.approx(hits[:, 2:], rel=1e-6)
+
+
+def test_a_mass_that_loses_all_rests_until_it_is_pulled_off(tmp_path: Path) -> None:
+    """Pressed by a slow half sine: the time at which the stop lets go follows from the forces."""
+    t = np.arange(4000) / FS
+    a = -60.0 * np.sin(2.0 * np.pi * 0.25 * t)  # zero mean over two periods
+    gap = 2e-3
+    for restitution in (0.0, 0.5, 0.9):
+        found = replay(scene_of(tmp_path, a, Restitution(coefficient=restitution), gap=gap))
+        stops, kept = found.impact_pairs["stops"], found.histories
+        assert kept is not None
+        assert float(stops.rests) == 4.0  # once a half period
+        assert 4.0 <= float(stops.hits) < 2000.0
+        # at rest the stop carries the inertia less the spring
+        press = MASS * (-kept.base_acceleration - OMEGA**2 * gap)
+        resting = kept.force["stops upper"] > 0.0
+        assert resting.sum() > 0.6 * len(t) / 2.0
+        assert kept.force["stops upper"][resting] == pytest.approx(press[resting], rel=1e-6)
+        assert np.all(np.abs(kept.displacement["x"][resting] - gap) < 1e-14)
+        assert np.all(kept.displacement["x"] <= gap * (1.0 + 1e-12))
+        contact = np.sum(press > 0.0) / FS * 2.0
+        assert float(stops.contact_time) == pytest.approx(contact, rel=0.1)
+
+
+@pytest.mark.parametrize("law", [Restitution(coefficient=0.7), Elastic(stiffness=3e5)])
+def test_energy_balances(tmp_path: Path, law: Law) -> None:
+    """After a push: what is left, and what damper (by quadrature) and impacts have taken."""
+    fs, push = 16.0 * FS, 60
+    a = np.where(np.arange(4000) < push, 150.0, 0.0)
+    model = model_of(scene_of(tmp_path, shaken(), law))
+    motion = march(model, Shaking(step=1.0 / fs, forces=-MASS * a[:, None], base=a), np.zeros(1))
+    x, v = motion.displacement[push:, 0], motion.velocity[push:, 0]
+    inside = np.maximum(np.abs(x) - 5e-3, 0.0)
+    spring = 0.5 * 3e5 / MASS * inside**2 if isinstance(law, Elastic) else 0.0
+    energy = 0.5 * v**2 + 0.5 * OMEGA**2 * x**2 + spring
+    taken = np.concatenate([[0.0], np.cumsum(0.5 * B * (v[1:] ** 2 + v[:-1] ** 2) / fs)])
+    hits = motion.impacts[motion.impacts[:, 0] > push / fs]
+    assert len(hits) > 2
+    if isinstance(law, Restitution):
+        for time, _, speed, _ in hits:
+            taken[np.arange(push, 4000) / fs >= time] += 0.5 * (1.0 - 0.7**2) * speed**2
+    # the power of the damper jumps at an impact, somewhere within a cell of the quadrature
+    error = 0.5 / fs * B * np.sum(hits[:, 2] ** 2) + 1e-5 * energy[0]
+    assert np.abs(energy + taken - energy[0]).max() < error < 0.01 * energy[0]
+
+
+def test_a_stop_on_one_side_and_a_load(tmp_path: Path) -> None:
+    a = shaken(seed=3, samples=260, pothole=0.0)
+    law = Restitution(coefficient=0.4)
+    found = replay(scene_of(tmp_path, a, law, lower=False))
+    truth, hits = integrated(a, 5e-3, law, lower=False)
+    assert np.abs(samples_of(found) - truth).max() < 1e-7 * np.abs(truth).max()
+    assert float(found.impact_pairs["stops"].hits) == hits > 0
+    assert found.impact_pairs["stops"].hits_lower is None
+    assert float(found.coordinates["x"].displacement_min) < -5e-3
+    # a load moves the position of rest, from which clearances are measured
+    pulled = scene_of(tmp_path, a, law, excitations=(ConstantLoad(acceleration=20.0),))
+    free = replay(scene_of(tmp_path, a, law), [4e-3])
+    loaded = replay(pulled, [4e-3])
+    shift = -20.0 / OMEGA**2
+    assert samples_of(loaded) == pytest.approx(samples_of(free) + shift, abs=1e-11)
+
+
+def test_two_masses_between_stops(tmp_path: Path) -> None:
+    """A structure with a stop on its first mass, against an integrator."""
+    a = 0.6 * shaken(seed=4, samples=260, pothole=0.0)
+    file = tmp_path / "two.txt"
+    np.savetxt(file, a, fmt="%.17g")
+    mass = np.array([[2.0, 0.0], [0.0, 0.5]])
+    damping = np.array([[20.0, -8.0], [-8.0, 8.0]])
+    stiffness = np.array([[14e3, -4e3], [-4e3, 4e3]])
+    gap, coefficient = 8e-3, 1.0
+    scene = Scene(
+        structure=Matrices(coordinates=["box", "lid"], mass=mass.tolist(),
+                           damping=damping.tolist(), stiffness=stiffness.tolist()),
+        impact_pairs=[
+            ImpactPair(name="walls", on="box", lower=-gap, upper=gap,
+                       law=Restitution(coefficient=coefficient)),
+            ImpactPair(name="lid", between=["lid", "box"], upper=6e-3,
+                       law=Viscoelastic(stiffness=1e5, damping_ratio=0.1)),
+        ],
+        excitations=[RecordedNoise(file=str(file), unit="m/s2", fs=FS, on="base")],
+    )  # fmt: skip
+    times, inverse = np.arange(len(a)) / FS, np.linalg.inv(mass)
+    reduced = 1.0 / (1.0 / 2.0 + 1.0 / 0.5)
+    soft = 2.0 * 0.1 * np.sqrt(1e5 * reduced)
+
+    def rate(t: float, s: Vector) -> Vector:
+        y, w = s[1] - s[0] - 6e-3, s[3] - s[2]
+        push = max(1e5 * y + soft * w, 0.0) if y > 0.0 else 0.0
+        forces = -damping @ s[2:] - stiffness @ s[:2] + push * np.array([1.0, -1.0])
+        return np.concatenate([s[2:], inverse @ forces - np.interp(t, times, a)])
+
+    def wall(t: float, s: Vector) -> float:
+        return abs(s[0]) - gap
+
+    wall.direction, wall.terminal = 1.0, True  # type: ignore[attr-defined]
+    state, truth, hits = np.zeros(4), [0.0], 0
+    for begin, end in pairwise(times):
+        now = begin
+        while now < end:
+            part = solve_ivp(rate, (now, end), state, "DOP853", events=wall, rtol=1e-10,
+                             atol=1e-13)  # fmt: skip
+            now, state = part.t[-1], part.y[:, -1]
+            if part.status == 1:
+                hits += 1
+                assert hits < 200
+                state[0], state[2] = np.sign(state[0]) * gap * (1 - 1e-15), -state[2]
+        truth.append(state[0])
+    found = replay(scene)
+    apart = np.abs(samples_of(found, "box") - truth)
+    assert apart.max() < 1e-6 * gap
+    assert float(found.impact_pairs["walls"].hits) == hits > 1
+    assert float(found.impact_pairs["lid"].hits) > 0.0
+
+
+def test_clearances_are_places_of_the_stops(tmp_path: Path) -> None:
+    a = shaken(seed=6)
+    law = Viscoelastic(stiffness=2e5, damping_ratio=0.2)
+    scene = scene_of(tmp_path, a, law)
+    free = float(np.abs(linear(a)).max())
+    found = replay(scene, [0.5 * free, 0.9 * free, 1.1 * free])
+    table = found.to_frame()
+    assert table["hits"].tolist()[2] == 0.0 < table["hits"].tolist()[1]
+    document = found.to_dict()
+    json.dumps(document, allow_nan=False)
+    assert [each["clearance"] for each in document["clearances"]] == table["clearance"].tolist()
+    one = document["clearances"][0]
+    assert one["coordinates"]["x"]["displacement_max"]["value"] == table["displacement_max"][0]
+    assert one["impact_pairs"]["stops"]["peak_force"]["value"] > 0.0
+    assert document["clearances"][2]["impact_pairs"]["stops"]["impact_speed_max"] is None
+    single = replay(scene, [5e-3]).to_dict()
+    assert single["coordinates"] == replay(scene).to_dict()["coordinates"]
+    assert single["impact_pairs"]["stops"]["hits"]["value"] >= 1.0
+    # a contact is sharper than anything that the mount alone passes on
+    peak = float(found.clearances[0].coordinates["x"].acceleration_max)
+    pushed = one["impact_pairs"]["stops"]["peak_force"]["value"] / MASS
+    assert peak == pytest.approx(pushed, rel=0.5)
+    assert peak > 2.0 * float(found.clearances[2].coordinates["x"].acceleration_max)
+
+
+def test_what_cannot_be_replayed_is_refused(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, shaken())
+    with pytest.raises(NotApplicable, match="must have one impact pair"):
+        replay(scene, [1e-3])
+    with pytest.raises(ValueError, match="positive lengths"):
+        replay(scene_of(tmp_path, shaken(), Elastic(stiffness=1e5)), [-1e-3])
+    noisy = scene.model_copy(
+        update={"excitations": (*scene.excitations, WhiteNoise(intensity=1.0, on="base"))}
+    )
+    with pytest.raises(NotApplicable, match="got white"):
+        replay(noisy)
+    with pytest.raises(NotApplicable, match="must hold a measured record"):
+        replay(noisy.model_copy(update={"excitations": noisy.excitations[1:]}))
+
+
+def test_the_command(tmp_path: Path, stochvi: Run) -> None:
+    np.savetxt(tmp_path / "road.txt", shaken())
+    file = tmp_path / "box.toml"
+    file.write_text(
+        "[structure]\nkind = 'isolator'\nfrequency_hz = 12.0\nzeta = 0.08\n"
+        "[[impact_pair]]\nlower = -0.005\nupper = 0.005\nlaw = { coefficient = 0.5 }\n"
+        "[[excitation]]\nkind = 'record'\nfile = 'road.txt'\nunit = 'm/s2'\nfs = 500.0\n"
+    )
+    run = stochvi("replay", str(file), "--json", "-", "--out", str(tmp_path / "out"))
+    assert run.code == 0
+    document = one_document(run.out)
+    assert document["coordinates"]["x"]["displacement_max"]["value"] == pytest.approx(5e-3)
+    assert document["impact_pairs"]["stops"]["hits"]["value"] > 0
+    written = {each.name for each in (tmp_path / "out").iterdir()}
+    assert written == {"replay.csv", "impacts.csv", "histories.csv", "replay.png"}
+    run = stochvi("replay", str(file), "--clearances", "4mm, 0.006", "--json", "-")
+    assert [each["clearance"] for each in one_document(run.out)["clearances"]] == [4e-3, 6e-3]
+    assert "--clearances must be" in refused(
+        stochvi("replay", str(file), "--clearances", "4furlongs")
+    )
