@@ -131,10 +131,8 @@ class Unit:
         True
         """
         found = np.asarray(values, dtype=float)
-        if self.decibels:
-            with np.errstate(over="ignore"):
-                found = 10.0 ** (found / 10.0)
-        return np.asarray(found * self.factor)
+        with np.errstate(over="ignore"):
+            return np.asarray((10.0 ** (found / 10.0) if self.decibels else found) * self.factor)
 
     def same(self, other: Unit) -> bool:
         """Whether two names stand for one unit."""

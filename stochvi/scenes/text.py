@@ -39,6 +39,9 @@ LAST_HEADINGS = 3
 GLUE = "\0"
 """Stands for a blank at which a line is not split; decoded text holds none."""
 
+COLUMNS_LISTED = 20
+"""Number of columns that a sentence lists."""
+
 NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?")
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d\S*")
 SPLIT_STAMP = re.compile(r'^("?\d{4}-\d\d-\d\d)[ ;,|\t]+(?=\d\d:\d\d)', re.M)
@@ -158,8 +161,12 @@ class TextTable:
         )  # fmt: skip
 
     def _holds(self) -> str:
-        listed = (f"{n} {each.name}".strip() for n, each in enumerate(self.headings, start=1))
-        return f"holds the columns {', '.join(listed)}"
+        listed = [
+            f"{n} {each.name[:40]}".strip()
+            for n, each in enumerate(self.headings[:COLUMNS_LISTED], start=1)
+        ]
+        more = len(self.headings) - len(listed)
+        return f"holds the columns {', '.join(listed)}" + (f" and {more} more" if more else "")
 
     def is_stamp(self, place: int) -> bool:
         """Whether a column holds dates with times of day."""
@@ -420,7 +427,11 @@ def _check_heading(path: Path, number: int, line: str, cells: Sequence[str], cou
         len(cells) == count and any(numeric) and re.match(r"[+-]?[.,]?[\dOo][.,\d]?", cells[0])
         and not all(numeric) and not re.match(r"[Oo][^.,\d]", cells[0])
     )  # fmt: skip
-    if all(numeric) or typing_error:
+    # numbers with a quote too many, but not a date such as 01.05.2024 or 2024-05-01
+    broken = re.fullmatch(r"[\s\"'\d.,;|+eEdD-]*\d[\s\"'\d.,;|+eEdD-]*", line) and not re.search(
+        r"\d{4}-\d\d-\d\d|\d+\.\d+\.\d{4}", line
+    )
+    if all(numeric) or typing_error or broken:
         raise _wrong_row(path, number, line, count, "below")
 
 
@@ -532,8 +543,10 @@ def _stated_density(above: Sequence[tuple[int, str]]) -> tuple[Unit | None, int]
     found: dict[tuple[str, bool], tuple[Unit, int]] = {}
     for number, line in above:
         pieces = [*_bracketed(line), *re.split(r"[;,\t|]", line)]
-        for piece in pieces:
-            known = unit_in(piece) or (_known(piece) if "/" in piece else None)
-            if known and known.quantity.endswith("density"):
-                found[known.name, known.decibels] = known, number
+        known = [unit_in(piece) or (_known(piece) if "/" in piece else None) for piece in pieces]
+        if not any(known) and "dB" not in line:
+            known = [_known(word.strip("[],;:")) for word in line.split() if "/" in word]
+        for each in known:
+            if each and each.quantity.endswith("density"):
+                found[each.name, each.decibels] = each, number
     return next(iter(found.values())) if len(found) == 1 else (None, 0)

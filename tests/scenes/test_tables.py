@@ -41,6 +41,8 @@ def test_a_unit_is_known_in_every_spelling(tmp_path: Path, spelling: str) -> Non
         ("Frequency [Hz];PSD [G²/Hz]", 1.0),
         ("f;PSD\nHz;g^2/Hz", 1.0),
         ("# floor 3, (g^2/Hz)", 1.0),
+        ("This is the ASD in g²/Hz of run (3)", 1.0),
+        ("01.05.2024\n2 channels, 5 to 500 Hz\nUnit;g^2/Hz\nf;G", 1.0),
         ("f;((m/s2)^2/Hz)", STANDARD_GRAVITY**-2),
         ("f;PSD in m2/s4/Hz", STANDARD_GRAVITY**-2),
         ("f;PSD (mm/s^2)^2/Hz", 1e-6 * STANDARD_GRAVITY**-2),
@@ -101,6 +103,7 @@ def test_frequencies_are_read_in_the_unit_of_their_heading(
         ("", "dB re 1 g2/Hz", 1.0),
         ("", "dB re 1e-6 g^2/Hz", 1e-6),
         ("f;Level (dB re 1 g²/Hz)\n", None, 1.0),
+        ("Level in dB re 1 g^2/Hz\n", None, 1.0),
         ("", "dB re (m/s2)2/Hz", STANDARD_GRAVITY**-2),
     ],
 )

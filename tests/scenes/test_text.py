@@ -69,10 +69,12 @@ def test_binary_data_is_no_text(tmp_path: Path) -> None:
         ("1;2,5\n2;3.5\n", "line 2", "with decimal commas"),
         ("1.000;2,5\n2;3,5\n", "line 1", "no sign between thousands"),
         ("1,1\n2,\n", "line 2", "a number is missing"),
+        ('"1,1\n2,2\n3,3\n', "line 1", "two numbers"),
     ],
     ids=[
         "letter for a digit above", "letter for a digit", "three columns", "other heading",
         "a count of rows", "one cell", "a word", "two decimal signs", "thousands", "nothing",
+        "a quote",
     ],
 )  # fmt: skip
 def test_a_line_that_is_not_two_numbers_is_never_passed_over(
