@@ -1,4 +1,4 @@
-"""What Monte Carlo samples, looked at: impacts, spectra, first crossings, bursts, reliability."""
+"""What Monte Carlo samples, looked at: impacts, spectra, first crossings, bursts and risks."""
 
 import lazy_loader
 

@@ -285,20 +285,13 @@ def _fly(
     """Hits, speeds, early hits, fastest and sharpest of bursts, from just before the first hit."""
     plan = records.plan
     # what is crossed is the upper stop, or the lower one seen upside down
-    sign = 1.0 if records.crosses_upper[side] else -1.0
+    sign = np.full(len(path), 1.0 if records.crosses_upper[side] else -1.0)
+    near = np.full(len(path), records.sides[side][0][0])
     samples = math.ceil(WINDOW_RELAXATIONS / MEMORY_RELAXATIONS * records.count)
     sample = np.arange(-1, min(samples, len(records.shape) - 1))
     record = free[path[:, None], (records.starts[start, None] + sample) % plan.samples]
-    rho, rho_rate, eta, eta_rate = records.shape[np.abs(sample)].T
-    back = np.where(sample < 0, -1.0, 1.0)
     here = free[path, records.starts[start]]
-    away = (1.0 + TOUCH) * records.sides[side][0] - here[:, 0]
-    change = slopes - here[:, 1]
-    y = record[:, :, 0] + away[:, None] * rho + change[:, None] * back * eta
-    rate = record[:, :, 1] + away[:, None] * back * rho_rate + change[:, None] * eta_rate
-    rows = np.empty((len(sample), 2 * len(path)))
-    rows[:, 0::2] = sign * y.T
-    rows[:, 1::2] = sign * rate.T / plan.model.omega
+    rows = after_crossings(records, record, here, sample, slopes, near, sign)
     # the engine begins at the last row
     rows = np.ascontiguousarray(np.roll(rows, -1, axis=0))
     whole, extremes = _sums(records, rows, len(sample) - 1)
@@ -312,6 +305,40 @@ def _fly(
             extremes.acceleration,
         ]
     )
+
+
+def after_crossings(
+    records: Records,
+    record: Vector,
+    here: Vector,
+    sample: NDArray[np.int64],
+    slopes: Vector,
+    near: Vector,
+    sign: Vector,
+) -> Vector:
+    """Records around crossings (see `kernels.crossings`), in rows for the engine.
+
+    Parameters
+    ----------
+    record, here
+        (bursts, samples, 2) and (bursts, 2): x and x' of stationary records at the samples, and at
+        the one that is made a crossing.
+    sample
+        (samples,): numbers of the samples, from the crossing.
+    slopes, near, sign
+        (bursts,): speed of the crossing (m/s), distance of the stop (m), and 1 for an upper stop,
+        -1 for a lower one.
+    """
+    rho, rho_rate, eta, eta_rate = records.shape[np.abs(sample)].T
+    back = np.where(sample < 0, -1.0, 1.0)
+    away = (1.0 + TOUCH) * near - here[:, 0]
+    change = slopes - here[:, 1]
+    y = record[:, :, 0] + away[:, None] * rho + change[:, None] * back * eta
+    rate = record[:, :, 1] + away[:, None] * back * rho_rate + change[:, None] * eta_rate
+    rows = np.empty((len(sample), 2 * len(record)))
+    rows[:, 0::2] = (sign[:, None] * y).T
+    rows[:, 1::2] = (sign[:, None] * rate).T / records.plan.model.omega
+    return rows
 
 
 def _sums(records: Records, rows: Vector, counted: int) -> tuple[Sums, Extremes]:

@@ -72,11 +72,14 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
         limit = "" if chance.limit is None else f" > {chance.limit:g} {LIMIT_UNITS[name]}"
         if name == "peak_acceleration" and limit_in_g:
             limit = f" > {limit_in_g.removesuffix('g').strip()} g"
-        known = estimate.bias is not None and estimate.value > 0.0
+        unseen = estimate.value == 0.0
+        known = estimate.bias is not None and not unseen
         crude = chance.crude_seconds
         table.add_row(
             f"{name.replace('_', ' ')}{limit}",
-            chance_in_words(estimate.value, estimate.standard_error, chance.lower),
+            f"at most {chance.upper:.3g} ({100.0 * chance.confidence:g} %)"
+            if unseen
+            else chance_in_words(estimate.value, estimate.standard_error, chance.lower),
             f"{chance.lower:.3g} to {chance.upper:.3g}",
             f"{(estimate.bias or 0.0) / estimate.value:.1g}" if known else "unknown",
             chance.way,
@@ -84,7 +87,7 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
             "" if crude is None else f"{crude:.2g}",
         )
     for name in found.missing:
-        if name != "expected_hits":
+        if name != "expected_hits" and name not in found.chances:
             table.add_row(name.replace("_", " "), "not found", "", "", "", "", "")
     print_table(console, table)
     if "expected_hits" in found.missing:

@@ -128,7 +128,7 @@ def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_pa
     assert (curve["simulated_low"] < curve["simulated"]).all()
     assert (tmp_path / "clearance.png").stat().st_size > 10_000
     code, _, err = stochvi("clearance", truck, "--gaps", "1,x")
-    assert (code, "--gaps must be numbers" in err) == (2, True)
+    assert (code, "--gaps must be a number" in err) == (2, True)
 
 
 def test_explain_tells_what_is_simulated_and_what_not(stochvi: Run):

@@ -2,10 +2,8 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from stochvi import (
@@ -23,7 +21,6 @@ from stochvi import (
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.bursts import bursts
-from stochvi.statistics.reliability import conditioning
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
 from stochvi.views.statistics_tables import chance_in_words
@@ -161,34 +158,24 @@ WITH_A_MEMORY = Scene(
 
 def test_noise_with_a_memory_goes_by_what_is_given() -> None:
     scene = WITH_A_MEMORY
-    found = reliability(scene, mission=60.0, impact_speed=0.5, seed=1, threads=1, rel_error=0.2)
+    found = reliability(scene, mission=600.0, impact_speed=0.5, seed=1, threads=1, rel_error=0.3)
     hit, fast = found.chances["hit"], found.chances["impact_speed"]
     assert (hit.way, fast.way) == ("first crossings", "bursts")
     assert 0.0 < fast.estimate.value < hit.estimate.value + 4.5 * hit.estimate.standard_error
-    rate = bursts(scene, rel_error=0.2, seed=1, threads=1).hit_rate()
-    assert found.hits is not None and found.hits.value == pytest.approx(60.0 * rate.value)
+    rate = bursts(scene, rel_error=0.3, seed=1, threads=1).hit_rate()
+    assert found.hits is not None and found.hits.value == pytest.approx(600.0 * rate.value)
 
 
-def test_a_chance_is_as_uncertain_as_its_rate_makes_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1 - exp(-rate T) at a rate one error higher, less that at a rate one error lower."""
-    rate = Estimate(value=0.02, standard_error=2e-4, bias=1e-4)
-    made_up = SimpleNamespace(
-        exceedance_rate=lambda name, limit: rate,
-        hit_rate=lambda: rate,
-        apart=True,
-        path=np.arange(200),
-    )
-    monkeypatch.setattr(conditioning, "bursts", lambda *scene, **how: made_up)
-    found = reliability(
-        WITH_A_MEMORY, mission=60.0, impact_speed=0.5, seed=1, threads=1, rel_error=0.2
-    )
-    chance = found.chances["impact_speed"].estimate
-    assert chance.value == pytest.approx(-math.expm1(-1.2))
-    for error, own in ((2e-4, chance.standard_error), (1e-4, chance.bias)):
-        moved = math.exp(-60.0 * (0.02 - error)) - math.exp(-60.0 * (0.02 + error))
-        assert own == pytest.approx(moved / 2.0, rel=1e-3)
+def test_what_is_never_seen_has_an_upper_limit_and_is_not_an_answer() -> None:
+    with pytest.raises(NotConverged, match=r"at most .* \(95 %\); raise budget") as caught:
+        reliability(
+            WITH_A_MEMORY, mission=600.0, impact_speed=80.0, threads=1, rel_error=0.5, budget=1.0
+        )
+    found = caught.value.response
+    never = found.chances["impact_speed"]
+    assert never.estimate.value == 0.0 == never.lower and 0.0 < never.upper < 1.0
+    assert "P(impact_speed) at most" in repr(found)
     assert found.hits is not None
-    assert found.hits.standard_error == pytest.approx(60.0 * 2e-4)
 
 
 @pytest.mark.parametrize(

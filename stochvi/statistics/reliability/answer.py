@@ -75,8 +75,9 @@ class Chance:
 class Reliability(Result):
     """What a mission risks: `chances` by event, and `hits`, the expected number of impacts.
 
-    `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says of
-    what was asked for and not found why: then the answer comes with a `NotConverged`.
+    `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says why
+    something was not found, or not as accurately as asked for: then the answer comes with a
+    `NotConverged`.
     """
 
     mission: float
@@ -135,13 +136,19 @@ class Reliability(Result):
         return {"no_hit": self.no_hit, **expected, **found}
 
     def __repr__(self) -> str:
+        percent = f"{100.0 * self.confidence:g} %"
         lines = [
-            f"  P({name}) = {chance.estimate.value:.4g} in {self.mission:g} s, "
-            f"{100.0 * self.confidence:g} %: {chance.lower:.4g} to {chance.upper:.4g} "
+            f"  P({name}) at most {chance.upper:.4g} in {self.mission:g} s ({percent}) "
             f"[{chance.way}]"
+            if chance.estimate.value == 0.0
+            else f"  P({name}) = {chance.estimate.value:.4g} in {self.mission:g} s, "
+            f"{percent}: {chance.lower:.4g} to {chance.upper:.4g} [{chance.way}]"
             for name, chance in self.chances.items()
         ]
         if self.hits is not None:
             lines.append(f"  expected hits = {self.hits!r}")
-        lines += [f"  {name}: not found: {why}" for name, why in self.missing.items()]
+        lines += [
+            f"  {name}: {'not accurate' if name in self.chances else 'not found'}: {why}"
+            for name, why in self.missing.items()
+        ]
         return "\n".join([f"<{self.method}", *lines]) + ">"

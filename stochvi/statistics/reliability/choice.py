@@ -71,6 +71,12 @@ MOST_PARTICLES = 2**16
 MARGIN = 1.3
 """More than the pilot asks for, as its guess of the spread may be low."""
 
+MISSED = 1.3
+"""Times the error asked for, from which more is sampled."""
+
+MOST_GROWTH = 4.0
+"""Largest factor by which a sample grows at once."""
+
 COARSE_SHARE = 0.25
 """Of the trials, made again at twice the step."""
 
@@ -210,19 +216,24 @@ class Jobs:
         chosen, why = self._choice(pilot, repeated, missions, repetitions, way)
         if chosen == "splitting":
             assert levels is not None
-            asked, at = repetitions, levels
-            count = PILOT_REPETITIONS
-            fine = self._repeated(plan, at, "answer", repetitions, particles, hits, count)
-            less = max(count, math.ceil(COARSE_SHARE * repetitions))
+            at, count = levels, PILOT_REPETITIONS
+            fine, asked = self._enough(
+                lambda trials: self._repeated(plan, at, "answer", trials, particles, hits, count),
+                repetitions,
+                hits,
+            )
+            less = max(count, math.ceil(COARSE_SHARE * fine.trials))
             coarse = self._if_in_time(
                 lambda: self._repeated(
                     plan.coarser(), at, "twice the step", less, particles, hits, count
                 )
             )
         else:
-            levels, asked = None, missions
-            fine = self._missions(plan, "answer", missions, hits, 1)
-            less = max(pilot.missions, math.ceil(COARSE_SHARE * missions))
+            levels = None
+            fine, asked = self._enough(
+                lambda trials: self._missions(plan, "answer", trials, hits, 1), missions, hits
+            )
+            less = max(pilot.missions, math.ceil(COARSE_SHARE * fine.trials))
             coarse = self._if_in_time(
                 lambda: self._missions(plan.coarser(), "twice the step", less, hits, 1)
             )
@@ -238,6 +249,26 @@ class Jobs:
             steps=steps + fine.steps + (coarse.steps if coarse else 0),
             seconds=spent + fine.seconds + (coarse.seconds if coarse else 0.0),
         )
+
+    def _enough(
+        self, sample: Callable[[int], Sample], trials: int, hits: bool
+    ) -> tuple[Sample, int]:
+        """A sample of so many trials, and of more where its error is larger than the pilot let
+        expect, as long as there is time; and how many trials it should have had."""
+        found = sample(trials)
+        while (
+            found.trials >= trials
+            and math.sqrt(_variance(found, hits) / found.trials) > MISSED * self.rel_error
+            and (found.chance > 0.0 or self.deadline.budget is not None)  # it may never happen
+        ):
+            wanted = MARGIN * _variance(found, hits) / self.rel_error**2
+            trials = math.ceil(min(wanted, MOST_GROWTH * found.trials))
+            try:
+                more = sample(trials)
+            except (NotConverged, Interrupted):
+                break
+            found = more if more.trials > found.trials else found
+        return found, trials
 
     def _if_in_time(self, calculate: Callable[[], Sample]) -> Sample | None:
         """A sample that the answer can do without; None if it is late."""

@@ -14,8 +14,9 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import logarithmic_interval, normal_quantile
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.bursts import Bursts, bursts
+from stochvi.statistics.bursts import bursts
 from stochvi.statistics.first_crossings import first_crossings
+from stochvi.statistics.rare_hits import Windows, rare_hits
 from stochvi.statistics.reliability.answer import Chance
 from stochvi.statistics.reliability.choice import Hits, Jobs
 
@@ -24,10 +25,6 @@ Ends = tuple[float | None, float | None]
 
 SMALL = 0.5
 """A chance of a first hit up to which first crossings reach the accuracy asked for."""
-
-
-WIDENING = 1.5
-"""Half of the first hits are drawn so much faster, and weighted: fast hits are seen more often."""
 
 
 def first_hit(
@@ -79,8 +76,8 @@ def first_hit(
 def by_conditioning(
     scene: Scene, ends: Ends, limits: dict[str, float], mission: float, jobs: Jobs
 ) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:
-    """Of noise with a memory of its own, from a stationary start; and why what is missing was not
-    found."""
+    """Of noise with a memory of its own, from a stationary start: chances, expected hits, and why
+    what is missing was not found."""
     chance = first_hit(scene, ends, mission, jobs, surely=True)
     assert chance is not None
     chances = {chance.event: chance}
@@ -91,9 +88,11 @@ def by_conditioning(
             )
         return chances, None, {}
     missing: dict[str, str] = {}
-    for name, limit in limits.items():
+    for done, (name, limit) in enumerate(limits.items()):
+        left = len(limits) - done - 1
+        some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
         try:
-            chances[name] = _exceedance(scene, name, limit, mission, jobs)
+            chances[name] = exceedance(scene, name, limit, mission, some)
         except (NotConverged, Interrupted) as error:
             missing[name] = str(error)
     try:
@@ -102,62 +101,62 @@ def by_conditioning(
         return chances, None, missing | {"expected_hits": str(error)}
 
 
-def _exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs) -> Chance:
-    """1 - exp(-rate T), bursts with an exceedance being apart and so a Poisson process."""
+def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs) -> Chance:
+    """The chance that any hit of the mission exceeds a limit, by splitting of trials."""
     rigid = any(law.rigid for _, law in scene.impact_pairs[0].stops())
     if name == "peak_acceleration" and rigid:
         raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
-    started = time.process_time()
-
-    def wanted(found: Bursts) -> Estimate:
-        return found.exceedance_rate(name, limit)
-
-    found = as_far_as_it_got(
-        bursts, scene, rel_error=jobs.rel_error, wanted=wanted, widening=WIDENING, **jobs.sampling
+    found = rare_hits(
+        scene, name, limit, mission=mission, rel_error=jobs.rel_error, confidence=jobs.confidence,
+        **jobs.sampling,
+    )  # fmt: skip
+    rule = f"Student's, of the logarithm, from a jackknife over {found.repetitions} repetitions"
+    if found.chance.value == 0.0:
+        rule = f"upper limit: {found.chance.how}"
+    way, why = (
+        "bursts",
+        (
+            "bursts: first hits are given, what follows them is simulated, and a splitting finds "
+            "those bursts in which any hit exceeds the limit"
+        ),
     )
-    rate = wanted(found)
-    if not found.apart:
-        raise NotApplicable(
-            name,
-            ["under noise that is not white hits must come in bursts that are far apart; here they "
-             "meet: widen the gap, or ask for hits alone"],
-        )  # fmt: skip
-    risk = -math.expm1(-rate.value * mission)
-    left = mission * math.exp(-rate.value * mission)
-    ends = logarithmic_interval(
-        rate.value, rate.standard_error, len(set(found.path.tolist())) - 1, jobs.confidence
-    )
-    if rate.value == 0.0:
-        ends = 0.0, (rate.upper_95 or 0.0)
-    lower, upper = (-math.expm1(-end * mission) for end in ends)
+    if isinstance(found.kind, Windows):
+        way, why = (
+            "windows",
+            (
+                "windows: hits hardly pause here, so that the whole motion is simulated, and a "
+                "splitting finds those pieces of it that exceed the limit"
+            ),
+        )
     return Chance(
         event=name,
         limit=limit,
-        estimate=Estimate(
-            value=risk,
-            standard_error=left * rate.standard_error,
-            bias=None if rate.bias is None else left * rate.bias,
-            how=rate.how,
-        ),
-        lower=lower,
-        upper=upper,
+        estimate=found.chance,
+        lower=found.lower,
+        upper=found.upper,
         confidence=jobs.confidence,
-        rule="Student's, of the logarithm of the rate, from a jackknife over paths",
-        way="bursts",
-        why=(
-            "bursts: first hits are given, what follows them is simulated, and bursts as far apart "
-            "as these are independent"
-        ),
-        trials=len(found.path),
-        seconds=time.process_time() - started,
+        rule=rule,
+        way=way,
+        why=why,
+        trials=found.repetitions,
+        levels=found.levels,
+        seconds=found.seconds,
     )
+
+
+def _rate_of_bursts(scene: Scene, jobs: Jobs) -> Estimate | None:
+    """Hits per second by bursts; None where these meet, or no pause separates them."""
+    try:
+        found = as_far_as_it_got(bursts, scene, rel_error=jobs.rel_error, **jobs.sampling)
+    except NotApplicable:
+        return None
+    return found.hit_rate() if found.apart else None
 
 
 def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
     """Rate times mission: by bursts where they are apart, else by simulating everything."""
-    found = as_far_as_it_got(bursts, scene, rel_error=jobs.rel_error, **jobs.sampling)
-    rate, steps = found.hit_rate(), 0
-    if not found.apart:
+    rate, steps = _rate_of_bursts(scene, jobs), 0
+    if rate is None:
         response = as_far_as_it_got(simulate, scene, rel_error=jobs.rel_error, **jobs.sampling)
         simulated = response.impact_pairs[scene.impact_pairs[0].name]["collision_rate"]
         assert isinstance(simulated, Estimate)

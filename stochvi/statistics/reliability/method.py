@@ -3,10 +3,11 @@
 Three ways lead to a chance, and a pilot chooses between them. Crude simulation counts failed
 missions. Splitting (`monte_carlo.splitting`) copies the paths that come close, for chances too
 small to count. First crossings (`first_crossings`) need no mission at all where the motion before
-the first hit is stationary and Gaussian; `bursts` does the same for what follows a first hit. What
-is chosen depends on the counts of the pilot alone, never on the clock, so that a seed gives the
-same digits anywhere. The answer is a second stage whose size the pilot fixes, and which shares no
-random number with it: nothing is stopped when it looks good, so that no stopping biases it.
+the first hit is stationary and Gaussian; `bursts` does the same for what follows a first hit, and
+`rare_hits` splits records of any Gaussian noise for fast and sharp hits, however rare. What is
+chosen depends on the counts of the pilot alone, never on the clock, so that a seed gives the same
+digits anywhere. The answer is a second stage that shares no random number with the pilot; it is
+enlarged only where its error is clearly larger than the pilot let expect.
 """
 
 from __future__ import annotations
@@ -35,14 +36,16 @@ from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import deviations
 from stochvi.statistics.reliability.answer import Chance, Reliability
-from stochvi.statistics.reliability.choice import Hits, Jobs, Way
-from stochvi.statistics.reliability.conditioning import Ends, by_conditioning, first_hit
+from stochvi.statistics.reliability.choice import MISSED, Hits, Jobs, Way
+from stochvi.statistics.reliability.conditioning import (
+    Ends,
+    by_conditioning,
+    exceedance,
+    first_hit,
+)
 
 AT_ONCE = 0.05
 """Share of P(hit) that is there at the start, from which a warning tells its size."""
-
-MISSED = 1.3
-"""Times the error asked for, from which a warning says that it was missed."""
 
 
 def reliability(
@@ -68,7 +71,7 @@ def reliability(
     ----------
     scene
         One oscillator. Under white noise with any rigid stops, or stops that give way. Under any
-        Gaussian noise with stops, from a stationary start, where hits are rare.
+        Gaussian noise with stops, from a stationary start.
     mission
         Duration, s.
     barrier
@@ -100,8 +103,9 @@ def reliability(
     Raises
     ------
     NotApplicable, NotConverged, ValueError
-        With every condition that is not met; if the accuracy is not reached, or an event out of
-        reach; if an argument is out of range.
+        With every condition that is not met; if the accuracy is not reached, or an event was never
+        seen (its chance is then 0 with an upper limit) or is out of reach; if an argument is out of
+        range.
 
     Examples
     --------
@@ -143,6 +147,7 @@ def reliability(
             chances, hits, missing = by_conditioning(scene, ends, limits, mission, jobs)
         else:
             chances, hits, missing = _sampled(model, scene, ends, limits, mission, start, way, jobs)
+        missing |= _inaccurate(chances, jobs)
     found = Reliability(
         mission=mission,
         start=start,
@@ -153,7 +158,6 @@ def reliability(
         assumptions=_assumptions(scene, start),
         warnings=[
             *([f"{outside}: nearly every mission ends as it starts"] if outside else []),
-            *_warnings(chances, rel_error),
             *_beyond_at_the_start(scene, model, ends, start, coloured, chances),
             *_by_the_spring(model, ends, peak_acceleration),
         ],
@@ -205,7 +209,13 @@ def _sampled(
         try:
             chances[event] = jobs.chance(plan, event, limits.get(event), missions)
         except (NotConverged, Interrupted) as error:
-            missing[event] = str(error)
+            guided = None
+            if event in limits and start == "stationary" and missions is None:
+                guided = _without_energy(scene, event, limits[event], mission, jobs)
+            if guided is None:
+                missing[event] = str(error)
+            else:
+                chances[event] = guided
     if not model.stops:
         return chances, None, missing
     # hits of a stationary motion are proportional to its duration: one in which it forgets its
@@ -217,6 +227,19 @@ def _sampled(
     except (NotConverged, Interrupted) as error:
         missing["expected_hits"] = str(error)
     return chances, hits, missing
+
+
+def _without_energy(
+    scene: Scene, event: str, limit: float, mission: float, jobs: Jobs
+) -> Chance | None:
+    """The chance where the energy did not guide a splitting to the event; None without time left,
+    or where the stops leave out the mean position."""
+    if jobs.deadline.passed():
+        return None
+    try:
+        return exceedance(scene, event, limit, mission, jobs)
+    except NotApplicable:
+        return None
 
 
 def _check(
@@ -367,15 +390,25 @@ def _by_the_spring(model: Model, ends: Ends, limit: float | None) -> list[str]:
     ]
 
 
-def _warnings(chances: dict[str, Chance], rel_error: float) -> list[str]:
-    found = []
+def _inaccurate(chances: dict[str, Chance], jobs: Jobs) -> dict[str, str]:
+    """Why chances are not as accurate as asked for, by event."""
+    found = {}
+    budget = jobs.deadline.budget
+    ended = "" if budget is None else f" when the budget of {budget:g} s ended"
     for name, chance in chances.items():
         estimate = chance.estimate
         if estimate.value == 0.0:
-            found.append(f"{name}: it was not seen; the interval holds an upper limit")
-        elif estimate.standard_error > MISSED * rel_error * estimate.value:
-            found.append(
-                f"{name}: the relative error is {estimate.standard_error / estimate.value:.2g}, "
-                f"asked for {rel_error:g}: the pilot guessed too low; another rel_error mends it"
+            found[name] = (
+                f"it was not seen once{ended}: its chance is at most {chance.upper:.3g} "
+                f"({100.0 * chance.confidence:g} %); raise budget, or ask for a lower limit"
             )
+        elif estimate.standard_error > MISSED * jobs.rel_error * estimate.value:
+            error = estimate.standard_error / estimate.value
+            found[name] = (
+                f"its relative error was {error:.2g}{ended}, asked for {jobs.rel_error:g}; raise "
+                f"rel_error to {MISSED * error:.1g}"
+            )
+            if budget is not None:
+                longer = budget * (error / jobs.rel_error) ** 2
+                found[name] += f", or budget to about {longer:.2g} s"
     return found

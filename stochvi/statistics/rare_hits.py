@@ -1,0 +1,696 @@
+"""Chances of hits so fast, or so sharp, that hardly any burst of hits holds one: splitting.
+
+A trial is a stretch of the stationary response without stops, which is Gaussian, and what the stops
+make of it. Two kinds of trials are here. Where first hits are rare, a trial has a crossing of a
+stop put into it (`AfterCrossings`), and if that is a first hit it is followed for as long as its
+burst lasts. Where hits hardly pause, a trial is a piece of the whole motion (`Windows`). The score
+of a trial is its largest impact speed or acceleration, and the chance that it exceeds a limit is a
+product of the chances to get from one level to the next (S. K. Au and J. L. Beck, Probab. Eng.
+Mech. 16 (2001) 263). Trials that exceed a level are copied, and every copy is moved by
+
+    y <- sqrt(1 - s^2) y + s z
+
+with z a fresh record, which leaves the Gaussian law as it is (R. M. Neal 1998); it is taken back if
+it falls below the level. The whole record moves, and not the speed of the first hit alone: where a
+limit is exceeded by later hits of a burst, these are found as well. All trials weigh the same. The
+levels and s are fixed by a pilot that is no part of the answer, so that the mean over independent
+repetitions has no bias (F. Cerou, P. Del Moral, T. Furon and A. Guyader, Stat. Comput. 22 (2012)
+795); their scatter gives its error.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
+from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
+from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
+from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
+from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import jackknife_error, logarithmic_interval, upper_limit_unseen
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.bursts import (
+    FLOWN_TOGETHER,
+    UNFINISHED,
+    WINDOW_RELAXATIONS,
+    after_crossings,
+)
+from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, Records, crossing_plan
+
+Vector = NDArray[np.float64]
+
+TRIALS, TRIALS_PER_SECOND, TRIALS_FOR_ERROR = 512, 16.0, 2.56
+"""Largest number of trials in one repetition of the splitting; the same per second of budget, so
+that a small budget holds several repetitions, too; and over the square of the error asked for."""
+
+MOST_SAMPLES = 2**21
+"""Largest number of samples that the trials of one repetition hold together: 32 MB."""
+
+FEWEST_TRIALS = 64
+"""Smallest number of trials in one repetition, where each takes many samples."""
+
+SHARE = 0.25
+"""Share of the trials that should exceed the next level."""
+
+MOVES = 4
+"""Number of times that every trial is moved at each level, so that copies part."""
+
+ACCEPTED = 0.35
+"""Share of the moves that should leave a trial above its level; the work for a given error hardly
+changes between 0.2 and 0.5."""
+
+FIRST_SIZE, SMALLEST_SIZE = 0.7, 0.02
+"""Size s of the first move of the pilot, and the smallest one."""
+
+SIZE_STEP = 1.3
+"""Factor by which the pilot changes the size s after each move."""
+
+MOST_LEVELS = 24
+"""Largest number of levels: chances below 0.25^24 = 4e-15 of a trial are not looked for."""
+
+FEWEST_REPETITIONS = 16
+"""Smallest number of repetitions in an answer: Student's quantile is then 2.13."""
+
+FEWEST_WITH_ERROR = 4
+"""Smallest number of repetitions with which an answer is given where the budget ends."""
+
+MOST_REPETITIONS = 2**14
+"""Largest number of repetitions, whatever the budget."""
+
+MARGIN = 1.1
+"""More repetitions than the error so far asks for."""
+
+PILOT = 2**20
+"""Number of the repetition that is the pilot."""
+
+STREAM = 0x5EED5
+"""Keeps the random numbers of this module apart from other uses of a seed."""
+
+HORIZONS = 2.0 * WINDOW_RELAXATIONS / MEMORY_RELAXATIONS
+"""Length of a trial of the whole motion, over that for which the response is remembered: one half
+is not counted, so that the motion forgets its start."""
+
+
+class Trials(NamedTuple):
+    """Trials of one repetition.
+
+    Parameters
+    ----------
+    records
+        (trials, samples, 2): x and x' without stops, before anything is made a crossing, m and m/s.
+    pairs
+        (trials, 2): standard normal numbers; the length of a pair is the slope of the crossing over
+        the rms velocity (Rayleigh's law).
+    side
+        (trials,): number of the stop that is crossed.
+    score
+        (trials,): largest impact speed (m/s) or absolute acceleration (m/s^2); minus infinity where
+        the crossing is no first hit.
+    """
+
+    records: Vector
+    pairs: Vector
+    side: NDArray[np.intp]
+    score: Vector
+
+    def chosen(self, which: NDArray[np.intp]) -> Trials:
+        """Copies of some of them."""
+        return Trials(self.records[which], self.pairs[which], self.side[which], self.score[which])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Kind(ABC):
+    """A kind of trials.
+
+    Parameters
+    ----------
+    records
+        The plan, and what is known of its correlation.
+    event
+        "impact_speed" or "peak_acceleration": what the score is.
+    samples
+        Length of a trial.
+    trials
+        Number of trials in a repetition.
+    sides
+        (stops,): chance that a trial belongs to each of them.
+    """
+
+    records: Records
+    event: str
+    samples: int
+    trials: int
+    sides: Vector
+
+    @property
+    def plan(self) -> TabulatedPlan:
+        """Synthesis of the response without stops."""
+        return self.records.plan
+
+    def fresh(self, draw: int) -> Trials:
+        """Independent trials, without their scores; each `draw` has random numbers of its own."""
+        plan, count = self.plan, self.records.count
+        starts = np.arange(0, plan.samples - self.samples + 1, count)
+        paths = math.ceil(self.trials / len(starts))
+        records = np.empty((self.trials, self.samples, 2))
+        done = 0
+        for first in range(0, paths, plan.block):
+            free = plan.free_response(self.records.seed, draw * TRIALS + first, plan.block, 0)
+            for start in starts:
+                part = free[start : start + self.samples]
+                size = min(plan.block, self.trials - done)
+                records[done : done + size, :, 0] = part[:, 0 : 2 * size : 2].T
+                records[done : done + size, :, 1] = plan.model.omega * part[:, 1 : 2 * size : 2].T
+                done += size
+        random = np.random.default_rng([self.records.seed, STREAM, draw])
+        pairs = random.standard_normal((self.trials, 2))
+        side = random.choice(len(self.sides), self.trials, p=self.sides)
+        return Trials(records, pairs, side, np.full(self.trials, -math.inf))
+
+    def drawn(self, draw: int) -> Trials:
+        """Independent trials with their scores."""
+        trials = self.fresh(draw)
+        return trials._replace(score=self.scores(trials))
+
+    def scores(self, trials: Trials, *, half: bool = False, coarse: bool = False) -> Vector:
+        """The score of every trial; of the first half of what counts alone, or at twice the
+        sampling interval."""
+        found = np.full(len(trials.side), -math.inf)
+        (chosen,) = np.nonzero(self._counts(trials))
+        plan = self.plan
+        if coarse:
+            plan = replace(plan, block_length=2.0 * plan.block_length)
+        for first in range(0, len(chosen), FLOWN_TOGETHER):
+            which = chosen[first : first + FLOWN_TOGETHER]
+            rows, warm_up = self._rows(trials.chosen(which), 2 if coarse else 1)
+            counted = len(rows) - warm_up - 1
+            extremes = Extremes.zeros(len(which))
+            sums = Sums.zeros(len(which), plan.contacts).table
+            # the engine begins at what went before, which stands at the end
+            rows = np.ascontiguousarray(np.roll(rows, -warm_up - 1, axis=0))
+            plan.fly(rows, warm_up, counted // 2 if half else counted, sums, None, extremes.table)
+            found[which] = self._score_of(extremes)
+        return found
+
+    def _score_of(self, extremes: Extremes) -> Vector:
+        """The scores of trials with such extremes. Where no stop was hit the largest acceleration
+        stands for a speed, below all speeds: it shows which trials came close."""
+        if self.event == "peak_acceleration":
+            return extremes.acceleration
+        speed = extremes.impact_speed
+        return np.where(speed > 0.0, speed, -1.0 / np.maximum(extremes.acceleration, 1e-300))
+
+    @abstractmethod
+    def _counts(self, trials: Trials) -> NDArray[np.bool_]:
+        """(trials,): whether a trial has a score at all."""
+
+    @abstractmethod
+    def _rows(self, trials: Trials, stride: int) -> tuple[Vector, int]:
+        """Rows for the engine, (samples, 2 trials), from one sample before the first one that is
+        flown, and how many are flown before counting starts."""
+
+    @abstractmethod
+    def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
+        """Chance of an exceedance in a mission, from chances of a trial: of an exceedance, of one
+        in the second half of what counts alone, and of having a score."""
+
+    @abstractmethod
+    def overlap(self, scored: float) -> float:
+        """Expected first hits of other bursts in what is followed."""
+
+    @abstractmethod
+    def bias(self, scored: float, mission: float) -> float:
+        """Relative bias of the risk by bursts that meet, and by those at the ends of a mission."""
+
+    @abstractmethod
+    def unfinished(self, exceeded: float, late: float, scored: float) -> float:
+        """Share of the exceedances that come late because bursts do not end."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AfterCrossings(Kind):
+    """Trials with a crossing, that count where the crossing is a first hit: no stop was reached for
+    `Records.horizon` seconds before.
+
+    A first hit happens `rate` times P(score) times a second, `rate` that of all crossings (Rice).
+    """
+
+    rate: float
+    near: Vector
+    far: Vector
+    signs: Vector
+
+    @property
+    def window(self) -> float:
+        """Seconds that are followed after a first hit."""
+        return (self.samples - self.records.count - 2) * self.plan.step
+
+    @property
+    def relaxation(self) -> float:
+        """Time constant of the structure, s."""
+        return self.window / WINDOW_RELAXATIONS
+
+    def rare(self) -> bool:
+        """Whether first hits are so rare that hardly any falls into the window of another."""
+        ages = self._ages(self.fresh(_draw(PILOT, 0, 0)))
+        # see `first_crossings`: the chance of no hit for so long, and the limiting rate
+        quiet = 1.0 - self.rate * float(ages.mean())
+        first_rate = self.rate * float(np.mean(ages >= self.records.horizon))
+        return quiet > 0.5 and first_rate / quiet * self.window < UNFINISHED
+
+    def _counts(self, trials: Trials) -> NDArray[np.bool_]:
+        return self._ages(trials) >= self.records.horizon
+
+    def _ages(self, trials: Trials) -> Vector:
+        """(trials,): seconds without a hit before the crossing, up to the horizon."""
+        count, ages = self.records.count, np.empty((1, len(trials.side), 1))
+        shape = np.ascontiguousarray(self.records.shape[: count + 1])
+        for number in range(len(self.sides)):
+            (which,) = np.nonzero(trials.side == number)
+            found = np.empty((1, len(which), 1))
+            outcrossing_ages(
+                trials.records[which], np.array([count + 1]), self._slopes(trials)[which, None],
+                shape, self.plan.step, 1, self.near[[number]], self.far[[number]], found,
+            )  # fmt: skip
+            ages[:, which] = found
+        return np.asarray(ages[0, :, 0])
+
+    def _slopes(self, trials: Trials) -> Vector:
+        return np.asarray(self.records.velocity_std * np.hypot(*trials.pairs.T))
+
+    def _rows(self, trials: Trials, stride: int) -> tuple[Vector, int]:
+        crossing = self.records.count + 1
+        sample = np.arange(-stride, self.samples - crossing, stride)
+        rows = after_crossings(
+            self.records, trials.records[:, crossing + sample], trials.records[:, crossing],
+            sample, self._slopes(trials), self.near[trials.side], self.signs[trials.side],
+        )  # fmt: skip
+        return rows, 0
+
+    def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
+        # a window holds first hits of other bursts as well, see `bursts.Bursts`
+        others = self.rate * scored * (self.window - self.records.horizon)
+        return np.asarray(-np.expm1(-self.rate * exceeded / (1.0 + others) * mission))
+
+    def overlap(self, scored: float) -> float:
+        return self.rate * scored * self.window
+
+    def bias(self, scored: float, mission: float) -> float:
+        # bursts that began before a mission may exceed the limit in it
+        return self.overlap(scored) + self.relaxation / mission
+
+    def unfinished(self, exceeded: float, late: float, scored: float) -> float:
+        share = late / exceeded if exceeded else 0.0
+        return max(share - 0.5 * self.overlap(scored), 0.0)  # without those of new bursts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Windows(Kind):
+    """Trials of the whole motion, of which the first part is not counted; `counted` samples are."""
+
+    counted: int
+
+    @property
+    def window(self) -> float:
+        """Counted seconds of a trial."""
+        return self.counted * self.plan.step
+
+    def _counts(self, trials: Trials) -> NDArray[np.bool_]:
+        return np.ones(len(trials.side), bool)
+
+    def _rows(self, trials: Trials, stride: int) -> tuple[Vector, int]:
+        records = trials.records[:, ::stride]
+        rows = np.empty((records.shape[1], 2 * len(records)))
+        rows[:, 0::2] = records[:, :, 0].T
+        rows[:, 1::2] = records[:, :, 1].T / self.plan.model.omega
+        return rows, len(rows) - 1 - self.counted // stride
+
+    def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
+        # late is the chance of a first exceedance in the second half, after none in the first
+        before = np.maximum(1.0 - (exceeded - late), 1e-300)
+        rate = -np.log1p(-np.minimum(late / before, 1.0 - 1e-15)) / (0.5 * self.window)
+        left = max(mission - self.window, 0.0)
+        return np.asarray(1.0 - (1.0 - np.minimum(exceeded, 1.0)) * np.exp(-rate * left))
+
+    def overlap(self, scored: float) -> float:
+        return 0.0
+
+    def bias(self, scored: float, mission: float) -> float:
+        return 0.0
+
+    def unfinished(self, exceeded: float, late: float, scored: float) -> float:
+        return 0.0
+
+
+def kinds_of(
+    scene: Scene, event: str, mission: float, rel_error: float, seed: int, budget: float | None
+) -> tuple[AfterCrossings, Windows]:
+    """Both kinds of trials of a scene.
+
+    Raises `NotApplicable` as `first_crossings` does, or without stops on both sides of the mean
+    position.
+    """
+    plan = crossing_plan(scene, HORIZONS)
+    model = model_of(scene)
+    stops = [
+        (sign, sign * (stop.position - model.rest))
+        for sign, stop in ((-1.0, model.lower), (1.0, model.upper))
+        if stop is not None
+    ]
+    if not stops or min(place for _, place in stops) <= 0.0:
+        raise NotApplicable("rare hits", ["needs a stop, and none beyond the mean position"])
+    own = int(np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)[0] >> 1)
+    near = np.array([place for _, place in stops])
+    records = Records(plan, own, near[:1], near[:1])
+    # the stops are not alike for what follows a crossing, even where they are equally far
+    far = near[::-1] if len(near) == 2 else np.array([math.inf])
+    rates = (
+        records.velocity_std / (2.0 * math.pi * records.displacement_std)
+        * np.exp(-0.5 * (near / records.displacement_std) ** 2)
+    )  # fmt: skip
+    most = min(TRIALS, TRIALS_FOR_ERROR / rel_error**2)
+    if budget is not None:
+        most = min(most, TRIALS_PER_SECOND * budget)
+    # a power of two: the seconds that happen to be left of a budget show in no digit
+    trials = 2 ** int(math.log2(max(most, 1.0)))
+
+    def fitting(samples: int) -> int:
+        return int(max(min(trials, MOST_SAMPLES // samples), FEWEST_TRIALS))
+
+    after = math.ceil(WINDOW_RELAXATIONS / MEMORY_RELAXATIONS * records.count)
+    length = records.count + 2 + after
+    bursts = AfterCrossings(
+        records=records,
+        event=event,
+        samples=length,
+        trials=fitting(length),
+        sides=rates / rates.sum() if rates.sum() > 0.0 else np.full(len(near), 1.0 / len(near)),
+        rate=float(rates.sum()),
+        near=near,
+        far=far.copy(),
+        signs=np.array([sign for sign, _ in stops]),
+    )
+    counted = min(after, max(2, round(mission / plan.step)))
+    length = after + 1 + counted
+    windows = Windows(
+        records=records,
+        event=event,
+        samples=length,
+        trials=fitting(length),
+        sides=np.ones(1),
+        counted=counted,
+    )
+    return bursts, windows
+
+
+@dataclass(frozen=True)
+class Levels:
+    """What the pilot fixes: the levels, each with the size of the moves there, and whether the last
+    of them is the limit."""
+
+    levels: tuple[float, ...]
+    sizes: tuple[float, ...]
+    reached: bool
+
+
+class Repetition(NamedTuple):
+    """Chances that one repetition found for a trial: of an exceedance, at the sampling interval and
+    at twice that; of one in the second half of what counts alone; and of having a score."""
+
+    exceeded: float
+    coarse: float
+    late: float
+    scored: float
+
+
+def pilot(kind: Kind, limit: float, deadline: Deadline) -> Levels:
+    """Levels that a share of about `SHARE` of the trials exceed from the one before, and sizes of
+    moves that keep a share of about `ACCEPTED` above their level."""
+    random = np.random.default_rng([kind.records.seed, STREAM, PILOT])
+    trials = kind.drawn(_draw(PILOT, 0, 0))
+    levels: list[float] = []
+    sizes: list[float] = []
+    size = FIRST_SIZE
+    while len(levels) < MOST_LEVELS:
+        level = float(np.quantile(trials.score, 1.0 - SHARE, method="lower"))
+        if math.isinf(level):
+            level = 0.0  # hardly any has a score: to have one is the first level
+        if level >= limit:
+            return Levels((*levels, limit), tuple(sizes), True)
+        if (levels and level <= levels[-1]) or not np.any(trials.score > level):
+            break
+        levels.append(level)
+        trials = _copies(trials, np.flatnonzero(trials.score > level), random)
+        for move in range(MOVES):
+            if deadline.passed():
+                return Levels(tuple(levels[:-1]), tuple(sizes), False)
+            trials, kept = _moved(
+                kind, trials, level, size, _draw(PILOT, len(levels), move), random
+            )
+            size = size * SIZE_STEP if kept > ACCEPTED else size / SIZE_STEP
+            size = min(max(size, SMALLEST_SIZE), 1.0)
+        sizes.append(size)
+    return Levels(tuple(levels), tuple(sizes), False)
+
+
+def repetition(
+    kind: Kind, levels: Levels, number: int, _count: int, deadline: Deadline
+) -> Repetition | None:
+    """One splitting with fixed levels; None if the deadline came before its end."""
+    random = np.random.default_rng([kind.records.seed, STREAM, number])
+    trials = kind.drawn(_draw(number, 0, 0))
+    scored = float(np.mean(trials.score > -math.inf))
+    chance = 1.0
+    last = len(levels.levels) - 1
+    for stage, level in enumerate(levels.levels):
+        above = np.flatnonzero(trials.score > level)
+        if stage == last:
+            break
+        if not len(above):
+            return Repetition(0.0, 0.0, 0.0, scored)
+        chance *= len(above) / len(trials.score)
+        trials = _copies(trials, above, random)
+        for move in range(MOVES):
+            if deadline.passed():
+                return None
+            draw = _draw(number, stage + 1, move)
+            trials, _ = _moved(kind, trials, level, levels.sizes[stage], draw, random)
+    level = levels.levels[last]
+    early = kind.scores(trials.chosen(above), half=True) > level
+    coarse = kind.scores(trials, coarse=True) > level
+    return Repetition(
+        exceeded=chance * len(above) / len(trials.score),
+        coarse=chance * float(np.mean(coarse)),
+        late=chance * float(np.sum(~early)) / len(trials.score),
+        scored=scored,
+    )
+
+
+def _draw(number: int, stage: int, move: int) -> int:
+    """The number of a draw of trials in a stage of a repetition."""
+    return (number * (MOST_LEVELS + 1) + stage) * MOVES + move
+
+
+def _copies(trials: Trials, above: NDArray[np.intp], random: np.random.Generator) -> Trials:
+    """As many trials as before, copied from those above a level, each about equally often."""
+    count = len(trials.score)
+    extra = random.permutation(above)[: count % len(above)]
+    return trials.chosen(np.concatenate([np.repeat(above, count // len(above)), extra]))
+
+
+def _moved(
+    kind: Kind, trials: Trials, level: float, size: float, draw: int, random: np.random.Generator
+) -> tuple[Trials, float]:
+    """Every trial moved, and taken back if its score is not above the level; the share kept."""
+    fresh = kind.fresh(draw)
+    rest = math.sqrt((1.0 - size) * (1.0 + size))
+    fresh.records[:] *= size
+    fresh.records[:] += rest * trials.records
+    fresh.pairs[:] = rest * trials.pairs + size * fresh.pairs
+    moved = fresh._replace(side=trials.side)
+    moved = moved._replace(score=kind.scores(moved))
+    kept = moved.score > level
+    for own, new in ((trials.records, moved.records), (trials.pairs, moved.pairs)):
+        own[kept] = new[kept]
+    trials.score[kept] = moved.score[kept]
+    return trials, float(np.mean(kept))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RareHits:
+    """The chance of an exceedance in a mission, from repetitions of a splitting.
+
+    Parameters
+    ----------
+    chance
+        With the bias of the sampling interval and of bursts that meet. Where no trial exceeded the
+        limit it is 0, with an upper limit.
+    lower, upper
+        Confidence interval; from 0 to the upper limit where no trial exceeded the limit.
+    kind
+        The trials of which it was made.
+    repetitions, levels
+        Number of repetitions, and of levels in each.
+    seconds
+        CPU seconds of everything.
+    """
+
+    chance: Estimate
+    lower: float
+    upper: float
+    kind: Kind
+    repetitions: int
+    levels: int
+    seconds: float = 0.0
+
+    @property
+    def relative_error(self) -> float:
+        """Standard error over value; infinite where nothing was seen."""
+        value = self.chance.value
+        return self.chance.standard_error / value if value > 0.0 else math.inf
+
+
+def rare_hits(
+    scene: Scene,
+    event: str,
+    limit: float,
+    *,
+    mission: float,
+    rel_error: float = 0.05,
+    confidence: float = 0.95,
+    seed: int = 0,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> RareHits:
+    """The chance that a hit of a mission exceeds an "impact_speed" (m/s) or a "peak_acceleration"
+    (m/s^2), of the stationary motion of one oscillator under any Gaussian noise.
+
+    It ends at `rel_error`, or with the budget, with what it has then.
+
+    Raises
+    ------
+    NotApplicable
+        As `first_crossings`, or if there are no stops on both sides of the mean position.
+    """
+    bursts, windows = kinds_of(scene, event, mission, rel_error, seed, budget)
+    began = time.process_time()
+    rare = mission > bursts.window and bursts.rare()
+    (bursts if rare else windows).drawn(_draw(PILOT, 0, 0))  # compiled, or taken from the cache
+    deadline = Deadline.after(budget)
+    with crew_of(executor, threads) as crew:
+        ask = _Question(limit, mission, rel_error, confidence, crew, deadline, progress)
+        # where hits hardly pause, or bursts hardly end, the whole motion is looked at
+        found = (ask.answer(bursts) if rare else None) or ask.answer(windows)
+    assert found is not None
+    return replace(found, seconds=time.process_time() - began)
+
+
+@dataclass(frozen=True)
+class _Question:
+    """A limit in a mission, and how accurately its chance is to be known by when."""
+
+    limit: float
+    mission: float
+    rel_error: float
+    confidence: float
+    crew: Crew
+    deadline: Deadline
+    progress: Progress | None
+
+    def answer(self, kind: Kind) -> RareHits | None:
+        """The chance from one kind of trials; None where bursts do not end."""
+        levels = pilot(kind, self.limit, self.deadline)
+        work = partial(repetition, kind, levels)
+        done: list[Repetition] = []
+        begun, wanted = 0, FEWEST_REPETITIONS
+        while True:
+            blocks = [*blocks_between(begun, wanted if levels.levels else 0, 1)]
+            for each in self.crew.results(work, blocks, self.deadline):
+                done += [] if each is None else [each]
+            begun = wanted
+            if _unfinished(kind, done):
+                return None
+            found = self._found(kind, levels, done)
+            error = found.relative_error
+            if self.progress:
+                share = (self.rel_error / max(error, self.rel_error)) ** 2
+                self.progress(share, f"{len(done)} repetitions")
+            known = error <= self.rel_error or not levels.reached or begun >= MOST_REPETITIONS
+            if known or self.deadline.passed():
+                return found
+            wanted += math.ceil(begun * min(MARGIN * (error / self.rel_error) ** 2 - 1.0, 3.0))
+
+    def _found(self, kind: Kind, levels: Levels, done: list[Repetition]) -> RareHits:
+        """What the repetitions say."""
+        count, tried = len(done), kind.trials * (len(done) + 1)
+        exceeded, coarse, late, scored = np.array(done).reshape(-1, 4).T
+        if count < FEWEST_WITH_ERROR or not exceeded.any():
+            # the first trials of each repetition, and of the pilot, are independent
+            most = upper_limit_unseen(tried, self.confidence)
+            upper = float(
+                kind.risk(np.array(most), np.array(0.5 * most), np.array(1.0), self.mission)
+            )
+            return self._at_most(kind, levels, count, upper, f"{tried} trials without one")
+
+        def risk(rows: Vector) -> Vector:
+            return kind.risk(rows[0], rows[1], rows[2], self.mission)
+
+        rows = np.stack([exceeded, late, scored])
+        value = float(risk(rows.mean(axis=1)))
+        left_out = (rows.sum(axis=1, keepdims=True) - rows) / (count - 1)
+        error = jackknife_error(risk(left_out))
+        lower, upper = logarithmic_interval(value, error, count - 1, self.confidence)
+        if not levels.reached:
+            words = f"the chance of exceeding {levels.levels[-1]:.4g}, {count} repetitions"
+            return self._at_most(kind, levels, count, upper, words)
+        at_twice = float(risk(np.array([coarse.mean(), late.mean(), scored.mean()])))
+        step = kind.plan.step_bias("impact_speed_rate", abs(at_twice - value))
+        apart = value * kind.bias(float(scored.mean()), self.mission)
+        return RareHits(
+            chance=Estimate(
+                value=value,
+                standard_error=error,
+                bias=None if step is None else step + apart,
+                how=f"{count} repetitions; bias from twice the sampling interval",
+            ),
+            lower=lower,
+            upper=min(upper, 1.0),
+            kind=kind,
+            repetitions=count,
+            levels=len(levels.levels),
+        )
+
+    def _at_most(self, kind: Kind, levels: Levels, count: int, upper: float, how: str) -> RareHits:
+        """That nothing was seen, and what the chance is at most."""
+        most = min(upper, 1.0)
+        return RareHits(
+            chance=Estimate(value=0.0, bias=None, how=how, upper_95=most),
+            lower=0.0,
+            upper=most,
+            kind=kind,
+            repetitions=count,
+            levels=len(levels.levels),
+        )
+
+
+def _unfinished(kind: Kind, done: list[Repetition]) -> bool:
+    """Whether the exceedances of bursts come so late that bursts do not seem to end."""
+    if len(done) < FEWEST_WITH_ERROR:
+        return False
+    exceeded, _, late, scored = np.mean(done, axis=0)
+    return kind.unfinished(exceeded, late, scored) > UNFINISHED
