@@ -90,6 +90,13 @@ FEWEST_WITH_ERROR = 4
 MOST_REPETITIONS = 2**14
 """Largest number of repetitions, whatever the budget."""
 
+FOR_ANSWER = 0.7
+"""Share of the time that the pilot leaves to the repetitions, each of which takes about as long: a
+limit that it did not reach by then is given an upper limit, from the levels that it did reach."""
+
+FOR_LIMIT = 2.0 / 3.0
+"""Share of these levels that an upper limit is made of, so that there is time for repetitions."""
+
 MARGIN = 1.1
 """More repetitions than the error so far asks for."""
 
@@ -614,7 +621,10 @@ class _Question:
 
     def answer(self, kind: Kind) -> RareHits | None:
         """The chance from one kind of trials; None where bursts do not end."""
-        levels = pilot(kind, self.limit, self.deadline)
+        levels = pilot(kind, self.limit, self.deadline.sooner(FOR_ANSWER))
+        if not levels.reached:
+            kept = math.ceil(FOR_LIMIT * len(levels.levels))
+            levels = replace(levels, levels=levels.levels[:kept])
         work = partial(repetition, kind, levels)
         done: list[Repetition] = []
         begun, wanted = 0, FEWEST_REPETITIONS

@@ -404,11 +404,11 @@ def _inaccurate(chances: dict[str, Chance], jobs: Jobs) -> dict[str, str]:
             )
         elif estimate.standard_error > MISSED * jobs.rel_error * estimate.value:
             error = estimate.standard_error / estimate.value
+            remedies = [f"rel_error to {MISSED * error:.2g}"] if MISSED * error < 1.0 else []
+            if budget is not None:
+                remedies.append(f"budget to about {budget * (error / jobs.rel_error) ** 2:.0f} s")
             found[name] = (
                 f"its relative error was {error:.2g}{ended}, asked for {jobs.rel_error:g}; raise "
-                f"rel_error to {MISSED * error:.1g}"
+                f"{' or '.join(remedies)}"
             )
-            if budget is not None:
-                longer = budget * (error / jobs.rel_error) ** 2
-                found[name] += f", or budget to about {longer:.2g} s"
     return found
