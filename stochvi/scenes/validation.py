@@ -165,8 +165,9 @@ def _key(path: Sequence[Any]) -> str:
 
 def _unknown_key(key: str, model: type[BaseModel]) -> str:
     known = [field.alias or name for name, field in model.model_fields.items()]
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
-    return f"is not a known key; did you mean {near[0]!r}? (known here: {', '.join(known)})"
+    in_small = {name.lower(): name for name in known}
+    (near,) = difflib.get_close_matches(key.lower(), in_small, n=1, cutoff=0.0)
+    return f"is not a known key; did you mean {in_small[near]!r}? (known here: {', '.join(known)})"
 
 
 def _sentence(detail: Any) -> str:

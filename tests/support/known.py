@@ -237,6 +237,7 @@ MISTAKES = {
     ),
     "unknown structure key": _in("structure", "masss", 1.0, "not a known", "'mass'"),
     "unknown key, named as a kind": _in("structure", "oscillator", 1, "not a known", "damping"),
+    "unknown key in small letters": _in("structure", "q", 5.0, "not a known", "'Q'"),
     "unknown pair key": _in("impact_pair", "uper", 1.0, "not a known", "'upper'"),
     "unknown excitation key": _in("excitation", "intensty", 1.0, "not a known", "'intensity'"),
     "unknown law key": _law(1.0, "not a known", "'coefficient'", key="coeficient"),
