@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import SPEED, TIME, Common, acceleration, common, lengths, numbers
-from stochvi.cli.program import main
+from stochvi.cli.options import SPEED, TIME, Common, acceleration, common, lengths, numbers, shown
+from stochvi.cli.program import FAILED, main, stop
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from stochvi.isolators import Jolts
+    from stochvi.isolators import Jolts, Sizing
 
 
 @main.command()
@@ -95,28 +95,55 @@ def size(
 ) -> None:
     """The clearance that is really needed, with a stated risk."""
     from stochvi.isolators.sizing.method import size as solve
+    from stochvi.isolators.sizing.sensitivity import sensitivity as vary
+    from stochvi.results.base import plain
+    from stochvi.results.deadline import Deadline
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_sizing
 
     loaded = load_scene(scene)
-    with options.progress("sizing") as report:
-        found = solve(
-            loaded, peak_acceleration=acceleration(peak_acceleration), progress=report,
-            **options.sampling, **asked,
-        )  # fmt: skip
-    document, table = found.to_dict(), None
-    if sensitivity:
-        from stochvi.isolators.sizing.sensitivity import sensitivity as vary
+    deadline = Deadline.after(options.budget)
+    fell_short: list[str] = []
 
-        table = vary(found, seed=options.seed, threads=options.threads)
-        document |= {"sensitivity": table.to_dict("records")}
-    options.show(found, lambda console, each: print_sizing(console, each, table), None, document)
-    if options.out is not None:
-        from stochvi.isolators.sizing.review import review
-        from stochvi.views.report import write_report
+    def found() -> Sizing:
+        # a sizing takes what it needs, the changed cases of --sensitivity what is left
+        sampling = options.sampling | {"budget": deadline.part(FIRST if sensitivity else 1.0)}
+        with options.progress("sizing") as report:
+            return solve(
+                loaded, peak_acceleration=acceleration(peak_acceleration), progress=report,
+                **sampling, **asked,
+            )  # fmt: skip
 
-        write_report(review(found, table), options.out)
+    def show(answer: Sizing) -> None:
+        document, table = answer.to_dict(), None
+        if sensitivity:
+            with options.progress("sensitivity") as report:
+                table = vary(
+                    answer, seed=options.seed, threads=options.threads, budget=deadline.rest,
+                    progress=report,
+                )  # fmt: skip
+            document |= {"sensitivity": plain(table)}
+            fell_short.extend(
+                f"{change}: {note}"
+                for change, note in zip(table["change"], table["note"], strict=True)
+                if note
+            )
+        options.show(
+            answer, lambda console, each: print_sizing(console, each, table), None, document
+        )
+        if options.out is not None:
+            from stochvi.isolators.sizing.review import review
+            from stochvi.views.report import write_report
 
+            write_report(review(answer, table), options.out)
+
+    shown(found, show)
+    if fell_short:
+        stop(f"{len(fell_short)} cases of --sensitivity fell short: {fell_short[0]}", FAILED)
+
+
+FIRST = 0.5
+"""Share of the budget that the sizing itself may take where changed cases follow."""
 
 JOLT_COLUMNS = {
     "jolt": "jolt (m/s)",

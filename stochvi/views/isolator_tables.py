@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
@@ -87,11 +88,20 @@ def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | N
             console,
             sensitivity.assign(
                 clearance=1e3 * sensitivity["clearance"],
-                clearance_change=[f"{100.0 * c:+.1f} %" for c in sensitivity["clearance_change"]],
-                probability=[spoken_percent(chance) for chance in sensitivity["probability"]],
+                clearance_change=[
+                    "not found" if math.isnan(c) else f"{100.0 * c:+.1f} %"
+                    for c in sensitivity["clearance_change"]
+                ],
+                probability=[
+                    "" if math.isnan(chance) else spoken_percent(chance)
+                    for chance in sensitivity["probability"]
+                ],
             )[list(CHANGE_COLUMNS)].rename(columns=CHANGE_COLUMNS),
             "for the same target, and at the old clearance",
         )
+        for change, note in zip(sensitivity["change"], sensitivity["note"], strict=True):
+            if note:
+                print_line(console, f"{change}: {note}")
     print_line(console, f"method: {sizing.method}")
     print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
     for warning in sizing.warnings:

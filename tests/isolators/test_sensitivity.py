@@ -1,12 +1,23 @@
 """What a sizing hangs on: scaling laws, and inputs that are not Gaussian."""
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from stochvi import Elastic, Isolator, NotApplicable, Restitution, TabulatedNoise
+from stochvi import (
+    Elastic,
+    Isolator,
+    NotApplicable,
+    NotConverged,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+)
+from stochvi.isolators.sizing import sensitivity as method
 from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.method import risk_curve, size
 from stochvi.isolators.sizing.risk_curve import RiskCurve
@@ -45,6 +56,46 @@ def test_a_level_scales_the_clearance(on_a_truck: tuple[Sizing, pd.DataFrame]) -
     assert chances["natural frequency +10 %"] < 0.01 < chances["natural frequency -10 %"]
     assert chances["none"] == pytest.approx(0.01, rel=0.1)
     assert sizing.clearance.value == pytest.approx(table.loc["none", "clearance"], rel=1e-3)
+
+
+def test_a_case_that_fails_is_a_row_that_says_so(
+    on_a_truck: tuple[Sizing, pd.DataFrame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizing, known = on_a_truck
+    tried: list[Scene] = []
+
+    def fails_once(scene: Scene, *asked: Any, **how: Any) -> RiskCurve:
+        tried.append(scene)
+        if len(tried) == 3:
+            raise NotConverged("the budget of 1 s ended in this case")
+        return risk_curve(scene, *asked, **how)
+
+    monkeypatch.setattr(method, "risk_curve", fails_once)
+    table = sensitivity(sizing, seed=1).set_index("change")
+    (failed,) = table.index[table["note"] != ""]
+    assert table.loc[failed, "note"] == "the budget of 1 s ended in this case"
+    assert math.isnan(table.loc[failed, "clearance"])
+    pd.testing.assert_frame_equal(table.drop(failed), known.drop(failed))
+    assert not known["note"].any()
+
+
+def test_no_case_is_begun_once_the_budget_has_ended(
+    on_a_truck: tuple[Sizing, pd.DataFrame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizing, _ = on_a_truck
+    now, budgets = [0.0], []
+    monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
+
+    def slow(*_: Any, budget: float, **__: Any) -> RiskCurve:
+        budgets.append(budget)
+        now[0] += 4.0
+        raise NotConverged("late")
+
+    monkeypatch.setattr(method, "risk_curve", slow)
+    table = sensitivity(sizing, seed=1, budget=7.0)
+    assert len(budgets) == 2 and sum(budgets) < 7.0
+    assert list(table["note"][:2]) == ["late", "late"]
+    assert all("the budget of 7 s ended before this case" in note for note in table["note"][2:])
 
 
 def test_mounts_and_laws_are_varied_however_they_are_given() -> None:

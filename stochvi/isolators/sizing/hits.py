@@ -10,7 +10,8 @@ from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
-from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.deadline import as_far_as_it_got
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -80,9 +81,10 @@ class Hits:
     def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
         """The hits by bursts; None if bursts do not end or no pause separates them."""
         try:
-            found = bursts(
-                scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
-            )
+            found = as_far_as_it_got(
+                bursts, scene, rel_error=rel_error, seed=self.seed, threads=self.threads,
+                budget=self.left(),
+            )  # fmt: skip
         except NotApplicable:
             return None
         if not found.apart:
@@ -101,7 +103,7 @@ class Hits:
             response = simulate(
                 scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
             )
-        except NotConverged as reason:
+        except (NotConverged, Interrupted) as reason:
             if reason.response is None:
                 raise
             response = reason.response

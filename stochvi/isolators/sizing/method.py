@@ -25,7 +25,8 @@ from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
-from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.deadline import Deadline, as_far_as_it_got, heeding_ctrl_c
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
@@ -49,6 +50,8 @@ class SearchSettings:
         Chances of any hit in the mission whose clearances every answer lists.
     most_clearances
         Largest number of clearances that are tried for a target that needs impacts.
+    rough_looks
+        Number of clearances that are looked at roughly before each is looked at accurately.
     least_sigma
         The smallest clearance that is tried for a rate of hits, in standard deviations.
     most_overlap
@@ -59,6 +62,8 @@ class SearchSettings:
     close
         Relative difference between a rate and the wanted one below which the clearance is
         extrapolated from the place that was tried.
+    grace_seconds
+        Seconds after the budget for which places are still looked at, briefly: mostly one is near.
     least_seconds
         Seconds that every calculation gets, even where the budget is spent.
     share_of_hits
@@ -78,11 +83,13 @@ class SearchSettings:
     lowest_sigma: float = 1.0
     sigma_step: float = 0.25
     required: tuple[float, ...] = (0.1, 0.01, 0.001)
-    most_clearances: int = 12
+    most_clearances: int = 24
+    rough_looks: int = 6
     least_sigma: float = 0.2
     most_overlap: float = 0.5
     rough_factor: float = 3.0
     close: float = 0.02
+    grace_seconds: float = 1.0
     least_seconds: float = 0.3
     share_of_hits: float = 0.4
     most_error: float = 1.0
@@ -110,6 +117,9 @@ BY_BURSTS = (
     "bursts of hits simulated with the stop law from first hits on; fast first hits drawn more "
     "often, and weighted"
 )
+
+METHODS = {"probability": BY_FIRST_CROSSINGS, "rate": BY_HITS}
+"""How a target is sized for; one that is not here, by bursts."""
 
 SIMULATED = (
     "clearance", "clearance_in_sigma", "hit_rate", "hit_rate_low", "hit_rate_high",
@@ -161,7 +171,8 @@ def size(
         If the scene is not covered, or no clearance keeps the target.
     NotConverged
         If the rate at which a speed or an acceleration is exceeded was not known to `rel_error` in
-        the budget, or bursts of hits do not end; `response` holds the `Clearance` it got to.
+        the budget, or bursts of hits do not end, or `Interrupted` after Ctrl-C; `response` holds
+        the `Sizing` with the clearance that it got to.
 
     Examples
     --------
@@ -182,8 +193,9 @@ def size(
     if not 1e-4 <= rel_error < 1.0:
         raise ValueError(f"rel_error must be in [1e-4, 1), got {rel_error}")
     try:
-        job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
-        return job.sizing()
+        with heeding_ctrl_c():
+            job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
+            return job.sizing()
     except NotApplicable as reason:
         # what was asked for is a size, by whatever means
         raise NotApplicable("size", reason.conditions) from reason
@@ -212,7 +224,8 @@ def risk_curve(
     )
     pair = scene.impact_pairs[0] if scene.impact_pairs else None
     one_sided = pair is not None and (pair.lower is None or pair.upper is None)
-    found = first_crossings(
+    found = as_far_as_it_got(
+        first_crossings,
         free,
         None if one_sided else levels,
         upper=levels if one_sided else None,
@@ -249,7 +262,7 @@ class _Job:
         if target.name != "probability":
             check_laws(scene, target)
         compile_kernels(scene)
-        self.started = time.perf_counter()
+        self.started, self.deadline = time.perf_counter(), Deadline.after(budget)
         self.report(0.0, "first crossings")
         self.curve = risk_curve(
             scene,
@@ -263,9 +276,10 @@ class _Job:
         self.sigma = self.curve.crossings.displacement_std
         reached = largest_error(self.curve.crossings, mission)
         if reached > SEARCH.most_error:
-            raise NotConverged(
-                f"the budget of {budget:g} s ended at a relative error of {reached:.2g} of the "
-                "chance of a hit: hardly any first hit was seen; raise budget"
+            raise self.deadline.fell_short(
+                f"at a relative error of {reached:.2g} of the chance of a hit: hardly any first "
+                "hit was seen",
+                "raise budget",
             )
         if reached > rel_error:
             self.warnings.append(
@@ -283,26 +297,26 @@ class _Job:
     @property
     def left(self) -> float:
         """Seconds of the budget that are left, at least some to come to an end."""
-        return max(self.budget - (time.perf_counter() - self.started), SEARCH.least_seconds)
+        return max(self.deadline.left, SEARCH.least_seconds)
 
     def sizing(self) -> Sizing:
         """Find the clearance, then the other numbers of the answer."""
-        if self.target.name == "probability":
-            clearance, method = self.curve.clearance(self.target.value), BY_FIRST_CROSSINGS
-        elif self.target.name == "rate":
-            clearance, method = self._search(self._hit_rate, self.target.value), BY_HITS
-        else:
-            assert self.target.exceedance is not None
-            self._check_free_motion(self.target.exceedance)
-            wanted = -math.log1p(-self.target.exceedance) / self.mission
-            clearance, method = self._search(self._exceedance_rate, wanted), BY_BURSTS
+        method = METHODS.get(self.target.name, BY_BURSTS)
+        short: NotConverged | Interrupted | None = None
+        try:
+            clearance = self._clearance()
+        except (NotConverged, Interrupted) as reason:
+            if reason.response is None:
+                raise
+            clearance, short = reason.response, reason
+            self.warnings.insert(0, str(reason))
         three = self._three_sigma()
         if self.scene.impact_pairs:
             self.report(0.9, "recommended clearance")
             self._hits_beside(clearance.value)
         self._warn(clearance.value)
         crossings = self.curve.crossings
-        return Sizing(
+        found = Sizing(
             scene=self.scene,
             target=self.target,
             mission=self.mission,
@@ -328,6 +342,22 @@ class _Job:
             ),
             provenance=provenance(self.scene.document(), self.seed),
         )
+        if self.deadline.interrupted:
+            raise self.deadline.fell_short("before the answer was whole", "", found)
+        if short is not None:
+            raise NotConverged(str(short), found)
+        return found
+
+    def _clearance(self) -> Clearance:
+        """The clearance that keeps the target."""
+        if self.target.name == "probability":
+            return self.curve.clearance(self.target.value)
+        if self.target.name == "rate":
+            return self._search(self._hit_rate, self.target.value)
+        assert self.target.exceedance is not None
+        self._check_free_motion(self.target.exceedance)
+        wanted = -math.log1p(-self.target.exceedance) / self.mission
+        return self._search(self._exceedance_rate, wanted)
 
     def _check_free_motion(self, exceedance: float) -> None:
         """Raise `NotApplicable` if the spring of the mount alone exceeds the target."""
@@ -350,20 +380,29 @@ class _Job:
 
         The logarithm of the rate is nearly straight in the square of the clearance. The search
         follows the slope of Rice's rate until two clearances have the wanted rate between them.
+        Where few bursts decide, the rate jumps from one clearance to the next: after some rough
+        looks each is accurate, and the answer is extrapolated from farther away.
         """
         place = self._first_guess(wanted)
         above: tuple[float, float] | None = None
         below: tuple[float, float] | None = None
         slope = -1.0 / (2.0 * self.sigma**2)
+        nearest: tuple[float, Estimate, float] | None = None
+        late = self.deadline.sooner_by(-SEARCH.grace_seconds)
         for attempt in range(SEARCH.most_clearances):
-            self.report(0.1 + 0.05 * attempt, f"{1e3 * place:.4g} mm")
-            roughly = risk(place, SEARCH.rough_factor * self.rel_error)
+            if attempt and late.passed():
+                break
+            self.report(min(0.1 + 0.05 * attempt, 0.65), f"{1e3 * place:.4g} mm")
+            rough = attempt < SEARCH.rough_looks
+            roughly = risk(place, (SEARCH.rough_factor if rough else 1.0) * self.rel_error)
             excess, tolerance = _excess(roughly, wanted)
-            if abs(excess) <= max(tolerance, SEARCH.close):
-                found = risk(place, self.rel_error)
+            if abs(excess) <= (max(tolerance, SEARCH.close) if rough else SEARCH.reach):
+                found = risk(place, self.rel_error) if rough else roughly
                 excess, _ = _excess(found, wanted)
                 if abs(excess) <= SEARCH.reach:
                     return self._answer(place, found, excess, slope)
+            if abs(excess) <= SEARCH.reach and (nearest is None or abs(excess) < abs(nearest[2])):
+                nearest = place, roughly, excess
             point = (place**2, excess)
             above, below = (point, below) if excess > 0.0 else (above, point)
             if above and below and above[0] < below[0] and math.isfinite(below[1]):
@@ -371,9 +410,23 @@ class _Job:
             if excess < 0.0 and place <= self._least * (1.0 + SEARCH.close):
                 return self._already_kept(place, roughly)
             place = math.sqrt(self._next(above, below, point))
+        if nearest is not None:
+            return self._answer(*nearest, slope)
+        answer = None
+        if above and below:
+            ends = math.sqrt(above[0]), math.sqrt(below[0])
+            answer = Clearance(value=place, lower=min(ends), upper=max(ends))
+        sought = f"the clearance for {self.target.name} = {self.target.value:g}"
+        if self.deadline.passed():
+            raise self.deadline.fell_short(
+                f"after {attempt} places were tried, before {sought} was found",
+                "raise budget or rel_error",
+                answer,
+            )
         raise NotConverged(
-            f"no clearance was found in {SEARCH.most_clearances} tries for {self.target.name} = "
-            f"{self.target.value:g}; raise budget or rel_error"
+            f"{sought} was not found in {SEARCH.most_clearances} places: the rate jumps between "
+            "them; lower rel_error or raise budget",
+            answer,
         )
 
     def _answer(self, place: float, found: Estimate, excess: float, slope: float) -> Clearance:
@@ -474,7 +527,8 @@ class _Job:
         name, limit = self.target.name, self.target.value
         scene = at_clearance(self.scene, clearance)
         assert self.target.exceedance is not None
-        found = bursts(
+        found = as_far_as_it_got(
+            bursts,
             scene,
             rel_error=rel_error,
             far_from=-math.log1p(-self.target.exceedance) / self.mission,
@@ -496,9 +550,12 @@ class _Job:
 
     def _hits_beside(self, clearance: float) -> Tried | None:
         """Hits for information alone; None and a warning where they are not found."""
+        if self.deadline.interrupted:
+            self.warnings.append(f"the hits at {1e3 * clearance:.4g} mm were not simulated")
+            return None
         try:
             return self.hits.at(clearance)
-        except (NotApplicable, NotConverged) as reason:
+        except (NotApplicable, NotConverged, Interrupted) as reason:
             self.warnings.append(f"the hits at {1e3 * clearance:.4g} mm are not known: {reason}")
             return None
 

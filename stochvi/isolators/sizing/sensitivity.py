@@ -14,8 +14,10 @@ from scipy.special import gammaln, roots_genlaguerre
 from stochvi.isolators.sizing.method import risk_curve, size
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.spectra import Table
+from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.model.model import model_of
-from stochvi.results.errors import NotApplicable
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
 from stochvi.scenes.impact_laws import Law, Restitution
 from stochvi.scenes.scene import Scene
 
@@ -36,6 +38,12 @@ RESTITUTION_STEP, STIFFNESS_FACTOR = 0.1, 2.0
 ROUGH_ERROR = 0.1
 """Relative error of the risk when a changed scene is sized for a target that needs impacts."""
 
+BUDGET = 60.0
+"""Seconds for the sizing of a changed scene where no budget is given."""
+
+CURVE_SHARE = 0.3
+"""Share of the time of a row for the chances of a hit."""
+
 KURTOSIS = 5.0
 """Kurtosis of an input that is not Gaussian; Gaussian noise has 3."""
 
@@ -55,7 +63,14 @@ MODULATION_NODES = 200
 """Nodes of the Gauss-Laguerre rule over the variance of slow bursts."""
 
 
-def sensitivity(sizing: Sizing, *, seed: int = 0, threads: int | None = None) -> pd.DataFrame:
+def sensitivity(
+    sizing: Sizing,
+    *,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = None,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
     """Clearance for the same target, and chance of any hit at the old one, for a changed scene.
 
     Rows: natural frequency +-10 %, damping ratio +-30 % (or the tolerances of the isolator), level
@@ -65,11 +80,17 @@ def sensitivity(sizing: Sizing, *, seed: int = 0, threads: int | None = None) ->
     peaks (a monotone transform of the input, of which the mount averages many), and by slow bursts
     (the level itself changes, slowly against the memory of the response; see `slow_bursts`).
 
+    Parameters
+    ----------
+    budget
+        Seconds for all rows together, which share them evenly; None for no limit.
+
     Returns
     -------
     pandas.DataFrame
         `change`, `sigma` (m), `clearance` (m), `clearance_change` (relative to that of the
-        sizing), `probability` (of any hit in the mission at the clearance of the sizing).
+        sizing), `probability` (of any hit in the mission at the clearance of the sizing), `note`:
+        why a row has no numbers (NaN), or not the accuracy that was asked for; else empty.
 
     Examples
     --------
@@ -86,9 +107,21 @@ def sensitivity(sizing: Sizing, *, seed: int = 0, threads: int | None = None) ->
     """
     import pandas as pd
 
-    rows = [_row(change, scene, sizing, seed, threads) for change, scene in variations(sizing)]
-    if sizing.target.name == "probability":
-        rows += _not_gaussian(sizing, seed, threads)
+    deadline, rows = Deadline.after(budget), []
+    cases = list(variations(sizing))
+    with heeding_ctrl_c():
+        for number, (change, scene) in enumerate(cases):
+            if progress:
+                progress(number / len(cases), change)
+            share = deadline.part(1.0 / (len(cases) - number))
+            try:
+                if deadline.passed():
+                    raise deadline.fell_short("before this case", "raise budget")
+                rows.append(_row(change, scene, sizing, seed, threads, share))
+            except (StochviError, Interrupted, ValueError) as reason:
+                rows.append(_row_of(change, sizing, math.nan, math.nan, math.nan, str(reason)))
+        if sizing.target.name == "probability" and not deadline.passed():
+            rows += _not_gaussian(sizing, seed, threads)
     return pd.DataFrame(rows)
 
 
@@ -111,38 +144,42 @@ def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
 
 
 def _row(
-    change: str, scene: Scene, sizing: Sizing, seed: int, threads: int | None
+    change: str, scene: Scene, sizing: Sizing, seed: int, threads: int | None, budget: float | None
 ) -> dict[str, Any]:
-    """A row of the table: the changed scene sized for the same target."""
-    target = sizing.target
+    """A row of the table: the changed scene sized for the same target, in its share of the time."""
+    target, deadline, note = sizing.target, Deadline.after(budget), ""
     curve = risk_curve(
-        scene, target, sizing.mission, rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads
-    )
+        scene, target, sizing.mission, rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads,
+        budget=deadline.part(CURVE_SHARE),
+    )  # fmt: skip
     if target.name == "probability":
         clearance = curve.clearance(target.value).value
     else:
         limit: dict[str, Any] = {target.name: target.value}
         if target.exceedance is not None:
             limit["exceedance"] = target.exceedance
-        clearance = size(
-            scene,
-            **limit,
-            mission=sizing.mission,
-            rel_error=ROUGH_ERROR,
-            seed=seed,
-            threads=threads,
-        ).clearance.value
+        try:
+            found = size(
+                scene, **limit, mission=sizing.mission, rel_error=ROUGH_ERROR, seed=seed,
+                threads=threads, budget=deadline.rest or BUDGET,
+            )  # fmt: skip
+        except (NotConverged, Interrupted) as reason:
+            if reason.response is None:
+                raise
+            found, note = reason.response, str(reason)
+        clearance = found.clearance.value
     return _row_of(
         change,
         sizing,
         curve.crossings.displacement_std,
         clearance,
         curve.probability(sizing.clearance.value),
+        note,
     )
 
 
 def _row_of(
-    change: str, sizing: Sizing, sigma: float, clearance: float, probability: float
+    change: str, sizing: Sizing, sigma: float, clearance: float, probability: float, note: str = ""
 ) -> dict[str, Any]:
     return {
         "change": change,
@@ -150,6 +187,7 @@ def _row_of(
         "clearance": clearance,
         "clearance_change": clearance / sizing.clearance.value - 1.0,
         "probability": probability,
+        "note": note,
     }
 
 

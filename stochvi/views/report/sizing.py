@@ -278,6 +278,8 @@ def _sensitivity(table: pd.DataFrame | None) -> Section:
     title = "Sensitivity"
     if table is None:
         return Section(title=title)
+    missing = "" if "note" not in table else "; ".join(table["change"][table["clearance"].isna()])
+    table = table.dropna(subset=["clearance"])
     headings = ["change", "linear rms (mm)", "clearance (mm)", "by (%)"]
     lead = (
         "How the clearance moves if mount and environment are not as stated: by linear theory, at "
@@ -296,6 +298,8 @@ def _sensitivity(table: pd.DataFrame | None) -> Section:
             "The clearance for the same target if mount, environment or stops are not as stated, "
             "and the chance of any hit that the recommended clearance then has."
         )
+    if missing:
+        lead += f" Not found: {missing}."
     grid = Grid(
         caption="One thing changed at a time, the rest as stated",
         headings=headings,
