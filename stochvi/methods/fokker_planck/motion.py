@@ -13,7 +13,7 @@ from scipy.optimize import brentq, minimize_scalar
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.basis import Array
 from stochvi.model.model import Model, Stop
-from stochvi.results.errors import NotApplicable
+from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 
 LAW_DEPTH = 18.0
@@ -234,6 +234,11 @@ class Motion:
         """Places, weights and energies above the lowest for integrals over x."""
         left, right = self.span(height)
         edges = np.union1d(np.linspace(left, right, PIECES), self.knots(left, right))
+        if len(edges) < PIECES:
+            raise NotConverged(
+                "fokker-planck did not converge: the motion is so small beside its distance from "
+                "the unloaded spring that its places are lost in rounding; check the intensity"
+            )
         x, weights = gauss_panels(edges, NODES)
         energy = self.energy(x)
         return x, weights, energy - energy.min()

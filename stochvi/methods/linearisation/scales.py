@@ -16,6 +16,7 @@ from stochvi.mathematics.spectra import response_moments
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
+from stochvi.results.errors import NotConverged
 from stochvi.scenes.impact_laws import Viscoelastic
 
 SCAN = (-6.9, 4.6)
@@ -121,6 +122,11 @@ def _gibbs_stops(gap: Gap, speed: float) -> tuple[float, float]:
     viscoelastic stop c s^2 P(contact).
     """
     law = gibbs_law(gap, speed)
+    if not law.variance > 0.0:
+        raise NotConverged(
+            "linearise did not converge: the response is so small beside its distance from the "
+            "stops that its variance is lost in rounding; check the units of damping and excitation"
+        )
     stiffness = max(speed**2 / law.variance - gap.omega**2, 0.0)
     rigid = [stop for stop in gap.stops if stop.rigid]
     loss = sum((1.0 - stop.law.restitution) * law.density_at(stop.position) for stop in rigid)

@@ -93,10 +93,9 @@ def of_compliant_pair(pair: Pair) -> dict[str, Quantity]:
     }
     found["contact_probability"] = lambda m: sum(m[name, f"contact_{side}"] for side in sides)
     if len(sides) == len(pair.stops):
-        found["peak_force"] = lambda m: (
-            mass
-            * sum(m[name, f"peak_{side}"] for side in sides)
-            / sum(m[name, f"ended_{side}"] for side in sides)
+        found["peak_force"] = lambda m: _ratio(
+            mass * sum(m[name, f"peak_{side}"] for side in sides),
+            sum(m[name, f"ended_{side}"] for side in sides),
         )
     return found
 
@@ -104,7 +103,12 @@ def of_compliant_pair(pair: Pair) -> dict[str, Quantity]:
 def speed_mean(name: str) -> Quantity:
     """Mean impact speed, F1 over the rate of all impacts counted."""
     pair = of_pair(name)
-    return lambda m: pair["impact_speed_rate"](m) / pair["collision_rate"](m)
+    return lambda m: _ratio(pair["impact_speed_rate"](m), pair["collision_rate"](m))
+
+
+def _ratio(above: float, below: float) -> float:
+    """A mean per impact; NaN where there was no impact, of which nothing is known."""
+    return above / below if below else math.nan
 
 
 def governed(model: Model) -> dict[Key, Quantity]:

@@ -234,6 +234,10 @@ class Run:
         if self.plan.elastic:
             return Estimate(value=value, standard_error=error, how=how)
         coarse, coarse_error = self.coarse.evaluate(quantity)
+        if math.isnan(coarse):  # no impact at twice the step, as may be if there are few at all
+            return Estimate(
+                value=value, standard_error=error, how=f"{how}; bias of the step unknown", bias=None
+            )
         bias = self.plan.step_bias(name, abs(coarse - value))
         source = "bias of the step unknown" if bias is None else "bias from twice the step"
         return Estimate(
@@ -302,7 +306,9 @@ class Run:
                 name: self.estimate(quantity, name)
                 for name, quantity in of_compliant_pair(pair).items()
             }
-            found |= _with_largest_bias(pressed)
+            found |= _with_largest_bias(
+                {name: each for name, each in pressed.items() if not math.isnan(each.value)}
+            )
         return PairResponse(**found, speed_threshold=self.layout.thresholds[pair.name])
 
     def _speed_mean(self, pair: Pair, known: Mapping[str, Estimate | None]) -> Estimate:

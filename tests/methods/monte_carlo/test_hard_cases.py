@@ -25,7 +25,7 @@ from stochvi.model.model import model_of
 from stochvi.results.intervals import upper_limit_unseen
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
-from support.known import values
+from support.known import oscillator, values
 
 HARD = importlib.import_module("studies.04_hard_cases.cases")
 CASES: dict[str, Scene] = HARD.CASES
@@ -158,6 +158,14 @@ def test_a_stop_that_is_never_reached_has_an_upper_limit() -> None:
     exposure = response.cost.paths * make_plan(model_of(CASES["gap 1e6"]), None, None).duration
     assert rate.upper_95 >= upper_limit_unseen(exposure)
     assert any("no impact on the upper stop" in line for line in response.warnings)
+
+
+def test_a_mean_speed_of_impacts_that_twice_the_step_does_not_see_has_no_known_bias() -> None:
+    """Of two short paths one step may see a hit, and twice the step none."""
+    loose = oscillator(0.0, 1.0, 0.7)
+    found = [simulate(loose, paths=2, duration=2.0, seed=seed, threads=1) for seed in range(4)]
+    means = [each.impact_pairs["stops"].impact_speed_mean for each in found]
+    assert any(mean is not None and mean.bias is None and mean.value > 0.0 for mean in means)
 
 
 # ---- collapse ---------------------------------------------------------------------------------

@@ -1,0 +1,84 @@
+"""A hunt with a seed: whatever a command is given, it ends with a code and a sentence."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import resource
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from support.commands import Run
+from support.mutations import COMMANDS, LONG_COMMANDS, Mutator
+
+SECONDS = 20.0
+"""CPU seconds that a command with a budget of 1 s may take: compilation, and its last block."""
+
+MEGABYTES = 1500.0
+"""Memory that the process may come to hold, with every library that any command imports."""
+
+QUICKEST = 12
+"""Number of commands, from the first, that simulate nothing and take milliseconds."""
+
+BARE = re.compile(
+    r"math domain error|math range error|division by zero|divide by zero|Singular matrix|"
+    r"cannot convert float|Result too large|infs or NaNs|Numerical result|invalid literal|"
+    r"could not broadcast|out of bounds|zero-size|different signs|JSON compliant|must be finite|"
+    r"has no attribute|object is not|not supported between|unexpected keyword|Traceback|"
+    r"not positive definite|Expecting|ufunc|dtype|operand|ndarray",
+)
+"""Words of errors of Python and its libraries, which say nothing to a user."""
+
+
+def hunt(stochvi: Run, folder: Path, seed: int, commands: tuple[tuple[str, ...], ...]) -> None:
+    mutator = Mutator(seed)
+    inside = folder / "a" / "b"
+    inside.mkdir(parents=True)
+    scene, out = mutator.write(inside), inside / "o1" / "o2"
+    words = mutator.command(commands, out)
+    before = files_of(folder)
+    case = f"seed {seed}: {' '.join(words)}\n{scene.read_text('utf-8', 'replace')[:3000]}"
+    began = time.process_time()
+    code, text, errors = stochvi(words[0], scene, *words[1:])
+    spent = time.process_time() - began
+    assert code in (0, 1, 2), case
+    if code:
+        assert "stochvi: " in errors, f"{errors}\n{case}"
+        assert not BARE.search(errors), f"{errors}\n{case}"
+        assert len(errors.split("stochvi: ", 1)[1].strip()) > 15, f"{errors}\n{case}"
+    assert "\x1b" not in text + errors and "\x00" not in text + errors, case
+    changed = {path for path, state in files_of(folder).items() if before.get(path) != state}
+    assert all(path.is_relative_to(out) for path in changed), f"{changed}\n{case}"
+    assert spent < SECONDS, f"{spent:.1f} s\n{case}"
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 1024.0 * MEGABYTES, case
+
+
+def files_of(folder: Path) -> dict[Path, tuple[int, int]]:
+    """Every file below a folder with its number and the time when it was written."""
+    found = {path: path.stat() for path in folder.rglob("*") if path.is_file()}
+    return {path: (state.st_ino, state.st_mtime_ns) for path, state in found.items()}
+
+
+@contextlib.contextmanager
+def beginning(case: str) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # a traceback: say which case it is
+        raise AssertionError(case) from error
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_changed_scene_ends_in_a_sentence(stochvi: Run, tmp_path: Path, seed: int):
+    with beginning(f"seed {seed}"):
+        hunt(stochvi, tmp_path, seed, COMMANDS[:QUICKEST])
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("hundred", range(1, 21))
+def test_thousands_of_changed_scenes_end_in_sentences(stochvi: Run, tmp_path: Path, hundred: int):
+    for seed in range(100 * hundred, 100 * hundred + 100):
+        with beginning(f"seed {seed}"):
+            hunt(stochvi, tmp_path / str(seed), seed, COMMANDS + LONG_COMMANDS)
