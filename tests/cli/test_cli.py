@@ -265,12 +265,18 @@ def test_exact_names_the_restitution_that_it_does_not_cover(stochvi: Run):
         (("--paths", "1"), "paths must be at least 2 for a standard error, got 1"),
         (("--paths", "8", "--rel-error", "0.1"), "give rel_error or paths, not both"),
         (("--duration", "0"), "duration must be a positive number of seconds, got 0.0"),
-        (("--duration", "nan"), "duration must be a positive number of seconds, got nan"),
+        (
+            ("--duration", "nan"),
+            "--duration must be a number with a unit of time (s, ms, min, h), got 'nan'",
+        ),
         (("--seed", "-1"), "seed must be in [0, 2^63), got -1"),
         (("--seed", str(2**63)), f"seed must be in [0, 2^63), got {2**63}"),
         (("--threads", "0"), "threads must be at least 1, got 0"),
         (("--budget", "-5"), "budget must be a positive number of seconds, got -5.0"),
-        (("--speed-threshold", "nan"), "speed_threshold must be at least 0, got nan"),
+        (
+            ("--speed-threshold", "nan"),
+            "--speed-threshold must be a number with a unit of speed (m/s, mm/s), got 'nan'",
+        ),
     ],
     ids=" ".join,
 )
