@@ -49,7 +49,7 @@ _HOMES = {
     "methods.monte_carlo": ("record_path",),
     "methods.periodic": ("HarmonicResonance", "RandomResonance"),
     "results": ("CheckpointError", "Cost", "NoExactSolution"),
-    "statistics": ("Chance", "ImpactStatistics", "Reliability", "ResponseSpectrum"),
+    "statistics": ("Chance", "History", "ImpactStatistics", "Reliability", "ResponseSpectrum"),
     "verification": ("Check", "Checks", "Explanation", "WorkPrecision", "check_many", "zoo"),
 }
 """Names that `stochvi.NAME` finds too, because programs use them so, by the package they are in."""

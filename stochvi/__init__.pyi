@@ -31,6 +31,7 @@ from .scenes.impact_laws import (
 )
 from .scenes.scene import ImpactPair, Scene, load_scene
 from .scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
+from .statistics.histories import history
 from .statistics.impacts import impacts
 from .statistics.reliability import reliability
 from .statistics.spectra import spectrum
@@ -78,6 +79,7 @@ __all__ = [
     "explain",
     "first_passage",
     "fokker_planck",
+    "history",
     "impacts",
     "isolators",
     "linearise",

@@ -97,6 +97,38 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 
 @main.command()
 @click.argument("scene")
+@click.option("--duration", type=TIME, required=True, metavar="TIME", help="As 10 (s) or 2min.")
+@click.option("--path", type=int, default=0, show_default=True, help="Number of the realisation.")
+@click.option("--rate", type=float, metavar="HZ", help="Samples per second [of the step].")
+@click.option("--animate", is_flag=True, help="Also draw history.gif: masses between their stops.")
+@common("seed", "json", "out", "quiet")
+def history(
+    options: Common, scene: str, duration: float, animate: bool, path: int, rate: float | None
+) -> None:
+    """One realisation: motion, base, contact forces and impacts in time.
+
+    Example: stochvi history truck.toml --duration 10s --rate 1000 --out out
+    """
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.histories import history as solve
+    from stochvi.views.files import write_parquet, write_table
+    from stochvi.views.history import draw_history, print_history, write_animation
+
+    if animate and options.out is None:
+        raise ValueError("--animate writes history.gif into a folder: give --out DIR as well")
+    loaded = load_scene(scene)
+    found = solve(loaded, duration=duration, seed=options.seed, path=path, rate=rate)
+    options.show(found, print_history, "history")
+    if options.out is not None:
+        write_table(found.impacts, options.out / "impacts.csv")
+        write_parquet(found.samples, options.out / "history.parquet")
+    options.draw("history", lambda: draw_history(found, loaded, loaded.title))
+    if animate and options.out is not None:
+        write_animation(found, loaded, options.out / "history.gif", loaded.title)
+
+
+@main.command()
+@click.argument("scene")
 @click.option("--mission", type=TIME, required=True, metavar="TIME", help="As 600 (s) or 10h.")
 @click.option(
     "--barrier", metavar="B|LO,HI",

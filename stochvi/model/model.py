@@ -24,7 +24,13 @@ from stochvi.scenes.excitations import (
     Sine,
     WhiteNoise,
 )
-from stochvi.scenes.impact_laws import CompliantLaw, Law, Restitution, not_rigid
+from stochvi.scenes.impact_laws import (
+    CompliantLaw,
+    Law,
+    Restitution,
+    Viscoelastic,
+    not_rigid,
+)
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, NonlinearOscillator, Oscillator
 
@@ -128,6 +134,24 @@ class Pair:
     def rigid(self) -> bool:
         """Whether no stop gives way."""
         return all(stop.rigid for stop in self.stops)
+
+    def force(self, gap: ArrayLike, rate: ArrayLike) -> Vector:
+        """Force on the stops that give way, N, positive on the upper one; 0 on rigid ones.
+
+        Parameters
+        ----------
+        gap, rate
+            The gap y, m, and its rate, m/s, of one shape.
+        """
+        total = np.zeros(np.shape(gap))
+        for stop in self.stops:
+            inwards = stop.deflection(gap)
+            if isinstance(stop.law, Viscoelastic):
+                rates = stop.side * np.asarray(rate)
+                total += stop.side * stop.law.force_at(inwards, rates, self.mass)
+            elif isinstance(stop.law, CompliantLaw):
+                total += stop.side * stop.law.force_at(inwards)
+        return total
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -13,9 +14,12 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from stochvi.scenes.scene import Scene
+    from stochvi.scenes.scene import ImpactPair, Scene
+
+Vector = NDArray[np.float64]
 
 COLOURS = {
     "exact": "#1b1b1b",
@@ -56,6 +60,9 @@ MOST_DECADES, MARGIN = 10, 3.0
 LONGEST_LINE, MOST_LINES = 70, 2
 """Most characters of a line of text in a picture, and lines that a longer one is wrapped to: more
 would leave no room for the picture."""
+
+MOST_POINTS = 4000
+"""Points of a curve above which it is drawn by the smallest and largest values of neighbours."""
 
 LEGEND_COLUMNS = 2
 """Columns of a legend: more do not fit above a picture of half a page."""
@@ -136,6 +143,11 @@ def length_unit(size: float) -> tuple[float, str]:
 
 def draw_stops(ax: Axes, scene: Scene, unit: float, *, vertical: bool) -> None:
     """The stops as grey walls; the view is widened where it does not reach them."""
+    draw_walls(ax, scene.expanded.impact_pairs, unit, vertical=vertical)
+
+
+def draw_walls(ax: Axes, pairs: Iterable[ImpactPair], unit: float, *, vertical: bool) -> None:
+    """The stops of these pairs as grey walls, positions in metres over `unit`."""
     limits, span, set_limits = (
         (ax.get_xlim, ax.axvspan, ax.set_xlim)
         if vertical
@@ -143,7 +155,7 @@ def draw_stops(ax: Axes, scene: Scene, unit: float, *, vertical: bool) -> None:
     )
     stops = [
         (position / unit, side)
-        for pair in scene.expanded.impact_pairs
+        for pair in pairs
         for position, side in ((pair.lower, -1.0), (pair.upper, 1.0))
         if position is not None
     ]
@@ -156,6 +168,31 @@ def draw_stops(ax: Axes, scene: Scene, unit: float, *, vertical: bool) -> None:
         edges = (low, place) if side < 0.0 else (place, high)
         span(*edges, color=COLOURS["stop"], alpha=0.35, linewidth=0)
     set_limits(low, high)
+
+
+def thinned(t: Vector, x: Vector, most: int = MOST_POINTS) -> tuple[Vector, Vector]:
+    """A curve of at most about `most` points that reaches as far up and down as the whole one.
+
+    Where there are more samples, each group of neighbours is drawn by its smallest and its largest
+    value, in the order of time, so that no peak is lost.
+
+    >>> x = np.zeros(10_000)
+    >>> x[1234] = 7.0
+    >>> times, values = thinned(np.arange(10_000.0), x, most=100)
+    >>> len(values), float(values.max()), float(times[values.argmax()])
+    (100, 7.0, 1234.0)
+    """
+    group = -(-len(x) // (most // 2))
+    if group <= 2:
+        return t, x
+    whole = len(x) // group * group
+    blocks = x[:whole].reshape(-1, group)
+    ends = np.sort(np.stack([blocks.argmin(axis=1), blocks.argmax(axis=1)], axis=1), axis=1)
+    places = (ends + np.arange(0, whole, group)[:, None]).ravel()
+    if whole < len(x):
+        rest = x[whole:]
+        places = np.append(places, whole + np.sort([rest.argmin(), rest.argmax()]))
+    return t[places], x[places]
 
 
 def label_for_page(ax: Axes, x: str, y: str) -> None:

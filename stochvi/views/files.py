@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import importlib.util
 import io
 import json
 import os
@@ -129,6 +130,14 @@ def folder_in(folder: Path, name: str) -> Path:
 def write_table(frame: pd.DataFrame, path: Path) -> None:
     """A CSV table with all the digits of its numbers."""
     write_text(frame.to_csv(index=False, lineterminator="\n"), path)
+
+
+def write_parquet(frame: pd.DataFrame, path: Path) -> None:
+    """The same table as Parquet, where pyarrow is installed."""
+    if importlib.util.find_spec("pyarrow") is not None:
+        memory = io.BytesIO()
+        frame.to_parquet(memory, index=False)
+        write_bytes(memory.getvalue(), path)
 
 
 def write_picture(ax: Axes, path: Path) -> None:

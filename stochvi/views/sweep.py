@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import io
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -18,7 +16,7 @@ from stochvi.results.file_names import file_names
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import QUANTITY_UNITS
 from stochvi.views.axes import axes_or_new
-from stochvi.views.files import try_picture, write_bytes, write_table
+from stochvi.views.files import try_picture, write_parquet, write_table
 from stochvi.views.tables import NEGLIGIBLE, QUANTITY_NAMES
 
 ERROR = "standard_error"
@@ -124,10 +122,7 @@ def write_sweep(
     that changes."""
     folder = Path(folder)
     write_table(table, folder / "sweep.csv")
-    if importlib.util.find_spec("pyarrow") is not None:
-        memory = io.BytesIO()
-        table.to_parquet(memory, index=False)
-        write_bytes(memory.getvalue(), folder / "sweep.parquet")
+    write_parquet(table, folder / "sweep.parquet")
     for quantity, name in file_names(quantities(table), ".png").items():
         if changes(table, quantity):
             try_picture(partial(draw_sweep, table, keys, quantity, title), folder / name)

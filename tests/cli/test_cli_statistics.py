@@ -1,9 +1,11 @@
-"""`stochvi spectrum` and `stochvi impacts`: exit codes, the JSON document, the files."""
+"""`stochvi spectrum`, `impacts` and `history`: exit codes, the JSON document, the files."""
 
+import importlib.util
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from PIL import Image
 
 from support.commands import ELASTIC, ISOLATOR, Run, one_document, refused
 from support.known import DOCUMENT, changed, to_toml
@@ -135,3 +137,38 @@ def test_quiet_is_silent_and_a_scene_without_stops_has_no_impacts(
     options = ("--threads", "1", "--quiet")
     assert stochvi("spectrum", ELASTIC, *SPECTRUM[1:], *options) == (0, "", "")
     assert stochvi("impacts", ELASTIC, *IMPACTS[1:], *options) == (0, "", "")
+
+
+def test_a_history_is_a_document_tables_a_picture_and_an_animation(
+    stochvi: Run, tmp_path: Path
+) -> None:
+    asked = ("history", ELASTIC, "--duration", "0.5min", "--path", "2", "--json", "-")
+    code, out, err = stochvi(*asked, "--out", tmp_path, "--animate")
+    assert code == 0 and "path 2 of seed 0" in err
+    document = one_document(out)
+    assert document["method"].startswith("history:") and document["duration"] == 30.0
+    samples = pd.read_csv(tmp_path / "history.csv")
+    assert list(samples) == document["columns"] and len(samples) == document["samples"]
+    assert samples["displacement_m"].max() == document["coordinates"]["x"]["displacement_max"]
+    impacts = pd.read_csv(tmp_path / "impacts.csv")
+    assert len(impacts) == document["impact_pairs"]["stops"]["hits"]
+    assert (tmp_path / "history.png").stat().st_size > 10_000
+    with Image.open(tmp_path / "history.gif") as film:
+        assert film.n_frames > 50
+    parquet = tmp_path / "history.parquet"
+    assert parquet.exists() == (importlib.util.find_spec("pyarrow") is not None)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--duration", "10s", "--animate"), "--out"),
+        (("--duration", "ten"), "--duration must be a number with a unit of time"),
+        (("--duration", "5 parsecs"), "(s, ms, min, h)"),
+        (("--duration", "-1"), "duration must be a positive number"),
+    ],
+)
+def test_a_history_that_cannot_be_made_is_refused(
+    stochvi: Run, words: tuple[str, ...], sentence: str
+) -> None:
+    assert sentence in refused(stochvi("history", ELASTIC, *words))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,8 @@ from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
+
+Made = TypeVar("Made")
 
 FIRST_ROWS = 2**14
 """Number of impacts that the first log of a block holds; if there are more, the block is simulated
@@ -70,22 +74,39 @@ class ImpactPlan:
 
     def impacts(self, seed: int, first_path: int, paths: int) -> dict[str, ImpactLog]:
         """Impacts of the paths first_path, first_path + 1, ..., by pair."""
-        rows = FIRST_ROWS
-        while True:
-            log = Log(np.empty((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
-            self.source.averages(seed, first_path, paths, log=log)
-            count = int(log.count[0])
-            if count <= rows:
-                break
-            rows = count
-        events = log.events[:count]
-        # paths take turns from step to step: within one the order is that of time
-        events = events[np.argsort(events[:, 0], kind="stable")]
-        found = {}
-        for pair, name in enumerate(self.thresholds):
-            path, _, time, speed = events[events[:, 1] == pair].T
-            found[name] = ImpactLog(path=path.astype(np.int64), time=time, speed=speed)
-        return found
+        return logged_impacts(
+            lambda log: self.source.averages(seed, first_path, paths, log=log), self.thresholds
+        )[1]
+
+
+def logged_impacts(
+    simulate: Callable[[Log], Made], pairs: Iterable[str]
+) -> tuple[Made, dict[str, ImpactLog]]:
+    """What `simulate` makes of a log that is long enough, and the impacts in it by pair.
+
+    Parameters
+    ----------
+    simulate
+        Simulates the same paths again however often it is called, and writes their impacts down.
+    pairs
+        Names of all pairs, in their order.
+    """
+    rows = FIRST_ROWS
+    while True:
+        log = Log(np.empty((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
+        made = simulate(log)
+        count = int(log.count[0])
+        if count <= rows:
+            break
+        rows = count
+    events = log.events[:count]
+    # paths take turns from step to step: within one the order is that of time
+    events = events[np.argsort(events[:, 0], kind="stable")]
+    found = {}
+    for pair, name in enumerate(pairs):
+        path, _, time, speed = events[events[:, 1] == pair].T
+        found[name] = ImpactLog(path=path.astype(np.int64), time=time, speed=speed)
+    return made, found
 
 
 def plan_impacts(

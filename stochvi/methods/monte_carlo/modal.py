@@ -320,10 +320,12 @@ class ModalPlan:
         """Numbers that the record of one path takes."""
         return self.record_width * (samples + self.settling)
 
-    def histories(self, seed: int, first_path: int, paths: int, samples: int) -> Histories:
+    def histories(
+        self, seed: int, first_path: int, paths: int, samples: int, log: Log | None = None
+    ) -> Histories:
         """Settled records of the paths first_path, first_path + 1, ..."""
         record = np.zeros((self.steps, paths, self.record_width))
-        self.averages(seed, first_path, paths, record)
+        self.averages(seed, first_path, paths, record, log)
         n, shapes = self.modes.size, self.modes.shapes
         kept = record[self.settling : self.settling + samples]
         rest = shapes @ self.modes.rest
@@ -333,6 +335,32 @@ class ModalPlan:
             impact_speed=np.ascontiguousarray(kept[:, :, 2 * n :].transpose(2, 1, 0)),
             excitation=None,
         )
+
+    def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
+        """Forces of sines (coordinates, samples), N; those of other noise are not kept."""
+        streams = np.empty((2, 1), np.uint64)
+        seed_streams(np.uint64(seed), path, streams)
+        if self._unknown_noise:
+            return None
+        return self._sines(self.start(streams), self.settling, samples, integrals)
+
+    @property
+    def _unknown_noise(self) -> bool:
+        """Whether noise acts whose values a path does not keep: white or filtered."""
+        return self.modes.kicked or len(self.model.sines) < len(self.model.signals)
+
+    def _sines(self, state: Matrix, before: int, samples: int, integrals: int) -> Matrix:
+        """Forces of the sines (coordinates, samples), N, of a path that starts in `state`.
+
+        The first sample is the end of the step after the first `before` steps.
+        """
+        time = self.step * (before + 1 + np.arange(samples))
+        force = np.zeros((self.modes.size, samples))
+        for (first, omega, _), signal in zip(self.modes.sines, self.model.sines, strict=True):
+            value, rate = state[2 * self.modes.size + first :][:2, 0]
+            wave = (value - 1j * rate) / (1j * omega) ** integrals * np.exp(1j * omega * time)
+            force += signal.direction[:, None] * wave.real
+        return force
 
     def unbroken(self, duration: float) -> ModalPlan:
         """The plan itself: its paths do not jump."""

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import ifft
+from scipy.fft import ifft, irfft, rfft
 
 from stochvi.mathematics.frequency_response import (
     Waves,
@@ -169,6 +169,23 @@ class ModalTablesPlan(ModalContactsPlan):
         sums[:moments] /= math.ceil(counted / stride) * self.blocks
         sums[moments:] /= self.steps * self.step
         return self._physical(sums)
+
+    def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
+        """Forces of tables and sines (coordinates, samples), N; of other noise they are not kept.
+
+        Bin by bin, the modal forces are (omega^2 - w^2 + i w B) q.
+        """
+        if self._unknown_noise:
+            return None
+        modes = self.modes
+        bins = rfft(self.free_response(seed, path, 1, 0)[:, :, 0], axis=0)
+        w = 2.0 * np.pi / self.block_length * np.arange(1, len(bins))[:, None]
+        forces = np.zeros_like(bins)
+        forces[1:] = (modes.squares - w**2) * bins[1:] + 1j * w * (bins[1:] @ modes.damping.T)
+        forces[1:] /= (1j * w) ** integrals
+        found = self.model.mass @ modes.shapes @ irfft(forces, self.samples, axis=0)[:samples].T
+        start = self.start(_streams(seed, path, 1, MOST_BLOCKS - 1))
+        return np.asarray(found + self._sines(start, self._burn_in_steps, samples, integrals))
 
     def start(self, streams: NDArray[np.uint64]) -> Matrix:
         """Draw the initial states of the signals. Displacements and velocities begin at zero, since

@@ -165,8 +165,21 @@ class Plan(Protocol):
     def record_size(self, samples: int) -> int:
         """Numbers that the record of one path takes while a history of so many samples is made."""
 
-    def histories(self, seed: int, first_path: int, paths: int, samples: int) -> Histories:
-        """Settled records of the paths first_path, first_path + 1, ...; `samples` of each."""
+    def histories(
+        self, seed: int, first_path: int, paths: int, samples: int, log: Log | None = None
+    ) -> Histories:
+        """Settled records of the paths first_path, first_path + 1, ...; `samples` of each.
+
+        A `log` takes up every impact; the first sample stands in it at the time
+        (settling + 1) * step.
+        """
+
+    def drive(self, seed: int, path: int, samples: int, integrals: int) -> Vector | None:
+        """Forces (coordinates, samples) of noise and sines at the samples of `histories`, N.
+
+        They are integrated over time so many times. None where they are not known, or where the
+        integral is not stationary. White noise is the mean over the step that follows.
+        """
 
     def unbroken(self, duration: float) -> Self:
         """The plan whose paths of `duration` seconds have no jumps in their counted part: what is

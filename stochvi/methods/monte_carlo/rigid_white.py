@@ -258,16 +258,27 @@ class WhitePlan:
         """Numbers that the record of one path takes."""
         return 3 * (samples + self.settling)
 
-    def histories(self, seed: int, first_path: int, paths: int, samples: int) -> Histories:
+    def histories(
+        self, seed: int, first_path: int, paths: int, samples: int, log: Log | None = None
+    ) -> Histories:
         """Settled records of the paths first_path, first_path + 1, ..."""
         kept = slice(self.settling, self.settling + samples)
-        record = self._records(seed, first_path, paths)[kept]
+        record = self._records(seed, first_path, paths, log)[kept]
         return histories_of_one(self.model, record, self._kicks(seed, first_path, paths)[kept])
 
-    def _records(self, seed: int, first_path: int, paths: int) -> Records:
+    def _records(self, seed: int, first_path: int, paths: int, log: Log | None = None) -> Records:
         record = np.zeros((self.steps, paths, 3))
-        self.averages(seed, first_path, paths, record)
+        self.averages(seed, first_path, paths, record, log)
         return record
+
+    def drive(
+        self, seed: int, path: int, samples: int, integrals: int
+    ) -> NDArray[np.float64] | None:
+        """The force of the noise (1, samples), N; the integral of white noise is not stationary."""
+        if integrals:
+            return None
+        kept = slice(self.settling, self.settling + samples)
+        return self.model.unit_mass * self._kicks(seed, path, 1)[kept].T
 
     def _kicks(self, seed: int, first_path: int, paths: int) -> Records:
         """White noise (samples, paths) that acts from each sample on, from the paths' own streams.

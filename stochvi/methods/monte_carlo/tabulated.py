@@ -113,6 +113,9 @@ NODES_PER_DECADE = 400.0
 """Breakpoints per decade of the table that stands for filtered noise; there are closer ones at its
 resonance."""
 
+ROUNDING = 1e-12
+"""Relative error of a number of samples that is the ratio of two times."""
+
 WHITE_LOSS = LARGEST_LOSS / 2.0
 """Share of the velocity variance by white noise that lies above its table and is folded back."""
 
@@ -294,22 +297,43 @@ class TabulatedPlan:
         """Numbers that the record of one path takes."""
         return 3 * samples
 
-    def histories(self, seed: int, first_path: int, paths: int, samples: int) -> Histories:
+    def histories(
+        self, seed: int, first_path: int, paths: int, samples: int, log: Log | None = None
+    ) -> Histories:
         """Records of the paths first_path, first_path + 1, ...: synthesised, then with impacts."""
         free = self.free_response(seed, first_path, paths, 0)
         excitation = self._input_of(free)[: self.samples] if self.excitation_known else None
         record = np.zeros((self.steps, paths, 3))
         sums = Sums.zeros(paths, self.contacts).table
-        self.fly(free, self.warm_up_samples, self.steps, sums, record)
+        self.fly(free, self.warm_up_samples, self.steps, sums, record, log=log)
         return histories_of_one(self.model, record, excitation)
 
-    def _input_of(self, free: Records) -> Records:
+    def _input_of(self, free: Records, integrals: int = 0) -> Records:
         """The excitation of a synthesised response (samples, 2 paths): bin by bin, f = y / H."""
-        omega, b = self.model.omega, self.model.damping_rate
         bins = rfft(free[:, 0::2], axis=0)
-        w = 2.0 * math.pi / self.block_length * np.arange(len(bins))
-        bins *= ((omega - w) * (omega + w) + 1j * b * w)[:, None]
+        w = 2.0 * math.pi / self.block_length * np.arange(1, len(bins))
+        bins[0] = 0.0  # nothing is synthesised there
+        bins[1:] *= (self._dynamic_stiffness(w) / (1j * w) ** integrals)[:, None]
         return np.asarray(irfft(bins, self.samples, axis=0))
+
+    def _dynamic_stiffness(self, w: NDArray[np.floating]) -> NDArray[np.complex128]:
+        """1 / H at angular frequencies, 1/s^2: the excitation per unit of the free response."""
+        omega, b = self.model.omega, self.model.damping_rate
+        return np.asarray((omega - w) * (omega + w) + 1j * b * w)
+
+    def drive(
+        self, seed: int, path: int, samples: int, integrals: int
+    ) -> NDArray[np.float64] | None:
+        """The force of noise and sines (1, samples), N."""
+        if integrals and (self.model.whites or self.model.filters):
+            return None  # their densities reach down to frequency 0
+        noise = replace(self, waves=()).free_response(seed, path, 1, 0)
+        force = self._input_of(noise, integrals)[:samples, 0]
+        for index, (omega, amplitude) in enumerate(self.waves):
+            turn = self._turn(seed, path, 1, 0, index, omega)[:samples, 0]
+            strength = amplitude * self._dynamic_stiffness(np.array([omega]))[0]
+            force = force + (strength / (1j * omega) ** integrals * turn).real
+        return self.model.unit_mass * force[None]
 
     def unbroken(self, duration: float) -> TabulatedPlan:
         """The plan with one block to a path, since the motion jumps from block to block."""
@@ -437,7 +461,17 @@ class TabulatedPlan:
         omega: float,
         amplitude: complex,
     ) -> NDArray[np.complex128]:
-        """y + i y' / w0 under a sine, (samples, paths), its phase drawn for each path.
+        """y + i y' / w0 under a sine, (samples, paths)."""
+        turn = self._turn(seed, first_path, paths, number, index, omega)
+        free: NDArray[np.complex128] = (amplitude * turn).real + 1j * (
+            1j * omega / self.model.omega * amplitude * turn
+        ).real
+        return free
+
+    def _turn(
+        self, seed: int, first_path: int, paths: int, number: int, index: int, omega: float
+    ) -> NDArray[np.complex128]:
+        """exp(i (omega t + phase)) of a sine, (samples, paths), its phase drawn for each path.
 
         The samples that are flown first stand at the end of a block, at times before 0.
         """
@@ -451,11 +485,7 @@ class TabulatedPlan:
         sample = np.arange(self.samples)
         sample[self.samples - self.warm_up_samples - 1 :] -= self.samples
         time = self.step * (sample + number * self._counted_samples)
-        turn = np.exp(1j * (omega * time[:, None] + np.arctan2(first, second)))
-        free: NDArray[np.complex128] = (amplitude * turn).real + 1j * (
-            1j * omega / self.model.omega * amplitude * turn
-        ).real
-        return free
+        return np.asarray(np.exp(1j * (omega * time[:, None] + np.arctan2(first, second))))
 
 
 def plan_tabulated(model: Model, threshold: float | None, duration: float | None) -> TabulatedPlan:
@@ -526,8 +556,12 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
 
 
 def _even_fast_length(samples: float) -> int:
-    """An even number of samples of which the half is quick to transform."""
-    return 2 * int(next_fast_len(math.ceil(max(samples, 32.0) / 2.0)))
+    """An even number of samples of which the half is quick to transform.
+
+    A number that was divided out of its own step is found again, whatever the rounding.
+    """
+    half = max(samples, 32.0) / 2.0
+    return 2 * int(next_fast_len(math.ceil(half * (1.0 - ROUNDING))))
 
 
 def _too_many(samples: float) -> str:

@@ -12,7 +12,6 @@ from stochvi.methods.monte_carlo.plan import Histories
 from stochvi.methods.monte_carlo.quantities import gap_of
 from stochvi.model.model import Model
 from stochvi.scenes.excitations import BASE, ConstantLoad
-from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.segments import Matrix, Quantity, Vector
 
@@ -39,14 +38,7 @@ def _stop_force(model: Model, histories: Histories) -> Matrix:
     """Force of the stops on one oscillator per unit mass, positive at the upper stop, (paths,
     samples); rigid ones, beside another that gives way, are left out."""
     (pair,) = model.pairs
-    x, v = histories.displacement[0], histories.velocity[0]
-    force: Matrix = np.zeros_like(x)
-    for stop in pair.stops:
-        if isinstance(stop.law, Viscoelastic):
-            force += stop.side * stop.law.force_at(stop.deflection(x), stop.side * v, pair.mass)
-        elif isinstance(stop.law, CompliantLaw):
-            force += stop.side * stop.law.force_at(stop.deflection(x))
-    return np.asarray(force / pair.mass)
+    return pair.force(histories.displacement[0], histories.velocity[0]) / pair.mass
 
 
 def quantities_of(

@@ -1,0 +1,495 @@
+"""One realisation of what Monte Carlo simulates, sample by sample, with its impacts.
+
+    M a = loads - C v - K x - contacts        a relative to the ground, x and v to a moving base
+
+Positions and velocities come from the kernels of `simulate`; accelerations follow from the forces
+that this equation names, and need no difference of samples. Impacts on rigid stops are impulses and
+stand in a table of their own.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.mathematics.spectra import Table
+from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
+from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
+from stochvi.methods.monte_carlo.plan import Histories, Plan
+from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.model import Model
+from stochvi.results.base import Result
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Cost, provenance
+from stochvi.scenes.excitations import BASE, ConstantLoad
+from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+MOST_NUMBERS = 2**25
+"""Largest number of floats that a path records, burn-in included: 256 MB, and a few times as much
+while the table is made."""
+
+CONTACT_SAMPLES = 8.0
+"""Samples in a contact with a stop that gives way, below which its force is not resolved."""
+
+MOST_PATHS = 2**40
+"""Number of paths that a seed has."""
+
+ROUNDING = 1e-9
+"""Relative difference up to which an asked rate is taken for that of the step."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class History(Result):
+    """One path of a scene, settled, from the time 0 on.
+
+    Parameters
+    ----------
+    samples
+        A row per sample. `time_s`; of each coordinate `displacement_m` and `velocity_m_s`, relative
+        to a moving base, and `acceleration_m_s2`, absolute; of a moving base
+        `base_acceleration_m_s2`, `base_velocity_m_s` and `base_displacement_m`; of each impact pair
+        with a stop that gives way `contact_force_N`, the force on its stops, positive on the upper
+        one, and of a pair of two coordinates `gap_m`, the first less the second. Where there are
+        several coordinates or pairs, their names stand in front: `body.displacement_m`.
+    impacts
+        A row per impact, in the order of time: `time_s`, `pair`, `side`, the incident speed
+        `speed_m_s` and the impulse `impulse_N_s` on the stop, both positive: m (1 + R) times the
+        speed, m the reduced mass, on a rigid stop. On a stop that gives way the time is that of the
+        first touch, and the impulse and the largest force `peak_force_N` are those of the contact,
+        from the steps of the simulation; they are empty where these do not resolve it.
+    coordinates, impact_pairs
+        Means, deviations, extremes and counts of these tables, by name (SI units).
+    scheme
+        How the path was simulated.
+    duration, step, seed, path
+        Length, s; time between two rows, s; which realisation it is.
+    meanings
+        What the columns are here, and why others are left out.
+    """
+
+    not_in_document = ("samples", "impacts")
+
+    samples: pd.DataFrame
+    impacts: pd.DataFrame
+    coordinates: Mapping[str, Mapping[str, float]]
+    impact_pairs: Mapping[str, Mapping[str, float]]
+    scheme: str
+    duration: float
+    step: float
+    seed: int
+    path: int
+    meanings: Mapping[str, str]
+    assumptions: Sequence[str] = ()
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table of samples."""
+        return self.samples
+
+    def summary(self) -> str:
+        """What it is, and what happened in it, in a sentence."""
+        moved = ", ".join(
+            f"{name} {1e3 * found['displacement_min']:.4g} to "
+            f"{1e3 * found['displacement_max']:.4g} mm"
+            for name, found in self.coordinates.items()
+        )
+        return (
+            f"{self.duration:.6g} s of path {self.path} of seed {self.seed}, {len(self.samples)} "
+            f"samples {self.step:.4g} s apart: {moved}; {len(self.impacts)} impacts"
+        )
+
+    def _document(self) -> dict[str, Any]:
+        head = {"method": f"history:{self.scheme}", "columns": list(self.samples)}
+        return head | {"samples": len(self.samples)} | super()._document()
+
+
+def history(
+    scene: Scene, *, duration: float, seed: int = 0, path: int = 0, rate: float | None = None
+) -> History:
+    """One realisation of what `simulate` samples: motion, base, contact forces and impacts.
+
+    It is the path of this seed and number of `simulate`, after its burn-in, by the same kernels
+    and random numbers. Two exceptions are noted in the answer: under tabulated noise a duration
+    beyond a block of `simulate` is synthesised as one longer block, and a `rate` above that of the
+    step refines the step.
+
+    Parameters
+    ----------
+    scene
+        Any scene that `simulate` covers.
+    duration
+        Length, s.
+    seed, path
+        Which realisation: the same numbers, the same digits.
+    rate
+        Samples per second. The step of the simulation if not given; every k-th step where it is
+        lower, k the largest that keeps the rate; a finer simulation where it is higher.
+
+    Raises
+    ------
+    NotApplicable
+        If `simulate` does not cover the scene, or the path would be too long to keep.
+    ValueError
+        If an argument is out of range.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Oscillator
+    >>> scene = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> list(history(scene, duration=10.0).samples)
+    ['time_s', 'displacement_m', 'velocity_m_s']
+    """
+    check_arguments(None, None, duration, seed, None, None, None)
+    if (
+        isinstance(path, bool)
+        or not isinstance(path, int | np.integer)
+        or not 0 <= path < MOST_PATHS
+    ):
+        raise ValueError(f"path must be a whole number in [0, 2^40), got {path!r}")
+    if rate is not None and not 0.0 < rate < math.inf:
+        raise ValueError(f"rate must be a positive number of samples per second, got {rate}")
+    started = time.perf_counter()
+    planned = plan_histories(scene)
+    model, usual = planned.model, planned.plan
+    steps_per_sample = 1.0 if rate is None else 1.0 / (rate * usual.step) * (1.0 + ROUNDING)
+    stride = max(1, math.floor(steps_per_sample))
+    finer = steps_per_sample < 1.0
+    source = usual.sampled(usual.step * min(1.0, steps_per_sample), duration)
+    count = _fitting(source, duration)
+    found, logged = logged_impacts(
+        lambda log: source.histories(seed, path, 1, count, log), [pair.name for pair in model.pairs]
+    )
+    kept = slice(0, count, stride)
+    columns, meanings = _columns(scene, model, source, found, seed, path, kept)
+    impacts = _impacts(planned, source, found, logged, duration)
+    made = {"time_s": source.step * np.arange(count)[kept]} | columns
+    import pandas as pd
+
+    samples = pd.DataFrame(made)
+    interval = stride * source.step
+    return History(
+        samples=samples,
+        impacts=impacts,
+        coordinates=_motions(model, samples),
+        impact_pairs=_hits(model, impacts),
+        scheme=source.method,
+        duration=duration,
+        step=interval,
+        seed=int(seed),
+        path=int(path),
+        meanings=meanings,
+        assumptions=scene.assumptions(),
+        warnings=[
+            *_departures(usual, source, duration, finer),
+            *_cut(model, columns, source.step),
+            *_unresolved(planned, interval),
+        ],
+        cost=Cost(
+            wall_time=time.perf_counter() - started,
+            steps=count + source.settling, paths=1, impacts=len(impacts),
+        ),
+        provenance=provenance(scene.document(), seed),
+    )  # fmt: skip
+
+
+def _fitting(plan: Plan, duration: float) -> int:
+    """Samples of the history; NotApplicable if the record would not fit into the memory."""
+    count = plan.history_samples(duration)
+    if (size := plan.record_size(count)) > MOST_NUMBERS:
+        longest = duration * MOST_NUMBERS / size
+        raise NotApplicable(
+            "history",
+            [f"duration = {duration:g} s takes {size:.2g} numbers, at most {MOST_NUMBERS:.2g} are "
+             f"kept; ask for about {longest:.2g} s or less, or for several paths"],
+        )  # fmt: skip
+    return count
+
+
+def _columns(
+    scene: Scene, model: Model, plan: Plan, found: Histories, seed: int, path: int, kept: slice
+) -> tuple[dict[str, Vector], dict[str, str]]:
+    """The columns beside time, and what they mean."""
+    x, v = found.displacement[:, 0, kept], found.velocity[:, 0, kept]
+    count = found.displacement.shape[2]
+    gaps = {pair.name: pair.direction @ x for pair in model.pairs}
+    pushed = {
+        pair.name: pair.force(gaps[pair.name], pair.direction @ v)
+        for pair in model.pairs
+        if not all(stop.rigid for stop in pair.stops)
+    }
+    on_base, on_masses = _places(scene)
+    integrals = range(len(BASE_COLUMNS)) if on_base and not on_masses else range(1)
+    drives = [plan.drive(seed, path, count, order) for order in integrals]
+    driven = [None if drive is None else drive[:, kept] for drive in drives]
+    meanings = dict(MEANINGS)
+    if not model.moving_base:
+        meanings["displacement_m"] = "from the position of the unloaded springs"
+        meanings["velocity_m_s"] = "of the mass"
+    acceleration = None
+    if not on_masses or (driven[0] is not None and not model.whites and not on_base):
+        forces = _carried(model, x, v, pushed)
+        if on_masses and driven[0] is not None:
+            forces = forces + driven[0]
+        acceleration = np.linalg.solve(model.mass, forces)
+        if any(pair.rigid for pair in model.pairs):
+            meanings["acceleration_m_s2"] += (
+                ", between impacts: without the impulses of rigid stops"
+            )
+    else:
+        meanings["acceleration_m_s2"] = "left out: " + _why_no_acceleration(model, on_base)
+    columns: dict[str, Vector] = {}
+    for row, name in enumerate(model.coordinates):
+        before = _before(name, model.coordinates)
+        columns[before + "displacement_m"] = x[row]
+        columns[before + "velocity_m_s"] = v[row]
+        if acceleration is not None:
+            columns[before + "acceleration_m_s2"] = acceleration[row]
+    if on_base:
+        columns |= _base(model, driven, on_masses, meanings)
+    names = [pair.name for pair in model.pairs]
+    for pair in model.pairs:
+        if pair.relative:
+            columns[_before(pair.name, names) + "gap_m"] = gaps[pair.name]
+        if pair.name in pushed:
+            columns[_before(pair.name, names) + "contact_force_N"] = pushed[pair.name]
+    present = {name.rpartition(".")[2] for name in columns}
+    return columns, {
+        name: words
+        for name, words in meanings.items()
+        if name in present or words.startswith("left out")
+    }
+
+
+BASE_COLUMNS = ("base_acceleration_m_s2", "base_velocity_m_s", "base_displacement_m")
+"""Columns of a moving base, each the integral of the one before."""
+
+MEANINGS = {
+    "displacement_m": "relative to the base, from the position of the unloaded springs",
+    "velocity_m_s": "relative to the base",
+    "acceleration_m_s2": "absolute, less that of a constant load of the base and of gravity",
+    "contact_force_N": "on the stops that give way, positive on the upper one",
+    "gap_m": "displacement of the first coordinate of the pair less that of the second",
+}
+"""What columns mean where nothing else is stated."""
+
+
+def _before(name: str, names: Sequence[str]) -> str:
+    """What stands before the names of columns of one of several."""
+    return f"{name}." if len(names) > 1 else ""
+
+
+def _places(scene: Scene) -> tuple[bool, bool]:
+    """Whether something that varies in time acts on the base, and whether on a mass."""
+    whole = scene.expanded
+    places = [whole.place(each) for each in whole.excitations if not isinstance(each, ConstantLoad)]
+    return BASE in places, any(place != BASE for place in places)
+
+
+def _carried(model: Model, x: Matrix, v: Matrix, pushed: Mapping[str, Vector]) -> Matrix:
+    """Forces (coordinates, samples) of springs, dampers, loads and stops that give way, N."""
+    total: Matrix = model.constant_force[:, None] - model.stiffness @ x - model.damping @ v
+    for pair in model.pairs:
+        if pair.name in pushed:
+            total -= np.outer(pair.direction, pushed[pair.name])
+    return total
+
+
+def _why_no_acceleration(model: Model, on_base: bool) -> str:
+    if model.whites:
+        return "white noise on a mass has no finite acceleration"
+    if on_base:
+        return "forces on masses and the motion of the base cannot be told apart"
+    return "the force of filtered noise on a mass is not kept by the simulation"
+
+
+def _base(
+    model: Model, driven: Sequence[Matrix | None], on_masses: bool, meanings: dict[str, str]
+) -> dict[str, Vector]:
+    """The columns of a moving base that are known, from its inertia forces."""
+    if on_masses or driven[0] is None:
+        meanings[BASE_COLUMNS[0]] = "left out: " + (
+            "forces on masses and the motion of the base cannot be told apart"
+            if on_masses
+            else "the simulation keeps white noise on one oscillator, tables and sines alone"
+        )
+        return {}
+    meanings[BASE_COLUMNS[0]] = "absolute" + (
+        "; white noise is the mean over the step that follows" if model.whites else ""
+    )
+    inertia = -model.mass.sum(axis=1)
+    found = {}
+    for name, drive in zip(BASE_COLUMNS, driven, strict=True):
+        if drive is None:
+            meanings[name] = "left out: white and filtered noise leave it without a stationary law"
+        else:
+            found[name] = inertia @ drive / (inertia @ inertia)
+            meanings.setdefault(name, "absolute, about a mean of 0")
+    return found
+
+
+IMPACT_COLUMNS = ("time_s", "pair", "side", "speed_m_s", "impulse_N_s", "peak_force_N")
+"""Columns of the table of impacts."""
+
+
+def _impacts(
+    planned: HistoryPlan,
+    plan: Plan,
+    found: Histories,
+    logged: Mapping[str, ImpactLog],
+    duration: float,
+) -> pd.DataFrame:
+    """A row for each impact within the history."""
+    import pandas as pd
+
+    start = (plan.settling + 1) * plan.step  # where the first sample stands in the logs
+    rows = [pd.DataFrame({name: [] for name in IMPACT_COLUMNS})]
+    for pair, contact in zip(plan.model.pairs, _contact_times(planned), strict=True):
+        log = logged[pair.name]
+        when = log.time - start
+        inside = (when >= 0.0) & (when <= duration)
+        when, speed = when[inside], log.speed[inside]
+        impulse, peak = np.full((2, len(when)), np.nan)
+        if contact >= CONTACT_SAMPLES * plan.step and contact < math.inf:
+            gap, rate = (
+                pair.direction @ each[:, 0] for each in (found.displacement, found.velocity)
+            )
+            impulse, peak = _contacts(when, plan.step, np.abs(pair.force(gap, rate)))
+        for stop in pair.stops:
+            if stop.rigid:
+                met = np.sign(speed) == stop.side
+                size = np.abs(speed[met])
+                impulse[met] = pair.mass * (1.0 + stop.restitution_at(size)) * size
+                peak[met] = np.nan
+        sides = np.where(speed > 0.0, "upper", "lower")
+        columns = (when, pair.name, sides, np.abs(speed), impulse, peak)
+        rows.append(pd.DataFrame(dict(zip(IMPACT_COLUMNS, columns, strict=True))))
+    filled = [table for table in rows if len(table)] or rows[:1]
+    return pd.concat(filled, ignore_index=True).sort_values("time_s", ignore_index=True)
+
+
+def _contacts(when: Vector, step: float, force: Vector) -> tuple[Vector, Vector]:
+    """Impulse (N s) and largest force (N) of each contact, from its touch until the next touch, of
+    a force sampled at equal steps."""
+    owner = np.searchsorted(when, step * np.arange(len(force)), side="right") - 1
+    known = owner >= 0
+    impulse, peak = np.zeros((2, len(when)))
+    np.add.at(impulse, owner[known], step * force[known])
+    np.maximum.at(peak, owner[known], force[known])
+    return impulse, peak
+
+
+def _contact_times(planned: HistoryPlan) -> list[float]:
+    """Of each pair the duration of a contact at its rms speed, s; infinite between rigid stops."""
+    return [
+        min(
+            (
+                stop.law.impact(speed, pair.mass).contact_time
+                for stop in pair.stops
+                if isinstance(stop.law, CompliantLaw) and speed > 0.0
+            ),
+            default=math.inf,
+        )
+        for pair, speed in zip(planned.model.pairs, planned.plan.speeds, strict=False)
+    ]
+
+
+def _motions(model: Model, samples: pd.DataFrame) -> dict[str, dict[str, float]]:
+    found = {}
+    for name in model.coordinates:
+        before = _before(name, model.coordinates)
+        x, v = samples[before + "displacement_m"], samples[before + "velocity_m_s"]
+        numbers = {
+            "displacement_mean": x.mean(),
+            "displacement_std": x.std(ddof=0),
+            "displacement_min": x.min(),
+            "displacement_max": x.max(),
+            "velocity_std": v.std(ddof=0),
+        }
+        if before + "acceleration_m_s2" in samples:
+            acceleration = samples[before + "acceleration_m_s2"]
+            numbers["acceleration_std"] = acceleration.std(ddof=0)
+            numbers["acceleration_max"] = acceleration.abs().max()
+        found[name] = {quantity: float(value) for quantity, value in numbers.items()}
+    return found
+
+
+def _hits(model: Model, impacts: pd.DataFrame) -> dict[str, dict[str, float]]:
+    found = {}
+    for pair in model.pairs:
+        own = impacts[impacts["pair"] == pair.name]
+        numbers = {"hits": float(len(own))}
+        for stop in pair.stops:
+            numbers[f"hits_{stop.name}"] = float((own["side"] == stop.name).sum())
+        if len(own):
+            numbers["impact_speed_max"] = float(own["speed_m_s"].max())
+        found[pair.name] = numbers
+    return found
+
+
+def _departures(usual: Plan, source: Plan, duration: float, finer: bool) -> list[str]:
+    """Why the path is not that of `simulate`, where it is not."""
+    if finer:
+        return [
+            f"the rate asked for is above that of the step of `simulate`, {1.0 / usual.step:.4g} "
+            "samples per second: the step is finer, and the path is another realisation"
+            + ("" if usual.kicked else " above the frequencies that both resolve")
+        ]
+    if source.model.tables and duration > usual.duration * (1.0 + ROUNDING):
+        return [
+            f"paths of `simulate` repeat blocks of {usual.duration:.4g} s: this longer one is "
+            "synthesised as a whole, another realisation of the same law"
+        ]
+    return []
+
+
+def _cut(model: Model, columns: Mapping[str, Vector], step: float) -> list[str]:
+    """What of the motion of the base lies above the frequencies that are synthesised."""
+    highest = 0.5 / step
+    ends = [float(table.frequency_hz[-1]) for table, _ in model.tables]
+    if BASE_COLUMNS[0] not in columns or max(ends, default=0.0) <= highest:
+        return []
+    whole = sum(table.mean_square() for table, _ in model.tables)
+    left = sum(_mean_square_above(table, highest) for table, _ in model.tables)
+    return [
+        f"the table reaches to {max(ends):.4g} Hz and is followed up to {highest:.4g} Hz, which is "
+        f"enough for the response: {100.0 * left / whole:.2g} % of the mean square of "
+        f"{BASE_COLUMNS[0]} lie above; rate = {2.2 * max(ends):.2g} holds them"
+    ]
+
+
+def _mean_square_above(table: Table, frequency: float) -> float:
+    """Area under a table above a frequency, Hz."""
+    kept = table.frequency_hz > frequency
+    if kept.all() or not kept.any():
+        return table.mean_square() if kept.all() else 0.0
+    return Table(
+        frequency_hz=np.append(frequency, table.frequency_hz[kept]),
+        density=np.append(table(frequency), table.density[kept]),
+    ).mean_square()
+
+
+def _unresolved(planned: HistoryPlan, interval: float) -> list[str]:
+    """Stops whose contacts are too short for the samples to show their force."""
+    return [
+        f"a contact with {pair.name} takes about {contact:.2g} s, and samples are {interval:.2g} s "
+        "apart: contact_force_N and accelerations miss its peak, and a step of that length leaves "
+        f"impulse_N_s empty; rate = {1.05 * CONTACT_SAMPLES / contact:.2g} shows them"
+        for pair, contact in zip(planned.model.pairs, _contact_times(planned), strict=True)
+        if interval * CONTACT_SAMPLES > contact
+    ]

@@ -1,0 +1,294 @@
+"""One realisation: on a terminal, as a picture of its motion and impacts, and as an animation."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.animation import PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.views.axes import (
+    COLOURS,
+    OWNERS,
+    add_grid,
+    as_written,
+    draw_walls,
+    length_unit,
+    thinned,
+)
+from stochvi.views.files import write_bytes
+from stochvi.views.tables import print_frame
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.console import Console
+
+    from stochvi.scenes.scene import ImpactPair, Scene
+    from stochvi.statistics.histories import History
+
+Vector = NDArray[np.float64]
+
+MOST_MARKS = 1000
+"""Impacts of a pair above which only the fastest of each of so many equal intervals is marked."""
+
+SMALLEST_MARK, MARK_GROWTH = 10.0, 50.0
+"""Area of the mark of an impact in points^2: at speed 0, and how much the fastest has more."""
+
+FRAMES, FRAMES_PER_PERIOD, FRAMES_PER_SECOND = 120, 15, 20
+"""Frames of an animation, in a mean period of the motion, and in a second of watching."""
+
+FLASH = 2
+"""Frames after an impact in which its wall is lit."""
+
+BLOCK_WIDTH = 0.16
+"""Width of a mass in an animation, in units of the farthest place that anything reaches."""
+
+ANIMATION_DPI = 80
+"""Resolution of an animation, dots per inch: a few megabytes at most."""
+
+SHOWN = {
+    "displacement_mean": "mean displacement (m)",
+    "displacement_std": "standard deviation of displacement (m)",
+    "displacement_min": "smallest displacement (m)",
+    "displacement_max": "largest displacement (m)",
+    "velocity_std": "standard deviation of velocity (m/s)",
+    "acceleration_std": "standard deviation of acceleration (m/s^2)",
+    "acceleration_max": "largest size of the acceleration (m/s^2)",
+    "hits": "impacts",
+    "hits_lower": "impacts on the lower stop",
+    "hits_upper": "impacts on the upper stop",
+    "impact_speed_max": "largest impact speed (m/s)",
+}
+"""Quantities that a terminal shows, in words."""
+
+
+def print_history(console: Console, found: History) -> None:
+    """Print what happened, and what the columns of the table are."""
+    import pandas as pd
+
+    rows = [
+        {"of": owner, "quantity": SHOWN[name], "value": f"{value:.5g}"}
+        for group in (found.coordinates, found.impact_pairs)
+        for owner, numbers in group.items()
+        for name, value in numbers.items()
+    ]
+    print_frame(console, pd.DataFrame(rows), "one realisation, which has no standard error")
+    for name, meaning in found.meanings.items():
+        console.print(f"{name}: {meaning}", style="dim", highlight=False, markup=False)
+    console.print(found.summary(), highlight=False, markup=False)
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)
+
+
+def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
+    """Displacements and gaps with stops and impacts, and absolute accelerations below them.
+
+    Long histories are drawn by the smallest and largest values of neighbouring samples.
+    """
+    pairs = scene.expanded.impact_pairs
+    relative = [pair for pair in pairs if pair.between is not None]
+    columns = [str(name) for name in found.samples]
+    displacements = [name for name in columns if _ends(name, "displacement_m")]
+    accelerations = [name for name in columns if _ends(name, "acceleration_m_s2")]
+    rows = len(displacements) + len(relative) + bool(accelerations)
+    figure, grid = plt.subplots(
+        rows, 1, figsize=(9.6, 2.4 * rows + 0.8), sharex=True, squeeze=False, layout="constrained"
+    )
+    axes = list(grid[:, 0])
+    names = scene.expanded.structure.coordinates
+    for name, column, ax in zip(names, displacements, axes, strict=False):
+        own = [pair for pair in pairs if pair.between is None and (pair.on or names[0]) == name]
+        _plot_motion(found, column, own, ax, f"displacement of {name}")
+    for pair, ax in zip(relative, axes[len(names) :], strict=False):
+        column = "gap_m" if len(pairs) == 1 else f"{pair.name}.gap_m"
+        assert pair.between is not None
+        _plot_motion(found, column, [pair], ax, " less ".join(pair.between))
+    if accelerations:
+        _plot_accelerations(found, accelerations, axes[-1])
+    axes[-1].set_xlabel("time (s)")
+    axes[0].margins(x=0.0)
+    figure.suptitle(title or "one realisation", fontsize="medium")
+    first: Axes = axes[0]
+    return first
+
+
+def _ends(name: str, quantity: str) -> bool:
+    """Whether a column holds a quantity of a coordinate (not of the base)."""
+    return name.rpartition(".")[2] == quantity
+
+
+def _plot_motion(
+    found: History, column: str, pairs: Sequence[ImpactPair], ax: Axes, what: str
+) -> None:
+    """A displacement or a gap with its stops, on which the impacts are marked."""
+    t, y = thinned(found.samples["time_s"].to_numpy(), found.samples[column].to_numpy())
+    unit, unit_name = length_unit(float(np.abs(y).max()))
+    ax.plot(t, y / unit, color=OWNERS[0], linewidth=0.8)
+    for pair in pairs:
+        hits = _fastest(found.impacts[found.impacts["pair"] == pair.name], found.duration)
+        place = np.where(hits["side"] == "upper", pair.upper or 0.0, pair.lower or 0.0)
+        ax.scatter(
+            hits["time_s"], place / unit,
+            s=SMALLEST_MARK + MARK_GROWTH * hits["speed_m_s"] / found.impacts["speed_m_s"].max(),
+            color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.5, zorder=3,
+            label="impacts, larger = faster" if len(hits) else None,
+        )  # fmt: skip
+    draw_walls(ax, pairs, unit, vertical=False)
+    ax.set_ylabel(f"{what}\n({unit_name})")
+    add_grid(ax)
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0))
+
+
+def _fastest(hits: pd.DataFrame, duration: float) -> pd.DataFrame:
+    """The impacts to mark: all, or the fastest of each interval where they are many."""
+    if len(hits) <= MOST_MARKS:
+        return hits
+    interval = (hits["time_s"] * (MOST_MARKS / duration)).astype(int)
+    return hits.loc[hits.groupby(interval)["speed_m_s"].idxmax()]
+
+
+def _plot_accelerations(found: History, columns: Sequence[str], ax: Axes) -> None:
+    """Absolute accelerations: in g of what a base shakes, in m/s^2 of what forces shake."""
+    time = found.samples["time_s"].to_numpy()
+    shaken = "base_acceleration_m_s2" in found.samples
+    unit, name = (STANDARD_GRAVITY, "g") if shaken else (1.0, "m/s²")
+    for colour, column in zip(OWNERS, columns, strict=False):
+        t, a = thinned(time, found.samples[column].to_numpy() / unit)
+        ax.plot(t, a, color=colour, linewidth=0.8, label=column.rpartition(".")[0] or None)
+    ax.set_ylabel(f"absolute\nacceleration ({name})")
+    add_grid(ax)
+    if len(columns) > 1:
+        ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
+                  ncols=len(columns))  # fmt: skip
+
+
+def write_animation(found: History, scene: Scene, path: Path, title: str = "") -> None:
+    """A GIF of masses between their stops, slowed down, around the fastest impact.
+
+    It shows about eight mean periods of the first coordinate; walls light up when they are hit.
+    """
+    time = _frame_times(found)
+    tracks = _tracks(found, scene, time)
+    reach = max(float(np.abs(place).max()) for track in tracks for place in track.places)
+    unit, name = length_unit(reach)
+    width = BLOCK_WIDTH * reach / unit
+    figure, ax = plt.subplots(figsize=(7.2, 1.6 + 0.9 * len(tracks)), layout="constrained")
+    try:
+        ax.set(xlim=(-1.25 * reach / unit, 1.25 * reach / unit), ylim=(-0.7, len(tracks) - 0.3))
+        ax.set_yticks(range(len(tracks)), [track.name for track in tracks])
+        ax.set_xlabel(f"displacement ({name})")
+        slow = len(time) / FRAMES_PER_SECOND / (time[-1] - time[0])
+        pace = f"{slow:.3g} times slower" if slow >= 1.0 else f"{1.0 / slow:.3g} times faster"
+        heading = ax.set_title(f"{title or 'one realisation'}, {pace} than it is", fontsize="small")
+        clock = ax.text(0.01, 0.97, "", transform=ax.transAxes, va="top", fontsize="small")
+        blocks, walls = [], []
+        for row, track in enumerate(tracks):
+            block = Rectangle((0.0, row - 0.25), width, 0.5, color=OWNERS[0])
+            ax.add_patch(block)
+            blocks.append((block, track.mass / unit - width / 2.0))
+            for wall in track.walls:
+                # the block is as wide as it is drawn: its faces meet the walls
+                edge = width / 2.0 if wall.side == "upper" else -width
+                patch = Rectangle((0.0, row - 0.35), width / 2.0, 0.7)
+                ax.add_patch(patch)
+                walls.append((patch, wall.place / unit + edge, wall.lit))
+        heading.set_parse_math(False)
+        as_written(ax)
+        figure.canvas.draw()
+        figure.set_layout_engine("none")  # what was laid out once stays where it is
+        writer = PillowWriter(fps=FRAMES_PER_SECOND)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "animation.gif"
+            with writer.saving(figure, str(file), ANIMATION_DPI):
+                for frame, now in enumerate(time):
+                    clock.set_text(f"{now:.4f} s")
+                    for block, places in blocks:
+                        block.set_x(places[frame])
+                    for patch, places, lit in walls:
+                        patch.set_x(places[frame])
+                        patch.set_color(COLOURS["linearise:closure" if lit[frame] else "stop"])
+                    writer.grab_frame()
+            data = file.read_bytes()
+    finally:
+        plt.close(figure)
+    write_bytes(data, path)
+
+
+class Wall(NamedTuple):
+    """A stop in an animation: its side, its place (m) and whether it is lit, at each frame."""
+
+    side: str
+    place: Vector
+    lit: NDArray[np.bool_]
+
+
+class Track(NamedTuple):
+    """A row of an animation: its name, the place of a mass at each frame (m), and its stops."""
+
+    name: str
+    mass: Vector
+    walls: tuple[Wall, ...]
+
+    @property
+    def places(self) -> tuple[Vector, ...]:
+        """Places of the mass and of the stops."""
+        return (self.mass, *(wall.place for wall in self.walls))
+
+
+def _frame_times(found: History) -> Vector:
+    """Times of the frames: equal steps of a mean period, around the fastest impact."""
+    samples = found.samples
+    column = next(str(name) for name in samples if _ends(str(name), "displacement_m"))
+    x = samples[column].to_numpy() - samples[column].mean()
+    end = float(samples["time_s"].iloc[-1])
+    turns = max(1, int(np.count_nonzero(np.diff(np.sign(x)))) // 2)
+    shown = min(end, FRAMES / FRAMES_PER_PERIOD * end / turns)
+    hits = found.impacts
+    middle = shown / 2.0
+    if len(hits):
+        middle = float(hits["time_s"].iloc[int(hits["speed_m_s"].argmax())])
+    start = min(max(0.0, middle - shown / 2.0), end - shown)
+    return np.linspace(start, start + shown, FRAMES)
+
+
+def _tracks(found: History, scene: Scene, time: Vector) -> list[Track]:
+    """A row for each pair, and for each coordinate that no pair begins with; the stops between two
+    masses move with the second."""
+    whole = scene.expanded
+    names = whole.structure.coordinates
+    sampled = found.samples["time_s"].to_numpy()
+
+    def place(name: str) -> Vector:
+        column = f"{name}.displacement_m" if len(names) > 1 else "displacement_m"
+        return np.asarray(np.interp(time, sampled, found.samples[column].to_numpy()))
+
+    tracks, seen = [], set()
+    for pair in whole.impact_pairs:
+        first, second = pair.between or (pair.on or names[0], "")
+        carrier = place(second) if second else np.zeros_like(time)
+        walls = tuple(
+            Wall(side, carrier + stop, _lit(found, pair.name, side, time))
+            for side, stop in (("lower", pair.lower), ("upper", pair.upper))
+            if stop is not None
+        )
+        label = f"{first}\nin {second}" if second else first
+        tracks.append(Track(label, place(first), walls))
+        seen.add(first)
+    return tracks + [Track(name, place(name), ()) for name in names if name not in seen]
+
+
+def _lit(found: History, pair: str, side: str, time: Vector) -> NDArray[np.bool_]:
+    """Whether a wall was hit within the last frames."""
+    hits = found.impacts
+    times = hits["time_s"][(hits["pair"] == pair) & (hits["side"] == side)].to_numpy()
+    last = np.append(-np.inf, times)[np.searchsorted(times, time, side="right")]
+    return np.asarray(time - last <= FLASH * (time[1] - time[0]))
