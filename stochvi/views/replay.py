@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from stochvi.views.axes import COLOURS, OWNERS, add_grid, axes_or_new, length_unit
+from stochvi.views.axes import COLOURS, OWNERS, add_grid, axes_or_new, length_unit, thinned
 from stochvi.views.tables import new_table, print_frame, print_line, print_table
 from stochvi.views.words import MM, UNKNOWN, G, four_digits
 
@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.methods.replay import Replay, ReplayAt
-
-MOST_POINTS = 4000
-"""Samples of a curve above which the smallest and largest of each group are drawn instead."""
 
 ROWS = {
     "displacement_max": ("largest displacement (mm)", MM),
@@ -94,7 +91,7 @@ def plot_history(each: ReplayAt, ax: Axes | None = None) -> Axes:
     size = max(float(np.max(np.abs(x))) for x in kept.displacement.values())
     unit, name = length_unit(size)
     for colour, (owner, x) in zip(OWNERS, kept.displacement.items(), strict=False):
-        t, y = _thinned(kept.time, x)
+        t, y = thinned(kept.time, x)
         ax.plot(t, y / unit, color=colour, linewidth=0.7, label=owner)
     if len(kept.displacement) == 1:
         for number, (stop, place) in enumerate(each.stops.items()):
@@ -111,21 +108,6 @@ def plot_history(each: ReplayAt, ax: Axes | None = None) -> Axes:
     ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
               ncols=4)  # fmt: skip
     return ax
-
-
-def _thinned(t: Vector, x: Vector) -> tuple[Vector, Vector]:
-    """A curve by the smallest and largest value of each group of its samples."""
-    group = -(-len(x) // (MOST_POINTS // 2))
-    if group <= 2:
-        return t, x
-    count = len(x) // group
-    blocks = x[: count * group].reshape(count, group)
-    ends = (
-        np.sort(np.stack([blocks.argmin(axis=1), blocks.argmax(axis=1)], axis=1), axis=1)
-        + group * np.arange(count)[:, None]
-    )
-    places = np.append(ends.ravel(), np.arange(count * group, len(x)))
-    return t[places], x[places]
 
 
 def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
