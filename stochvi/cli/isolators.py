@@ -13,6 +13,16 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.isolators import Jolts, Sizing
+    from stochvi.isolators.record_verdict import RecordVerdict
+
+
+def fail_if_contradicted(record: RecordVerdict | None) -> None:
+    """End with exit code 1 where a record is not what Gaussian noise of its spectrum would show."""
+    if record is not None and record.contradicts:
+        stop(
+            "the record contradicts the Gaussian model; stochvi replay shows its motion",
+            FAILED,
+        )
 
 
 @main.command()
@@ -26,6 +36,7 @@ def screen(options: Common, scene: str) -> None:
 
     found = solve(load_scene(scene))
     options.show(found, print_screening, "screening", {"method": "screen", **found.to_dict()})
+    fail_if_contradicted(found.record)
 
 
 @main.command()
@@ -42,10 +53,13 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     from stochvi.isolators.screening import screen as solve
     from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_clearance
-    from stochvi.views.isolator_tables import print_clearance
+    from stochvi.views.isolator_tables import print_clearance, print_record
 
     loaded = load_scene(scene)
-    places = lengths("--gaps", gaps, plain=solve(loaded).displacement_std)
+    linear = solve(loaded)
+    if not options.quiet:
+        print_record(options.console, linear.record)
+    places = lengths("--gaps", gaps, plain=linear.displacement_std)
     with options.progress("clearance") as report:
         curve = clearance_curve(
             loaded, places, rel_error=rel_error,
@@ -54,6 +68,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     options.show(curve, print_clearance)
     if options.out is not None:
         write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
+    fail_if_contradicted(linear.record)
 
 
 @main.command()
@@ -104,6 +119,7 @@ def size(
     loaded = load_scene(scene)
     deadline = Deadline.after(options.budget)
     fell_short: list[str] = []
+    judged: list[RecordVerdict | None] = []
 
     def found() -> Sizing:
         # a sizing takes what it needs, the changed cases of --sensitivity what is left
@@ -136,8 +152,11 @@ def size(
             from stochvi.views.report import write_report
 
             write_report(review(answer, table), options.out)
+        judged.append(answer.record)
 
     shown(found, show)
+    for record in judged:
+        fail_if_contradicted(record)
     if fell_short:
         stop(f"{len(fell_short)} cases of --sensitivity fell short: {fell_short[0]}", FAILED)
 

@@ -159,9 +159,12 @@ def reliability(
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """
+    from stochvi.cli.isolators import fail_if_contradicted
+    from stochvi.isolators.record_verdict import record_verdict
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.reliability import reliability as solve
+    from stochvi.views.isolator_tables import print_record
     from stochvi.views.statistics_tables import print_reliability
 
     loaded = load_scene(scene)
@@ -179,7 +182,15 @@ def reliability(
                 **asked,
             )
 
+    record = record_verdict(loaded)
+
     def tell(console: Console, answer: Reliability) -> None:
+        print_record(console, record)
         print_reliability(console, answer, limit_in_g)
 
-    shown(found, lambda answer: options.show(answer, tell, "reliability"))
+    def show(answer: Reliability) -> None:
+        judged = {} if record is None else {"record": record.to_dict()}
+        options.show(answer, tell, "reliability", answer.to_dict() | judged)
+
+    shown(found, show)
+    fail_if_contradicted(record)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.mathematics.spectra import LinearMoments, Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity
@@ -34,6 +35,7 @@ class Screening(Result):
 
     `miles` is None where Miles' equation does not apply: the natural frequency lies outside the
     table, and the density there is 0, which the response is not. `notes` are warnings in words.
+    `record` judges a measured record that shakes the isolator; None without one.
     """
 
     not_in_document = COMMON
@@ -45,6 +47,7 @@ class Screening(Result):
     miles: float | None
     input_acceleration_std: float | None
     notes: tuple[str, ...] = ()
+    record: RecordVerdict | None = None
 
     def rice_rate(self, clearance: float) -> float:
         """Hits per second on two stops at +-clearance, as if hits changed nothing (Rice)."""
@@ -73,8 +76,11 @@ class Screening(Result):
         )
 
     def summary(self) -> str:
-        """What the table holds."""
-        return "linear screening, stops left out"
+        """What the table holds, after a record that contradicts it."""
+        text = "linear screening, stops left out"
+        if self.record is not None and self.record.contradicts:
+            return f"{self.record.sentence()}; {text}"
+        return text
 
     def _remarks(self) -> Sequence[str]:
         return (*self.notes, *self.warnings)
@@ -130,6 +136,7 @@ def screen(scene: Scene) -> Screening:
         else None,
         input_acceleration_std=None if theta else math.sqrt(area),
         notes=tuple(scene_notes(model)),
+        record=record_verdict(scene),
         provenance=provenance(scene.document()),
     )
 

@@ -20,15 +20,29 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
+    from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
 
 
 def print_screening(console: Console, linear: Screening) -> None:
-    """The linear screening of an isolator, with its notes."""
+    """The linear screening of an isolator, with its notes, after what a record says of it."""
+    print_record(console, linear.record)
     print_frame(console, linear.to_frame(), "linear screening, stops left out")
     for note in linear.notes:
         console.print(f"note: {note}", style="yellow", highlight=False)
+
+
+CONTRADICTED = "bold red"
+"""Style of a verdict on a record that is not what Gaussian noise would show."""
+
+
+def print_record(console: Console, record: RecordVerdict | None) -> None:
+    """Whether a record moves the mount as Gaussian noise would; nothing without a record."""
+    if record is None:
+        return
+    style = CONTRADICTED if record.contradicts else None
+    console.print(record.sentence(), style=style, highlight=False)
 
 
 CLEARANCE_COLUMNS = {
@@ -58,7 +72,10 @@ def print_clearance(console: Console, curve: pd.DataFrame) -> None:
 
 def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
     """Print the clearance and the risk at three sigma first, then the numbers behind both."""
-    console.print(sizing.verdict(), style="bold", highlight=False)
+    contradicted = sizing.record is not None and sizing.record.contradicts
+    console.print(sizing.verdict(), style=CONTRADICTED if contradicted else "bold", highlight=False)
+    if not contradicted:
+        print_record(console, sizing.record)
     print_line(console, places_of_stops(sizing))
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
     table = new_table(

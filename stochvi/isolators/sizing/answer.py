@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.chances import Gap, gap_of
 from stochvi.mathematics.units import STANDARD_GRAVITY
@@ -131,6 +132,9 @@ class Sizing(Result):
         Linear screening; None where the scene is no isolator on a noisy base.
     method
         How the clearance was found, in words.
+    record
+        Whether a measured record that shakes the isolator moves it as Gaussian noise would, and the
+        clearance that the record itself needs; None without a record.
     kept_with
         Chance that the limit of the target is exceeded in the mission, where the clearance is the
         smallest that can be judged and keeps the target with a margin; else None.
@@ -150,6 +154,7 @@ class Sizing(Result):
     evidence: Mapping[str, Response]
     screening: Screening | None
     method: str
+    record: RecordVerdict | None = None
     kept_with: Estimate | None = None
 
     @property
@@ -164,11 +169,14 @@ class Sizing(Result):
         return seed if isinstance(seed, int) else 0
 
     def verdict(self) -> str:
-        """The clearance, the risk that it keeps, and the risk at three sigma, in one sentence."""
-        three = self.three_sigma
+        """The clearance, the risk that it keeps, and the risk at three sigma, in one sentence; a
+        record that contradicts them first."""
+        three, record = self.three_sigma, self.record
+        first = f"{record.sentence()}: " if record is not None and record.contradicts else ""
+        chance = spoken_percent(three.probability.value)
         return (
-            f"{self._answer()}; 3 sigma = {1e3 * three.clearance:.4g} mm is hit with a chance of "
-            f"{spoken_percent(three.probability.value)} in {spoken_mission(self.mission)}"
+            f"{first}{self._answer()}; 3 sigma = {1e3 * three.clearance:.4g} mm is hit with a "
+            f"chance of {chance} in {spoken_mission(self.mission)}"
         )
 
     def _answer(self) -> str:

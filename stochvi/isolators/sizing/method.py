@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stochvi.isolators.record_verdict import record_verdict
 from stochvi.isolators.screening import Screening, screen
 from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
 from stochvi.isolators.sizing.hits import Hits, Tried, at_clearance, compile_kernels
@@ -333,6 +334,7 @@ class _Job:
             },
             screening=_screening(self.scene),
             method=method,
+            record=record_verdict(self.scene),
             kept_with=self.kept_with,
             warnings=tuple(dict.fromkeys(self.warnings)),
             cost=Cost(

@@ -133,7 +133,8 @@ class RecordedNoise(DensityNoise):
         estimate = record.density(self._bins(omega, damping_rate))
         return (
             f"record {Path(self.file).name}: {record.duration:.4g} s at {record.fs:.4g} Hz, "
-            f"kurtosis {kurtosis:.2f} +- {doubt:.2f} (Gaussian: 3); simulated is Gaussian noise of "
+            f"kurtosis of the input {kurtosis:.2f} +- {doubt:.2f} (Gaussian: 3, which says "
+            "little of the response); simulated is Gaussian noise of "
             "its density, not the record",
             *(f"record {Path(self.file).name}: {note}" for note in self._notes + record.notes),
             *(
@@ -203,7 +204,7 @@ class RecordedNoise(DensityNoise):
             (
                 "Kurtosis of the record",
                 f"{numbers['kurtosis']:.2f} ± {numbers['kurtosis_error']:.2f}",
-                "3 for Gaussian noise, which is what is simulated",
+                "of the input: 3 for Gaussian noise; it says little of the response",
             ),
         ]
 

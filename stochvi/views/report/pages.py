@@ -85,6 +85,8 @@ class Page:
         The parts of the report that hold the evidence.
     footer
         Versions and seed, by which the page can be made again.
+    alarm
+        Whether the verdict stands in red.
     """
 
     title: str
@@ -94,6 +96,7 @@ class Page:
     sections: Sequence[Section]
     warnings: Sequence[str] = ()
     footer: Sequence[str] = ()
+    alarm: bool = False
 
     def html(self) -> str:
         """The page; it needs no other file, no network and no script."""

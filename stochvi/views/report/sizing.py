@@ -89,7 +89,8 @@ def clearance_page(review: Review) -> Page:
         title=sizing.scene.title or "Clearance of an isolator",
         subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
         f"{spoken_mission(sizing.mission)}",
-        verdict=f"Clearance: {sizing.verdict()}.",
+        verdict=f"{_verdict_start(sizing)}{sizing.verdict()}.",
+        alarm=sizing.record is not None and sizing.record.contradicts,
         cards=_cards(review),
         warnings=review.warnings,
         sections=[
@@ -111,6 +112,29 @@ def clearance_page(review: Review) -> Page:
 # Verdict ----------------------------------------------------------------------------------
 
 
+def _verdict_start(sizing: Sizing) -> str:
+    """The word before a verdict; none before that of a record that contradicts it."""
+    record = sizing.record
+    return "" if record is not None and record.contradicts else "Clearance: "
+
+
+def _record_card(sizing: Sizing) -> list[Fact]:
+    """The clearance that a measured record itself needs, if there is one."""
+    record = sizing.record
+    if record is None:
+        return []
+    judged = "contradicts" if record.contradicts else "agrees with"
+    return [
+        Fact(
+            "The record itself needs",
+            millimetres(record.clearance),
+            f"it moves {record.peak_in_sigma:.3g} sigma and {judged} Gaussian noise, which would "
+            f"move {record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
+            f"{record.kurtosis:.3g}, 3 ± {record.kurtosis_error:.2g} for Gaussian noise",
+        )
+    ]
+
+
 def _cards(review: Review) -> list[Fact]:
     sizing = review.sizing
     three = sizing.three_sigma
@@ -118,6 +142,7 @@ def _cards(review: Review) -> list[Fact]:
     count = three.rice_hits if three.hits is None else three.hits.value
     return [
         _clearance_card(sizing),
+        *_record_card(sizing),
         _risk_card(review),
         Fact(
             "3 sigma would be",

@@ -1,0 +1,314 @@
+"""Whether a measured record moves a mount as Gaussian noise of the same spectrum would."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from stochvi.mathematics.spectra import Table, squared_gain
+from stochvi.methods.replay.march import march, rest_of
+from stochvi.methods.replay.method import shaking_of, unmet_conditions
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import model_of
+from stochvi.results.base import plain
+from stochvi.scenes.excitations import RecordedNoise
+from stochvi.scenes.scene import Scene
+
+Vector = NDArray[np.float64]
+
+FALSE_ALARMS = 0.005
+"""Chance that the two tests together, by Bonferroni's rule, contradict a Gaussian record: half of
+the 1 % that is promised, because the laws of the two statistics are approximate."""
+
+FEWEST = 20.0
+"""Independent values of the fourth power of the response below which its kurtosis is not judged:
+the law of Anscombe and Glynn (1983) holds from about there on."""
+
+BEYOND = 1.0 + 1e-9
+"""Clearance that a record does not reach, over the largest distance that it reaches."""
+
+LEVELS = (2.0, 3.0, 4.0)
+"""Levels whose crossings are counted, in standard deviations of the response."""
+
+POINTS_IN_BANDWIDTH = 16
+"""Frequencies in the half-power bandwidth of the mount on which its response density is summed."""
+
+BAND = 8.0
+"""Highest frequency of that density, in natural frequencies: above it lies less than 1e-3 of the
+mean square displacement of a mount on a flat input."""
+
+CLIPPED_SAMPLES, CLIPPED_BAND, CLIPPED_RATIO = 8, 0.02, 2.0
+"""A record is cut off where at least this many samples lie at its largest value (or smallest), and
+more than this many times as many as within the band, relative to the value, before it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crossings:
+    """How often the response left the band of +-`level` (m), seen and expected by Rice."""
+
+    level: float
+    in_sigma: float
+    seen: int
+    expected: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordVerdict:
+    """The record through the mount without stops, against a Gaussian process of its spectrum.
+
+    Parameters
+    ----------
+    contradicts
+        Whether the record is not what a Gaussian process would show in its time.
+    reasons
+        What contradicts, a sentence each.
+    displacement_max
+        Largest distance from the position of rest, m.
+    displacement_std
+        Of the response to the record, m.
+    peak_in_sigma, expected_peak_in_sigma
+        The largest distance over the standard deviation, and the median of it for a Gaussian
+        process (Vanmarcke 1975).
+    kurtosis, kurtosis_error
+        Of the response, and the standard error that it has for a Gaussian process.
+    clearance
+        The smallest distance of stops from the position of rest that the record does not reach, m;
+        of the sides on which the scene has stops.
+    p_values
+        Chance of a Gaussian process to be as far off, either way: "peak", "kurtosis".
+    crossings
+        Crossings of levels.
+    clipped
+        Whether the record is cut off at its largest or smallest value, as by a logger.
+    """
+
+    contradicts: bool
+    reasons: tuple[str, ...]
+    displacement_max: float
+    displacement_std: float
+    peak_in_sigma: float
+    expected_peak_in_sigma: float
+    kurtosis: float
+    kurtosis_error: float
+    clearance: float
+    p_values: dict[str, float | None]
+    crossings: tuple[Crossings, ...]
+    clipped: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document."""
+        return {name: plain(getattr(self, name)) for name in self.__dataclass_fields__}
+
+    def sentence(self) -> str:
+        """The verdict in one sentence."""
+        micrometres = math.ceil(1e6 * self.clearance)
+        needs = f"the record itself needs {micrometres / 1e3:.3f} mm per side"
+        if self.contradicts:
+            return (
+                "THE RECORD CONTRADICTS THE GAUSSIAN MODEL: "
+                f"{'; '.join(self.reasons)}; {needs}, and what follows of Gaussian noise does not "
+                "hold for it"
+            )
+        return (
+            f"the record agrees with Gaussian noise of its spectrum: through the mount it moves "
+            f"{self.peak_in_sigma:.3g} sigma (expected {self.expected_peak_in_sigma:.3g}) with a "
+            f"kurtosis of {self.kurtosis:.3g} (3 +- {self.kurtosis_error:.2g}); {needs}"
+        )
+
+
+def record_verdict(scene: Scene) -> RecordVerdict | None:
+    """Judge the records of a scene with one mount; None where no record alone shakes it.
+
+    The response to the record without stops, by exact steps, is compared with a Gaussian process
+    that has the spectrum of the response. Two tests share the chance `FALSE_ALARMS`: the largest
+    distance from rest against Vanmarcke's law of first crossings (1975), and the kurtosis against
+    the law of Anscombe and Glynn (1983) for as many independent values as leave the kurtosis of the
+    process its variance, 24 int rho^4 dtau / T. A record that is cut off contradicts as well.
+
+    Examples
+    --------
+    >>> from stochvi import Isolator, WhiteNoise
+    >>> noise = WhiteNoise(density=0.01, unit="g2/Hz")
+    >>> scene = Scene(structure=Isolator(frequency_hz=10.0, zeta=0.1), excitations=[noise])
+    >>> record_verdict(scene) is None
+    True
+    """
+    model = model_of(scene)
+    if unmet_conditions(scene, model) or beyond_one_oscillator(model):
+        return None
+    if not (model.omega > 0.0 and model.damping_rate > 0.0):
+        return None
+    free = replace(model, pairs=())
+    rest = rest_of(free)
+    motions = [march(free, each, rest) for each in shaking_of(scene, model)]
+    x = np.concatenate([motion.displacement[:, 0] for motion in motions]) - rest[0]
+    above = max(float(motion.highest[0]) for motion in motions) - float(rest[0])
+    below = float(rest[0]) - min(float(motion.lowest[0]) for motion in motions)
+    records = [each.record for each in scene.excitations if isinstance(each, RecordedNoise)]
+    sides = {stop.side for stop in model.stops} or {-1, 1}
+    return _verdict(
+        x,
+        duration=records[0].duration,
+        largest=max(above, below),
+        clearance=BEYOND * max(above if 1 in sides else 0.0, below if -1 in sides else 0.0),
+        law=response_law(model.acceleration_tables, model.omega, model.damping_rate),
+        clipped=any(cut_off(each.values) for each in records),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResponseLaw:
+    """What of a response density the statistics of a Gaussian process depend on.
+
+    Parameters
+    ----------
+    crossing_rate
+        Up-crossings of the mean per second.
+    bandwidth
+        Vanmarcke's q = sqrt(1 - m1^2 / (m0 m2)), m the moments of the density.
+    memory
+        int rho^4 dtau over all lags, s.
+    """
+
+    crossing_rate: float
+    bandwidth: float
+    memory: float
+
+
+def response_law(tables: Sequence[Table], omega: float, damping_rate: float) -> ResponseLaw:
+    """The law of the displacement of an oscillator under noise of these densities."""
+    natural = omega / (2.0 * math.pi)
+    step = min(damping_rate / (2.0 * math.pi), natural) / POINTS_IN_BANDWIDTH
+    f = step * np.arange(1, math.ceil(BAND * natural / step))
+    density = squared_gain(f, omega, damping_rate) * sum(table(f) for table in tables)
+    zero, one, two = (float(np.sum(density * f**power)) for power in range(3))
+    # density and its convolution with itself: int rho^4 dtau = sum of |F(rho^2)|^2, by Parseval
+    rho = np.fft.irfft(np.concatenate([[0.0], density, np.zeros(len(density) + 1)]))
+    rho /= rho[0]
+    lag = 1.0 / (step * len(rho))
+    return ResponseLaw(
+        crossing_rate=math.sqrt(two / zero),
+        bandwidth=math.sqrt(max(1.0 - one**2 / (zero * two), 1e-12)),
+        memory=float(np.sum(rho**4) * lag),
+    )
+
+
+def peak_probability(largest: float, duration: float, law: ResponseLaw) -> float:
+    """P(the largest |x| of a Gaussian process is below `largest` standard deviations), by the rate
+    of first crossings of E. H. Vanmarcke, J. Appl. Mech. 42 (1975) 215, exponent 1.2."""
+    if largest <= 0.0:
+        return 0.0
+    gauss = math.exp(-0.5 * largest**2)
+    clumps = -math.expm1(-math.sqrt(math.pi / 2.0) * law.bandwidth**1.2 * largest)
+    rate = 2.0 * law.crossing_rate * gauss * clumps / -math.expm1(-0.5 * largest**2)
+    return -math.expm1(-0.5 * largest**2) * math.exp(-rate * duration)
+
+
+def kurtosis_p_value(kurtosis: float, number: float) -> float | None:
+    """Chance of a sample kurtosis as far off from that of `number` independent Gaussian values, on
+    either side (F. J. Anscombe, W. J. Glynn, Biometrika 70 (1983) 227); None for few values."""
+    n = number
+    if n < FEWEST:
+        return None
+    mean = 3.0 * (n - 1.0) / (n + 1.0)
+    variance = 24.0 * n * (n - 2.0) * (n - 3.0) / ((n + 1.0) ** 2 * (n + 3.0) * (n + 5.0))
+    x = (kurtosis - mean) / math.sqrt(variance)
+    skew = 6.0 * (n * n - 5.0 * n + 2.0) / ((n + 7.0) * (n + 9.0))
+    skew *= math.sqrt(6.0 * (n + 3.0) * (n + 5.0) / (n * (n - 2.0) * (n - 3.0)))
+    a = 6.0 + 8.0 / skew * (2.0 / skew + math.sqrt(1.0 + 4.0 / skew**2))
+    below = 1.0 + x * math.sqrt(2.0 / (a - 4.0))
+    if below <= 0.0:
+        return 0.0
+    z = (1.0 - 2.0 / (9.0 * a) - ((1.0 - 2.0 / a) / below) ** (1.0 / 3.0)) / math.sqrt(
+        2.0 / (9.0 * a)
+    )
+    return float(2.0 * norm.sf(abs(z)))
+
+
+def expected_peak(duration: float, law: ResponseLaw) -> float:
+    """Median of the largest |x| of a Gaussian process, in standard deviations."""
+    low, high = 0.0, 40.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        below = peak_probability(middle, duration, law) < 0.5
+        low, high = (middle, high) if below else (low, middle)
+    return low
+
+
+def cut_off(values: Vector) -> bool:
+    """Whether samples pile up at the largest or the smallest value, as a logger leaves them."""
+    for side in (values, -values):
+        top = float(side.max())
+        # neighbouring values of a logger with few digits count as one band
+        following = float(np.max(side[side < top], initial=-math.inf))
+        width = max(CLIPPED_BAND * abs(top), 1.5 * (top - following))
+        at_top = int(np.sum(side == top))
+        before = int(np.sum(side >= top - width)) - at_top
+        if at_top >= CLIPPED_SAMPLES and at_top > CLIPPED_RATIO * before:
+            return True
+    return False
+
+
+def _verdict(
+    x: Vector, *, duration: float, largest: float, clearance: float, law: ResponseLaw,
+    clipped: bool,
+) -> RecordVerdict:  # fmt: skip
+    """The verdict on a response x (m, from rest)."""
+    centred = x - x.mean()
+    square = float(np.mean(centred**2))
+    sigma = math.sqrt(square)
+    kurtosis = float(np.mean(centred**4)) / square**2
+    below = peak_probability(largest / sigma, duration, law)
+    unlikely = 2.0 * min(below, 1.0 - below)
+    shape = kurtosis_p_value(kurtosis, duration / law.memory)
+    p_values = {"peak": unlikely, "kurtosis": shape}
+    expected = expected_peak(duration, law)
+    limit = FALSE_ALARMS / len(p_values)
+    reasons = []
+    if unlikely < limit:
+        reasons.append(
+            f"through the mount it moves {1e3 * largest:.4g} mm or {largest / sigma:.3g} sigma, "
+            f"where Gaussian noise would move {expected:.3g} sigma (p = {unlikely:.1g})"
+        )
+    if shape is not None and shape < limit:
+        reasons.append(
+            f"the kurtosis of the response is {kurtosis:.3g}, where Gaussian noise would have "
+            f"3 +- {math.sqrt(24.0 * law.memory / duration):.2g} (p = {shape:.1g})"
+        )
+    if clipped:
+        reasons.append(
+            "the record is cut off at its largest or smallest value, as by a logger at the end of "
+            "its range: what it moves is too little"
+        )
+    return RecordVerdict(
+        contradicts=bool(reasons),
+        reasons=tuple(reasons),
+        displacement_max=largest,
+        displacement_std=sigma,
+        peak_in_sigma=largest / sigma,
+        expected_peak_in_sigma=expected,
+        kurtosis=kurtosis,
+        kurtosis_error=math.sqrt(24.0 * law.memory / duration),
+        clearance=clearance,
+        p_values=p_values,
+        crossings=tuple(_crossings(centred, sigma, level, duration, law) for level in LEVELS),
+        clipped=clipped,
+    )
+
+
+def _crossings(
+    x: Vector, sigma: float, in_sigma: float, duration: float, law: ResponseLaw
+) -> Crossings:
+    outside = np.abs(x) > in_sigma * sigma
+    return Crossings(
+        level=in_sigma * sigma,
+        in_sigma=in_sigma,
+        seen=int(np.sum(outside[1:] & ~outside[:-1])),
+        expected=2.0 * law.crossing_rate * duration * math.exp(-0.5 * in_sigma**2),
+    )

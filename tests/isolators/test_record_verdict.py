@@ -1,0 +1,153 @@
+"""The verdict on measured records: false alarms on Gaussian ones, and what it notices."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.io import savemat
+from scipy.stats import binom
+
+from stochvi import ImpactPair, Isolator, RecordedNoise, Restitution, Scene, replay, screen
+from stochvi.isolators.record_verdict import cut_off, kurtosis_p_value, record_verdict
+from stochvi.mathematics.units import STANDARD_GRAVITY
+from support.commands import Run, one_document
+
+Vector = NDArray[np.float64]
+FS = 400.0
+
+
+def gaussian(
+    random: np.random.Generator, seconds: float, low: float = 4.0, high: float = 80.0
+) -> Vector:
+    """A stretch of stationary Gaussian noise in a band, 1 g rms."""
+    length = 2 * int(seconds * FS)
+    f = np.fft.rfftfreq(length, 1.0 / FS)
+    inside = (f >= low) & (f <= high)
+    spectrum = np.where(inside, random.normal(size=(2, len(f))), 0.0)
+    a = np.fft.irfft(spectrum[0] + 1j * spectrum[1], length)[: length // 2]
+    return np.asarray(a / a.std())
+
+
+def scene_of(folder: Path, values: Vector, natural: float = 12.0, zeta: float = 0.1) -> Scene:
+    file = folder / "record.mat"
+    savemat(file, {"a": values})
+    stops = ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.5))
+    return Scene(
+        structure=Isolator(frequency_hz=natural, zeta=zeta, mass=1.0),
+        impact_pairs=[stops],
+        excitations=[RecordedNoise(file=str(file), variables=("a",), unit="g", fs=FS)],
+    )
+
+
+def contradicted(folder: Path, values: Vector, **mount: float) -> bool:
+    verdict = record_verdict(scene_of(folder, values, **mount))
+    assert verdict is not None
+    return verdict.contradicts
+
+
+KINDS = [
+    (seconds, natural, zeta, band)
+    for seconds in (20.0, 60.0)
+    for natural, zeta in ((6.0, 0.03), (12.0, 0.1), (25.0, 0.2))
+    for band in ((4.0, 80.0), (3.0, 30.0))
+]
+"""Durations, mounts and bands of Gaussian records."""
+
+
+@pytest.mark.parametrize("records", [2, pytest.param(170, marks=pytest.mark.verify)])
+def test_gaussian_records_are_seldom_contradicted(tmp_path: Path, records: int) -> None:
+    """At most 1 % of them, of differing duration, bandwidth and mount."""
+    random = np.random.default_rng(20)
+    alarms = sum(
+        contradicted(tmp_path, gaussian(random, seconds, *band), natural=natural, zeta=zeta)
+        for seconds, natural, zeta, band in KINDS
+        for _ in range(records)
+    )
+    # as many alarms as this would be seen once in a thousand times if the rate were 1 %
+    assert alarms <= binom.isf(1e-3, records * len(KINDS), 0.01)
+
+
+def spoilt(kind: str, random: np.random.Generator) -> Vector:
+    a = gaussian(random, 60.0)
+    t = np.arange(len(a)) / FS
+    if kind == "potholes":
+        for start in (20.0, 41.0):
+            inside = (t >= start) & (t < start + 0.04)
+            a[inside] += 9.0 * np.sin(np.pi * (t[inside] - start) / 0.04)
+    elif kind == "sine":
+        a += 1.5 * np.sin(2.0 * np.pi * 12.0 * t)
+    elif kind == "level":
+        a *= np.where(t < 30.0, 1.0, 2.0)
+    elif kind == "clipped":
+        a = np.clip(a, -2.0, 2.0)
+    return a
+
+
+@pytest.mark.parametrize("kind", ["potholes", "sine", "level", "clipped"])
+def test_what_is_not_gaussian_is_noticed(tmp_path: Path, kind: str) -> None:
+    random = np.random.default_rng(3)
+    assert all(contradicted(tmp_path, spoilt(kind, random)) for _ in range(3))
+
+
+def test_the_clearance_of_the_record_is_not_hit(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, spoilt("potholes", np.random.default_rng(4)))
+    verdict = screen(scene).record
+    assert verdict is not None and verdict.contradicts
+    below = 0.999 * verdict.clearance
+    free, hit = replay(scene, [verdict.clearance, below]).clearances
+    assert float(free.impact_pairs["stops"].hits) == 0.0
+    assert float(hit.impact_pairs["stops"].hits) > 0.0
+    assert verdict.displacement_max == pytest.approx(verdict.clearance)
+    assert float(free.coordinates["x"].displacement_kurtosis or 0.0) == pytest.approx(
+        verdict.kurtosis, rel=1e-9
+    )
+    assert all(each.seen >= 0 and each.expected > 0.0 for each in verdict.crossings)
+
+
+def test_logger_without_many_digits_is_not_cut_off() -> None:
+    a = gaussian(np.random.default_rng(5), 60.0)
+    for digits in (0.05, 1e-3):
+        assert not cut_off(np.round(a / digits) * digits)
+        assert cut_off(np.clip(np.round(a / digits) * digits, -2.5, 2.5))
+
+
+def test_law_of_the_kurtosis() -> None:
+    """Anscombe and Glynn against independent values."""
+    random = np.random.default_rng(6)
+    x = random.normal(size=(4000, 200))
+    x -= x.mean(axis=1, keepdims=True)
+    found = np.mean(x**4, axis=1) / np.mean(x**2, axis=1) ** 2
+    p = np.array([kurtosis_p_value(each, 200.0) for each in found])
+    for level in (0.5, 0.05):
+        error = np.sqrt(level * (1.0 - level) / len(p))
+        assert abs(np.mean(p < level) - level) < 4.5 * error
+    assert kurtosis_p_value(3.0, 5.0) is None
+    assert kurtosis_p_value(-50.0, 30.0) == 0.0
+
+
+def test_commands_say_it_first_and_end_with_1(tmp_path: Path, stochvi: Run) -> None:
+    values = {
+        "bad": spoilt("potholes", np.random.default_rng(7)),
+        "good": gaussian(np.random.default_rng(8), 60.0),
+    }
+    for name, a in values.items():
+        np.savetxt(tmp_path / f"{name}.txt", a * STANDARD_GRAVITY)
+        (tmp_path / f"{name}.toml").write_text(
+            "[structure]\nkind = 'isolator'\nfrequency_hz = 12.0\nzeta = 0.1\n"
+            "[[impact_pair]]\nlower = -0.02\nupper = 0.02\nlaw = { coefficient = 0.5 }\n"
+            f"[[excitation]]\nkind = 'record'\nfile = '{name}.txt'\nunit = 'm/s2'\nfs = {FS}\n"
+        )
+    for command in (["screen"], ["reliability", "--mission", "60", "--rel-error", "0.2"]):
+        run = stochvi(command[0], tmp_path / "bad.toml", *command[1:])
+        assert run.code == 1
+        assert run.out.startswith("THE RECORD CONTRADICTS")
+        run = stochvi(command[0], tmp_path / "good.toml", *command[1:], "--json", "-")
+        assert run.code == 0
+        record = one_document(run.out)["record"]
+        assert record["contradicts"] is False
+        assert set(record["p_values"]) == {"peak", "kurtosis"}
+        json.dumps(record)
