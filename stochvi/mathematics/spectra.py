@@ -254,6 +254,7 @@ def _quadrature(
     parts = [
         gauss_panels(_ends(edges)[:, chosen].T, nodes)
         for chosen, nodes in ((narrow, FEW_NODES), (~narrow, NODES))
+        if chosen.any()
     ]
     f, weights = (
         np.concatenate([each.ravel() for each in both]) for both in zip(*parts, strict=True)
