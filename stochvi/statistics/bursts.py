@@ -284,8 +284,7 @@ def _fly(
 ) -> Vector:
     """Hits, speeds, early hits, fastest and sharpest of bursts, from just before the first hit."""
     plan = records.plan
-    # what is crossed is the upper stop, or the lower one seen upside down
-    sign = np.full(len(path), 1.0 if records.crosses_upper[side] else -1.0)
+    sign = _sides_hit(records, side, path + start)
     near = np.full(len(path), records.sides[side][0][0])
     samples = math.ceil(WINDOW_RELAXATIONS / MEMORY_RELAXATIONS * records.count)
     sample = np.arange(-1, min(samples, len(records.shape) - 1))
@@ -305,6 +304,19 @@ def _fly(
             extremes.acceleration,
         ]
     )
+
+
+def _sides_hit(records: Records, side: int, numbers: NDArray[np.int64]) -> Vector:
+    """(bursts,): 1 where the first hit is on the upper stop, -1 where the crossing is turned over
+    to the lower one. Stops that are equally far share their crossings; every other one is turned
+    over if they differ in their laws."""
+    if not records.crosses_upper[side]:
+        return np.full(len(numbers), -1.0)
+    laws = [stop.law for stop in records.plan.model.stops]
+    shared = len(records.sides) < len(laws)
+    if not shared or laws[0] == laws[1]:
+        return np.ones(len(numbers))
+    return np.where(numbers % 2, -1.0, 1.0)
 
 
 def after_crossings(
