@@ -31,6 +31,7 @@ from .scenes.impact_laws import (
 )
 from .scenes.scene import ImpactPair, Scene, load_scene
 from .scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
+from .scenes.vehicles import QuarterCar
 from .statistics.histories import history
 from .statistics.impacts import impacts
 from .statistics.reliability import reliability
@@ -58,6 +59,7 @@ __all__ = [
     "NotApplicable",
     "NotConverged",
     "Oscillator",
+    "QuarterCar",
     "RecordedNoise",
     "Response",
     "Restitution",

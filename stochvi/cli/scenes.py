@@ -12,6 +12,7 @@ from stochvi.cli.program import BAD_INPUT, main, stop
 KINDS = {
     "bumper": "isolator-bumper",
     "road": "isolator-road",
+    "vehicle": "isolator-vehicle",
     "record": "isolator-record",
     "absorber": "absorber-on-a-tower",
 }
@@ -55,7 +56,8 @@ level_db = 0.0
 # filtered: the same, of the white noise before it passes a resonance of frequency_hz and zeta
 # (which raises a density to its 1 / (4 zeta^2)-fold at the peak)
 # sine: amplitude (N, or m/s^2 of the base) and frequency_hz
-# road: road = "C" (ISO 8608) and speed_kmh
+# road: road = "C" (ISO 8608) and speed_kmh; the mount stands on the road itself, or on a vehicle:
+# [vehicle] with kind = "quarter-car" and preset = "golden-car" (see: stochvi new --kind vehicle)
 # record: file = "run.csv" (time, acceleration) and unit = "g"; fs = 1000.0 (Hz) without times,
 # column = "Z" where there are several, gaps = "split" where samples are missing
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)

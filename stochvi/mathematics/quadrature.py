@@ -55,5 +55,5 @@ def gauss_panels(edges: ArrayLike, nodes: int) -> tuple[Vector, Vector]:
     ends = np.asarray(edges, dtype=float)
     half = np.diff(ends)[..., None] / 2.0
     centre = (ends[..., 1:] + ends[..., :-1])[..., None] / 2.0
-    shape = (*ends.shape[:-1], -1)
+    shape = (*ends.shape[:-1], (ends.shape[-1] - 1) * nodes)  # also for no rows at all
     return (centre + half * points).reshape(shape), (half * weights).reshape(shape)

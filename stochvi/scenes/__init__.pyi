@@ -13,6 +13,7 @@ from .impact_laws import Elastic, ForceTable, Hertz, Restitution, SpeedRestituti
 from .records import Record, read_record
 from .scene import ImpactPair, Scene, load_scene
 from .structures import Isolator, Matrices, NonlinearOscillator, Oscillator
+from .vehicles import QuarterCar
 
 __all__ = [
     "Absorber",
@@ -27,6 +28,7 @@ __all__ = [
     "NonlinearOscillator",
     "Oscillator",
     "Profile",
+    "QuarterCar",
     "Record",
     "RecordedNoise",
     "Restitution",

@@ -20,6 +20,7 @@ from stochvi.scenes.excitations import (
     DensityNoise,
     Excitation,
     FilteredNoise,
+    RoadNoise,
     Sine,
     WhiteNoise,
     check_unit,
@@ -28,6 +29,7 @@ from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelas
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.text import read_text
 from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
+from stochvi.scenes.vehicles import QuarterCar
 
 
 class ImpactPair(Checked):
@@ -133,6 +135,7 @@ class Scene(Checked):
         alias="excitation"
     )
     absorber: Absorber | tuple[Absorber, ...] | None = None
+    vehicle: QuarterCar | None = None
 
     @field_validator("absorber", mode="before")
     @classmethod
@@ -159,7 +162,10 @@ class Scene(Checked):
         problems: list[tuple[str, str]] = []
         if not self.excitations:
             problems.append(("excitation", "needs at least one entry, got none"))
-        elif self._short_absorbers:
+        elif problems := self._beside_the_vehicle():
+            raise SceneError(problems)
+        self._drive()
+        if self.excitations and self._short_absorbers:
             _ = self.expanded  # building it checks it
             return self
         names = [pair.name for pair in self.impact_pairs]
@@ -178,6 +184,35 @@ class Scene(Checked):
         if problems := problems or self._out_of_range():
             raise SceneError(problems)
         return self
+
+    def _beside_the_vehicle(self) -> list[tuple[str, str]]:
+        """What a vehicle between road and mount does not go with."""
+        if self.vehicle is None:
+            return []
+        roads = [isinstance(excitation, RoadNoise) for excitation in self.excitations]
+        problems = [
+            (
+                f"excitation.{index}",
+                f"of kind {excitation.kind!r} acts on the base, but with [vehicle] the base is the "
+                f"{self.vehicle.mounted_on} and follows a road (kind = 'road') alone; take "
+                "[vehicle] out for what was measured where the mount stands",
+            )
+            for index, excitation in enumerate(self.excitations)
+            if self.place(excitation) == BASE
+            and not isinstance(excitation, RoadNoise | ConstantLoad)
+        ]
+        if not any(roads):
+            problems.append(("vehicle", "needs an excitation of kind 'road' to drive on, got none"))
+        return problems
+
+    def _drive(self) -> None:
+        """Let the roads reach the base through the vehicle, if there is one."""
+        if self.vehicle is not None:
+            driven = tuple(
+                each.behind(self.vehicle) if isinstance(each, RoadNoise) else each
+                for each in self.excitations
+            )
+            object.__setattr__(self, "excitations", driven)
 
     def _misplaced(self, pair: ImpactPair) -> str:
         """What is wrong with the coordinates of an impact pair; empty if nothing is."""
@@ -367,7 +402,7 @@ class Scene(Checked):
     def assumptions(self) -> tuple[str, ...]:
         """What the scene takes for granted, in words."""
         if self._short_absorbers:
-            return self.expanded.assumptions()
+            return (*self.expanded.assumptions(), *self._reaction())
         found = ["displacements are measured from the position of the unloaded spring"]
         if self.structure.mass is None:
             found.append("mass is not given: 1 kg, which only forces and energies depend on")
@@ -390,7 +425,15 @@ class Scene(Checked):
         for excitation in self.excitations:
             if isinstance(excitation, DensityNoise):
                 found += excitation.said(*self._resonance())
-        return tuple(found)
+        return (*found, *self._reaction())
+
+    def _reaction(self) -> tuple[str, ...]:
+        """What neglecting the action of the mount on the vehicle rests on."""
+        if self.vehicle is None:
+            return ()
+        known = isinstance(self.structure, Matrices) or self.structure.mass is not None
+        mass = float(self.expanded.structure.matrices[0].sum()) if known else None
+        return (self.vehicle.reaction(mass),)
 
     def table_of(self, excitation: DensityNoise) -> Table:
         """The density of an excitation as this structure needs it, one-sided, SI units."""

@@ -6,19 +6,20 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar, Literal, Self
 
-from pydantic import model_validator
+from pydantic import PrivateAttr, model_validator
 
 from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
 from stochvi.scenes.excitations.base import BASE, DensityNoise, band_of
 from stochvi.scenes.roads import ROUGHNESS, WAVENUMBERS, road_table
 from stochvi.scenes.validation import Band, Positive, given
+from stochvi.scenes.vehicles import QuarterCar
 
 
 class RoadNoise(DensityNoise):
     """A base that follows a road of ISO 8608 at a constant speed (see `roads`).
 
-    Its vertical velocity is white, its acceleration rises as f^2, over `band_hz`. There is no
-    vehicle between road and mount: a suspension in between belongs into the scene.
+    Its vertical velocity is white, its acceleration rises as f^2, over `band_hz`. The mount stands
+    on the road itself, or on the vehicle of the scene (`behind`).
 
     Parameters
     ----------
@@ -45,6 +46,7 @@ class RoadNoise(DensityNoise):
     speed: Positive | None = None
     speed_kmh: Positive | None = None
     band_hz: Band | None = None
+    _vehicle: QuarterCar | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _drive(self) -> Self:
@@ -70,38 +72,60 @@ class RoadNoise(DensityNoise):
         assert self.speed_kmh is not None
         return self.speed_kmh / KMH_PER_METRE_PER_SECOND
 
+    def behind(self, vehicle: QuarterCar) -> Self:
+        """The same road, whose acceleration reaches the base through a vehicle."""
+        found = self.model_copy()
+        found._vehicle = vehicle
+        found._table = vehicle.passed(self._table)
+        return found
+
+    def louder(self, level_db: float) -> Self:
+        bare = super().louder(level_db)
+        return bare if self._vehicle is None else bare.behind(self._vehicle)
+
     @property
     def density_unit(self) -> str | None:
         return "(m/s2)2/Hz"
 
     def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
-        low, high = self._table.frequency_hz
+        low, high = self._table.frequency_hz[[0, -1]]
         which = f"class {self.road}" if self.road else f"Gd(n0) = {self.roughness:g} m^3"
+        subject = "the base follows" if self._vehicle is None else "the vehicle drives on"
+        suspension = ", without a suspension" if self._vehicle is None else ""
         return (
-            f"the base follows a road of ISO 8608, {which}, at {self.metres_per_second:.4g} m/s, "
-            f"from {low:.3g} to {high:.3g} Hz, without a suspension; class table from secondary "
-            "sources",
+            f"{subject} a road of ISO 8608, {which}, at {self.metres_per_second:.4g} m/s, "
+            f"from {low:.3g} to {high:.3g} Hz{suspension}; class table from secondary sources",
+            *(() if self._vehicle is None else self._vehicle.said()),
         )
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
         """A mount that is bolted to a road feels more than any vehicle would pass on."""
-        if not omega or self.band_hz is not None:
+        if not omega or self.band_hz is not None or self._vehicle is not None:
             return ()
         rms = math.sqrt(self._table.mean_square()) / STANDARD_GRAVITY
         return (
             f"the mount stands on the road itself, with no vehicle between them: {rms:.3g} g rms "
             f"up to {self._table.frequency_hz[-1]:.3g} Hz; tyres and springs pass on little above "
-            'some 20 Hz: put the masses of the vehicle into the scene (kind = "matrices"), or '
-            "band_hz around what reaches the mount",
+            'some 20 Hz: put a [vehicle] between them (preset = "golden-car", or parameters of its '
+            "own), or band_hz around what reaches the mount",
         )
 
     def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
         which = f"class {self.road}" if self.road else f"Gd(n0) = {self.roughness:g} m³"
-        remark = (
-            f"at {self.metres_per_second:.4g} m/s, {band_of(numbers)}; no vehicle between road and "
-            "mount"
-        )
-        return [("Road of ISO 8608", which + self.raised, remark)]
+        remark = f"at {self.metres_per_second:.4g} m/s, {band_of(numbers)}"
+        if self._vehicle is None:
+            remark += "; no vehicle between road and mount"
+            return [("Road of ISO 8608", which + self.raised, remark)]
+        body, wheel = self._vehicle.modes
+        return [
+            ("Road of ISO 8608", which + self.raised, remark),
+            (
+                f"Vehicle, mount on its {self._vehicle.mounted_on}",
+                f"quarter car, {self._vehicle.preset or 'parameters of its own'}",
+                f"body {body.frequency_hz:.3g} Hz, damping ratio {body.damping_ratio:.2g}; wheel "
+                f"hop {wheel.frequency_hz:.3g} Hz, damping ratio {wheel.damping_ratio:.2g}",
+            ),
+        ]
 
 
 KMH_PER_METRE_PER_SECOND = 3.6
