@@ -356,7 +356,7 @@ def after_crossings(
 def _sums(records: Records, rows: Vector, counted: int) -> tuple[Sums, Extremes]:
     bursts = rows.shape[1] // 2
     sums, extremes = Sums.zeros(bursts, records.plan.contacts), Extremes.zeros(bursts)
-    records.plan.fly(rows, 0, counted, sums.table, None, extremes.table)
+    records.plan.add_impacts(rows, 0, counted, sums.table, None, extremes.table)
     return sums, extremes
 
 

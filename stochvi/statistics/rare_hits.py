@@ -208,7 +208,9 @@ class Kind(ABC):
             sums = Sums.zeros(len(which), plan.contacts).table
             # the engine begins at what went before, which stands at the end
             rows = np.ascontiguousarray(np.roll(rows, -warm_up - 1, axis=0))
-            plan.fly(rows, warm_up, counted // 2 if half else counted, sums, None, extremes.table)
+            plan.add_impacts(
+                rows, warm_up, counted // 2 if half else counted, sums, None, extremes.table
+            )
             found[which] = self._score_of(extremes)
         return found
 

@@ -71,7 +71,7 @@ def counted(answers: int, barrier: float, truth: float, missions: int) -> Iterat
     failed = np.empty(answers, int)
     for answer in range(answers):
         fleet = plan.fleet(14, answer * missions, missions)
-        plan.fly(fleet, math.inf)
+        plan.advance(fleet, math.inf)
         failed[answer] = fleet.happened.sum()
     ends = {
         "Clopper-Pearson": proportion_confint(failed, missions, 1.0 - CONFIDENCE, "beta"),

@@ -22,7 +22,11 @@ from stochvi import (
 )
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.compliant_white import kernel_stop
-from stochvi.methods.monte_carlo.kernels.compliant_response import TALLY, cross_contacts
+from stochvi.methods.monte_carlo.kernels.compliant_response import (
+    TALLY,
+    IntervalEnds,
+    interval_with_contacts,
+)
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_SUMS,
     EXTREMES,
@@ -31,6 +35,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     POSITION_FORCE,
     SHARPEST,
 )
+from stochvi.methods.monte_carlo.kernels.steps import Sampling
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
@@ -186,12 +191,11 @@ def test_a_contact_gives_its_largest_acceleration_and_integrals() -> None:
     extremes, place = np.zeros(EXTREMES), 2.0
     x, v = place - 0.5 * h * w, w
     stop = kernel_stop(place, Elastic(stiffness=stiffness))
-    sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
+    sampling = Sampling(h, 0.0, 0.0, 0.0, 1.0, 0, 0)
+    arrays = np.zeros(TALLY), np.zeros(2), extremes, np.zeros(CONTACT_SUMS)
     for _ in range(8):
-        x, v = cross_contacts(
-            x, v, x + h * v, v, h, (0.0, 0.0), None, stop, 0.0, 1.0, np.zeros(TALLY), peaks,
-            extremes, sums,
-        )  # fmt: skip
+        ends = IntervalEnds(x, v, x + h * v, v)
+        x, v = interval_with_contacts(ends, sampling, None, stop, *arrays)
     frequency = math.sqrt(stiffness)
     half = 0.5 * math.pi / frequency
     assert extremes[FASTEST] == pytest.approx(w, rel=1e-12)

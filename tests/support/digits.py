@@ -12,7 +12,7 @@ import numpy as np
 
 from stochvi import Restitution, Viscoelastic, load_scene
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.modal_stops import single_impacts
+from stochvi.methods.monte_carlo.kernels.modal_stops import LaneArrays, SinglePair, single_impacts
 from stochvi.model.model import model_of
 from support import CHECKOUT
 from support.mounts import two_stages
@@ -39,12 +39,12 @@ def impacts() -> np.ndarray:
     columns = np.tile(np.arange(terms), rows)
     weights = random.uniform(0.5, 1.0, rows * terms) / 10.0**columns
     new, sums = random.normal(size=(rows - 3, lanes)), np.zeros((6, lanes))
-    packed = (*np.zeros((10, lanes)), np.zeros((terms, lanes)), np.zeros((rows, lanes)))
+    arrays = LaneArrays(*np.zeros((10, lanes)), np.zeros((terms, lanes)), np.zeros((rows, lanes)))
     index = np.flatnonzero(y1 > 1.0)
     stops = np.array([[[-9.0, 0.5, 0.0], [1.0, 0.5, 0.0]]])
     left = single_impacts(
-        ends, new, index, index.size, step, stops, (starts, columns, weights), sums, 0, packed,
-        None, 0, 0,
+        SinglePair(step, stops, (starts, columns, weights), 0), ends, new, index, index.size, sums,
+        arrays, None, 0, 0,
     )  # fmt: skip
     assert left < index.size // 2
     return np.concatenate([new, ends[3], sums])

@@ -1,8 +1,8 @@
-"""The driver of blocks of paths: everything that samples runs its work on an executor by it.
+"""Driver of blocks of paths, through which everything that samples runs its work on an executor.
 
 The work on a block is a picklable function of (first path, paths) alone, so that any worker may do
-it, and do it again where a worker is lost. Results leave in the order of their blocks through a
-bounded window: which worker was quicker, and how many there are, never shows in a digit.
+it, and do it again where a worker is lost. Results are handed on in the order of their blocks, so
+that they depend neither on the number of workers nor on their speed.
 """
 
 from __future__ import annotations
@@ -37,69 +37,76 @@ from stochvi.results.errors import NotConverged, StochviError
 from stochvi.results.machine import thread_seconds, usable_cores
 
 WINDOW = 4
-"""Tasks per worker that may wait to be merged in order: bounds memory, hides stragglers."""
+"""Number of tasks per worker that may be under way or wait to be merged in order. It bounds the
+memory, and keeps workers busy while one of them is slow."""
 
 TASK_SECONDS = 0.5
-"""Work of one task for somebody else's executor, at least: a hundred times what it costs to send
-it, and no more than a checkpoint may lose."""
+"""Shortest work in seconds of one task for an external executor: a hundred times the cost of
+sending a task, and no more than a checkpoint may lose."""
 
 SENDING_SECONDS = 0.003
-"""CPU of a Dask client and its scheduler to send a task and to get its result back, measured; a
-pool of processes takes a tenth. Tasks last so long that this keeps all workers at work."""
+"""CPU time in seconds in which a Dask client and its scheduler send a task and get its result back
+(measured; a pool of processes takes a tenth). Tasks last so long that this keeps all workers
+busy."""
 
 MOST_WAITING = 2**17
-"""Blocks that may be under way or wait to be merged, however many workers: some 300 MB."""
+"""Largest number of blocks that are under way or wait to be merged, for any number of workers: they
+take about 300 MB."""
 
 LATE = 3.0
-"""Times what a task should take, after which what others overtook is begun a second time: a few
-slow or dead machines would hold up all that waits to be merged in order."""
+"""A task is late if it takes this many times the expected time while a task begun after it has
+ended. It is then begun a second time, as a slow or dead machine would hold up all results behind
+it."""
 
 LOOK_SECONDS = 0.5
-"""Between looks at tasks that are lost or late, while the first in line is waited for; or half of
-what a task should take, if that is longer."""
+"""Seconds between two checks for lost or late tasks while the first result is awaited, or half the
+expected time of a task if that is longer."""
 
 SHORTEST_BLOCK = 1e-6
-"""Seconds, where the clock saw none."""
+"""Time in seconds of a block or a path for which the clock measured zero."""
 
 MOST_ATTEMPTS = 4
-"""How often a block is begun before it is given up. Schedulers do lost blocks again themselves."""
+"""Number of times that a block is begun on an external executor before the run gives up. Schedulers
+repeat lost blocks themselves as well."""
 
 LANES = 16
-"""Paths of the smallest piece of a block: the loops of the kernels over paths fill vectors of 8
-numbers."""
+"""Number of paths in the smallest piece of a block: the loops of the kernels over paths fill
+vectors of 8 numbers."""
 
 LONG_PATH = 2.0e5
-"""Steps of a path from which the first piece of a block has only `FEWEST_AT_ONCE` paths: 16 of them
-would take a second or more."""
+"""Number of steps of a path from which the first piece of a block has only FEWEST_AT_ONCE paths:
+LANES of them would take a second or more."""
 
 FEWEST_AT_ONCE = 2
-"""Paths of the first piece where paths are long: as many as a standard error needs."""
+"""Number of paths in the first piece of a block of long paths: the smallest that gives a standard
+error."""
 
 PIECE_SECONDS = 0.25
-"""Seconds that a piece of a block takes at most, as far as the piece before tells: a budget is
-overrun by no more."""
+"""Largest expected time in seconds of a piece of a block, so that a budget is overrun by no
+more."""
 
 Piece = TypeVar("Piece")
 
 Block = tuple[int, int]
-"""First path, and how many."""
+"""Number of the first path of a block, and number of its paths."""
 
 
 Work = Callable[[int, int, Deadline], Any]
-"""What is done with a block: `work(first_path, paths, deadline)`. A block that may take long ends
-at its deadline with what it has."""
+"""A function `work(first_path, paths, deadline)` of a block. Where the block takes long, it returns
+the results of the first paths when the deadline has passed."""
 
 BlockDone = tuple[Block, list[Any], list[str]]
-"""A block with the result of every work, and the machines that they come from."""
+"""A block with the result of every work on it, and the machines that computed them."""
 
 
 class WorkersLost(Exception):
-    """The executor cannot do a block, however often it is asked."""
+    """The executor failed to compute a block in all attempts."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
-    """What comes back of a task: results of each of its blocks, where from, and CPU seconds."""
+    """Result of a task: the results of each of its blocks, the machine, and the CPU time in
+    seconds."""
 
     results: tuple[Any, ...]
     machine: str
@@ -108,7 +115,7 @@ class Done:
 
 @cache
 def machine() -> str:
-    """Everything that the digits of a path hang on beside the scene: versions and processor.
+    """Versions of the libraries and the processor, on which the digits of a path depend.
 
     The processor is named as the compiler of the kernels names it, with a digest of its features.
     """
@@ -127,10 +134,12 @@ def machine() -> str:
 def do_blocks(
     work: Work, blocks: tuple[Block, ...], deadline: Deadline = NEVER, attempt: int = 1
 ) -> Done:
-    """One task: a function of its arguments alone, so any worker may do it, twice if need be.
+    """Do the work on the blocks of one task, in order.
 
-    Once the deadline has passed, the blocks that are left are not begun. `attempt` changes nothing
-    but the name by which a scheduler may remember that it failed.
+    Once the deadline has passed, the blocks that are left are not begun. The result is a function
+    of the arguments alone, so that any worker may compute it, and compute it again. `attempt` has
+    no effect but to give each attempt a key of its own, as a scheduler may remember that a key
+    failed.
     """
     start = thread_seconds()
     results: list[Any] = []
@@ -149,14 +158,14 @@ def path_statistics(
     paths: int,
     deadline: Deadline = NEVER,
 ) -> PathStatistics:
-    """Statistics of a block of paths, or of its first paths where the deadline passes."""
+    """Statistics of a block of paths, or of its first paths if the deadline passes."""
     return PathStatistics.of(averages_in_time(plan, seed, first_path, paths, deadline), layout)
 
 
 def averages_in_time(
     plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline
 ) -> NDArray[np.float64]:
-    """The averages of a block of paths, or of its first paths where the deadline passes."""
+    """Averages of a block of paths, or of its first paths if the deadline passes."""
     long = plan.steps_per_path > LONG_PATH
     parts = in_pieces(partial(plan.averages, seed), first_path, paths, deadline, long=long)
     return np.concatenate(parts, axis=1)
@@ -166,11 +175,11 @@ def in_pieces(
     make: Callable[[int, int], Piece], first_path: int, paths: int, deadline: Deadline,
     *, long: bool = False,
 ) -> list[Piece]:  # fmt: skip
-    """What `make(first_path, paths)` gives of a block of paths, some after the other.
+    """Results of `make(first_path, paths)` for successive pieces of a block of paths.
 
-    Between pieces the clock is looked at; where the deadline has passed, the paths that are left
-    are left out, but for those of the first piece. The paths do not depend on the pieces. Where
-    paths are `long`, the first piece has only `FEWEST_AT_ONCE`.
+    The deadline is checked between pieces; once it has passed, the remaining paths are left out,
+    but never those of the first piece. The paths do not depend on the pieces. Where paths are
+    `long`, the first piece has only FEWEST_AT_ONCE of them.
     """
     if deadline == NEVER:
         return [make(first_path, paths)]
@@ -188,14 +197,14 @@ def in_pieces(
 
 
 def blocks_between(first_path: int, end: float, size: int) -> Iterator[Block]:
-    """Blocks of one size up to an end, which may be infinite; the last one may be smaller."""
+    """Blocks of one size up to a path `end`, which may be infinite; the last one may be smaller."""
     while first_path < end:
         yield first_path, int(min(size, end - first_path))
         first_path += size
 
 
 def blocks_of(first_path: int, paths: int, size: int) -> Iterator[Block]:
-    """Blocks that start at multiples of `size` where they can."""
+    """Blocks of `paths` paths, cut at the multiples of `size`."""
     end = first_path + paths
     while first_path < end:
         count = min(size - first_path % size, end - first_path)
@@ -204,8 +213,8 @@ def blocks_of(first_path: int, paths: int, size: int) -> Iterator[Block]:
 
 
 def workers_of(executor: Executor) -> int:
-    """How many tasks an executor does at once: pools of threads and processes, MPI and Dask say;
-    else as many as there are cores here."""
+    """Number of tasks that an executor does at once, where it states it (pools of threads and
+    processes, MPI, Dask); else the number of usable cores."""
     client: Any = getattr(executor, "_client", None)
     if hasattr(client, "nthreads"):
         return max(1, sum(int(threads) for threads in client.nthreads().values()))
@@ -217,8 +226,11 @@ def workers_of(executor: Executor) -> int:
 
 @dataclass
 class Crew:
-    """An executor, and how it is asked. `external_executor` says that it was not started here
-    and may be far away."""
+    """An executor with its number of workers, and the tasks under way on it.
+
+    `external_executor` says that the caller supplied it, so that its workers may be far away;
+    `block_seconds` is the measured CPU time of a block.
+    """
 
     executor: Executor
     workers: int
@@ -227,10 +239,11 @@ class Crew:
     waiting: deque[_Task] = field(default_factory=deque, init=False)
 
     def per_task(self, blocks: float) -> int:
-        """Blocks to a task, of so many in all. They are merged one by one either way.
+        """Number of blocks in a task, of `blocks` in all.
 
-        Enough that one sender keeps all workers at work, but some for everybody; unless that makes
-        so many tasks that sending them takes longer than the last of them.
+        Tasks of an external executor last so long that one sender keeps all workers busy. They are
+        shortened where some workers would get none, unless sending so many tasks would take longer
+        than the last of them.
         """
         if not self.external_executor or math.isinf(self.block_seconds):
             return 1
@@ -241,7 +254,8 @@ class Crew:
 
     @property
     def window(self) -> int:
-        """Tasks that may be under way; one, far away, until it is known how long a block takes."""
+        """Largest number of tasks under way: 1 on an external executor until the time of a block is
+        known."""
         return (
             1
             if self.external_executor and math.isinf(self.block_seconds)
@@ -257,17 +271,16 @@ class Crew:
         late: Callable[[], bool] | None = None,
         at_least: int = 1,
     ) -> Generator[BlockDone, None, None]:
-        """Each block in order, once every work on it is done.
+        """Do every work on each block, and hand the results on in the order of the blocks.
 
-        `total` is how many blocks there are. Once it is `late()`, by default once the deadline has
-        passed, no task is begun that has not been, but `at_least` so many are begun and finished
-        in any case. A block that is under way at the deadline is handed on as the works left it,
-        and is the last one.
+        `total` is the number of blocks. Once `late()` is true, by default when the deadline has
+        passed, no further task is begun, but at least `at_least` tasks are begun and finished. A
+        block that is under way at the deadline is handed on as the works left it, as the last one.
 
         Raises
         ------
         WorkersLost
-            If a block cannot be done; all before it have been handed on.
+            If a block cannot be computed; all blocks before it have been handed on.
         """
         waiting, late = self.waiting, late or deadline.passed
         begun, attempts = 0, MOST_ATTEMPTS if self.external_executor else 1
@@ -275,7 +288,7 @@ class Crew:
             while (begun < at_least or not late()) and (
                 chunk := tuple(islice(blocks, self.per_task(total)))
             ):
-                # the clock is looked at within blocks that are long, or may be
+                # the deadline is checked within blocks that take long or an unknown time
                 quick = self.block_seconds < PIECE_SECONDS
                 calls = [(work, chunk, NEVER if quick else deadline) for work in works]
                 waiting.append(_Task(self.executor, calls, attempts))
@@ -296,11 +309,12 @@ class Crew:
         deadline: Deadline = NEVER,
         late: Callable[[], bool] | None = None,
     ) -> Iterator[Any]:
-        """The result of each block in order, as `do` hands them on: none may be done in time.
+        """Result of each block in order, as in `do`, but with no task that must be finished.
 
-        The blocks may be without end. Raises `NotConverged` if the executor loses its workers.
+        The number of blocks may be infinite. Raises `NotConverged` if the executor loses its
+        workers.
         """
-        self.block_seconds = math.inf  # of this work nothing is known
+        self.block_seconds = math.inf  # unknown for this work
         total = len(blocks) if isinstance(blocks, Sequence) else math.inf
         try:
             done = self.do([work], iter(blocks), total, deadline, late, at_least=0)
@@ -310,24 +324,24 @@ class Crew:
             raise NotConverged(f"{error}; start workers that do the work, and ask again") from error
 
     def cancel(self) -> None:
-        """Take back every task that has not begun."""
+        """Cancel every task that has not begun."""
         while self.waiting:
             self.waiting.popleft().cancel()
 
     def _hand_on(self, waiting: deque[_Task]) -> Generator[BlockDone, None, bool]:
-        """The blocks of the task that is first in line, and what it takes to get them; False if
-        some of them were left out for the deadline."""
+        """Hand on the blocks of the oldest task, and measure the time of a block; return False if
+        some of its blocks were left out because the deadline passed."""
         task = waiting[0]
         expected = self.block_seconds * len(task.blocks)
 
-        def look(waited: float) -> None:
-            overtaken = False  # by a task that was begun after it: it does not just wait its turn
+        def repeat_lost_and_late(waited: float) -> None:
+            overtaken = False  # whether a task begun later has ended, so that this one has begun
             for each in reversed(waiting):
-                each.ask_again(also_late=overtaken and waited > LATE * expected)
+                each.resubmit(also_late=overtaken and waited > LATE * expected)
                 overtaken = overtaken or each.done()
 
-        known = math.isfinite(expected)
-        done = task.results(look, max(LOOK_SECONDS, expected / 2.0) if known else LOOK_SECONDS)
+        interval = max(LOOK_SECONDS, expected / 2.0) if math.isfinite(expected) else LOOK_SECONDS
+        done = task.results(repeat_lost_and_late, interval)
         waiting.popleft()
         self.block_seconds = sum(each.seconds for each in done) / (len(done) * len(task.blocks))
         where = [each.machine for each in done]
@@ -339,7 +353,7 @@ class Crew:
 
 
 def start_crew(executor: Executor | None, threads: int | None) -> Crew:
-    """A crew on somebody's executor, or on threads of its own."""
+    """A crew on the given executor, or on new threads."""
     if executor is not None:
         return Crew(executor, threads or workers_of(executor), external_executor=True)
     workers = threads or usable_cores()
@@ -348,8 +362,8 @@ def start_crew(executor: Executor | None, threads: int | None) -> Crew:
 
 @contextmanager
 def crew_of(executor: Executor | None, threads: int | None) -> Iterator[Crew]:
-    """The same for a while, in which Ctrl-C makes deadlines pass. At its end no task is left that
-    may still begin, and threads of its own have ended."""
+    """A crew within a `with` block, in which Ctrl-C makes deadlines pass. At its end no task is
+    left that may still begin, and threads that were started for it have ended."""
     check_executor(executor)
     crew = start_crew(executor, threads)
     try:
@@ -362,7 +376,7 @@ def crew_of(executor: Executor | None, threads: int | None) -> Iterator[Crew]:
 
 
 def check_executor(executor: Executor | None) -> None:
-    """ValueError for what takes no tasks."""
+    """Raise ValueError if an executor has no `submit`."""
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise ValueError(
             "executor must be a concurrent.futures.Executor, as ProcessPoolExecutor(), got "
@@ -375,63 +389,65 @@ Call = tuple[Work, tuple[Block, ...], Deadline]
 
 
 class _Task:
-    """Some blocks by every work."""
+    """Some blocks, with one call of `do_blocks` for every work on them."""
 
     def __init__(self, executor: Executor, calls: list[Call], attempts: int) -> None:
         self.blocks = calls[0][1]
-        self.asked = [_Asked(executor, call, attempts) for call in calls]
+        self.calls = [_Call(executor, call, attempts) for call in calls]
 
-    def results(self, look: Callable[[float], None], every: float) -> list[Done]:
-        """Of every work, each once, however often it was begun."""
-        return [asked.result(look, every) for asked in self.asked]
+    def results(self, check: Callable[[float], None], interval: float) -> list[Done]:
+        """Result of every work; see `_Call.result`."""
+        return [call.result(check, interval) for call in self.calls]
 
     def done(self) -> bool:
-        """Whether all of it is."""
-        return all(asked.done() is not None for asked in self.asked)
+        """Whether every call has ended."""
+        return all(call.done() is not None for call in self.calls)
 
-    def ask_again(self, *, also_late: bool) -> None:
-        """For what is lost; and a second time for what is not done, if that is late."""
-        for asked in self.asked:
-            asked.ask_again(also_late)
+    def resubmit(self, *, also_late: bool) -> None:
+        """Submit the calls again that failed, and with `also_late` those that have not ended."""
+        for call in self.calls:
+            call.resubmit(also_late)
 
     def cancel(self) -> bool:
-        """Whether some of it had not begun, and now never will."""
-        cancelled = [asked.cancel() for asked in self.asked]
+        """Cancel all calls; return whether there is one that had not begun."""
+        cancelled = [call.cancel() for call in self.calls]
         return any(cancelled)
 
 
-class _Asked:
-    """A call of `do_blocks` that was asked for, again where it failed or is late. All tries
-    give the same; the first that is done is taken."""
+class _Call:
+    """A call of `do_blocks` on an executor, submitted again where it failed or is late.
+
+    All attempts give the same result; that of the first which ends is taken.
+    """
 
     def __init__(self, executor: Executor, call: Call, attempts: int) -> None:
         self.executor, self.call, self.attempts = executor, call, attempts
-        self.tries: list[Future[Done]] = []
+        self.futures: list[Future[Done]] = []
         self.begun = 0
-        self._ask()
+        self._submit()
 
-    def _ask(self) -> None:
+    def _submit(self) -> None:
         self.begun += 1
         try:
-            self.tries.append(self.executor.submit(do_blocks, *self.call, self.begun))
-        except Exception as error:  # broken, shut down, out of reach: whatever it calls that
+            self.futures.append(self.executor.submit(do_blocks, *self.call, self.begun))
+        except Exception as error:  # each kind of executor has its own errors
             raise WorkersLost(
                 f"the executor takes no more work ({type(error).__name__}: {error})"
             ) from error
 
-    def result(self, look: Callable[[float], None], every: float) -> Done:
-        """Wait for it; `look` is called every so many seconds with those that this took so far."""
+    def result(self, check: Callable[[float], None], interval: float) -> Done:
+        """Wait for the result; after every `interval` s, call `check` with the seconds waited."""
         if self.attempts == 1:
-            return self.tries[0].result()
+            return self.futures[0].result()
         waited = 0.0
         while True:
-            future = self.done() or self.tries[0]
+            future = self.done() or self.futures[0]
             try:
-                found = future.result(timeout=every)
+                found = future.result(timeout=interval)
             except Exception as error:
                 if isinstance(error, TimeoutError) and not future.done():
-                    waited += every
-                    look(waited)
+                    waited += interval
+                    check(waited)
                 else:
                     self._lost(future, error)
             else:
@@ -442,12 +458,12 @@ class _Asked:
                 self._lost(future, TypeError(f"a task returned {kind}, not results of blocks"))
 
     def done(self) -> Future[Done] | None:
-        """A try that is over, if there is one."""
-        return next((future for future in self.tries if future.done()), None)
+        """The first attempt that has ended, or None."""
+        return next((future for future in self.futures if future.done()), None)
 
     def _lost(self, future: Future[Done], error: BaseException) -> None:
         if isinstance(error, StochviError):
-            raise error  # what the work says itself, which another worker would say as well
+            raise error  # raised by the work itself: it would be raised again
         if isinstance(error, BrokenExecutor):
             raise WorkersLost(f"the executor lost its workers ({error})") from error
         if self.begun >= self.attempts:
@@ -455,20 +471,20 @@ class _Asked:
                 f"the block that starts at path {self.call[1][0][0]} failed {self.begun} times "
                 f"({type(error).__name__}: {error})"
             ) from error
-        self.tries.remove(future)
-        if not self.tries:
-            self._ask()
+        self.futures.remove(future)
+        if not self.futures:
+            self._submit()
 
-    def ask_again(self, also_late: bool) -> None:
-        """If it is lost; or not done and late, and was asked for once."""
+    def resubmit(self, also_late: bool) -> None:
+        """Submit again if the call failed, or once if it has not ended and `also_late` is true."""
         if future := self.done():
             error = CancelledError() if future.cancelled() else future.exception()
             if error is not None:
                 self._lost(future, error)
-        elif also_late and len(self.tries) == 1 and self.begun < self.attempts:
-            self._ask()
+        elif also_late and len(self.futures) == 1 and self.begun < self.attempts:
+            self._submit()
 
     def cancel(self) -> bool:
-        """Whether it had not begun, and now never will."""
-        cancelled = [future.cancel() for future in self.tries]
+        """Cancel all attempts; return whether none of them had begun."""
+        cancelled = [future.cancel() for future in self.futures]
         return all(cancelled)

@@ -1,8 +1,9 @@
-"""Checkpoints: the state of a run on disk, written atomically and bound to one question.
+"""Checkpoints: the state of a run on disk, written atomically and bound to one scene.
 
-A checkpoint is one line, "stochvi checkpoint 1" and the SHA-256 of all that follows, and then a
-JSON document: the question (scene, arguments, versions and processor) and the state. Floats are
-written with all their digits: a run that goes on is the run that was never stopped, bit by bit.
+A checkpoint is one line, "stochvi checkpoint 1" and the SHA-256 of the rest of the file, followed
+by a JSON document with the scene, the arguments, the versions, the processor and the state. Floats
+are written with all their digits, so that a resumed run gives the same bits as one that was never
+stopped.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ HEADER, FORMAT = "stochvi checkpoint", 1
 """First words of a checkpoint file, and the number of its format, which follows them."""
 
 LONG_SECONDS = 10.0
-"""Seconds of simulation above which a checkpoint is set aside, not overwritten, if a new run is
+"""Seconds of simulation above which a checkpoint is renamed and not overwritten when a new run is
 given the same file."""
 
 
@@ -80,14 +81,14 @@ class Asked:
     slow_impacts: bool = False
 
     def settled(self) -> Asked:
-        """The same with defaults filled in: seed 0, and a relative error of 1 % if no number of
-        paths is given."""
+        """The arguments with defaults filled in: seed 0, and a relative error of 1 % if no number
+        of paths is given."""
         plain = self.plain()
         rel_error = 0.01 if plain.rel_error is None and plain.paths is None else plain.rel_error
         return replace(plain, rel_error=rel_error, seed=0 if plain.seed is None else plain.seed)
 
     def plain(self) -> Asked:
-        """The same with NumPy numbers converted to Python numbers, which JSON can hold."""
+        """The arguments with NumPy numbers converted to Python numbers, which JSON can hold."""
         return Asked(**{name: plain_number(value) for name, value in asdict(self).items()})
 
 
@@ -118,8 +119,9 @@ class Document(TypedDict):
 class State:
     """Results of a run after some blocks. It is replaced as a whole, never within a block.
 
-    `goal` is the number of paths at which the current round ends, `refinements` how often the plan
-    was refined, `machines` the kinds of machines that simulated blocks, `seconds` the time spent.
+    `goal` is the number of paths at which the current round ends, `refinements` the number of times
+    that the plan was refined, `machines` the kinds of machines that simulated blocks, `seconds` the
+    time spent.
     """
 
     fine: PathStatistics
@@ -137,8 +139,8 @@ class State:
         return cls(fine=none, coarse=none)
 
     def with_block(self, block: list[PathStatistics], steps: int, where: Sequence[str]) -> State:
-        """After one block more: its statistics by the plan and, if there is bias, by the coarser
-        one; the steps they took."""
+        """The state after one more block, from its statistics by the plan and, where there is bias,
+        by the coarser plan, and from the number of its steps."""
         return replace(
             self,
             fine=self.fine.merge(block[0]),
@@ -148,7 +150,7 @@ class State:
         )
 
     def document(self) -> dict[str, Any]:
-        """The state as plain types, for JSON."""
+        """The state as types that JSON can hold."""
         plain = {field.name: getattr(self, field.name) for field in fields(self)}
         for name in ("fine", "coarse"):
             part: PathStatistics = plain[name]
@@ -161,8 +163,8 @@ class State:
 
     @classmethod
     def from_document(cls, plain: Mapping[str, Any], layout: Layout) -> State:
-        """The state that was written; `layout` is that of the scene. A ValueError if its tables do
-        not have the size of the layout."""
+        """Read the state from the document; `layout` is that of the scene. ValueError if the tables
+        do not have the size of the layout."""
         size = len(layout.rows)
         parts = {
             name: PathStatistics(
@@ -181,8 +183,11 @@ class State:
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoint:
-    """A question, and the state of its answer. `proof` is a digest of what two short paths give:
-    it stands for the tables that a scene names, and for the arithmetic of the machine."""
+    """A scene and arguments, with the state of the run.
+
+    `proof` is a digest of the averages of two short paths: it changes with the tables that a scene
+    names and with the arithmetic of the machine.
+    """
 
     path: Path
     scene: Mapping[str, Any]
@@ -192,7 +197,7 @@ class Checkpoint:
     state: Mapping[str, Any]
 
     def write(self) -> None:
-        """Whole or not at all, and on the disk when this returns."""
+        """Write the file as a whole or not at all; it is on the disk on return."""
         document = {
             "scene": self.scene,
             "asked": asdict(self.asked),
@@ -205,7 +210,7 @@ class Checkpoint:
 
     @classmethod
     def read(cls, path: Path) -> Checkpoint:
-        """CheckpointError unless the file is exactly what was written."""
+        """Read a file; CheckpointError unless it is a checkpoint without damage."""
         if path.exists() and not _is_checkpoint(path):
             raise CheckpointError(f"{path} is not a checkpoint of stochvi")
         text = path.read_bytes()
@@ -234,7 +239,7 @@ class Checkpoint:
         return cls(path=path, **(found | {"asked": asked}))
 
     def asked_again(self, given: Asked) -> Asked:
-        """The arguments of the earlier run; CheckpointError if other ones are `given` now."""
+        """The arguments of the earlier run; CheckpointError if some of `given` differ from them."""
         for name, value in asdict(given.plain()).items():
             before = getattr(self.asked, name)
             if value is not None and value is not False and value != before:
@@ -248,13 +253,14 @@ class Checkpoint:
         return self.asked
 
     def _instead_of(self, name: str) -> str:
-        """Words for what the earlier run was given instead of an argument."""
+        """Words for the arguments of the earlier run where it had no value for `name`."""
         if name == "rel_error":
             return f"{self.asked.paths} paths"
         return f"rel_error {self.asked.rel_error}" if name == "paths" else f"no {name}"
 
     def check(self, scene: Scene, proof: str = "") -> None:
-        """CheckpointError if it is of another scene, of other versions or another processor."""
+        """CheckpointError if it belongs to another scene, to other versions or to another
+        processor."""
         if differing := _difference(self.scene, plain_scene(scene)):
             raise CheckpointError(f"{self.path} is of another scene: {differing}")
         if self.machine != machine():
@@ -269,7 +275,7 @@ class Checkpoint:
             )
 
     def resumed(self, plan: Plan) -> State:
-        """The state to go on from."""
+        """The state from which a run goes on; CheckpointError if it is incomplete."""
         try:
             return State.from_document(self.state, plan.layout)
         except ValueError as error:
@@ -277,16 +283,15 @@ class Checkpoint:
 
 
 class Keeper:
-    """Writes the checkpoint of a run: at once, and whenever the interval is over.
+    """Writes the checkpoint of a run: at the start, and when the interval since the last is over.
 
-    A checkpoint that is there is replaced, nothing else is; that of another run (`new`) which took
-    longer than `LONG_SECONDS` is set aside first, as FILE.earlier, and one that is damaged as
-    FILE.damaged.
+    It replaces a checkpoint but no other file. The checkpoint of another run (`new`) that took
+    longer than LONG_SECONDS is first renamed to FILE.earlier, and a damaged one to FILE.damaged.
 
     Raises
     ------
     CheckpointError
-        If something else is there, or the file cannot be written now; later that is no end.
+        If another file is there, or this one cannot be written at the start.
     """
 
     def __init__(
@@ -308,11 +313,12 @@ class Keeper:
             ) from error
 
     def due(self) -> bool:
-        """Whether the interval is over."""
+        """Whether the interval since the last checkpoint is over."""
         return time.perf_counter() - self.written >= self.interval
 
     def keep(self, state: State) -> None:
-        """Write; what fails is tried again after the interval."""
+        """Write the checkpoint. After a failure the next attempt follows when the interval is
+        over."""
         self.written = time.perf_counter()
         Checkpoint(
             path=self.path,
@@ -326,7 +332,7 @@ class Keeper:
 
 
 def _check_place(path: Path) -> None:
-    """CheckpointError if what is there is more than an empty file and no checkpoint."""
+    """CheckpointError if the file is neither empty nor a checkpoint."""
     if path.is_dir():
         raise CheckpointError(f"{path} is a folder; name a file in it for the checkpoint")
     if path.exists() and not _is_checkpoint(path) and not _is_empty(path):
@@ -334,7 +340,7 @@ def _check_place(path: Path) -> None:
 
 
 def _is_checkpoint(path: Path) -> bool:
-    """Whether it is a file, no device or pipe, that begins as one."""
+    """Whether it is a regular file, no device or pipe, that begins like a checkpoint."""
     if not path.is_file():
         return False
     with open(path, "rb") as file:
@@ -349,7 +355,7 @@ def _set_aside(path: Path) -> None:
     """Rename a checkpoint that took long to FILE.earlier, unless the one there took longer."""
     earlier = path.with_name(path.name + ".earlier")
     if _seconds_in(path) > max(LONG_SECONDS, _seconds_in(earlier)):
-        with contextlib.suppress(FileNotFoundError):  # another run did it
+        with contextlib.suppress(FileNotFoundError):  # another run has renamed it
             os.replace(path, earlier)
 
 
@@ -384,8 +390,8 @@ def _incomplete(path: Path, where: str = "") -> CheckpointError:
 
 
 def plain_scene(scene: Scene) -> dict[str, Any]:
-    """The scene as it is in JSON, files without their folders, which may be reached by other
-    ways."""
+    """The scene as JSON holds it, with files named without their folders, since a path may differ
+    from machine to machine."""
     document: dict[str, Any] = json.loads(json.dumps(scene.document()))
     return {key: _without_folders(value) for key, value in document.items()}
 
@@ -402,7 +408,7 @@ def _without_folders(part: Any) -> Any:
 
 
 def _difference(there: Any, here: Any, key: str = "") -> str:
-    """The first key in which two documents differ, in words; empty if they do not."""
+    """A phrase about the first key in which two documents differ; empty if they are equal."""
     if isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
         there, here = dict(enumerate(there)), dict(enumerate(here))
     if isinstance(there, dict) and isinstance(here, dict):

@@ -1,4 +1,4 @@
-"""Chooses the plan that a model calls for, and refuses models that `simulate` does not cover."""
+"""Choice of the plan for a model, and the conditions of `simulate`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stochvi.results.errors import NotApplicable
 
 
 def unmet(model: Model) -> list[str]:
-    """The conditions of `simulate` that a model does not meet, before its scales are known."""
+    """The conditions of `simulate` that a model does not meet, as far as the model alone shows."""
     found = functions(model)
     if not model.noisy and not model.sines:
         found.append("excitation must contain noise or a sine, got a constant load alone")
@@ -35,11 +35,11 @@ def make_plan(
     Parameters
     ----------
     speed_threshold
-        Slowest impacts that rates count, m/s; None for the default of the plan.
+        Speed in m/s of the slowest impact that rates count; None for the default of the plan.
     duration
         Counted seconds of a path; None for the default of the plan.
     slow_impacts, corner_share
-        Whether steps near a stop are refined, and how much (`rigid_white.WhitePlan`).
+        Whether steps near a stop are refined, and to which length (`rigid_white.WhitePlan`).
 
     Raises
     ------
@@ -66,7 +66,7 @@ def make_plan(
 
 
 def plan_several(model: Model, speed_threshold: float | None, duration: float | None) -> ModalPlan:
-    """The plan in modal coordinates, with no more in it than the model calls for."""
+    """The plan in modal coordinates, without tables or contacts where the model has none."""
     if model.tables:
         return plan_modal_tables(model, speed_threshold, duration)
     if model.not_rigid():

@@ -7,9 +7,9 @@ that has `pip install 'stochvi[distributed]'`:
     dask worker tcp://localhost:8786 --nworkers 4 --nthreads 1
 
 and `dask worker tcp://head:8786 --nworkers -1` on every other machine, or under a batch system.
-Then `stochvi simulate scene.toml --dask tcp://head:8786`. Workers must have the same version of
-stochvi and its libraries, and a processor of one kind, for digits that do not depend on them; where
-they have not, the response says so. Under MPI, `mpiexec -n 64 python -m mpi4py.futures job.py` with
+Then `stochvi simulate scene.toml --dask tcp://head:8786`. Workers must have the same versions of
+stochvi and its libraries, and the same kind of processor; else the digits depend on the worker, and
+the response has a warning. Under MPI, `mpiexec -n 64 python -m mpi4py.futures job.py` with
 `simulate(..., executor=MPIPoolExecutor())` in job.py.
 """
 
@@ -30,7 +30,7 @@ def dask_executor(address: str) -> Iterator[Executor]:
     Raises
     ------
     ValueError
-        If Dask is not installed, nobody answers, or there are no workers.
+        If Dask is not installed, no scheduler answers, or there are no workers.
     """
     try:
         from distributed import Client

@@ -1,4 +1,4 @@
-"""Compliant stops under white noise: the plan (step, start and lengths of the paths)."""
+"""Stops that give way under white noise: the plan of kick-flow-kick (step, start, lengths)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, PIECES, RIGID, run_contacts
 from stochvi.methods.monte_carlo.kernels.rows import (
@@ -21,6 +18,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     PEAK,
     TIME,
 )
+from stochvi.methods.monte_carlo.kernels.steps import ContactStop
 from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
     GAP_PER_STEP,
@@ -47,13 +45,10 @@ SUMS_OF_A_STOP = (
     ("contact", TIME),
     ("ended", ENDED),
 )
-"""Names of the sums over the contacts with one stop, and their rows among the rows of that stop."""
+"""Names of the sums over the contacts with one stop, and their rows in the table of `rows`."""
 
 KINDS = {"rigid": RIGID, "pieces": PIECES, "damped": DAMPED, "hertz": HERTZ}
 """The number by which the kernels know each form of a law."""
-
-KernelStop = tuple[float, int, NDArray[np.float64]]
-"""A stop for the kernels: its position (m), the kind of its law, and the numbers of that law."""
 
 CONTACT_ROWS = {
     f"{name}_{side}": first + row
@@ -95,16 +90,16 @@ class CompliantPlan(WhitePlan):
         return self._law.walls
 
 
-def kernel_stops(model: Model) -> tuple[KernelStop | None, KernelStop | None]:
+def kernel_stops(model: Model) -> tuple[ContactStop | None, ContactStop | None]:
     """The lower and the upper stop of one oscillator for the kernel, from the rest position."""
 
-    def constants(stop: Stop | None) -> KernelStop | None:
+    def constants(stop: Stop | None) -> ContactStop | None:
         return None if stop is None else kernel_stop(stop.position - model.rest, stop.law)
 
     return constants(model.lower), constants(model.upper)
 
 
-def kernel_stop(position: float, law: Law) -> KernelStop:
+def kernel_stop(position: float, law: Law) -> ContactStop:
     """The position (m), the kind and the data of a stop for the kernel.
 
     Raises
@@ -115,11 +110,12 @@ def kernel_stop(position: float, law: Law) -> KernelStop:
     form = law.form()
     if form is None:
         raise NotApplicable("simulate", [f"no simulation follows a law of the kind {law.kind!r}"])
-    return position, KINDS[form.name], form.numbers
+    return ContactStop(position, KINDS[form.name], form.numbers)
 
 
 def _gibbs_law(model: Model, speed: float, rest: float = 0.0) -> GibbsLaw:
-    """Gibbs law at E v^2 = speed^2, from a rest position that takes the load if it is given."""
+    """Gibbs law at E v^2 = speed^2 with positions from `rest`, m, where the load is reduced
+    accordingly."""
     return GibbsLaw(
         theta=speed**2,
         omega=model.omega,
@@ -168,7 +164,7 @@ def plan_compliant(
         unmet.append("damping must be positive or a stop must lose energy (no stationary state)")
     if unmet:
         raise NotApplicable("simulate", unmet)
-    # rigid stops of the same restitution are close enough for the speed
+    # the speed between rigid stops of the same restitution is accurate enough
     speed = expected_speed(model)
     law = _gibbs_law(model, speed)
     spread = math.sqrt(law.variance)
@@ -187,7 +183,8 @@ def plan_compliant(
 
 
 def _step(model: Model, speed: float, spread: float) -> float:
-    """A part of a radian, of the loss of energy, of the way through the law, of a bounce."""
+    """The step, s: a part of a radian, of the loss of energy, of the width of the law, or of a
+    bounce."""
     limits = [SPREAD_PER_STEP * spread / speed]
     if model.omega > 0.0:
         limits.append((LARGEST_ANGLE if model.elastic else LOSSY_ANGLE) / model.omega)

@@ -1,7 +1,7 @@
-"""Settled records of many paths, a block at a time, with the input where it is known.
+"""Stationary records of many paths, a block at a time, with the excitation where it is known.
 
-What is made of records (spectra, ...) stands above the methods: it asks for `Histories` of a block
-of paths, reduces them, and lets them go.
+Statistics of records (spectra, for example) ask for the `Histories` of a block of paths and keep
+only what they compute from them.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class HistoryPlan:
         return max(1, min(MOST_PATHS, BLOCK_NUMBERS // self.plan.record_size(self.samples)))
 
     def sampled(self, step: float, duration: float) -> HistoryPlan:
-        """The same at a sampling interval of at most `step`, in records of `duration` seconds."""
+        """The plan at a sampling interval of at most `step`, in records of `duration` seconds."""
         return replace(self, plan=self.plan.sampled(step, duration), duration=duration)
 
     def histories(self, seed: int, first_path: int, paths: int) -> Histories:
         """Records of the paths first_path, first_path + 1, ...: a function of its arguments."""
         found = self.plan.histories(seed, first_path, paths, self.samples)
-        # one that ends early is taken for one of `samples` by whoever divides by their time
+        # a shorter record would give wrong averages over the time of `samples`
         made = found.displacement.shape[2]
         if made != self.samples:
             raise AssertionError(f"a record has {made} samples, {self.samples} were promised")
@@ -71,7 +71,7 @@ class HistoryPlan:
 
 
 def plan_histories(scene: Scene) -> HistoryPlan:
-    """How records of a scene would be made; any scene that `simulate` covers.
+    """The plan of records for any scene that `simulate` covers.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Every impact of a block of paths, one by one: when, on which pair, how fast."""
+"""Logs of every impact in a block of paths: its time, its pair and its speed."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ again with a log of the right size."""
 class ImpactLog:
     """Impacts of one pair in a block of paths, by path and then by time.
 
-    `path` counts from the first of the block; `time` is that of the impact, s from the start of
-    what is counted; `speed` is negative at the lower stop, m/s. On a stop that gives way an impact
-    is the first touch.
+    `path` is the number of the path within the block; `time` is in seconds from the start of the
+    counted part; `speed`, m/s, is negative at the lower stop. On a stop that gives way an impact is
+    the first touch.
     """
 
     path: NDArray[np.int64]
@@ -43,7 +43,7 @@ class ImpactLog:
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactPlan:
-    """How the impacts of a scene are logged: the kernels write each of them down as it happens.
+    """The plan by which the impacts of a scene are logged one by one.
 
     `relaxation` is the relaxation time of the energy, s; `fastest` the largest frequency of the
     motion, rad/s; `speeds` are the rms speeds of the pairs, m/s; `corner_share` is that of
@@ -82,12 +82,12 @@ class ImpactPlan:
 def logged_impacts(
     simulate: Callable[[Log], Made], pairs: Iterable[str]
 ) -> tuple[Made, dict[str, ImpactLog]]:
-    """What `simulate` makes of a log that is long enough, and the impacts in it by pair.
+    """Result of `simulate` with a log that is long enough, and the impacts in it by pair.
 
     Parameters
     ----------
     simulate
-        Simulates the same paths again however often it is called, and writes their impacts down.
+        Simulates the same paths in every call, and writes their impacts into the log.
     pairs
         Names of all pairs, in their order.
     """
@@ -100,7 +100,7 @@ def logged_impacts(
             break
         rows = count
     events = log.events[:count]
-    # paths take turns from step to step: within one the order is that of time
+    # the log holds all paths step by step: a stable sort keeps the order in time of each
     events = events[np.argsort(events[:, 0], kind="stable")]
     found = {}
     for pair, name in enumerate(pairs):

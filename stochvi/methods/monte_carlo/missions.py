@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from stochvi.methods.monte_carlo.compliant_white import kernel_stops, plan_compliant
+from stochvi.methods.monte_carlo.kernels.contact import RIGID
 from stochvi.methods.monte_carlo.kernels.missions import (
     FORCE,
     HAPPENED,
     IMPACT,
     NOTHING,
     PASSAGE,
-    fly_missions,
+    run_missions,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
+from stochvi.methods.monte_carlo.kernels.steps import ContactStop
 from stochvi.methods.monte_carlo.rigid_white import (
     MOST_STEPS,
     RELAXATIONS,
@@ -45,14 +47,13 @@ CLIMB_RELAXATIONS = 6.0
 energy. In it, splitting finds the rare states from which a mission fails soon after its start."""
 
 SHORT_CLIMB = 1.0
-"""The same length for missions that are shorter than CLIMB_RELAXATIONS: paths that reached a high
-energy much earlier have lost it again when such a mission begins, so that levels reached early do
-not help."""
+"""The same length for missions shorter than CLIMB_RELAXATIONS: paths that reached a high energy
+much earlier have lost it when such a mission begins, so that levels reached early do not help."""
 
 GAP_PER_STEP = 0.25
 """Largest share of the gap between two stops that a mass at the limiting speed crosses in a step.
-The speed is compared at every impact, but noise changes it once a step only: at a share of 0.6 the
-probability is 2.5 % too low."""
+The limit is checked at every impact, but noise changes the speed only once a step: at a share of
+0.6 the probability is 2.5 % too low."""
 
 LEAST_STEPS = 4
 """Smallest number of steps of a mission, so that it can be simulated at twice the step as well."""
@@ -80,7 +81,7 @@ class Event:
 
 
 class Fleet(NamedTuple):
-    """Paths on their way: state, steps left, largest energy, how it ended, impacts, streams."""
+    """Paths of missions: state, steps left, largest energy, how each ended, impacts, streams."""
 
     x: Vector
     v: Vector
@@ -96,7 +97,7 @@ class Fleet(NamedTuple):
         return np.equal(self.how, HAPPENED)
 
     def chosen(self, paths: NDArray[Any]) -> Fleet:
-        """A copy of some of them, once or more, by number or by mask."""
+        """A copy of the paths with these numbers or under this mask; numbers may repeat."""
         return Fleet(
             x=self.x[paths],
             v=self.v[paths],
@@ -115,13 +116,13 @@ class MissionPlan:
     Parameters
     ----------
     base
-        The plan of the engine that the scene calls for, without stops where barriers stand.
+        The plan for the scene, without stops where there are barriers.
     lower, upper
         Stops or barriers for the kernel, from the rest position.
     counted, before
-        Steps of a mission, and of the motion before it in which levels are climbed.
+        Steps of a mission, and of the motion before it in which energies above a level count.
     settled
-        Steps before those, in which a motion between lossy stops becomes stationary.
+        Steps before these, in which a motion between lossy stops becomes stationary.
     """
 
     base: WhitePlan
@@ -154,14 +155,14 @@ class MissionPlan:
         )
 
     def fleet(self, seed: int, first_path: int, paths: int) -> Fleet:
-        """Paths at their start; their streams belong to (seed, path)."""
+        """Paths at their start, whose streams depend on seed and path number alone."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         left = np.full(paths, float(self.counted + self.before))
         if self.start == "stationary":
             x, v = self.base._start(streams)
         else:
-            # a step is half a kick, a flow and half a kick: the first half is for itself
+            # a step is half a kick, a flow and half a kick; the kernel begins with the second half
             first, second = np.empty((2, paths))
             normal_pairs(streams[0], streams[1], first, second)
             _, spread = _kick(self.base.model, 0.5 * self.step)
@@ -171,15 +172,16 @@ class MissionPlan:
         fleet = _at(x, v, left, streams)
         if self.settled:
             fleet = fleet._replace(left=np.full(paths, float(self.settled)))
-            self.fly(fleet, math.inf, AFTERWARDS)
+            self.advance(fleet, math.inf, NO_EVENT)
             fleet = _at(fleet.x, fleet.v, left, streams)
         return fleet
 
-    def fly(self, fleet: Fleet, level: float, event: Event | None = None) -> int:
-        """Fly the paths that have steps left, in place, until event, level or the end; steps."""
+    def advance(self, fleet: Fleet, level: float, event: Event | None = None) -> int:
+        """Simulate the paths that have steps left, in place, until their event, the level or their
+        end; returns the number of steps made."""
         event = event or self.event
         return int(
-            fly_missions(
+            run_missions(
                 fleet, _kick(self.base.model, self.step), _flow(self.base.model, self.step),
                 self.lower, self.upper, event.kind, event.limit, self.base.threshold,
                 float(self.counted), level,
@@ -201,23 +203,26 @@ def _at(x: Vector, v: Vector, left: Vector, streams: NDArray[np.uint64]) -> Flee
     )
 
 
-AFTERWARDS = Event(kind=NOTHING)
-"""The event that never happens: impacts are counted until the time is up."""
+NO_EVENT = Event(kind=NOTHING)
+"""The event that never happens: impacts are counted until the time is over."""
 
 
 def passage_plan(
     model: Model, lower: float | None, upper: float | None, mission: float, start: Start
 ) -> MissionPlan:
-    """First passage of barriers (m): they end a mission, whatever stands there."""
+    """First passage of barriers (m), which replace the stops of the model and end a mission."""
     base = plan_white(replace(model, pairs=()), None, None)
-    ends = tuple(None if at is None else (at - model.rest, 0, WALL) for at in (lower, upper))
+    ends = tuple(
+        None if at is None else ContactStop(at - model.rest, RIGID, WALL) for at in (lower, upper)
+    )
     return _plan(base, Event(kind=PASSAGE), start, mission, ends)
 
 
 def impact_plan(
     model: Model, mission: float, start: Start, speed: float | None = None
 ) -> MissionPlan:
-    """An impact at `speed` (m/s) or faster, by default at the least that rates count."""
+    """The plan for impacts at `speed` (m/s) or faster, by default the speed threshold of the
+    rates."""
     base = _base(model)
     limit = base.threshold if speed is None else speed
     event = Event(kind=IMPACT, limit=(limit, limit))
@@ -227,9 +232,9 @@ def impact_plan(
 def acceleration_plan(
     model: Model, mission: float, start: Start, acceleration: float
 ) -> MissionPlan:
-    """An absolute acceleration (m/s^2) above a limit in a contact, by stop and spring together.
+    """The plan for an absolute acceleration (m/s^2) above a limit in a contact, by stop and spring.
 
-    Where it is largest the mass is at rest, so that the damper takes no part.
+    The acceleration is largest where the mass is at rest, so that the damper adds nothing.
     """
     base = _base(model)
     limits = {LOWER: math.inf, UPPER: math.inf}
@@ -267,12 +272,12 @@ def _base(model: Model) -> WhitePlan:
 
 
 def settling_time(model: Model) -> float:
-    """Seconds that a stationary motion with stops is flown before a mission."""
+    """Seconds of stationary motion with stops that are simulated before a mission."""
     return _settling(_base(model))
 
 
 def _settling(base: WhitePlan) -> float:
-    """Seconds that a start which is not a draw of the stationary law itself needs to settle."""
+    """Seconds until a path that does not start in the stationary law itself is stationary."""
     return CLIMB_RELAXATIONS / RELAXATIONS * base.burn_in if base.elastic else base.burn_in
 
 

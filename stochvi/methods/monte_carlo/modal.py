@@ -1,4 +1,4 @@
-"""Structures of several modes with rigid stops: the plan, and one block of its paths."""
+"""Structures of several modes with rigid stops: the plan."""
 
 from __future__ import annotations
 
@@ -68,14 +68,16 @@ MOST_MODAL_STEPS = MOST_STEPS / 4.0
 """Largest number of steps of one path: a step takes longer than that of one oscillator."""
 
 LYING = 16.0
-"""Cost of a step of a mass that lies on a stop, in units of the cost of a step in flight."""
+"""Time of a step of a mass that lies on a stop, in units of the time of a step between the
+stops."""
 
 INDEPENDENT = 1e-12
-"""Share of the largest variance of a kick below which an independent noise is left out."""
+"""Variance of a principal component of a kick below which it is left out, relative to the
+largest."""
 
 NEGLIGIBLE = 1e-10
-"""Variance that the noise of signals adds to a state in a step, relative to the variance of that
-state, below which it is left out."""
+"""Variance that the noise of signals adds to a state in a step below which it is left out, relative
+to the variance of that state."""
 
 SERIES_ERROR = 1e-13
 """Relative error of the Taylor series of the response to an impact."""
@@ -117,7 +119,7 @@ class ModalPlan:
 
     @property
     def kicked(self) -> bool:
-        """Whether white noise acts, in kicks a step apart."""
+        """Whether there is white noise, which acts in kicks a step apart."""
         return self.modes.kicked
 
     @property
@@ -132,12 +134,13 @@ class ModalPlan:
 
     @property
     def elastic(self) -> bool:
-        """Whether any step leaves the stationary law exact: matched noise, elastic stops."""
+        """Whether the stationary law is exact at any step: all noise at one temperature, elastic
+        stops."""
         return self.model.elastic and self.model.temperature is not None
 
     @property
     def states(self) -> int:
-        """Displacements, velocities, and the states of signals."""
+        """Number of displacements, velocities and states of signals."""
         return len(self.law.covariance)
 
     @cached_property
@@ -177,8 +180,8 @@ class ModalPlan:
     @property
     def block(self) -> int:
         """Number of paths in a block, the unit of work, which takes some seconds at most."""
-        # a step in contact is flown by itself: at a stop that gives way, and where no kick lifts a
-        # mass that lies on one
+        # steps in contact are simulated path by path: at a stop that gives way, and where no kick
+        # lifts a mass off the stop it lies on
         quick = self.modes.kicked and not self.contacts
         longest = LONGEST_BLOCK if quick else LONGEST_BLOCK / LYING
         return max(FEWEST_LANES, min(MOST_PATHS, int(longest // self.steps_per_path)))
@@ -220,7 +223,8 @@ class ModalPlan:
         return self.with_step(self.step / 2.0)
 
     def with_step(self, step: float) -> ModalPlan:
-        """The same paths at a chosen step, s; ValueError if impacts would go unseen in it."""
+        """The same paths at a chosen step, s; ValueError if it is too long to detect all
+        impacts."""
         if self.model.pairs and self._size_of_flow * step > LONGEST_FLOW:
             longest = LONGEST_FLOW / self._size_of_flow
             raise ValueError(
@@ -241,7 +245,7 @@ class ModalPlan:
         log: Log | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
-        `log` takes every impact."""
+        `log` gets every impact."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         state = self.start(streams)
@@ -249,7 +253,7 @@ class ModalPlan:
         moments = n + n * (n + 1)
         sums = np.zeros((moments + len(self.sums_of_pair) * pairs, paths))
         stride = self._stride
-        self._fly(
+        self._advance(
             state, streams, sums,
             0 if record is not None else self._burn_in_steps, self.steps, stride, record, log,
         )  # fmt: skip
@@ -257,12 +261,12 @@ class ModalPlan:
         sums[moments:] /= self.steps * self.step
         return self._physical(sums)
 
-    def _fly(
+    def _advance(
         self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, burn_in: int, steps: int,
         stride: int, record: NDArray[np.float64] | None, log: Log | None,
         tables: SmoothResponse | None = None,
     ) -> None:  # fmt: skip
-        """Fly paths on, and add what the last `steps` bring to `sums`."""
+        """Simulate the paths on, and add the last `steps` to `sums`."""
         run_modes(
             state, streams, sums, self._kernel_constants, tables, self._contact_constants, burn_in,
             steps, stride, record, log,
@@ -270,18 +274,19 @@ class ModalPlan:
 
     @property
     def _contact_constants(self) -> Contacts | None:
-        """Constants of compliant stops for the kernel: None, as all stops are rigid."""
+        """Constants of stops that give way for the kernel; None, as all stops are rigid."""
         return None
 
     def counts(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> NDArray[np.float64]:
-        """Fly paths on for some steps: impacts of each pair on its stops (pairs, 2, paths).
+        """Simulate the paths on for `steps` steps: impacts of each pair on its stops (pairs, 2,
+        paths).
 
         `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
         """
         n, pairs = self.modes.size, len(self.model.pairs)
         moments = n + n * (n + 1)
         sums = np.zeros((moments + ROWS_OF_PAIR * pairs, state.shape[1]))
-        self._fly(state, streams, sums, 0, steps, steps, None, None)
+        self._advance(state, streams, sums, 0, steps, steps, None, None)
         found: NDArray[np.float64] = sums[moments:].reshape(pairs, 2, -1, state.shape[1])[:, :, 0]
         return found
 
@@ -363,12 +368,12 @@ class ModalPlan:
         return force
 
     def unbroken(self, duration: float) -> ModalPlan:
-        """The plan itself: its paths do not jump."""
+        """The plan itself, as its paths do not jump."""
         return self
 
     @property
     def record_width(self) -> int:
-        """Numbers to record of a sample."""
+        """Number of floats recorded per sample."""
         return 2 * self.modes.size + len(self.model.pairs)
 
     @property
@@ -377,7 +382,8 @@ class ModalPlan:
         return max(1, round(MOMENT_ANGLE / fastest / self.step))
 
     def _physical(self, sums: Matrix) -> Matrix:
-        """Moments of coordinates and energies from those of modes; velocities in mid-kick."""
+        """Moments of coordinates and energies from those of modes, with velocities in the middle of
+        the kick."""
         n = self.modes.size
         upper = np.triu_indices(n)
         half = len(upper[0])
@@ -461,7 +467,8 @@ class ModalPlan:
         )
 
     def _signal_noise(self, flow: Matrix) -> Matrix:
-        """Columns of what the noise of the signals brings to all states in a step."""
+        """Matrix from independent normals to the noise that the signals add to all states in a
+        step."""
         modes = self.modes
         if not np.any(modes.signal_noise):
             return np.zeros((len(flow), 0))
@@ -476,7 +483,7 @@ class ModalPlan:
 
     @property
     def _size(self) -> Vector:
-        """Standard deviation of each state: in this unit the generator holds rates only."""
+        """Standard deviation of each state; in this unit the entries of the generator are rates."""
         law = self.law
         squares = np.diag(law.covariance) + sum(np.abs(wave) ** 2 / 2.0 for wave in law.waves)
         own: Vector = np.sqrt(np.maximum(squares, 0.0))
@@ -484,7 +491,8 @@ class ModalPlan:
 
     @property
     def _stops(self) -> NDArray[np.float64]:
-        """Position from the rest, restitution and threshold: (pairs, lower and upper, 3)."""
+        """Position from the rest position (m), restitution and speed threshold (m/s) of every stop:
+        (pairs, 2, 3), lower stop first; the position is infinite where there is no stop."""
         stops = np.full((len(self.model.pairs), 2, 3), np.inf)
         stops[:, 0, 0] = -np.inf
         for j, pair in enumerate(self.model.pairs):
@@ -524,7 +532,8 @@ class ModalPlan:
 
     @property
     def _balance(self) -> Matrix:
-        """Scales displacements by the fastest frequency, so that a norm means something."""
+        """Factors that scale displacements by the fastest frequency, so that all entries of the
+        generator are in 1/s."""
         n, omega = self.modes.size, max(self.modes.fastest, 1.0 / self.burn_in)
         size = np.concatenate([np.full(n, omega), np.ones(n)])
         balance: Matrix = size[:, None] / size
@@ -536,7 +545,8 @@ class ModalPlan:
         return square_root(self.law.covariance, INDEPENDENT)
 
     def start(self, streams: NDArray[np.uint64]) -> Matrix:
-        """Independent draws of the linear law, put between the stops: close to stationary."""
+        """Independent draws of the linear law, moved between the stops, which is close to
+        stationary."""
         modes, law = self.modes, self.law
         paths, states = streams.shape[1], len(law.covariance)
         rows = -(-states // 2) + len(modes.sines)
@@ -578,7 +588,8 @@ def plan_modal(model: Model, threshold: float | None, duration: float | None) ->
 
 
 def basis(model: Model, threshold: float | None, duration: float | None) -> dict[str, Any]:
-    """Arguments of every plan in modal coordinates: model, rough law, step and lengths."""
+    """Arguments of every plan in modal coordinates: model, linear law, scales of pairs, step,
+    lengths."""
     if not np.any(model.white) and not model.signals and not model.tables:
         raise NotApplicable(
             "simulate", ["excitation must contain noise or a sine, got a constant load alone"]
@@ -618,7 +629,7 @@ def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale
     if not exact:
         limits.append(LOSSY_DECAY / float(law.decay[-1]))
     if not modes.kicked:
-        # then the damping is in the flow, of which a fast decay must be followed as well
+        # the damping is then part of the flow, whose fastest decay limits the step as well
         fastest = float(np.linalg.eigvalsh(modes.damping)[-1])
         limits += [LARGEST_ANGLE / fastest] if fastest > 0.0 else []
     for pair, scale in zip(model.pairs, pairs, strict=True):
@@ -631,7 +642,7 @@ def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale
 
 
 def _table(matrix: Matrix) -> Table:
-    """A matrix by rows without its zeros: where rows start, columns, weights; no row is empty."""
+    """A matrix by rows without its zeros: (starts of rows, columns, weights). No row is empty."""
     starts, columns, weights = [0], [], []
     for row in matrix:
         kept = np.flatnonzero(row)
@@ -646,7 +657,7 @@ def _table(matrix: Matrix) -> Table:
 def _mean_squares(
     shapes: Matrix, means: Matrix, displacements: Matrix, velocities: Matrix
 ) -> Matrix:
-    """Means of y, y^2 and y'^2, in turn, of sums y = shapes . q of modal displacements."""
+    """Means of y, y^2 and y'^2 in turn, for combinations y = shapes . q of modal displacements."""
     rows = np.empty((3 * len(shapes), means.shape[1]))
     rows[0::3] = _product(shapes, means)
     rows[1::3] = np.einsum("ij,jkp,ik->ip", shapes, displacements, shapes)
@@ -655,18 +666,19 @@ def _mean_squares(
 
 
 def _mixed(shapes: Matrix, modal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Motion of the coordinates (coordinates, paths, samples) from that of modes (samples, paths,
-    modes)."""
+    """Motion of the coordinates (coordinates, paths, samples) from that of the modes (samples,
+    paths, modes)."""
     return np.ascontiguousarray(np.einsum("im,kpm->ipk", shapes, modal))
 
 
 def _product(matrix: Matrix, columns: Matrix) -> Matrix:
-    """Matrix product without the threads of a linear algebra library, which would stand in the way
-    of those that fly paths."""
+    """Matrix product without the threads of a linear algebra library, which would compete with
+    those that simulate paths."""
     product: Matrix = np.einsum("ij,jp->ip", matrix, columns)
     return product
 
 
 def _term(size: float, order: int) -> float:
-    """Bound of the term of this order of exp, for a matrix of this norm."""
+    """Bound of the term of this order in the series of the exponential of a matrix of norm
+    `size`."""
     return math.exp(order * math.log(size) - math.lgamma(order + 1.0)) if size > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""Structures of several modes with compliant stops: the plan, and one block of its paths."""
+"""Structures of several modes with stops that give way: the plan."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def plan_modal_contacts(
     Raises
     ------
     NotApplicable
-        Where there is no stationary state, or a mass lies on a stop that is too stiff to follow.
+        Where there is no stationary state, or a mass stays on a stop that is too stiff.
     """
     plan = ModalContactsPlan(**basis(model, threshold, duration))
     check_stiffness(plan)
@@ -97,8 +97,8 @@ def plan_modal_contacts(
 
 
 def check_stiffness(plan: ModalContactsPlan) -> None:
-    """NotApplicable for stops that a mass stays on, as it is pressed onto them or comes to rest
-    between noise and loss, and whose contact would take too many sub-steps."""
+    """NotApplicable for stops whose contacts would take too many sub-steps and on which a mass
+    stays, because it is pressed onto them or comes to rest there."""
     unmet = []
     for pair, scale in zip(plan.model.pairs, plan.pairs, strict=True):
         for stop in pair.stops:

@@ -2,10 +2,10 @@
 
 The response to the tables without stops is synthesised: a periodic Gaussian signal of all modes at
 once, a sum over bins of width 1 / length with common coefficients, each mode through its own H (see
-`frequency_response.bin_amplitudes`). To it are added, step by step, what impacts and contacts
-change, and the response to white noise (kicks) and signals (states), which are exact over a step.
-As for one oscillator (`tabulated`), bins up to half the sampling rate are synthesised, and the last
-quarter of them is scaled up so that no velocity variance is lost beyond.
+`frequency_response.bin_amplitudes`). The changes by impacts and contacts, and the response to white
+noise (kicks) and signals (states), which are exact over a step, are added step by step. As for one
+oscillator (`tabulated`), bins up to half the sampling rate are synthesised, and the last quarter of
+them is scaled up to hold the velocity variance beyond.
 """
 
 from __future__ import annotations
@@ -67,7 +67,8 @@ class ModalTablesPlan(ModalContactsPlan):
 
     @property
     def block(self) -> int:
-        """Paths that are synthesised together: a few megabytes of samples, a power of two."""
+        """Number of paths that are synthesised together: a power of two with a few megabytes of
+        samples."""
         room = BLOCK_SAMPLES // (self.samples * self.modes.size)
         return 1 << (max(1, min(LARGEST_BLOCK, room)).bit_length() - 1)
 
@@ -90,11 +91,12 @@ class ModalTablesPlan(ModalContactsPlan):
         return self.steps + self._burn_in_steps * self.blocks
 
     def with_step(self, step: float) -> ModalTablesPlan:
-        """Paths at a chosen sampling interval, s; those of common bins have common amplitudes."""
+        """Paths at a chosen sampling interval, s; bins that both plans have keep their
+        amplitudes."""
         return self._with_samples(_even_fast_length(self.block_length / step))
 
     def with_block(self, length: float) -> ModalTablesPlan:
-        """Paths of one block of so many seconds, at about the same sampling interval."""
+        """Paths of one block of `length` seconds, at about the same sampling interval."""
         return replace(self, block_length=length, blocks=1).with_step(self.step)
 
     def coarser(self) -> ModalTablesPlan:
@@ -105,8 +107,10 @@ class ModalTablesPlan(ModalContactsPlan):
     """A record has no samples to leave out: the burn-in of a block is not recorded."""
 
     def sampled(self, step: float, duration: float) -> ModalTablesPlan:
-        """The plan for histories at an interval of at most `step`, of `duration` seconds: one block
-        that repeats itself neither in the record nor in what is flown before."""
+        """The plan for histories of `duration` seconds at an interval of at most `step`, s.
+
+        Its one block is long enough that no part of the burn-in repeats in the record.
+        """
         length = max(self.block_length, duration + self.burn_in)
         plan = self.with_block(length).with_step(min(step, self.step))
         return replace(plan, duration=duration)
@@ -120,7 +124,8 @@ class ModalTablesPlan(ModalContactsPlan):
         return self.steps
 
     def record_size(self, samples: int) -> int:
-        """Numbers that the record of one path takes, or what it is synthesised from."""
+        """Number of floats in the record of one path, or in its synthesised response if that is
+        larger."""
         return self.record_width * max(samples, self.samples)
 
     def _with_samples(self, samples: int) -> ModalTablesPlan:
@@ -142,8 +147,8 @@ class ModalTablesPlan(ModalContactsPlan):
         log: Log | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
-        `log` takes every impact."""
-        # the last stream of a path is that of its kicks and signals: no block comes that far
+        `log` gets every impact."""
+        # kicks and signals use the last stream of a path, which no block reaches
         streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
         state = self.start(streams)
         n, pairs = self.modes.size, len(self.model.pairs)
@@ -162,7 +167,7 @@ class ModalTablesPlan(ModalContactsPlan):
                 block_record = record[number * counted : (number + 1) * counted]
             if log is not None:
                 log = log._replace(start=number * counted * self.step)
-            self._fly(
+            self._advance(
                 state, streams, sums, self._burn_in_steps, counted, stride, block_record, log,
                 SmoothResponse(samples=free, scale=self._scale, half_kick=middle),
             )  # fmt: skip
@@ -204,12 +209,14 @@ class ModalTablesPlan(ModalContactsPlan):
 
     @cached_property
     def _half_kick(self) -> tuple[Matrix, Matrix]:
-        """Decay and noise of half a kick for the moments; the kernel has applied the decay (1)."""
+        """Decay and noise of half a kick for the moments; here the decay is 1, as the kernel has
+        applied it."""
         return np.eye(self.modes.size), self._kick(self.step / 2.0)[1]
 
     @property
     def _scale(self) -> float:
-        """Velocities are synthesised over this frequency, rad/s, as displacements are."""
+        """Frequency in rad/s by which velocities are divided to be synthesised together with
+        displacements."""
         return max(self.modes.fastest, 2.0 * math.pi / self.block_length)
 
     @cached_property
@@ -249,7 +256,7 @@ class ModalTablesPlan(ModalContactsPlan):
 
 
 def _streams(seed: int, first_path: int, paths: int, number: int) -> NDArray[np.uint64]:
-    """The random stream `number` of each path, whatever the streams of other paths."""
+    """The random stream `number` of each path, independent of the streams of other paths."""
     streams = np.empty((2, paths), np.uint64)
     for index in range(paths):
         stream = (first_path + index) * MOST_BLOCKS + number
@@ -292,7 +299,8 @@ def plan_modal_tables(
 
 
 def _interval(model: Model, known: dict[str, Any]) -> float:
-    """Longest time between samples: of the steps of states, of a period, of the way to a stop."""
+    """Longest time between samples, s: a limit each by the steps of states, a period, the way to a
+    stop."""
     limits: list[float] = [known["step"]]
     fastest = model.modal.fastest
     if fastest > 0.0:
@@ -305,11 +313,12 @@ def _interval(model: Model, known: dict[str, Any]) -> float:
 
 
 def _resonance_length(modes: ModalForm) -> float:
-    """Seconds in which bins resolve every resonance; NotApplicable where one has no width."""
+    """Length of a block in s whose bins resolve every resonance; NotApplicable for one without
+    damping."""
     found = [0.0]
     for value in eigenvalues(np.diag(modes.squares), modes.damping):
         if abs(value) <= UNSTABLE * modes.fastest:
-            continue  # a loose mass: nothing swings
+            continue  # a loose mass has no resonance
         if -value.real <= UNSTABLE * modes.fastest:
             raise NotApplicable(
                 "simulate",
@@ -321,8 +330,8 @@ def _resonance_length(modes: ModalForm) -> float:
 
 
 def _block_length(modes: ModalForm, shortest: float) -> float:
-    """Seconds of a block whose bins are narrow enough for the slowest parts of the tables: the
-    velocity variances from their middles must be the true ones."""
+    """Length of a block in s whose bins are narrow enough for the tables: the velocity variances
+    computed from the middles of the bins must agree with the integrals."""
     stiffness = np.diag(modes.squares)
     length = shortest or max(1.0 / float(table.frequency_hz[0]) for table, _ in modes.tables)
     for _ in range(MOST_DOUBLINGS):
@@ -344,8 +353,8 @@ def _block_length(modes: ModalForm, shortest: float) -> float:
 
 
 def _samples(modes: ModalForm, length: float, rate: float) -> int:
-    """Samples of a block: at least at `rate`, and up to where no coordinate or gap has more than
-    LARGEST_LOSS of its velocity variance beyond."""
+    """Number of samples of a block: at least at `rate`, and so many that no coordinate or gap has
+    more than LARGEST_LOSS of its velocity variance above half the sampling rate."""
     rows: Vector = np.vstack([modes.shapes, modes.gaps])
     frequency, left = beyond(modes.tables, np.diag(modes.squares), modes.damping, rows)
     share = left / np.maximum(left[0], np.finfo(float).tiny)

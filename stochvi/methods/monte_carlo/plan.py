@@ -1,8 +1,8 @@
 """The protocol of a plan: how the paths of one scene are simulated, and what is averaged.
 
-A plan knows the model, the step and the lengths of a path, and nothing of how many paths there are,
-who simulates them, or what they are needed for. A block of paths is a function of the plan, the
-seed and the numbers of the paths alone, so that any worker may simulate it, twice if need be.
+A plan knows the model, the step and the lengths of a path; it does not depend on the number of
+paths or on the use of the averages. The averages of a block of paths are a function of the plan,
+the seed and the numbers of the paths alone, so that any worker may compute them.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ class Histories:
         (coordinates, paths, samples). Velocities are those before the kick of white noise that
         falls on a sample.
     impact_speed
-        (pairs, paths, samples): incident speeds within the step that ends at a sample, added up,
+        (pairs, paths, samples): sum of the incident speeds within the step that ends at a sample,
         negative at a lower stop.
     excitation
         (paths, samples), None where it is not known: f of x'' + b x' + omega^2 x = f + impacts,
-        m/s^2; a base acceleration is -f. White noise is the mean over the step that follows.
+        m/s^2; a base acceleration is -f. For white noise it is the mean over the next step.
     """
 
     displacement: Records
@@ -54,7 +54,7 @@ class Plan(Protocol):
 
     @property
     def method(self) -> str:
-        """The scheme, in words, for the assumptions of an answer."""
+        """Name of the scheme, for the assumptions of an answer."""
 
     @property
     def states(self) -> int:
@@ -74,7 +74,8 @@ class Plan(Protocol):
 
     @property
     def block(self) -> int:
-        """Paths that are best simulated together: the kernels' full speed, within the caches."""
+        """Number of paths that are simulated together: so many that the kernels reach their full
+        speed and the arrays fit into the caches."""
 
     @property
     def steps_per_path(self) -> int:
@@ -82,7 +83,7 @@ class Plan(Protocol):
 
     @property
     def elastic(self) -> bool:
-        """Whether any step leaves the stationary law exact, so that there is no bias."""
+        """Whether the stationary law is exact at any step, so that there is no bias."""
 
     @property
     def fastest(self) -> float:
@@ -112,7 +113,7 @@ class Plan(Protocol):
     ) -> Records:
         """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...
 
-        A `record` takes up every step; a `log` takes up every impact of the counted part.
+        A `record` gets the states of every step, a `log` every impact of the counted part.
         """
 
     def step_bias(self, name: str, difference: float) -> float | None:
@@ -120,24 +121,24 @@ class Plan(Protocol):
         where that difference does not determine the bias."""
 
     def coarser(self) -> Self:
-        """The same paths, by the same noise as far as possible, at twice the step."""
+        """The plan at twice the step, for the same paths and as far as possible the same noise."""
 
     def finer(self) -> Self:
         """The plan with less bias: half the step, or slow impacts resolved."""
 
     def with_step(self, step: float) -> Self:
-        """The plan at a chosen step, s; ValueError if impacts would go unseen in it."""
+        """The plan at a chosen step, s; ValueError if it is too long to detect all impacts."""
 
     def shortest(self) -> Self:
-        """A few steps of the same kernels: enough to have them compiled."""
+        """The plan with a few steps of the same kernels, which is enough to compile them."""
 
     def record(self, seed: int, path: int) -> Mapping[str, Vector]:
-        """One path from its start, without burn-in, by column: displacements, velocities and, for
-        the step that ends at each sample, incident speeds of impacts."""
+        """One path from its start, without burn-in, by column: displacements, velocities and the
+        incident speeds of impacts within the step that ends at each sample."""
 
     @property
     def relaxation(self) -> float:
-        """Relaxation time of the energy, losses at stops included, s."""
+        """Relaxation time of the energy including the losses at stops, s."""
 
     @property
     def speeds(self) -> tuple[float, ...]:
@@ -145,52 +146,53 @@ class Plan(Protocol):
 
     @property
     def kicked(self) -> bool:
-        """Whether white noise acts, in kicks a step apart."""
+        """Whether there is white noise, which acts in kicks a step apart."""
 
     @property
     def excitation_known(self) -> bool:
         """Whether `histories` hold the excitation."""
 
     def sampled(self, step: float, duration: float) -> Self:
-        """The plan for `histories` at a sampling interval of at most `step`, s, that are `duration`
-        seconds long."""
+        """The plan for `histories` of `duration` seconds at a sampling interval of at most `step`,
+        s."""
 
     @property
     def settling(self) -> int:
-        """Samples at the beginning of a record that `histories` leave out."""
+        """Number of samples at the beginning of a record that `histories` leave out."""
 
     def history_samples(self, duration: float) -> int:
-        """Samples of a history of so many seconds, by a plan that was `sampled` for it."""
+        """Number of samples of a history of `duration` seconds, for a plan from `sampled`."""
 
     def record_size(self, samples: int) -> int:
-        """Numbers that the record of one path takes while a history of so many samples is made."""
+        """Number of floats in the record of one path, from which a history of `samples` is made."""
 
     def histories(
         self, seed: int, first_path: int, paths: int, samples: int, log: Log | None = None
     ) -> Histories:
-        """Settled records of the paths first_path, first_path + 1, ...; `samples` of each.
+        """Stationary records of the paths first_path, first_path + 1, ..., each of `samples`
+        samples.
 
-        A `log` takes up every impact; the first sample stands in it at the time
-        (settling + 1) * step.
+        A `log` gets every impact; the first sample is at the time (settling + 1) * step of the log.
         """
 
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Vector | None:
-        """Forces (coordinates, samples) of noise and sines at the samples of `histories`, N.
+        """Forces (coordinates, samples) of noise and sines at the samples of `histories`, N,
+        integrated over time `integrals` times.
 
-        They are integrated over time so many times. None where they are not known, or where the
-        integral is not stationary. White noise is the mean over the step that follows.
+        None where they are not known, or where the integral is not stationary. White noise is the
+        mean over the next step.
         """
 
     def unbroken(self, duration: float) -> Self:
-        """The plan whose paths of `duration` seconds have no jumps in their counted part: what is
-        synthesised in several blocks begins anew in each."""
+        """The plan with paths of `duration` seconds whose counted part has no jumps: a path that is
+        synthesised in several blocks jumps between them."""
 
 
 def layout_of_one(
     model: Model, origin: float, threshold: float, sums_of_contacts: tuple[str, ...] = ()
 ) -> Layout:
-    """Layout of one oscillator: moments of x from `origin`, then sums over impacts, then the named
-    sums over contacts with stops that give way."""
+    """Layout of one oscillator: moments of x from `origin`, sums over impacts, and the named sums
+    over contacts with stops that give way."""
     (name,) = model.coordinates
     pair = model.pairs[0].name if model.pairs else ""
     rows = [(name, "x"), (name, "xx"), (name, "vv")]

@@ -18,8 +18,7 @@ Quantity = Callable[[Means], float]
 """A quantity of a response as a smooth function of the means."""
 
 RATES = ("collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_mean")
-"""Quantities that depend on a count of impacts: of those above a speed threshold, if stops lose
-energy."""
+"""Quantities that count impacts; where stops lose energy, only those above a speed threshold."""
 
 CONTACT_QUANTITIES = (
     "peak_force",
@@ -81,9 +80,9 @@ def of_gap(pair: Pair) -> dict[str, Quantity]:
 
 
 def of_compliant_pair(pair: Pair) -> dict[str, Quantity]:
-    """Quantities of a pair of which a stop gives way, from the sums over its contacts.
+    """Quantities of a pair with a stop that gives way, from the sums over its contacts.
 
-    The peak force needs all stops to give way.
+    The peak force is given only where all stops of the pair give way.
     """
     name, mass = pair.name, pair.mass
     sides = [stop.name for stop in pair.stops if not stop.rigid]
@@ -101,7 +100,7 @@ def of_compliant_pair(pair: Pair) -> dict[str, Quantity]:
 
 
 def speed_mean(name: str) -> Quantity:
-    """Mean impact speed, F1 over the rate of all impacts counted."""
+    """Mean impact speed, m/s: F1 over the rate of all counted impacts."""
     pair = of_pair(name)
     return lambda m: _ratio(pair["impact_speed_rate"](m), pair["collision_rate"](m))
 
@@ -112,8 +111,8 @@ def _ratio(above: float, below: float) -> float:
 
 
 def governed(model: Model) -> dict[Key, Quantity]:
-    """Quantities that `rel_error` governs. Rates that are infinite if all impacts count are left
-    out."""
+    """Quantities that `rel_error` governs, without the rates that would be infinite if all impacts
+    were counted."""
     found: dict[Key, Quantity] = {}
     for coordinate in model.coordinates:
         known = of_coordinate(coordinate)
@@ -127,5 +126,5 @@ def governed(model: Model) -> dict[Key, Quantity]:
 
 
 def collapses(stop: Stop) -> bool:
-    """Whether the rate of all impacts at a stop is infinite under white noise."""
+    """Whether the rate of all impacts on a stop is infinite under white noise."""
     return stop.rigid and stop.law.restitution <= COLLAPSE_RESTITUTION

@@ -22,7 +22,14 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import (
     seed_streams,
 )
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, SUMS, VV
-from stochvi.methods.monte_carlo.kernels.steps import Corner, Counting, Flow, Kick, RigidStop
+from stochvi.methods.monte_carlo.kernels.steps import (
+    Corner,
+    Counting,
+    Flow,
+    Kick,
+    Paths,
+    RigidStop,
+)
 from stochvi.methods.monte_carlo.plan import (
     Histories,
     Records,
@@ -42,7 +49,7 @@ from stochvi.results.errors import NotApplicable
 
 LARGEST_ANGLE = 0.8
 """Largest omega h of a step (rad) between elastic stops, where any step is free of bias. It is kept
-well below pi / 2, where a mass could meet both stops in one step."""
+well below pi / 2, where a mass could hit both stops in one step."""
 
 LOSSY_ANGLE = 0.32
 """Largest omega h of a step (rad) where stops lose energy. At a restitution of 0.5 the measured
@@ -66,7 +73,7 @@ pressing acceleration: a step then holds a few bounces."""
 
 LONGEST_BLOCK = 2.0**24
 """Largest number of steps of all paths of a block together: they take about 0.1 s, or more where
-the mass chatters."""
+impacts are very frequent."""
 
 MOST_PATHS = 1024
 """Largest number of paths in a block."""
@@ -87,10 +94,10 @@ ENOUGH_STEPS = 2.0**14
 burn-in and its usual length would need more than MOST_STEPS."""
 
 LONGEST_ANGLE = math.pi
-"""omega h (rad) from which a mass may pass a stop and return within one step without being seen."""
+"""omega h (rad) from which a mass may cross a stop and return within one step undetected."""
 
 LONGEST_ANGLE_BETWEEN = math.pi / 2.0
-"""omega h (rad) up to which a mass between two stops meets at most one of them before it turns."""
+"""omega h (rad) up to which a mass between two stops hits at most one of them before it turns."""
 
 MOMENT_ANGLE = 0.8
 """omega times the time between two samples of the moments (rad). Closer samples are so correlated
@@ -101,8 +108,8 @@ that they hardly reduce the error."""
 class WhitePlan:
     """Steps, start and lengths for one scene under white noise (SI units, per unit mass).
 
-    `corner_share` is the length of refined steps near a stop, in the time in which noise changes
-    the state altogether (`kernels.flight.fly_corner`).
+    `corner_share` is the length of refined steps near a stop, in units of the time in which noise
+    changes the state (`kernels.flight.step_near_stop`).
     """
 
     model: Model
@@ -155,11 +162,11 @@ class WhitePlan:
 
     def step_bias(self, name: str, difference: float) -> float | None:
         """The bias that the step leaves in a quantity, from its difference to twice the step; None
-        where that difference does not tell the bias (`step_bias`)."""
+        where that difference does not determine the bias (`step_bias`)."""
         if self.slow_impacts:
             return bias_of_refined_step(name, difference, self._lossiest)
-        # a load holds a mass at stops that take nearly all of its speed, and F2 then falls more
-        # slowly with the step than its order: at R = 0 the difference is a third of the bias
+        # a load presses the mass on stops that take nearly all of its speed; the error of F2 then
+        # falls more slowly than its order: at R = 0 the difference is a third of the bias
         held = self._lossiest <= COLLAPSE_RESTITUTION and self.model.load != 0.0
         if held and name == "impact_speed_square_rate":
             return None
@@ -174,7 +181,7 @@ class WhitePlan:
 
     @property
     def _pressed(self) -> bool:
-        """Whether the rest position lies beyond a stop, so that the mass leans on it."""
+        """Whether the rest position lies beyond a stop, so that the mass is pressed on it."""
         return pressing(self.model) > 0.0
 
     @property
@@ -196,16 +203,19 @@ class WhitePlan:
         return replace(self, step=2.0 * self.step)
 
     def finer(self) -> Self:
-        """The same paths with less bias: slow impacts resolved, where half the step would do
-        little for what they leave (of a mass that leans on a stop they are too many); else half
-        the step."""
+        """The same paths with less bias.
+
+        Slow impacts are resolved where half the step would hardly reduce their bias, unless the
+        mass leans on a stop and they are too many; else the step is halved.
+        """
         refinable = not (self.model.not_rigid() or self.slow_impacts or self._pressed)
         if self._lossiest < WELL_RESOLVED_RESTITUTION and refinable:
             return replace(self, slow_impacts=True)
         return replace(self, step=self.step / 2.0)
 
     def with_step(self, step: float) -> Self:
-        """The same paths at a chosen step, s; ValueError if impacts would go unseen in it."""
+        """The same paths at a chosen step, s; ValueError if it is too long to detect all
+        impacts."""
         angle = self.model.omega * step
         if self.model.stops and angle >= LONGEST_ANGLE:
             longest = LONGEST_ANGLE / self.model.omega
@@ -281,9 +291,11 @@ class WhitePlan:
         return self.model.unit_mass * self._kicks(seed, path, 1)[kept].T
 
     def _kicks(self, seed: int, first_path: int, paths: int) -> Records:
-        """White noise (samples, paths) that acts from each sample on, from the paths' own streams.
+        """White noise (samples, paths), as the mean over the step after each sample, from the
+        streams of the paths.
 
-        The kernels draw a pair of normals for two steps in turn; the first pair is the start's.
+        The kernels use a pair of normals for two successive steps; the first pair is used for the
+        start.
         """
         steps = self.steps
         streams = np.empty((2, paths), np.uint64)
@@ -296,7 +308,7 @@ class WhitePlan:
         return math.sqrt(self.model.intensity / self.step) * drawn[1 : steps + 1]
 
     def unbroken(self, duration: float) -> Self:
-        """The plan itself: its paths do not jump."""
+        """The plan itself, as its paths do not jump."""
         return self
 
     def averages(
@@ -308,7 +320,7 @@ class WhitePlan:
         log: Log | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
-        from `origin`; a `log` takes every impact."""
+        from `origin`; a `log` gets every impact."""
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         x, v = self._start(streams)
@@ -316,7 +328,7 @@ class WhitePlan:
         burn_in = 0 if record is not None else self._burn_in_steps
         stride = self._stride
         self._kernel(
-            x, v, streams, sums, *self._kernel_constants(),
+            Paths(x, v, streams, sums), *self._kernel_constants(),
             Counting(
                 burn_in=burn_in, steps=self.steps, stride=stride,
                 origin=self.origin - self.model.rest, threshold=self.threshold,
@@ -333,14 +345,14 @@ class WhitePlan:
         return max(1, round(MOMENT_ANGLE / fastest / self.step))
 
     def _at_mid_kick(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Velocities in the middle of the kick: half of it, over h / 2, after those summed."""
+        """Sums with velocities in the middle of the kick, half of which follows the summed ones."""
         decay = math.exp(-self.model.damping_rate * self.step)
         sums[VV] = decay * sums[VV] + _kick_variance(self.model, self.step / 2.0)
         return sums
 
     def _kernel_constants(self) -> tuple[Any, ...]:
         model = self.model
-        # the same stop is met again within the step after leaving slower than this
+        # below this rebound speed the mass may hit the same stop again within the step
         again = model.omega * math.tan(model.omega * self.step / 2.0)
 
         def constants(stop: Stop | None) -> RigidStop | None:
@@ -359,7 +371,7 @@ class WhitePlan:
         )
 
     def _corner(self) -> Corner | None:
-        """Steps near a stop as short as slow impacts need, if they are asked for."""
+        """Sub-steps near a stop, as short as slow impacts need; None if they are not resolved."""
         model, h = self.model, self.step
         if self.elastic or not self.slow_impacts:
             return None
@@ -372,6 +384,7 @@ class WhitePlan:
             speed=math.sqrt(model.intensity * time),
             damping_rate=model.damping_rate,
             intensity=model.intensity,
+            stiff=model.omega**2,
             ladder=np.array(ladder),
             share=self.corner_share,
         )
@@ -383,7 +396,8 @@ class WhitePlan:
 
     @property
     def _between(self) -> bool:
-        """Whether the stops lie on either side of the rest position, which is quicker to fly."""
+        """Whether the stops lie on either side of the rest position, for which there is a faster
+        kernel."""
         if len(self.model.stops) < 2:
             return False
         if self.model.omega * self.step > LONGEST_ANGLE_BETWEEN:
@@ -394,7 +408,8 @@ class WhitePlan:
     def _start(
         self, streams: NDArray[np.uint64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Independent draws of the Gibbs law at the expected speed: close to stationary."""
+        """Independent draws of the Gibbs law at the expected speed, which is close to
+        stationary."""
         first, second = np.empty((2, streams.shape[1]))
         normal_pairs(streams[0], streams[1], first, second)
         probability, position = self._start_law
@@ -478,24 +493,27 @@ def lengths(
 
 
 def settled_duration(burn_in: float, duration: float, step: float) -> float:
-    """Seconds to record so that a history of `duration` is left after the burn-in; one step more
-    than that, since both are rounded up to whole steps."""
+    """Seconds to record so that a history of `duration` is left after the burn-in.
+
+    One step is added, since both are rounded up to whole steps.
+    """
     return (math.ceil((burn_in + duration) / step) + 1) * step
 
 
 def default_threshold(elastic: bool, speed: float) -> float:
-    """Impacts slower than this are left out of the rates (never out of F1 and F2).
+    """Default speed in m/s of the slowest impacts that rates count; F1 and F2 count all impacts.
 
-    At a stop that loses energy slow impacts come in bursts without end: their rate converges
-    slowly with any resolution, and is infinite below R = exp(-pi / sqrt 3).
+    At a stop that loses energy slow impacts come in bursts without end: their rate converges slowly
+    with any resolution, and is infinite below R = exp(-pi / sqrt 3).
     """
     return 0.0 if elastic else 0.05 * speed
 
 
 def expected_speed(model: Model) -> float:
-    """Velocity scale s from the energy balance, if the law were Gibbs at temperature s^2.
+    """Rms speed s in m/s from the energy balance of a Gibbs law at temperature s^2.
 
-    b s^2 + sum (1 - R^2) F2(s) / 2 = S0 / 2. A guess, for steps and starts only.
+    b s^2 + sum (1 - R^2) F2(s) / 2 = S0 / 2. It is an estimate for the choice of steps and starts
+    only.
     """
 
     def excess(log_speed: float) -> float:
@@ -522,8 +540,10 @@ def expected_speed(model: Model) -> float:
 
 
 def _law(model: Model, speed: float, *, about_rest: bool = False) -> CutNormal:
-    """The Gibbs law between rigid stops at E v^2 = speed^2, of positions from the unloaded spring
-    or from the rest position, which takes up the load."""
+    """The Gibbs law between rigid stops at E v^2 = speed^2.
+
+    Positions are those from the unloaded spring, or from the rest position under the load.
+    """
     origin = model.rest if about_rest else 0.0
     return CutNormal(
         slope=0.0 if about_rest else model.load / speed**2,
@@ -534,18 +554,19 @@ def _law(model: Model, speed: float, *, about_rest: bool = False) -> CutNormal:
 
 
 def _kick_variance(model: Model, h: float) -> float:
-    """Variance of the velocity that noise brings in over h: S0 (1 - e^(-2 b h)) / (2 b)."""
+    """Variance of the velocity that noise adds in a time h: S0 (1 - e^(-2 b h)) / (2 b),
+    m^2/s^2."""
     b = model.damping_rate
     return model.intensity * (-math.expm1(-2.0 * b * h) / (2.0 * b) if b else h)
 
 
 def _kick(model: Model, h: float) -> Kick:
-    """The kick over h."""
+    """The kick over a time h, s."""
     return Kick(math.exp(-model.damping_rate * h), math.sqrt(_kick_variance(model, h)))
 
 
 def _flow(model: Model, h: float) -> Flow:
-    """The flow over h."""
+    """The flow over a time h, s."""
     angle = model.omega * h
     sine = math.sin(angle) / model.omega if angle else h
     return Flow(h, math.cos(angle), sine, model.omega**2)
@@ -565,14 +586,15 @@ def _step(model: Model, speed: float) -> float:
 
 
 def pressing(model: Model) -> float:
-    """The acceleration that presses a mass onto a stop beyond which it would rest, or 0."""
+    """The acceleration in m/s^2 that presses a mass onto a stop beyond which it would rest, or
+    0."""
     forces = [stop.side * (model.load - model.omega**2 * stop.position) for stop in model.stops]
     return max([0.0, *forces])
 
 
 def _slowest_time(model: Model, speed: float) -> float:
-    """Relaxation of the energy, and of the position: overdamped, from stop to stop, or of a mass
-    that leans on one."""
+    """Slowest time constant, s: of the energy, or of the position of an overdamped mass, of one
+    that moves from stop to stop, or of one that is pressed on a stop."""
     rate = model.intensity / (2.0 * speed**2)
     positions = []
     if model.omega > 0.0:

@@ -1,4 +1,5 @@
-"""Decides in rounds how many paths are simulated and when to stop; makes the response of them."""
+"""Rounds of a simulation: how many paths it takes, when it stops, and the response that it
+gives."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ FIRST_BLOCKS = 1
 """Number of blocks of paths in the first round."""
 
 FEWEST_PATHS = 64
-"""Fewest paths of the first round: with fewer, the standard error itself is too uncertain."""
+"""Smallest number of paths in the first round: with fewer, the standard error itself is too
+uncertain."""
 
 MOST_REFINEMENTS = 4
 """Largest number of times that a run halves its step (or begins to resolve slow impacts) because
@@ -63,8 +65,10 @@ quantities that `rel_error` governs."""
 
 @contextmanager
 def compiling(progress: Progress | None) -> Iterator[None]:
-    """Report that kernels are being compiled, if that takes longer than COMPILING_SECONDS. The
-    machine code is cached, so that the next run on this machine finds it."""
+    """Report that kernels are being compiled, if that takes longer than COMPILING_SECONDS.
+
+    The machine code is cached, so that the next run on this machine need not compile.
+    """
     if progress is None:
         yield
         return
@@ -79,7 +83,8 @@ def compiling(progress: Progress | None) -> Iterator[None]:
 
 @dataclass
 class Run:
-    """A simulation: the paths so far, at the step and (unless that is free of bias) at twice it.
+    """A simulation: statistics of the paths at the step and, unless the scheme has no bias, at
+    twice the step.
 
     `state` holds all results so far. `resumed` is the state of the checkpoint from which the run
     goes on, or None. All other attributes follow from the arguments of `simulate`.
@@ -130,7 +135,8 @@ class Run:
 
     @property
     def seconds(self) -> float:
-        """Seconds that the run has taken, over all its starts; pauses in between do not count."""
+        """Seconds that the run has taken since its first start, without the pauses between its
+        parts."""
         return self.first_seconds + self.elapsed
 
     def set_goal(self, goal: int) -> None:
@@ -153,7 +159,7 @@ class Run:
         total = math.ceil((goal - self.fine.count) / self.plan.block)
         works = [partial(path_statistics, plan, self.layout, self.seed) for plan in plans]
         results = self.crew.do(works, left, total, deadline)
-        with closing(results):  # at once, so that an interrupt leaves no task to be begun
+        with closing(results):  # closed at once, so that after an interrupt no further task begins
             for (_, paths), statistics, where in results:
                 if any(each.count < paths for each in statistics):
                     self._end_early(statistics, steps_per_path, where)
@@ -167,16 +173,21 @@ class Run:
     def _end_early(
         self, statistics: list[PathStatistics], steps_per_path: int, where: list[str]
     ) -> None:
-        """Count the paths of a block that the budget cut short, if there are no other paths. The
-        checkpoint leaves them out: a run that resumes from it simulates the whole block."""
+        """Use the paths of a block that the budget cut short, if there are no other paths.
+
+        The checkpoint leaves them out: a run that resumes from it simulates the whole block.
+        """
         if not self.fine.count:
             self.whole_blocks = self.state
             steps = statistics[0].count * steps_per_path
             self.state = self.state.with_block(statistics, steps, where)
 
     def write_checkpoint(self) -> None:
-        """Write the checkpoint now, if there is one. If that fails, `checkpoint_failure` says why:
-        a full disk must not throw away what was simulated."""
+        """Write the checkpoint now, if there is one.
+
+        If that fails, for example on a full disk, `checkpoint_failure` gives the reason and the run
+        goes on.
+        """
         if not self.keeper:
             return
         try:
@@ -220,7 +231,7 @@ class Run:
             before,
             fine=none,
             coarse=none,
-            goal=before.fine.count,  # which was enough for the errors
+            goal=before.fine.count,  # this number of paths was enough for the errors
             refinements=before.refinements + 1,
         )
 
@@ -250,13 +261,16 @@ class Run:
         )
 
     def _limit_unseen(self, name: str) -> float:
-        """Upper 95 % limit of the rate of impacts, 1/s, if none was seen: the limit for clusters of
-        impacts times the largest number of impacts in a cluster, on one stop or on both."""
+        """Upper 95 % limit in 1/s of a rate of impacts if none was seen.
+
+        It is the limit of the rate of clusters times the largest number of impacts in a cluster, on
+        one stop or on both.
+        """
         stops = 2.0 if name == "collision_rate" else 1.0
         return stops * self.plan.hits_in_a_cluster * upper_limit_unseen(self.exposure)
 
     def response(self, warnings: tuple[str, ...] = (), interrupted: bool = False) -> Response:
-        """The response that the paths so far give."""
+        """The response from the paths simulated so far."""
         coordinates = {
             coordinate: CoordinateResponse(
                 acceleration_std=self._acceleration(),
@@ -312,8 +326,11 @@ class Run:
         return PairResponse(**found, speed_threshold=self.layout.thresholds[pair.name])
 
     def _speed_mean(self, pair: Pair, known: Mapping[str, Estimate | None]) -> Estimate:
-        """Mean impact speed, which is F1 over the rate. The biases of these two may cancel in the
-        difference to twice the step without vanishing, so that their relative biases are added."""
+        """Mean impact speed, m/s, which is F1 over the rate.
+
+        The biases of F1 and the rate may cancel in the difference to twice the step without being
+        zero, so that their relative biases are added.
+        """
         mean = self.estimate(speed_mean(pair.name), "impact_speed_mean")
         parts = [known[name] for name in ("impact_speed_rate", "collision_rate")]
         relative = [
@@ -410,8 +427,8 @@ class Run:
 
 
 def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    """Estimates of one kind, each with the largest relative bias among them: the difference of one
-    quantity between the two steps may vanish by chance."""
+    """The same estimates, each with the largest relative bias among them, since the difference of a
+    single quantity between the two steps may vanish by chance."""
     if any(each.bias is None for each in group.values()):
         return dict(group)
     relative = [(each.bias or 0.0) / abs(each.value) for each in group.values() if each.value]
@@ -420,7 +437,7 @@ def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
 
 
 def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
-    """Raise the number of paths until every governed quantity is as accurate as `rel_error` asks.
+    """Add paths until every governed quantity has the relative error `rel_error`.
 
     Apart from the deadline, every decision depends on the state alone, so that a run that resumes
     from a checkpoint decides as one that was never stopped.
@@ -460,11 +477,11 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
 
 
 def _relative_errors(run: Run) -> tuple[float, float]:
-    """Largest relative standard error, and largest relative bias that exceeds its own noise."""
+    """Largest relative standard error, and the largest relative bias that exceeds its own error."""
     biases = [0.0]
     if not run.plan.elastic:
         for key, quantity in governed(run.model).items():
-            # half the step would improve the rates at lossy stops little: their bias is only stated
+            # half the step would hardly improve the rates at lossy stops: their bias is stated only
             if key[1] in RATES:
                 continue
             value, error = run.fine.evaluate(quantity)
@@ -488,7 +505,8 @@ def relative_standard_errors(run: Run) -> dict[Key, float]:
 
 
 def _reference_size(run: Run, key: Key, value: float) -> float:
-    """What errors are relative to: the quantity itself, or for a mean the standard deviation."""
+    """Size to which an error is relative: the quantity itself, or for a mean the standard
+    deviation."""
     owner, name = key
     if name == "displacement_mean":
         return run.fine.evaluate(of_coordinate(owner)["displacement_std"])[0]

@@ -1,4 +1,4 @@
-"""Monte Carlo of a scene: what is asked for, what it would cost, and single paths of it."""
+"""Monte Carlo of a scene: `simulate`, the prediction of its cost, and single recorded paths."""
 
 from __future__ import annotations
 
@@ -184,7 +184,8 @@ def _begun(
     checkpoint_interval: float,
     resume: str | Path | None,
 ) -> tuple[Run, Asked]:
-    """The run, compiled and with its first checkpoint written, and what is asked of it."""
+    """The run with compiled kernels and its first checkpoint, and its arguments with defaults
+    filled in."""
     before = None if resume is None else Checkpoint.read(Path(resume))
     asked = asked.settled() if before is None else before.asked_again(asked)
     check_asked(asked, budget, threads)
@@ -211,7 +212,7 @@ def _begun(
 
 
 def _simulate(run: Run, asked: Asked, deadline: Deadline) -> None:
-    """As many paths, or as long, as was asked for."""
+    """Simulate the given number of paths, or as many as the accuracy or the budget takes."""
     if asked.paths is None:
         assert asked.rel_error is not None  # settled
         run_until_accurate(run, asked.rel_error, deadline)
@@ -352,7 +353,7 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
 
 
 def _spoken(model: Model, key: Key) -> str:
-    """A quantity in words; of whom, where the scene has several coordinates or pairs."""
+    """Name of a quantity in words, with its coordinate or pair where the scene has several."""
     owner, name = key
     return name if model.single else f"{name} of {owner}"
 
@@ -411,8 +412,8 @@ def compile_kernels(scene: Scene) -> None:
 
 
 def _compile(plan: Plan) -> tuple[float, str]:
-    """Run the kernels once on next to nothing: seconds it took (machine code is cached), and a
-    digest of what came out."""
+    """Run the kernels once on very short paths; returns the seconds this took (machine code is
+    cached) and a digest of the averages."""
     start = time.perf_counter()
     averages = plan.shortest().averages(0, 0, 2)
     lengths = np.array([plan.step, plan.burn_in, plan.duration, plan.block])

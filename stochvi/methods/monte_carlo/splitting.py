@@ -1,7 +1,7 @@
 """Rare events by splitting: paths that come close are copied, and count for less.
 
 A mission that fails passes through states of higher and higher energy. With levels of energy
-E_1 < ... < E_m, and F the event,
+E_1 < ... < E_m and the event F,
 
     P(F) = P(E_1 reached) P(E_2 reached | E_1 reached) ... P(F | E_m reached),
 
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.blocks import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.missions import AFTERWARDS, Fleet, MissionPlan
+from stochvi.methods.monte_carlo.missions import NO_EVENT, Fleet, MissionPlan
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import binomial_interval, logarithmic_interval, mean_and_error
@@ -66,7 +66,7 @@ class Trial(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A confidence interval at `confidence`, and the rule that it was made by."""
+    """A confidence interval at `confidence`, and the name of the rule that gave it."""
 
     lower: float
     upper: float
@@ -84,11 +84,12 @@ def crude(
 ) -> Trial:
     """Estimate by independent missions of equal weight (crude Monte Carlo).
 
-    They are not ended at a deadline: those that have failed by then are more than their share.
+    The missions do not end at a deadline, since those that have failed by then would be
+    over-represented.
     """
     started = thread_seconds()
     fleet = plan.fleet(seed, first_path, missions)
-    steps = plan.settled * missions + plan.fly(fleet, math.inf)
+    steps = plan.settled * missions + plan.advance(fleet, math.inf)
     happened = fleet.happened
     numbers = np.zeros(1)
     if hits:
@@ -118,17 +119,17 @@ def repetition(
     particles: int,
     deadline: Deadline = NEVER,
 ) -> Trial:
-    """One splitting with fixed levels, of so many paths in each stage.
+    """One splitting with fixed levels and `particles` paths in each stage.
 
-    Raises `NotConverged` where the deadline passes before it ends.
+    Raises `NotConverged` if the deadline passes before it ends.
     """
     started, index = thread_seconds(), first_path // particles
     fleet = plan.fleet(seed, _first_path(index, 0, particles), particles)
     random = np.random.default_rng([seed, index])
     chance, steps = 1.0, plan.settled * particles
     for stage, level in enumerate((*levels, math.inf)):
-        _look_at_the_clock(deadline, plan)
-        steps += plan.fly(fleet, level)
+        _check_deadline(deadline, plan)
+        steps += plan.advance(fleet, level)
         reached = np.flatnonzero(fleet.top >= level)
         chance *= len(reached) / particles
         if chance == 0.0 or level == math.inf:
@@ -151,29 +152,31 @@ def repetition(
 def copies(
     fleet: Fleet, reached: NDArray[np.intp], random: np.random.Generator, seed: int, first_path: int
 ) -> Fleet:
-    """As many paths as before, copied from those that reached the level, each with a new stream."""
+    """The same number of paths, copied from those that reached the level, each with a new
+    stream."""
     paths, survivors = len(fleet.x), len(reached)
     extra = random.permutation(reached)[: paths % survivors]
     chosen = np.concatenate([np.repeat(reached, paths // survivors), extra])
     streams = np.empty((2, paths), np.uint64)
     seed_streams(np.uint64(seed), first_path, streams)
-    # what has happened to is flown no further; the steps it had left are kept for its impacts
+    # a path in which the event happened stops; its steps left are kept to count its impacts
     left = np.where(fleet.happened, -np.abs(fleet.left), fleet.left)
     return fleet._replace(left=left).chosen(chosen)._replace(streams=streams)
 
 
 def _hits_of(plan: MissionPlan, fleet: Fleet) -> tuple[Vector, int]:
-    """Impacts in the whole mission of each path in which the event happened; steps made."""
+    """Number of impacts in the whole mission of each path in which the event happened, and the
+    number of steps made."""
     chosen = fleet.happened
     rest = fleet.chosen(chosen)
     rest = rest._replace(left=np.abs(rest.left), hits=np.zeros(len(rest.x)))
-    steps = plan.fly(rest, math.inf, AFTERWARDS)
+    steps = plan.advance(rest, math.inf, NO_EVENT)
     return fleet.hits[chosen] + rest.hits, steps
 
 
-def _look_at_the_clock(deadline: Deadline, plan: MissionPlan) -> None:
+def _check_deadline(deadline: Deadline, plan: MissionPlan) -> None:
     if deadline.passed():
-        # what is flown before a short mission does not shrink with it
+        # the motion before a short mission is not shorter
         change = "shorter" if plan.counted > plan.before + plan.settled else "longer"
         raise NotConverged(
             "the budget ended before a splitting did; raise budget or rel_error, or ask for a "
@@ -186,7 +189,8 @@ def _first_path(index: int, stage: int, particles: int) -> int:
 
 
 class Levels(NamedTuple):
-    """Levels of twice the energy, the chance that the pilot gave, its steps and CPU seconds."""
+    """Levels of twice the energy, the probability that the pilot estimated, and its steps and CPU
+    seconds."""
 
     levels: tuple[float, ...]
     chance: float
@@ -201,9 +205,9 @@ def pilot_levels(
     particles: int = PARTICLES,
     deadline: Deadline = NEVER,
 ) -> Levels:
-    """Levels that a share of about `SHARE` of the paths reach from the one before.
+    """Levels that a share of about SHARE of the paths reach from the level before.
 
-    Every stage is flown twice: to its end, for the largest energies, and up to the level.
+    Every stage is simulated twice: to its end, for the largest energies, and up to the level.
     """
     started = thread_seconds()
     fleet = plan.fleet(seed, first_path, particles)
@@ -211,16 +215,16 @@ def pilot_levels(
     levels: list[float] = []
     chance, steps = 1.0, plan.settled * particles
     while True:
-        _look_at_the_clock(deadline, plan)
+        _check_deadline(deadline, plan)
         again = fleet.chosen(np.arange(particles))
-        steps += plan.fly(fleet, math.inf)
+        steps += plan.advance(fleet, math.inf)
         happened = float(fleet.happened.mean())
         if happened >= SHARE:
             seconds = thread_seconds() - started
             return Levels(tuple(levels), chance * happened, steps, seconds)
         level = float(np.quantile(fleet.top, 1.0 - SHARE, method="lower"))
         last = levels[-1] if levels else 0.0
-        if not level > last:  # most are copies of one path, and none of them rose
+        if not level > last:  # most paths are copies of one, and none reached a higher energy
             level = float(np.min(fleet.top[fleet.top > last], initial=math.inf))
         if len(levels) == MOST_LEVELS or level == math.inf:
             raise NotConverged(
@@ -228,7 +232,7 @@ def pilot_levels(
                 f"with a chance of {chance:.2g}, and no higher one; the limit is out of reach, or "
                 "the stops take so much energy in an impact that it is no guide: ask for less"
             )
-        steps += plan.fly(again, level)
+        steps += plan.advance(again, level)
         reached = np.flatnonzero(again.top >= level)
         levels.append(level)
         chance *= len(reached) / particles
@@ -237,7 +241,7 @@ def pilot_levels(
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """The estimate from independent trials together.
+    """The estimate from all independent trials together.
 
     Parameters
     ----------
@@ -291,7 +295,7 @@ def of_repetitions(trials: list[Trial]) -> Sample:
 
 @dataclass(frozen=True, kw_only=True)
 class Counted(Sample):
-    """The estimate from crude missions: the number that failed follows the binomial law."""
+    """The estimate from crude missions: the number of failures follows the binomial law."""
 
     @property
     def failed(self) -> int:

@@ -1,4 +1,4 @@
-"""Statistics of independent paths: merged exactly, turned into estimates with their errors."""
+"""Statistics of independent paths: merging of blocks, and estimates with standard errors."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ Vector = NDArray[np.float64]
 class Layout:
     """Meaning of the rows of a table of time averages, and the origins of their positions.
 
-    `rows` are keys of `Means`; of each coordinate in `origins`, "x" and "xx" are those of x less
-    its origin. `thresholds` are the slowest impacts (m/s) that the rates of each pair count.
+    `rows` are keys of `Means`. For each coordinate in `origins`, the rows "x" and "xx" hold moments
+    of x less its origin, m. `thresholds` hold for each pair the speed of the slowest impact that
+    its rates count, m/s.
     """
 
     rows: tuple[Key, ...]

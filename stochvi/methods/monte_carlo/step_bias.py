@@ -2,7 +2,7 @@
 
 Every plan simulates the same paths at its step h and at 2 h. If a scheme is of order p, the bias at
 h is the difference of the two results over 2^p - 1. This module knows the order of each quantity,
-and where slow impacts at stops that lose energy keep the difference from telling the bias.
+and the cases in which slow impacts on lossy stops make the bias unknown.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ SPEED_POWER = {
     "collision_rate": 0, "collision_rate_lower": 0, "collision_rate_upper": 0,
     "impact_speed_mean": 0, "impact_speed_square_rate": 2,
 }  # fmt: skip
-"""Power of the impact speed that a quantity sums over the impacts. Every quantity that is not named
-here depends on the impulses, and so has the power 1."""
+"""Power m of the impact speed w in a quantity that sums w^m over the impacts. Quantities that are
+not named here depend on the impulses, and so have the power 1."""
 
 
 def lossiest(model: Model) -> float:
@@ -41,9 +41,8 @@ def bias_of_plain_step(
 ) -> float | None:
     """Bias under white noise where the step is not refined near the stops.
 
-    It is None for a rate if the step does not resolve the slow impacts that the rate counts:
-    below WELL_RESOLVED_RESTITUTION, or where the caller knows of another reason
-    (`rates_resolved` is False).
+    It is None for a rate if the step does not resolve the slow impacts that the rate counts: below
+    WELL_RESOLVED_RESTITUTION, or where `rates_resolved` is False.
     """
     resolved = rates_resolved and restitution >= WELL_RESOLVED_RESTITUTION
     return extrapolated(name, difference, restitution) if resolved or name not in RATES else None
@@ -57,7 +56,7 @@ def bias_of_refined_step(name: str, difference: float, restitution: float) -> fl
     rate of all impacts is infinite.
     """
     finite = restitution > COLLAPSE_RESTITUTION
-    if name not in RATES and finite:  # an order of about 1 is left where stops lose much
+    if name not in RATES and finite:  # where stops lose much, the order is about 1
         return difference if restitution < WELL_RESOLVED_RESTITUTION else difference / 3.0
     return difference / (math.sqrt(2.0) - 1.0) if finite or name not in RATES else None
 

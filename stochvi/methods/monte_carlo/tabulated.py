@@ -7,11 +7,11 @@ exact. Bins up to the cut at half the sampling rate are synthesised; the last qu
 scaled up so that the velocity variance beyond the cut is not lost. White and filtered noise that
 act together with a table become tables themselves; a sine adds its steady response.
 
-What that leaves, for every shipped profile on mounts of 8, 12 and 50 Hz (zeta 0.1), by sums over
-the bins against the frequency integrals: at most 2e-5 of the standard deviations of y and y', and
-1.6e-4 of the rate at which y crosses 3 sigma. The cubics between the samples lose more, where the
-velocity reaches up to the cut: they cross 3 sigma too seldom, by at most 0.04 % for a 12 Hz mount
-on a truck (vertical) and 0.15 % for any profile.
+Relative errors for every shipped profile on mounts of 8, 12 and 50 Hz (zeta 0.1), from sums over
+the bins and frequency integrals: at most 2e-5 in the standard deviations of y and y', and 1.6e-4 in
+the rate at which y crosses 3 sigma. The cubics between the samples add an error where the velocity
+has power up to the cut: they cross 3 sigma too seldom, by at most 0.04 % for a 12 Hz mount on a
+truck (vertical) and 0.15 % for any profile.
 
 Stops that give way are integrated in sub-steps of the contact's own time scale, within the sampling
 interval (`kernels.compliant_response`).
@@ -22,7 +22,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +37,7 @@ from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.response_domain import fill_spectrum, run_response
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, Sums
-from stochvi.methods.monte_carlo.kernels.steps import Sampling
+from stochvi.methods.monte_carlo.kernels.steps import ContactStop, RigidStop, Sampling
 from stochvi.methods.monte_carlo.plan import (
     Histories,
     Records,
@@ -74,7 +73,7 @@ BLOCK_RELAXATIONS = 120.0
 
 WARM_UP_RELAXATIONS = 15.0
 """Length of the warm-up before counting starts, in relaxation times of the structure: the
-difference to the response without stops begins at rest and must forget that."""
+difference to the response without stops begins at zero and must become stationary."""
 
 MOST_SAMPLES = 2**22
 """Largest number of samples of a block of one path: 64 MB of complex numbers."""
@@ -107,11 +106,11 @@ MOST_SUB_STEPS = 1000
 stop."""
 
 LOWEST_FREQUENCY = 1e-5
-"""Lowest frequency of the table that stands for white noise, in natural frequencies."""
+"""Lowest frequency of the table that represents white noise, in natural frequencies."""
 
 NODES_PER_DECADE = 400.0
-"""Breakpoints per decade of the table that stands for filtered noise; there are closer ones at its
-resonance."""
+"""Number of breakpoints per decade of the table that represents filtered noise; they are closer
+near its resonance."""
 
 ROUNDING = 1e-12
 """Relative error of a number of samples that is the ratio of two times."""
@@ -162,8 +161,8 @@ class TabulatedPlan:
 
     @property
     def block(self) -> int:
-        """Paths that are synthesised together: a few megabytes of samples, and a power of two,
-        for the loops over paths to fill the processor's vectors."""
+        """Number of paths that are synthesised together: a few megabytes of samples, and a power of
+        two, so that loops over paths fill the vectors of the processor."""
         fitting = max(1, min(LARGEST_BLOCK, BLOCK_SAMPLES // self.samples))
         return 1 << (fitting.bit_length() - 1)
 
@@ -189,7 +188,7 @@ class TabulatedPlan:
 
     @property
     def _counted_samples(self) -> int:
-        # a sine does not wrap with the block: what is flown first must not be counted as well
+        # a sine is not periodic in the block: samples of the warm-up must not be counted as well
         most = self.samples - (self.warm_up_samples if self.waves else 0)
         return max(1, min(most, math.ceil(self.counted / self.step)))
 
@@ -201,7 +200,7 @@ class TabulatedPlan:
 
     @property
     def warm_up_samples(self) -> int:
-        """Samples of a block that are flown before counting starts."""
+        """Number of samples of a block before counting starts."""
         return min(self.samples - 1, math.ceil(self.warm_up / self.step))
 
     @property
@@ -221,7 +220,8 @@ class TabulatedPlan:
         return layout_of_one(self.model, self.origin, self.threshold, sums)
 
     def coarser(self) -> TabulatedPlan:
-        """The same paths at half the sampling rate: common bins have common amplitudes."""
+        """The same paths at half the sampling rate; bins that both plans have keep their
+        amplitudes."""
         return replace(self, samples=2 * (self.samples // 4))
 
     def finer(self) -> TabulatedPlan:
@@ -233,7 +233,7 @@ class TabulatedPlan:
         samples = _even_fast_length(self.block_length / step)
         omega, b = self.model.omega, self.model.damping_rate
         tables, beyond = self.tables, self.beyond
-        if beyond:  # white noise has no end: its table, the last one, goes as far as samples do
+        if beyond:  # the table of white noise, the last one, ends at half the sampling rate
             flat = _longer(tables[-1], 0.5 * samples / self.block_length)
             tables = (*tables[:-1], flat)
             beyond = _white_beyond(flat, omega, b)
@@ -270,7 +270,7 @@ class TabulatedPlan:
 
     @property
     def excitation_known(self) -> bool:
-        """Whether histories hold the excitation: not that of a sine."""
+        """Whether histories hold the excitation, which they do unless there are sines."""
         return not self.waves
 
     def record(self, seed: int, path: int) -> dict[str, NDArray[np.float64]]:
@@ -282,7 +282,7 @@ class TabulatedPlan:
     def sampled(self, step: float, duration: float) -> TabulatedPlan:
         """The plan for histories at an interval of at most `step`, of `duration` seconds."""
         plan = self
-        # a block repeats itself, but with a sine, which is not counted in what is flown first
+        # a block is periodic unless there are sines; the warm-up must then not be counted
         length = duration + (plan.warm_up if plan.waves else 0.0)
         if length > plan.block_length:
             plan = plan.with_block(length)
@@ -300,12 +300,13 @@ class TabulatedPlan:
     def histories(
         self, seed: int, first_path: int, paths: int, samples: int, log: Log | None = None
     ) -> Histories:
-        """Records of the paths first_path, first_path + 1, ...: synthesised, then with impacts."""
+        """Records of the paths first_path, first_path + 1, ...: synthesised responses with
+        impacts."""
         free = self.free_response(seed, first_path, paths, 0)
         excitation = self._input_of(free)[: self.samples] if self.excitation_known else None
         record = np.zeros((self.steps, paths, 3))
         sums = Sums.zeros(paths, self.contacts).table
-        self.fly(free, self.warm_up_samples, self.steps, sums, record, log=log)
+        self.add_impacts(free, self.warm_up_samples, self.steps, sums, record, log=log)
         return histories_of_one(self.model, record, excitation)
 
     def _input_of(self, free: Records, integrals: int = 0) -> Records:
@@ -349,8 +350,10 @@ class TabulatedPlan:
         log: Log | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
-        from the mean position without stops; `extremes` (paths, EXTREMES) takes up the extremes of
-        each path, a `log` every impact."""
+        from the mean position without stops.
+
+        `extremes` (paths, EXTREMES) gets the extremes of each path, a `log` every impact.
+        """
         sums = Sums.zeros(paths, self.contacts).table
         for number in range(self.blocks_per_path):
             block_record = None
@@ -359,7 +362,7 @@ class TabulatedPlan:
                 block_record = record[number * counted : (number + 1) * counted]
             if log is not None:
                 log = log._replace(start=number * self._counted_samples * self.step)
-            self.fly(
+            self.add_impacts(
                 self.free_response(seed, first_path, paths, number),
                 self.warm_up_samples,
                 self._counted_samples,
@@ -372,7 +375,7 @@ class TabulatedPlan:
         sums[N_LOWER:] /= self.duration
         return sums
 
-    def fly(
+    def add_impacts(
         self,
         free: NDArray[np.float64],
         warm_up: int,
@@ -403,14 +406,14 @@ class TabulatedPlan:
             log,
         )
 
-    def _stop(self, stop: Stop | None) -> Any:
-        """(stop, R) for a kernel that knows rigid stops alone, else (stop, kind, data)."""
+    def _stop(self, stop: Stop | None) -> RigidStop | ContactStop | None:
+        """A stop for the kernel, as a `ContactStop` if any stop gives way; None for none."""
         if stop is None:
             return None
         position = stop.position - self.model.rest
         if self.contacts:
             return kernel_stop(position, stop.law)
-        return position, stop.law.restitution
+        return RigidStop(position, stop.law.restitution, -1.0)
 
     @cached_property
     def _velocity_variance(self) -> float:
@@ -436,7 +439,7 @@ class TabulatedPlan:
     ) -> NDArray[np.float64]:
         """y and y' / omega, in turn, of block `number` of each path, (samples, 2 paths)."""
         streams = np.empty((2, paths), np.uint64)
-        # every (path, block) has a stream of its own, whatever the blocks of other paths need
+        # every (path, block) has its own stream, independent of the other paths
         for index in range(paths):
             first = (first_path + index) * MOST_BLOCKS + number
             seed_streams(np.uint64(seed), first, streams[:, index : index + 1])
@@ -471,13 +474,13 @@ class TabulatedPlan:
     def _turn(
         self, seed: int, first_path: int, paths: int, number: int, index: int, omega: float
     ) -> NDArray[np.complex128]:
-        """exp(i (omega t + phase)) of a sine, (samples, paths), its phase drawn for each path.
+        """exp(i (omega t + phase)) of a sine, (samples, paths), with a random phase for each path.
 
-        The samples that are flown first stand at the end of a block, at times before 0.
+        The samples of the warm-up stand at the end of a block, with times before 0.
         """
         streams = np.empty((2, paths), np.uint64)
         for path in range(paths):
-            # from the last streams of a path: no block has come that far
+            # phases use the last streams of a path, which no block reaches
             stream = (first_path + path + 1) * MOST_BLOCKS - 1 - index
             seed_streams(np.uint64(seed), stream, streams[:, path : path + 1])
         first, second = np.empty((2, 1, paths))
@@ -503,7 +506,7 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
     slowest = half - math.sqrt(max(half * half - omega * omega, 0.0))
     relaxation = 1.0 / max(slowest, omega**2 / b / 2.0 if half > omega else half)
     length = _block_length(tables, omega, b, BLOCK_RELAXATIONS * max(relaxation, 1.0 / omega))
-    # the end of a block is flown first; a sine does not go on from there
+    # the warm-up is the end of a block, where a sine does not continue
     longest = length - (WARM_UP_RELAXATIONS * relaxation if waves else 0.0)
     counted, blocks = longest, 1
     if duration is not None:
@@ -523,8 +526,8 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
     speed = math.sqrt(response_moments(tables, omega, b).velocity + beyond + waving)
     rate = max(SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi), _rate_for_gap(model, speed))
     if beyond and model.not_rigid():
-        # a long contact answers to frequencies that are folded otherwise: at half this rate, E v^2
-        # of a mass on a preloaded stop is 5 % too high
+        # a long contact responds to frequencies that are folded at a lower rate: at half this rate,
+        # E v^2 of a mass on a preloaded stop is 5 % too high
         rate = max(rate, 2.0 * float(tables[-1].frequency_hz[-1]))
     most = max(min(2.2 * highest * length, MOST_SAMPLES), rate * length)
     if rate * length > MOST_SAMPLES:
@@ -556,9 +559,9 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
 
 
 def _even_fast_length(samples: float) -> int:
-    """An even number of samples of which the half is quick to transform.
+    """An even number of samples whose half has a fast Fourier transform.
 
-    A number that was divided out of its own step is found again, whatever the rounding.
+    Rounding cannot change a number that follows from its own step.
     """
     half = max(samples, 32.0) / 2.0
     return 2 * int(next_fast_len(math.ceil(half * (1.0 - ROUNDING))))
@@ -573,8 +576,8 @@ def _too_many(samples: float) -> str:
 
 
 def _rate_for_gap(model: Model, speed: float) -> float:
-    """Samples per second for a mass between narrow stops, at the rms speed without them; what
-    gives way widens the gap."""
+    """Samples per second for a mass between close stops at its rms speed without them; deflections
+    of the stops are added to the gap."""
     if len(model.stops) < 2:
         return 0.0
     gap = model.upper_position - model.lower_position
@@ -585,8 +588,8 @@ def _rate_for_gap(model: Model, speed: float) -> float:
 
 
 def _too_stiff(model: Model, speed: float, step: float) -> list[str]:
-    """Stops that a mass stays on, as it is pressed onto them or comes to rest there between noise
-    and loss, and whose contact would take too many sub-steps."""
+    """Sentences about stops whose contacts would take too many sub-steps and on which a mass stays,
+    because it is pressed onto them or comes to rest there."""
     found = []
     for stop in model.stops_per_unit_mass:
         if not isinstance(stop.law, CompliantLaw):
@@ -610,7 +613,7 @@ def _as_tables(
     model: Model,
 ) -> tuple[tuple[Table, ...], float, tuple[tuple[float, complex], ...]]:
     """All noise as tables, with white noise as the last one; the velocity variance that white noise
-    brings beyond its table; and the responses to the sines."""
+    adds above its table; and the responses to the sines."""
     omega, b = model.omega, model.damping_rate
     tables, waves, beyond = list(model.acceleration_tables), [], 0.0
     for signal in model.signals:
@@ -634,13 +637,13 @@ def _as_tables(
 
 
 def _longer(flat: Table, highest: float) -> Table:
-    """The table of white noise, up to `highest` hertz if that is more."""
+    """The table of white noise, extended to `highest` hertz if it ends below."""
     low, high = flat.frequency_hz
     return Table(frequency_hz=np.array([low, max(high, highest)]), density=flat.density)
 
 
 def _white_beyond(flat: Table, omega: float, b: float) -> float:
-    """Velocity variance by white noise above its table: S0 / 2b less what the table brings."""
+    """Velocity variance by white noise above its table: S0 / 2b less the variance by the table."""
     theta = intensity_from_density(float(flat.density[0])) / (2.0 * b)
     return max(theta - response_moments([flat], omega, b).velocity, 0.0)
 
@@ -660,9 +663,9 @@ def _filtered(signal: Signal, omega: float) -> Table:
 
 
 def _block_length(tables: tuple[Table, ...], omega: float, b: float, shortest: float) -> float:
-    """Seconds of a block in which bins are narrow enough for the slowest part of the table.
+    """Length of a block in s whose bins are narrow enough for the slowest part of the table.
 
-    A bin has one frequency, its middle: the velocity variance so given must be the true one.
+    The velocity variance from the middle frequencies of the bins must agree with the integral.
     """
     length = shortest
     for _ in range(MOST_DOUBLINGS):
@@ -683,8 +686,8 @@ def _bin_variances(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Displacement and velocity variances of the bins 1 ... count - 1, [(k -+ 1/2)] / length.
 
-    What lies below the first bin is added to it. Bins are cut at the breakpoints of the tables,
-    so that a jump of the density inside a bin does no harm.
+    The variance below the first bin is added to it. Bins are cut at the breakpoints of the tables,
+    so that a jump of the density inside a bin causes no error.
     """
     nodes, weights = gauss_legendre(6)
     edges = (np.arange(count) + 0.5) / length

@@ -186,7 +186,7 @@ class Jobs:
     def _found(self, plan: MissionPlan, event: str, way: Way | None, hits: bool) -> Found:
         """Pilot, choice, second stage."""
         with compiling(self.progress):
-            plan.fly(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
+            plan.advance(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
         self.until = self.deadline.sooner(KEPT)
         tried = int(min(max(PILOT_STEPS // plan.steps_per_path, PILOT_FEWEST), PILOT_MISSIONS))
         pilot = self._missions(plan, "pilot missions", tried, hits)

@@ -17,7 +17,11 @@ from stochvi.methods.monte_carlo.compliant_white import (
     kernel_stop,
     plan_compliant,
 )
-from stochvi.methods.monte_carlo.kernels.contact import HERTZ_ERROR, flow_through, symplectic
+from stochvi.methods.monte_carlo.kernels.contact import (
+    HERTZ_ERROR,
+    flow_with_contacts,
+    symplectic_step,
+)
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
@@ -143,7 +147,9 @@ def test_the_mean_peak_force_is_that_of_rayleigh_impacts(name: str) -> None:
     def peak_force(speed: float) -> float:
         """Of the contacts within some seconds, which are all alike."""
         sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
-        flow_through(stop, side * speed, 4.0, model.omega**2, *ends, 0.0, np.zeros(5), peaks, sums)
+        flow_with_contacts(
+            stop, side * speed, 4.0, model.omega**2, *ends, 0.0, np.zeros(5), peaks, sums
+        )
         row, count = (CONTACT_UPPER, N_UPPER) if side > 0.0 else (CONTACT_LOWER, N_LOWER)
         assert sums[row + ENDED] == sums[count] - (peaks.max() > 0.0)
         return float(sums[row + PEAK] / sums[row + ENDED])
@@ -201,7 +207,7 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
     if isinstance(law, Viscoelastic):
         length += 3.0 * law.damping_ratio / math.sqrt(law.stiffness)
     for _ in range(parts):
-        x, v = flow_through(
+        x, v = flow_with_contacts(
             x, v, length / parts, 0.0, None, kernel_stop(0.0, law), 0.0, np.zeros(5), peaks, sums
         )
     near = HERTZ_ERROR if law is BALL else 1e-9
@@ -220,7 +226,7 @@ def test_the_sub_stepper_of_hertz_contacts_is_of_fourth_order() -> None:
     def end(steps: int) -> np.ndarray:
         y, v = 0.01, 1.0
         for _ in range(steps):
-            y, v, _ = symplectic(y, v, 0.2 / steps, 100.0, 0.3, 1.0)
+            y, v, _ = symplectic_step(y, v, 0.2 / steps, 100.0, 0.3, 1.0)
         return np.array([y, v])
 
     truth = end(1024)
@@ -483,7 +489,7 @@ def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
 
         before = energy(x, v)
         for _ in range(3):
-            x, v = flow_through(x, v, h, stiff, *ends, 0.0, np.zeros(5), peaks, sums)
+            x, v = flow_with_contacts(x, v, h, stiff, *ends, 0.0, np.zeros(5), peaks, sums)
         assert math.isfinite(x) and math.isfinite(v) and np.isfinite(sums).all()
         error = 1e-9 + 3.0 * HERTZ_ERROR * any(law.kind == "hertz" for _, _, law in held)
         after = energy(x, v)

@@ -18,7 +18,7 @@ from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.flight import run_white
 from stochvi.methods.monte_carlo.kernels.rows import SUMS
-from stochvi.methods.monte_carlo.kernels.steps import Counting, Kick
+from stochvi.methods.monte_carlo.kernels.steps import Counting, Kick, Paths
 from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.rigid_white import ENOUGH_STEPS, WhitePlan, _flow
 from stochvi.model.model import model_of
@@ -286,8 +286,8 @@ def test_energy_between_elastic_stops_does_not_drift(steps: int) -> None:
     constants = (*plan._kernel_constants()[1:],)
     assert constants[0] == _flow(plan.model, plan.step)
     run_white(
-        x, v, np.ones((2, lanes), np.uint64), np.zeros((SUMS, lanes)), Kick(1.0, 0.0), *constants,
-        Counting(0, steps // lanes, 10**6, 0.0, 0.0), None, None,
+        Paths(x, v, np.ones((2, lanes), np.uint64), np.zeros((SUMS, lanes))), Kick(1.0, 0.0),
+        *constants, Counting(0, steps // lanes, 10**6, 0.0, 0.0), None, None,
     )  # fmt: skip
     drift = (v**2 + x**2) / before - 1.0
     # cosine and sine are rounded once, so that a step changes energy by the same C^2 + S^2 - 1

@@ -165,7 +165,7 @@ def test_paths_are_those_of_the_engine_for_one_oscillator(law: Law) -> None:
     rows = other.layout.rows
     sums = np.zeros((len(rows), 8))
     free = ours.free_response(1, 0, 8, 0)[:, 0].copy()
-    other.fly(free, other.warm_up_samples, other._counted_samples, sums)
+    other.add_impacts(free, other.warm_up_samples, other._counted_samples, sums)
     sums /= other.duration
     compared = 0
     for row, key in enumerate(ours.layout.rows):

@@ -80,7 +80,7 @@ def test_a_flight_is_that_of_its_plain_twin() -> None:
     plan = passage(2.0)
     for level in (3.0, math.inf):
         start, flown = plan.fleet(4, 0, 12), plan.fleet(4, 0, 12)
-        plan.fly(flown, level)
+        plan.advance(flown, level)
         for path in range(12):
             x, v, left, passed = plain_flight(plan, start, path, level)
             assert flown.x[path] == pytest.approx(x, abs=1e-9)
@@ -92,10 +92,10 @@ def test_a_flight_is_that_of_its_plain_twin() -> None:
 def test_digits_do_not_depend_on_how_paths_fly_together() -> None:
     plan = impact_plan(model_of(oscillator(-1.0, 1.0, 0.8)), 20.0, "stationary", 1.5)
     together, apart = plan.fleet(2, 0, 700), plan.fleet(2, 0, 700)
-    plan.fly(together, 4.0)
+    plan.advance(together, 4.0)
     for first in range(0, 700, 175):
         part = apart.chosen(np.arange(first, first + 175))
-        plan.fly(part, 4.0)
+        plan.advance(part, 4.0)
         for whole, some in zip(together, part, strict=True):
             np.testing.assert_array_equal(whole[..., first : first + 175], some)
 

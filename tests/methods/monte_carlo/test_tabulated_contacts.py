@@ -17,9 +17,10 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     CONTACT_ERROR,
     KINK_ERROR,
     TALLY,
-    cross_contacts,
+    IntervalEnds,
     cubic_at,
     cubic_between,
+    interval_with_contacts,
     sub_step,
 )
 from stochvi.methods.monte_carlo.kernels.contact import PIECES
@@ -40,6 +41,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     XX,
     X,
 )
+from stochvi.methods.monte_carlo.kernels.steps import Sampling
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
@@ -69,6 +71,17 @@ def with_faint_table(scene: Scene) -> Scene:
     return scene.model_copy(update={"excitations": (*scene.excitations, FAINT)})
 
 
+def free_flight(span: float, speed: float) -> Sampling:
+    """Sampling of a mass without spring and damper, at an interval in s."""
+    return Sampling(span, 0.0, 0.0, 0.0, speed, 0, 0)
+
+
+def interval(x0, v0, x1, v1, sampling, stops, peaks, sums):
+    """The end (x, v) of one interval; `peaks` and `sums` are changed."""
+    arrays = np.zeros(TALLY), peaks, np.zeros(EXTREMES), sums
+    return interval_with_contacts(IntervalEnds(x0, v0, x1, v1), sampling, *stops, *arrays)
+
+
 # ---- one contact -----------------------------------------------------------------------------
 
 NEAR = {"elastic": CONTACT_ERROR, "hertz": CONTACT_ERROR}
@@ -89,10 +102,7 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
         stops = (None, kernel_stop(0.0, law)) if side > 0.0 else (kernel_stop(0.0, law), None)
         x, v = 0.0, side * SPEED
         for _ in range(parts):
-            x, v = cross_contacts(
-                x, v, x + h * v, v, h, (0.0, 0.0), *stops, 0.0, 1.0, np.zeros(TALLY), peaks,
-                np.zeros(EXTREMES), sums,
-            )  # fmt: skip
+            x, v = interval(x, v, x + h * v, v, free_flight(h, 1.0), stops, peaks, sums)
         found = sums[row:]
         assert (sums[count], found[ENDED]) == (1.0, 1.0)
         assert sums[count + 1] == pytest.approx(SPEED, rel=1e-12)
@@ -153,10 +163,9 @@ def test_an_interval_equals_that_of_a_general_solver(law: Law) -> None:
         span, stop = 0.25, 0.5
         x1 = x0 + 0.5 * span * (v0 + v1)
         sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
-        x, v = cross_contacts(
-            x0, v0, x1, v1, span, (1.0, 0.1), None, kernel_stop(stop, law), 0.0, 1.0,
-            np.zeros(TALLY), peaks, np.zeros(EXTREMES), sums,
-        )  # fmt: skip
+        sampling = free_flight(span, 1.0)._replace(omega=1.0, damping_rate=0.1)
+        stops = (None, kernel_stop(stop, law))
+        x, v = interval(x0, v0, x1, v1, sampling, stops, peaks, sums)
         q = cubic_between(x0, v0, x1, v1, span)
         expected = interval_by_a_general_solver((x0, v0), q, span, law, stop)
         # KINK_ERROR of the speed; what a jump of the velocity changes within the later cubic
@@ -459,10 +468,7 @@ def test_any_interval_ends_and_gains_no_energy_from_a_stop() -> None:
         x, u = rng.uniform(-1.0, 1.0) * half, v
         sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
         for _ in range(3):
-            x, u = cross_contacts(
-                x, u, x + h * u, u, h, (0.0, 0.0), *stops, 0.0, v, np.zeros(TALLY), peaks,
-                np.zeros(EXTREMES), sums,
-            )  # fmt: skip
+            x, u = interval(x, u, x + h * u, u, free_flight(h, v), stops, peaks, sums)
             assert math.isfinite(x) and np.isfinite(sums).all() and np.isfinite(peaks).all()
             # every contact may add the error of tables of any slopes
             contacts = 1.0 + sums[N_LOWER] + sums[N_UPPER]

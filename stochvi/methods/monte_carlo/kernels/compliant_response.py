@@ -1,7 +1,7 @@
 """Stops that give way in the response domain: one sampling interval with contacts in it.
 
 Without the force of the stop the mass would follow the cubic z through the ends of the interval.
-The force adds d, which is at rest when the interval, or the contact, begins:
+The force adds d, with d = d' = 0 when the interval, or the contact, begins:
 
     x = z + d,    d'' + b d' + w0^2 d = -F(y, y'),    y = x - stop the deflection
 
@@ -13,20 +13,21 @@ d is integrated by the Runge-Kutta method of order 4, in sub-steps that are a fi
 shortest time scale of the contact: its errors (CONTACT_ERROR, KINK_ERROR) are the same for any
 stiffness and any sampling. Where the slope of F jumps (knots of a table, zero force of a
 viscoelastic stop) the order is 3; at the touch of a Hertz stop it is 5/2, so that sub-steps are
-shorter there. Contact is left where the cubic through a sub-step first passes y = 0 downwards, at a
-time that is sharpened by repeating the sub-step. Then d decays freely, and the rest of the interval
-is a cubic again. A contact that lasts goes on in the next interval.
+shorter there. A contact ends where the cubic through a sub-step first crosses y = 0 downwards;
+Newton's method refines that time by repeating the sub-step. Then d decays freely, and the rest of
+the interval is a cubic again. A contact may last longer than the interval.
 
 Symbols: a stop is seen as an upper one (a lower one with the signs of x and v changed); q is the
 cubic, z - stop = q_0 + q_1 t + q_2 t^2 + q_3 t^3; r = d'. Forces and their sums per unit mass.
 """
 
 import math
+from typing import NamedTuple
 
 import numba
 
 from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, RIGID
-from stochvi.methods.monte_carlo.kernels.impact_log import write_down
+from stochvi.methods.monte_carlo.kernels.impact_log import log_impact
 from stochvi.methods.monte_carlo.kernels.intervals import decay, time_to_stop
 from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.rows import (
@@ -44,38 +45,50 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     SHARPEST,
     TIME,
 )
+from stochvi.methods.monte_carlo.kernels.steps import ContactStop
 
 CONTACT_ANGLE = 0.125
-"""Sub-step of a contact times the largest rate in it, in rad: the longest for which CONTACT_ERROR
-holds."""
+"""Length of a sub-step of a contact times the largest rate in that contact, rad: the longest for
+which CONTACT_ERROR holds."""
 
 HERTZ_START = 0.125
-"""First and last sub-step of a Hertz contact, as a share of a full one; those between double. The
-reason is that of `contact.HERTZ_START`."""
+"""Length of the first and the last sub-step of a Hertz contact, as a share of a full one; lengths
+double from the first on and halve towards the last. `contact.HERTZ_START` says why."""
 
 CONTACT_ERROR = 3e-6
-"""Relative error that such sub-steps leave in speed, duration, impulse and peak force of a free
-contact with an elastic or Hertz stop: the largest error seen in some thousand random contacts."""
+"""Relative error of speed, duration, impulse and peak force of a free contact with an elastic or
+Hertz stop in such sub-steps: the largest error among a thousand random contacts."""
 
 KINK_ERROR = 6e-4
-"""Relative error of the same quantities for a viscoelastic stop, from the zero of its force, and
-for a table whose slope changes by a factor of some tens; 2e-3 where the slope falls to zero."""
+"""Relative error of the same quantities for a viscoelastic stop, due to the kink where its force
+becomes zero, and for a table whose slope changes by a factor of some tens. It is 2e-3 for a table
+whose slope falls to zero."""
 
 MOST_NEWTON = 40
-"""Largest number of Newton steps to the end of a contact; each repeats the last sub-step."""
+"""Largest number of Newton steps to the time at which a contact ends; each repeats a sub-step."""
 
 TOP, SQUARE, LEVER = range(5, 8)
-"""Rows of the tally of one contact, after those of `rows`: largest absolute acceleration, and the
-integrals of F^2 and of x F, with x from the mean position."""
+"""Entries of the tally of one contact after the five of `rows`: the largest absolute acceleration,
+and the integrals of F^2 and of x F over time, with x from the mean position."""
 
 TALLY = 8
+"""Number of entries of the tally of one contact."""
+
+
+class IntervalEnds(NamedTuple):
+    """Displacements (m) and velocities (m/s) at the start and at the end of an interval."""
+
+    x0: float
+    v0: float
+    x1: float
+    v1: float
 
 
 @numba.njit(cache=True, error_model="numpy")
 def stop_force(y, v, kind, data):
     """Force of a stop in contact, and its derivatives by y and by v.
 
-    What it is for y < 0 matters only beyond the end of a contact, which is cut off.
+    Its values for y < 0 matter only in the sub-step in which a contact ends, which is shortened.
     """
     if kind == HERTZ:
         root = math.sqrt(max(y, 0.0))
@@ -93,7 +106,7 @@ def stop_force(y, v, kind, data):
 
 @numba.njit(cache=True, error_model="numpy")
 def contact_rate(y, v, push, structure, kind, data):
-    """Return the largest rate in a contact, that of its oscillation or of its damping, 1/s.
+    """Largest rate in a contact, that of its oscillation or of its damping, 1/s.
 
     `push` is the acceleration with which the mass may be pressed onto a Hertz stop.
     """
@@ -115,7 +128,7 @@ def contact_rate(y, v, push, structure, kind, data):
 
 @numba.njit(cache=True, error_model="numpy")
 def cubic_at(q, t):
-    """Value, slope and curvature of a cubic."""
+    """Value, slope and curvature of a cubic at the time t."""
     q0, q1, q2, q3 = q
     return (
         q0 + t * (q1 + t * (q2 + t * q3)),
@@ -132,7 +145,7 @@ def cubic_between(x0, v0, x1, v1, span):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def crest(f0, r0, f1, r1, span):
+def cubic_maximum(f0, r0, f1, r1, span):
     """Largest value of the cubic with these values and slopes at the ends."""
     highest = max(f0, f1)
     if r0 > 0.0 and r1 < 0.0:
@@ -145,7 +158,7 @@ def crest(f0, r0, f1, r1, span):
 
 @numba.njit(cache=True, error_model="numpy")
 def motion_at(t, d, r, q, structure, kind, data):
-    """r', the force on the stop and its rate of change, y and y'."""
+    """r' and, at the same time, the force on the stop with its rate of change, y and y'."""
     omega, damping_rate = structure
     z, z_rate, z_curvature = cubic_at(q, t)
     y, v = z + d, z_rate + r
@@ -156,8 +169,11 @@ def motion_at(t, d, r, q, structure, kind, data):
 
 @numba.njit(cache=True, error_model="numpy")
 def sub_step(t, d, r, h, q, structure, kind, data):
-    """d and r after h, impulse of the force, work done on the stop, and the integrals of F^2 and
-    y F: Runge-Kutta, order 4."""
+    """d and r after a step h of the Runge-Kutta method of order 4.
+
+    Further results are the impulse of the force, the work done on the stop, and the integrals of
+    F^2 and y F.
+    """
     a1, f1, _, y1, v1 = motion_at(t, d, r, q, structure, kind, data)
     half = 0.5 * h
     r2 = r + half * a1
@@ -178,12 +194,11 @@ def sub_step(t, d, r, h, q, structure, kind, data):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def press(x0, v0, x1, v1, span, structure, position, kind, data, tally):
-    """Contact from y = x0 on, until it is left or the interval ends; x0, x1 from the stop at
-    `position`.
+def integrate_contact(x0, v0, x1, v1, span, structure, position, kind, data, tally):
+    """Contact with a stop from y = x0 until it ends or the interval is over.
 
-    x1, v1 is the end of the interval without the force. Returns y, y', the time that is left,
-    and d, r; `tally` gets what the contact adds, and its largest force.
+    x0 and x1 are measured from the stop at `position`; x1, v1 is the end of the interval without
+    the force. Returns y, y', the time left, and d, r; the sums of the contact are added to `tally`.
     """
     omega, damping_rate = structure
     q = cubic_between(x0, v0, x1, v1, span)
@@ -214,14 +229,14 @@ def press(x0, v0, x1, v1, span, structure, position, kind, data, tally):
                     break
                 h = following
         if kind == DAMPED:
-            highest = crest(force, rate, force1, rate1, h)
+            highest = cubic_maximum(force, rate, force1, rate1, h)
             pushed = data[0, 0] * y + data[0, 1] * v, data[0, 0] * y1 + data[0, 1] * v1
             share = max(pushed[0], 0.0) + max(pushed[1], 0.0)
             if share > 0.0:
                 tally[TIME] += h * share / (abs(pushed[0]) + abs(pushed[1]))
             tally[LOSS] += work
         else:
-            highest, _, _ = stop_force(crest(y, v, y1, v1, h), 0.0, kind, data)
+            highest, _, _ = stop_force(cubic_maximum(y, v, y1, v1, h), 0.0, kind, data)
             tally[TIME] += h
         tally[PEAK] = max(tally[PEAK], highest)
         tally[IMPULSE] += impulse
@@ -240,55 +255,59 @@ def press(x0, v0, x1, v1, span, structure, position, kind, data, tally):
 def next_stop(x0, v0, x1, v1, span, lower, upper):
     """Fraction of the interval until the first stop is touched, the speed there, and its side.
 
-    A fraction of -1 for a mass that is in contact already, 2 for none.
+    The fraction is -1 for a mass that is in contact already, and 2 where no stop is touched.
     """
     s, w, side = 2.0, 0.0, 1.0
     if upper is not None:
-        if x0 > upper[0] and upper[1] != RIGID:
+        if x0 > upper.position and upper.kind != RIGID:
             return -1.0, v0, 1.0
-        s, w = time_to_stop(x0, v0, x1, v1, span, upper[0])
+        s, w = time_to_stop(x0, v0, x1, v1, span, upper.position)
     if lower is not None:
-        if x0 < lower[0] and lower[1] != RIGID:
+        if x0 < lower.position and lower.kind != RIGID:
             return -1.0, -v0, -1.0
-        t, below = time_to_stop(-x0, -v0, -x1, -v1, span, -lower[0])
+        t, below = time_to_stop(-x0, -v0, -x1, -v1, span, -lower.position)
         if t < s:
             s, w, side = t, below, -1.0
     return s, w, side
 
 
 @numba.njit(cache=True, error_model="numpy")
-def meet(x0, v0, x1, v1, span, structure, stop, scale, tally, row, mine, peaks, extremes, sums):
-    """At a stop, seen as an upper one: an impact, or contact until it is left or the time is up.
+def impact_or_contact(ends, span, sampling, stop, which, tally, peaks, extremes, sums):
+    """An impact on a rigid stop, or a contact until it ends or the interval is over.
 
-    x0, v0 is there, x1, v1 what the end of the interval would be without the stop. Returns both
-    anew, and the time between them: 0 for a mass that stays.
+    `ends` are the state at the stop, which is the lower one for `which` = 0 and is seen as an upper
+    one, and the end of the interval as it would be without the stop. Returns both as they are
+    afterwards, and the time between them: 0 for a mass that stays at the stop.
     """
-    omega, damping_rate = structure
+    x0, v0, x1, v1 = ends
+    omega, damping_rate = sampling.omega, sampling.damping_rate
     position, kind, data = stop
+    row = CONTACT_UPPER if which == 1 else CONTACT_LOWER
     if kind == RIGID:
         restitution = data[0, 0]
-        if v0 <= RESTING * scale:
+        if v0 <= RESTING * sampling.scale:
             return position, 0.0, position, 0.0, 0.0
         d, r = 0.0, -(1.0 + restitution) * v0
         sums[row + IMPULSE] -= r
         y, v, left = 0.0, -restitution * v0, span
     else:
         tally[:] = 0.0
-        tally[PEAK] = peaks[mine]
-        y, v, left, d, r = press(
-            x0 - position, v0, x1 - position, v1, span, structure, position, kind, data, tally
-        )
+        tally[PEAK] = peaks[which]
+        y, v, left, d, r = integrate_contact(
+            x0 - position, v0, x1 - position, v1, span, (omega, damping_rate), position, kind,
+            data, tally,
+        )  # fmt: skip
         extremes[SHARPEST] = max(extremes[SHARPEST], tally[TOP])
         extremes[FORCE_SQUARE] += tally[SQUARE]
         extremes[POSITION_FORCE] += tally[LEVER]
         sums[row + IMPULSE] += tally[IMPULSE]
         sums[row + LOSS] += tally[LOSS]
         sums[row + TIME] += tally[TIME]
-        peaks[mine] = tally[PEAK]
+        peaks[which] = tally[PEAK]
         if y == 0.0:
             sums[row + PEAK] += tally[PEAK]
             sums[row + ENDED] += 1.0
-            peaks[mine] = 0.0
+            peaks[which] = 0.0
         if left <= 0.0:
             return position + y, v, position + y, v, 0.0
     shape, slope = decay(left, damping_rate, omega)
@@ -298,17 +317,24 @@ def meet(x0, v0, x1, v1, span, structure, stop, scale, tally, row, mine, peaks, 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def cross_contacts(
-    x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, tally, peaks, extremes, sums,
-    page=None,
+def interval_with_contacts(
+    ends, sampling, lower, upper, tally, peaks, extremes, sums, page=None
 ):  # fmt: skip
     """One sampling interval with any number of contacts and impacts; returns the end (x, v).
 
-    `peaks` holds the largest force so far of a contact that lasts, of the lower and the upper
-    stop; `tally` is room for TALLY numbers; `extremes` those of the path; `page` is None or that of
-    a log.
+    Parameters
+    ----------
+    ends : `IntervalEnds`, of which the end is that without the stops.
+    sampling : `steps.Sampling`.
+    lower, upper : None, or a `steps.ContactStop`.
+    tally : (TALLY,), overwritten by the sums of one contact.
+    peaks : (2,), largest force so far of a contact that lasts, of the lower and the upper stop.
+    extremes, sums : (EXTREMES,) and (CONTACT_SUMS,) of the path, updated.
+    page : None, or part of a log.
     """
-    whole = span
+    x0, v0, x1, v1 = ends
+    threshold = sampling.threshold
+    whole = span = sampling.span
     for _ in range(MOST_BOUNCES):
         s, w, side = next_stop(x0, v0, x1, v1, span, lower, upper)
         if s > 1.0:
@@ -316,9 +342,9 @@ def cross_contacts(
         x, row = side * x0, N_UPPER if side > 0.0 else N_LOWER
         if s >= 0.0:
             if upper is not None:
-                x = upper[0] if side > 0.0 else x
+                x = upper.position if side > 0.0 else x
             if lower is not None:
-                x = -lower[0] if side < 0.0 else x
+                x = -lower.position if side < 0.0 else x
             sums[row] += 1.0 if w >= threshold else 0.0
             sums[row + 1] += w
             sums[row + 2] += w * w
@@ -326,19 +352,18 @@ def cross_contacts(
             span *= 1.0 - s
             if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
                 if w >= threshold:
-                    write_down(page, 0, whole - span, side * w)
+                    log_impact(page, 0, whole - span, side * w)
         if span <= 0.0:
             return side * x, side * w
         if upper is not None and side > 0.0:
-            x0, v0, x1, v1, span = meet(
-                x, w, x1, v1, span, structure, upper, scale, tally, CONTACT_UPPER, 1, peaks,
-                extremes, sums,
-            )  # fmt: skip
+            x0, v0, x1, v1, span = impact_or_contact(
+                IntervalEnds(x, w, x1, v1), span, sampling, upper, 1, tally, peaks, extremes, sums
+            )
         if lower is not None and side < 0.0:
-            mirrored = (-lower[0], lower[1], lower[2])
-            x0, v0, x1, v1, span = meet(
-                x, w, -x1, -v1, span, structure, mirrored, scale, tally, CONTACT_LOWER, 0, peaks,
-                extremes, sums,
+            mirrored = ContactStop(-lower.position, lower.kind, lower.data)
+            x0, v0, x1, v1, span = impact_or_contact(
+                IntervalEnds(x, w, -x1, -v1), span, sampling, mirrored, 0, tally, peaks, extremes,
+                sums,
             )  # fmt: skip
             x0, v0, x1, v1 = -x0, -v0, -x1, -v1
         if span <= 0.0:

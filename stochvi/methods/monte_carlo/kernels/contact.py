@@ -1,9 +1,9 @@
 """White noise and stops that give way by kick-flow-kick, for many paths at once.
 
 The kick is that of `flight`; the flow is the undamped motion with the forces of the stops. Paths
-that stay clear of all stops in a step move together; the others are taken through it one by one,
-from event to event: first touch, next piece of the force, zero force, end of the step. However
-stiff a stop is, a step may hold any number of contacts, and a contact may last many steps.
+that stay clear of all stops in a step move together; each of the others goes through the step from
+event to event: first touch, next piece of the force, zero force, end of the step. However stiff a
+stop is, a step may hold any number of contacts, and a contact may last many steps.
 
     between the stops          x'' + w0^2 x = 0                   a rotation
     elastic, tabulated         x'' + w0^2 x + f_k + s_k (y - y_k) = 0    a rotation in each piece
@@ -27,7 +27,7 @@ import numba
 import numpy as np
 
 from stochvi.methods.monte_carlo.kernels.flight import LANES, add_moments
-from stochvi.methods.monte_carlo.kernels.impact_log import page_of, write_down
+from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
 from stochvi.methods.monte_carlo.kernels.intervals import decay
 from stochvi.methods.monte_carlo.kernels.limits import RESTING
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
@@ -49,8 +49,8 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 )
 
 RIGID, PIECES, DAMPED, HERTZ = range(4)
-"""Kinds of stop. A stop is (position, kind, data): data holds (R,), the rows (y_k, f_k, s_k) of
-the pieces, (K, c), or (k,)."""
+"""Kinds of a `steps.ContactStop`. Its data holds (R,), the rows (y_k, f_k, s_k) of the pieces,
+(K, c), or (k,), in this order of the kinds."""
 
 MOST_EVENTS = 10_000
 """Largest number of events of a path in one step: touches, ends of pieces of a force, ends of
@@ -58,21 +58,20 @@ contacts. It is ten times limits.MOST_BOUNCES because a mass that is pressed ont
 swings on it many times in a step. After so many events the motion of the step ends where it is."""
 
 HERTZ_ANGLE = 0.2
-"""Sub-step of a Hertz contact times the largest frequency on its way, in rad: the longest for which
-HERTZ_ERROR holds."""
+"""Length of a sub-step of a Hertz contact times the largest frequency in that contact, rad: the
+longest for which HERTZ_ERROR holds."""
 
 HERTZ_START = 0.125
-"""First sub-step after the touch, as a share of a full one; the next ones double. The force y^(3/2)
-has no second derivative at the touch, which lowers the order to 5/2: a share of 1/8 was measured to
-take the error down eight-fold."""
+"""Length of the first sub-step after the touch, as a share of a full one; each of the next is twice
+as long as the one before. The force y^(3/2) has no second derivative at the touch, which lowers the
+order to 5/2: a share of 1/8 reduces the measured error eight-fold."""
 
 HERTZ_ERROR = 1.5e-5
-"""Relative error that such sub-steps leave in energy, duration and peak force of a contact: the
-largest energy error of 10 000 random ones was 1.2e-5, that of the duration is below 1e-6."""
+"""Relative error of the energy, the duration and the peak force of a contact with such sub-steps:
+among 10 000 random contacts the largest error of the energy was 1.2e-5, of the duration 1e-6."""
 
 MOST_NEWTON = 60
-"""Largest number of steps to a root: bisection alone finds all digits of double precision in so
-many."""
+"""Largest number of Newton steps to a root: as many as bisection needs for double precision."""
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 """Coefficients of PEFRL, from the paper named above."""
@@ -83,8 +82,8 @@ def travel_time(distance, v0, v1, turn, omega):
     """Time of an undamped motion from velocity v0 to v1, less than a period.
 
     tan(W t / 2) = W distance / (v0 + v1) = W (v1 - v0) / turn, `turn` the sum of the accelerations
-    at both ends. The first for ends on one way, the second where the motion turns; neither needs
-    the centre of the motion, which for W = 0 is infinitely far.
+    at both ends. The first form serves velocities of one sign, the second those of two; neither
+    needs the centre of the motion, which for W = 0 is infinitely far.
     """
     if v0 * v1 >= 0.0:
         rise, run = abs(distance), abs(v0 + v1)
@@ -98,8 +97,8 @@ def travel_time(distance, v0, v1, turn, omega):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def swing(y, v, acceleration, t, omega):
-    """Undamped motion over t from y, v where it has this acceleration."""
+def undamped_motion(y, v, acceleration, t, omega):
+    """Displacement and velocity after t of an undamped motion from y, v and this acceleration."""
     half = 0.5 * omega * t
     if half > 0.0:
         sine, cosine = math.sin(half), math.cos(half)
@@ -112,8 +111,8 @@ def swing(y, v, acceleration, t, omega):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def press_pieces(y, v, left, data, pressing, stiff, tally):
-    """Contact with a force of straight pieces; returns y, v and the time that is left after it."""
+def contact_piecewise(y, v, left, data, pressing, stiff, tally):
+    """Contact with a piecewise linear force; returns y, v and the time left when it ends."""
     last = data.shape[0] - 1
     piece = 0
     while piece < last and y >= data[piece + 1, 0]:
@@ -138,7 +137,7 @@ def press_pieces(y, v, left, data, pressing, stiff, tally):
                 up = travel_time(end - y, v, w_up, a + above, omega)
         t = min(min(down, up), left)
         if t == left:
-            y1, v1 = swing(y, v, a, t, omega)
+            y1, v1 = undamped_motion(y, v, a, t, omega)
             top = math.inf
             if omega > 0.0:
                 angle = math.atan2(omega * v, -a)
@@ -178,7 +177,7 @@ def press_pieces(y, v, left, data, pressing, stiff, tally):
 
 @numba.njit(cache=True, error_model="numpy")
 def damped_motion(y, v, t, stiffness, damping, pressing, stiff):
-    """Motion over t under spring and viscoelastic stop, whatever the sign of the force."""
+    """Deflection and rate after t under spring and viscoelastic stop, also where the stop pulls."""
     square = stiff + stiffness
     shape, slope = decay(t, damping, math.sqrt(square))
     push = pressing - square * y
@@ -189,7 +188,7 @@ def damped_motion(y, v, t, stiffness, damping, pressing, stiff):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def extrema(rate, curvature, damping, square):
+def zeros_of_rate(rate, curvature, damping, square):
     """Times of the first two zeros of r, r'' + c r' + W^2 r = 0, r(0) = rate, r'(0) = curvature.
 
     Infinite where there is none. A zero at t = 0 counts where r is negative afterwards.
@@ -213,8 +212,9 @@ def extrema(rate, curvature, damping, square):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def push_to_zero(y, v, left, stiffness, damping, pressing, stiff):
-    """How long a viscoelastic stop goes on pushing, at most `left`, and its largest force.
+def time_to_zero_force(y, v, left, stiffness, damping, pressing, stiff):
+    """Time until the force of a viscoelastic stop is zero, at most `left`, whether it becomes so,
+    and its largest value.
 
     F = K y + c v obeys F'' + c F' + W^2 F = constant, so that F' has its zeros at known times.
     Between a maximum and the next minimum F falls all the way, so it passes 0 there or, as minima
@@ -226,7 +226,7 @@ def push_to_zero(y, v, left, stiffness, damping, pressing, stiff):
     force = max(stiffness * y + damping * v, 0.0)
     rate = stiffness * v + damping * a
     curvature = stiffness * a - damping * (square * v + damping * a)
-    first, second = extrema(rate, curvature, damping, square)
+    first, second = zeros_of_rate(rate, curvature, damping, square)
     rising = rate >= 0.0
     low, high = (first, second) if rising else (0.0, first)
     peak = force
@@ -262,8 +262,8 @@ def push_to_zero(y, v, left, stiffness, damping, pressing, stiff):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def press_damped(y, v, left, data, pressing, stiff, tally):
-    """Contact with a viscoelastic stop; returns y, v and the time that is left after it.
+def contact_viscoelastic(y, v, left, data, pressing, stiff, tally):
+    """Contact with a viscoelastic stop; returns y, v and the time left when it ends.
 
     Where K y + c v < 0 the limiter withdraws without a force, as fast as the mass. With
     q = y + (c / K) v, which in free motion swings about the same centre as y, it pushes again
@@ -275,7 +275,7 @@ def press_damped(y, v, left, data, pressing, stiff, tally):
     pushes = y + lag * v > 0.0
     for _ in range(MOST_EVENTS):
         if pushes:
-            t, ends, peak = push_to_zero(y, v, left, stiffness, damping, pressing, stiff)
+            t, ends, peak = time_to_zero_force(y, v, left, stiffness, damping, pressing, stiff)
             y1, v1 = damped_motion(y, v, t, stiffness, damping, pressing, stiff)
             tally[PEAK] = max(tally[PEAK], peak)
             way, change, square = y1 - y, v1 - v, stiff + stiffness
@@ -305,7 +305,7 @@ def press_damped(y, v, left, data, pressing, stiff, tally):
             elif energy > 0.0:
                 again = travel_time(q, rate, math.sqrt(energy), a_q + pressing, omega)
             t = min(min(out, again), left)
-            y1, v1 = swing(y, v, a, t, omega)
+            y1, v1 = undamped_motion(y, v, a, t, omega)
             if t == left:
                 return y1, v1, 0.0
             if out <= again:
@@ -317,8 +317,8 @@ def press_damped(y, v, left, data, pressing, stiff, tally):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def symplectic(y, v, h, k, pressing, stiff):
-    """One step of PEFRL of a Hertz contact; also the impulse of the contact force."""
+def symplectic_step(y, v, h, k, pressing, stiff):
+    """Deflection, rate and impulse of the contact force after a step of PEFRL, Hertz stop."""
     push = 0.0
     y += XI * h * v
     for part in range(4):
@@ -336,8 +336,8 @@ def symplectic(y, v, h, k, pressing, stiff):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def press_hertz(y, v, left, data, pressing, stiff, tally):
-    """Contact with a Hertz stop; returns y, v and the time that is left after it."""
+def contact_hertz(y, v, left, data, pressing, stiff, tally):
+    """Contact with a Hertz stop; returns y, v and the time left when it ends."""
     k = data[0, 0]
     # twice the energy relative to the first touch
     energy = v * v + y * (stiff * y - 2.0 * pressing + 0.8 * k * y * math.sqrt(y))
@@ -349,12 +349,12 @@ def press_hertz(y, v, left, data, pressing, stiff, tally):
         step = min(h, left)
         if v > 0.0:
             step = min(step, max(HERTZ_START * h, y / v))
-        y1, v1, push = symplectic(y, v, step, k, pressing, stiff)
+        y1, v1, push = symplectic_step(y, v, step, k, pressing, stiff)
         released = y1 <= 0.0
         if released:
             t = step * y / (y - y1) if y > 0.0 else step
             for _ in range(MOST_NEWTON):
-                y1, v1, push = symplectic(y, v, t, k, pressing, stiff)
+                y1, v1, push = symplectic_step(y, v, t, k, pressing, stiff)
                 following = min(max(t - y1 / v1, 0.0), step) if v1 < 0.0 else 0.5 * t
                 if abs(following - t) <= 1e-14 * step:
                     break
@@ -380,10 +380,10 @@ def press_hertz(y, v, left, data, pressing, stiff, tally):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def meet(y, v, left, stop, side, stiff, tally, peaks, sums):
-    """At a stop, seen as an upper one: an impact, or contact until it is left or the time is up.
+def impact_or_contact(y, v, left, stop, side, stiff, tally, peaks, sums):
+    """An impact on a rigid stop, or a contact until it ends or the time `left` is over.
 
-    Returns deflection, its rate, and the time that is left, 0 for a mass that stays there.
+    Returns the deflection of the stop, its rate, and the time left: 0 for a mass that stays there.
     """
     position, kind, data = stop
     pressing = -stiff * side * position
@@ -399,31 +399,31 @@ def meet(y, v, left, stop, side, stiff, tally, peaks, sums):
             sums[(N_UPPER if side > 0.0 else N_LOWER) + 1] += pressing * left / (1.0 + restitution)
             return 0.0, 0.0, 0.0
         return 0.0, v, left
-    mine = 1 if side > 0.0 else 0
+    which = 1 if side > 0.0 else 0
     tally[:] = 0.0
-    tally[PEAK] = peaks[mine]
+    tally[PEAK] = peaks[which]
     if kind == PIECES:
-        y, v, left = press_pieces(y, v, left, data, pressing, stiff, tally)
+        y, v, left = contact_piecewise(y, v, left, data, pressing, stiff, tally)
     elif kind == DAMPED:
-        y, v, left = press_damped(y, v, left, data, pressing, stiff, tally)
+        y, v, left = contact_viscoelastic(y, v, left, data, pressing, stiff, tally)
     else:
-        y, v, left = press_hertz(y, v, left, data, pressing, stiff, tally)
+        y, v, left = contact_hertz(y, v, left, data, pressing, stiff, tally)
     sums[row + IMPULSE] += tally[IMPULSE]
     sums[row + LOSS] += tally[LOSS]
     sums[row + TIME] += tally[TIME]
-    peaks[mine] = tally[PEAK]
+    peaks[which] = tally[PEAK]
     if left > 0.0:
         sums[row + PEAK] += tally[PEAK]
         sums[row + ENDED] += 1.0
-        peaks[mine] = 0.0
+        peaks[which] = 0.0
     return y, v, left
 
 
 @numba.njit(cache=True, error_model="numpy")
 def time_to_touch(x, v, stop, stiff, omega):
-    """Time until a free mass passes `stop` upwards, infinite if it never does; and its speed.
+    """Time until a free mass crosses `stop` upwards, infinite for never, and its speed there.
 
-    A mass that rests on a stop and is pressed onto it passes at once.
+    The time is 0 for a mass that rests on a stop and is pressed onto it.
     """
     square = v * v + stiff * (x - stop) * (x + stop)
     w = math.sqrt(max(square, 0.0))
@@ -435,28 +435,28 @@ def time_to_touch(x, v, stop, stiff, omega):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def flow_through(x, v, left, stiff, lower, upper, threshold, tally, peaks, sums, page=None):
-    """One flow with any number of contacts, added up in `sums`; returns the end (x, v).
+def flow_with_contacts(x, v, left, stiff, lower, upper, threshold, tally, peaks, sums, page=None):
+    """Flow of one path with any number of contacts, which are added to `sums`; returns (x, v).
 
     `peaks` holds the largest force so far of a contact that lasts, of the lower and the upper
-    stop; `tally` is room for four numbers; `page` is None or that of a log, for first touches.
+    stop; `tally` takes the sums of one contact; `page`, None or part of a log, takes first touches.
     """
     omega, span = math.sqrt(stiff), left
     side = 0
     if upper is not None:
-        side = 1 if (x > upper[0] and upper[1] != RIGID) else side
+        side = 1 if (x > upper.position and upper.kind != RIGID) else side
     if lower is not None:
-        side = -1 if (x < lower[0] and lower[1] != RIGID) else side
+        side = -1 if (x < lower.position and lower.kind != RIGID) else side
     for _ in range(MOST_EVENTS):
         if side == 0:
             up, down, w, w_down = math.inf, math.inf, 0.0, 0.0
             if upper is not None:
-                up, w = time_to_touch(x, v, upper[0], stiff, omega)
+                up, w = time_to_touch(x, v, upper.position, stiff, omega)
             if lower is not None:
-                down, w_down = time_to_touch(-x, -v, -lower[0], stiff, omega)
+                down, w_down = time_to_touch(-x, -v, -lower.position, stiff, omega)
             t = min(up, down)
             if t > left:
-                x, v = swing(x, v, -stiff * x, left, omega)
+                x, v = undamped_motion(x, v, -stiff * x, left, omega)
                 break
             left -= t
             side = 1 if up <= down else -1
@@ -467,35 +467,39 @@ def flow_through(x, v, left, stiff, lower, upper, threshold, tally, peaks, sums,
             sums[row + 2] += w * w
             if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
                 if w > 0.0 and w >= threshold:
-                    write_down(page, 0, span - left, side * w)
+                    log_impact(page, 0, span - left, side * w)
             v = side * w
             if upper is not None:
-                x = upper[0] if side > 0 else x
+                x = upper.position if side > 0 else x
             if lower is not None:
-                x = lower[0] if side < 0 else x
+                x = lower.position if side < 0 else x
         if upper is not None and side > 0:
-            y, v, left = meet(x - upper[0], v, left, upper, 1.0, stiff, tally, peaks, sums)
-            x = upper[0] + y
+            y, v, left = impact_or_contact(
+                x - upper.position, v, left, upper, 1.0, stiff, tally, peaks, sums
+            )
+            x = upper.position + y
         if lower is not None and side < 0:
-            y, v, left = meet(lower[0] - x, -v, left, lower, -1.0, stiff, tally, peaks, sums)
-            x, v = lower[0] - y, -v
+            y, v, left = impact_or_contact(
+                lower.position - x, -v, left, lower, -1.0, stiff, tally, peaks, sums
+            )
+            x, v = lower.position - y, -v
         if left <= 0.0:
             break
         side = 0
     # rounding, or bounces without end, must not leave the mass in a wall
     if upper is not None:
-        x = min(x, upper[0]) if upper[1] == RIGID else x
+        x = min(x, upper.position) if upper.kind == RIGID else x
     if lower is not None:
-        x = max(x, lower[0]) if lower[1] == RIGID else x
+        x = max(x, lower.position) if lower.kind == RIGID else x
     return x, v
 
 
 @numba.njit(cache=True, error_model="numpy")
-def fly_clear(x, v, z, near, kick, flow, lower, upper):
-    """One step of every path that no stop is in the way of; the others get their kick and a mark.
+def step_clear_paths(x, v, z, near, kick, flow, lower, upper):
+    """Advance every path that touches no stop by one step; kick and mark the others.
 
-    For w0 h < pi. A mass turns in the step if it moves up before and down after it; its orbit
-    then reaches the stop if v^2 + w0^2 x^2 > w0^2 stop^2.
+    This holds for w0 h < pi. A mass turns in the step if it moves up before and down after it; its
+    orbit then reaches the stop if v^2 + w0^2 x^2 > w0^2 stop^2. Returns the number of marked paths.
     """
     e, s = kick
     _, cosine, sine, stiff = flow
@@ -505,40 +509,37 @@ def fly_clear(x, v, z, near, kick, flow, lower, upper):
         p = e * v[i] + s * z[i]
         x1 = cosine * q + sine * p
         v1 = cosine * p - stiff * sine * q
-        meets = False
+        touches = False
         if upper is not None:
-            stop = upper[0]
+            stop = upper.position
             high = p * p + stiff * (q - stop) * (q + stop) > 0.0
-            meets = (q > stop) | (x1 >= stop) | ((p > 0.0) & (v1 < 0.0) & high)
+            touches = (q > stop) | (x1 >= stop) | ((p > 0.0) & (v1 < 0.0) & high)
         if lower is not None:
-            stop = lower[0]
+            stop = lower.position
             low = p * p + stiff * (q - stop) * (q + stop) > 0.0
-            meets = meets | (q < stop) | (x1 <= stop) | ((p < 0.0) & (v1 > 0.0) & low)
-        x[i] = q if meets else x1
-        v[i] = p if meets else v1
-        near[i] = 1.0 if meets else 0.0
-        count += 1 if meets else 0
+            touches = touches | (q < stop) | (x1 <= stop) | ((p < 0.0) & (v1 > 0.0) & low)
+        x[i] = q if touches else x1
+        v[i] = p if touches else v1
+        near[i] = 1.0 if touches else 0.0
+        count += 1 if touches else 0
     return count
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def run_contacts(
-    x, v, streams, sums, kick, flow, lower, upper, counting, record, log
-):  # fmt: skip
-    """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
+def run_contacts(paths, kick, flow, lower, upper, counting, record, log):
+    """Advance every path by burn_in + steps steps, and add up the last `steps`.
 
     Parameters
     ----------
-    x, v : (paths,) start, replaced by the end.
-    streams : (2, paths) random streams, advanced.
-    sums : (CONTACT_SUMS, paths), added to.
+    paths : `steps.Paths`, with sums (CONTACT_SUMS, paths).
     kick, flow, counting : `steps.Kick`, `steps.Flow` and `steps.Counting`.
-    lower, upper : None, or (stop, kind, data) with positions from the rest position.
-    record : None, or zeros (steps, paths, 3) to take x, v and the speeds of first touches of every
-        step, added up, negative at the lower stop; the burn-in must then be 0.
-    log : None, or an `impact_log.Log` of the first touches as fast as the threshold in the counted
-        steps.
+    lower, upper : None, or a `steps.ContactStop`.
+    record : None, or zeros (steps, paths, 3), which get x, v and the sum of the speeds of first
+        touches of every step, negative at the lower stop; the burn-in must then be 0.
+    log : None, or an `impact_log.Log`, which gets the first touches in the counted steps that are
+        at least as fast as the threshold.
     """
+    x, v, streams, sums = paths
     burn_in, steps, stride, origin, threshold = counting
     first, second, mark = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
@@ -558,24 +559,15 @@ def run_contacts(
                 normal_pairs(state0, state1, z1, z2)
             counted = step >= burn_in
             z = z1 if step % 2 == 0 else z2
-            count = fly_clear(xs, vs, z, near, kick, flow, lower, upper)
+            count = step_clear_paths(xs, vs, z, near, kick, flow, lower, upper)
             for i in range(end - start if count > 0 else 0):
                 if near[i] != 0.0:
                     target = extra[i] if counted else unused
                     before = target[N_UPPER + 1] - target[N_LOWER + 1]
-                    xs[i], vs[i] = flow_through(
-                        xs[i],
-                        vs[i],
-                        flow.step,
-                        flow.stiff,
-                        lower,
-                        upper,
-                        threshold,
-                        tally,
-                        peaks[i],
-                        target,
-                        page_of(log, start + i, step - burn_in, flow.step),
-                    )
+                    xs[i], vs[i] = flow_with_contacts(
+                        xs[i], vs[i], flow.step, flow.stiff, lower, upper, threshold, tally,
+                        peaks[i], target, page_of(log, start + i, step - burn_in, flow.step),
+                    )  # fmt: skip
                     if record is not None:
                         after = target[N_UPPER + 1] - target[N_LOWER + 1]
                         record[step - burn_in, start + i, 2] = after - before

@@ -22,7 +22,7 @@ import math
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.impact_log import later, page_of, write_down
+from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_after, page_of
 from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (
@@ -40,19 +40,20 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 from stochvi.methods.monte_carlo.kernels.steps import Flow
 
 LANES = 256
-"""Number of paths that move together. Their dozen arrays of 2 kB stay in the first-level cache."""
+"""Number of paths that are advanced together: their dozen arrays of 2 kB each stay in the
+first-level cache."""
 
 CORNER_SHARE = 0.25
 """Usual length of a sub-step near a stop, as a share of the time in which noise changes the state.
 The error of slow impacts falls with its root, and the cost of sub-steps grows with its inverse."""
 
 AGAIN = np.inf
-"""Marks a path whose step may hold more than one impact, in the array of impact speeds."""
+"""Entry of the array of impact speeds for a path that may have several impacts in the step."""
 
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
-def passage(x, v, x1, v1, stiff, stop):
-    """Whether the free orbit from (x, v) to (x1, v1) passes `stop` upwards; w, E2 Sr and E2 Cr."""
+def find_crossing(x, v, x1, v1, stiff, stop):
+    """Whether the free orbit from (x, v) to (x1, v1) crosses `stop` upwards; w, E2 Sr and E2 Cr."""
     # differences of squares keep their digits close to the stop
     square = v * v + stiff * (x - stop) * (x + stop)
     w = math.sqrt(max(square, 0.0))
@@ -63,8 +64,8 @@ def passage(x, v, x1, v1, stiff, stop):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def drift(x, v, z, kick, flow):
-    """Fly every path over one step where there is no stop."""
+def step_without_stops(x, v, z, kick, flow):
+    """Advance every path by one step where there is no stop."""
     e, s = kick
     _, cosine, sine, stiff = flow
     for i in range(x.shape[0]):
@@ -75,10 +76,12 @@ def drift(x, v, z, kick, flow):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def fly(x, v, z, hit, kick, flow, lower, upper):
-    """Fly every path over one step; `hit` gets +w at the upper stop, -w at the lower, 0, or AGAIN.
+def step_with_stops(x, v, z, hit, kick, flow, lower, upper):
+    """Advance every path by one step.
 
-    A path marked AGAIN has had its kick only. Returns how many there are.
+    `hit` gets the impact speed, w at the upper stop and -w at the lower one, 0 without an impact,
+    or AGAIN for a path that has had its kick only, as it may hit more than once. Returns the number
+    of paths marked AGAIN.
     """
     e, s = kick
     h, cosine, sine, stiff = flow
@@ -96,7 +99,7 @@ def fly(x, v, z, hit, kick, flow, lower, upper):
         shift_v = 0.0
         if upper is not None:
             stop, restitution, slow = upper
-            up, w, sr, cr = passage(q, p, x1, v1, stiff, stop)
+            up, w, sr, cr = find_crossing(q, p, x1, v1, stiff, stop)
             factor = (1.0 + restitution) * w * inverse if up else 0.0
             shift_x = factor * sr
             shift_v = factor * cr
@@ -104,21 +107,21 @@ def fly(x, v, z, hit, kick, flow, lower, upper):
             both = up & (restitution * w < slow)
         if lower is not None:
             stop, restitution, slow = lower
-            down, w, sr, cr = passage(-q, -p, -x1, -v1, stiff, -stop)
+            down, w, sr, cr = find_crossing(-q, -p, -x1, -v1, stiff, -stop)
             factor = (1.0 + restitution) * w * inverse if down else 0.0
             both = both | (down & ((speed > 0.0) | (restitution * w < slow)))
             shift_x -= factor * sr
             shift_v -= factor * cr
             speed = -w if down else speed
         if (lower is not None) and (upper is not None):
-            gap = upper[0] - lower[0]
+            gap = upper.position - lower.position
             both = both | ((speed != 0.0) & (energy * h * h >= gap * gap))
         x2 = x1 - shift_x
         v2 = v1 - shift_v
         if upper is not None:
-            x2 = min(x2, upper[0])
+            x2 = min(x2, upper.position)
         if lower is not None:
-            x2 = max(x2, lower[0])
+            x2 = max(x2, lower.position)
         x[i] = q if both else x2
         v[i] = p if both else v2
         hit[i] = AGAIN if both else speed
@@ -127,12 +130,12 @@ def fly(x, v, z, hit, kick, flow, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def fly_between(x, v, z, hit, kick, flow, lower, upper):
-    """`fly` for stops on either side of the rest position, omega h <= pi / 2: one test a step.
+def step_between_stops(x, v, z, hit, kick, flow, lower, upper):
+    """`step_with_stops` for stops on either side of the rest position and omega h <= pi / 2.
 
-    A mass that moves up cannot meet the lower stop first: it would have to turn before the upper
-    stop, and from there it is more than a quarter of a period to the lower one. The signs of x
-    and v are changed so that every mass moves up.
+    One test a step is enough: a mass that moves up cannot hit the lower stop first, since it would
+    have to turn before the upper stop, and from there it is more than a quarter of a period to the
+    lower one. The signs of x and v are changed so that every mass moves up.
     """
     e, s = kick
     _, cosine, sine, stiff = flow
@@ -152,7 +155,7 @@ def fly_between(x, v, z, hit, kick, flow, lower, upper):
         x1 = cosine * q + sine * p
         v1 = cosine * p - stiff * sine * q
         energy = p * p + stiff * q * q
-        passed, w, sr, cr = passage(q, p, x1, v1, stiff, stop)
+        passed, w, sr, cr = find_crossing(q, p, x1, v1, stiff, stop)
         more = passed & (sr * sr >= reach * reach * energy)
         factor = (1.0 + restitution) * w / energy if passed else 0.0
         x2 = min(x1 - factor * sr, stop)
@@ -169,7 +172,7 @@ def fly_between(x, v, z, hit, kick, flow, lower, upper):
 
 @numba.njit(cache=True, error_model="numpy")
 def time_since(s_r, c_r, stiff):
-    """The time since a passage with these (Sr, Cr)."""
+    """Time r in s since a crossing, from its (Sr, Cr)."""
     if stiff > 0.0:
         omega = math.sqrt(stiff)
         return math.atan2(omega * s_r, c_r) / omega
@@ -178,28 +181,32 @@ def time_since(s_r, c_r, stiff):
 
 @numba.njit(cache=True, error_model="numpy")
 def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
-    """When in its step a path met the stop that `hit` names; x, v as they were before the kick."""
+    """Time in s from the start of a step to the impact on the stop that the sign of `hit` names.
+
+    x and v are those before the kick.
+    """
     e, s = kick
     h, cosine, sine, stiff = flow
     p = e * v + s * z
     stop = 0.0
     if upper is not None:
-        stop = upper[0]
+        stop = upper.position
     if lower is not None:
-        stop = lower[0] if hit < 0.0 else stop
+        stop = lower.position if hit < 0.0 else stop
     side = 1.0 if hit > 0.0 else -1.0
     x1, v1 = side * (cosine * x + sine * p), side * (cosine * p - stiff * sine * x)
-    _, _, sr, cr = passage(side * x, side * p, x1, v1, stiff, side * stop)
+    _, _, sr, cr = find_crossing(side * x, side * p, x1, v1, stiff, side * stop)
     energy = p * p + stiff * x * x
     return min(max(h - time_since(sr / energy, cr / energy, stiff), 0.0), h)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
-    """Fly one path through a flow with any number of impacts, added up in `sums`; returns (x, v).
+def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page=None):
+    """Flow of one path with any number of impacts, which are added to `sums`; returns (x, v).
 
-    A mass that is pressed against a stop and bounces too low to leave it rests there; its impacts
-    are the limit of ever lower bounces, whose impulses (1 + R) w add up to the pressing force.
+    A mass that is pressed against a stop and rebounds too slowly to leave it rests there; its
+    impacts are the limit of ever lower bounces, whose impulses (1 + R) w add up to the pressing
+    force.
     """
     h, cosine, sine, stiff = flow
     x1 = cosine * x + sine * v
@@ -210,15 +217,15 @@ def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
         down = False
         upper_cr = 0.0
         if upper is not None:
-            up, w, sr, upper_cr = passage(x, v, x1, v1, stiff, upper[0])
+            up, w, sr, upper_cr = find_crossing(x, v, x1, v1, stiff, upper.position)
             if up:
-                position, restitution = upper[0], upper[1]
+                position, restitution = upper.position, upper.restitution
                 speed, s_r, c_r = w, sr / energy, upper_cr / energy
         if lower is not None:
-            down, w, sr, cr = passage(-x, -v, -x1, -v1, stiff, -lower[0])
+            down, w, sr, cr = find_crossing(-x, -v, -x1, -v1, stiff, -lower.position)
             # of two passages the first is the one farther from the end
             if down and (not up or cr < upper_cr):
-                position, restitution = lower[0], lower[1]
+                position, restitution = lower.position, lower.restitution
                 speed, s_r, c_r = -w, sr / energy, cr / energy
                 up = False
             else:
@@ -234,7 +241,7 @@ def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
         sums[row + 2] += w * w
         if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
             if w >= threshold:
-                write_down(page, 0, h - time_since(s_r, c_r, stiff), speed)
+                log_impact(page, 0, h - time_since(s_r, c_r, stiff), speed)
         x1 -= (1.0 + restitution) * speed * s_r
         v1 -= (1.0 + restitution) * speed * c_r
         x = position
@@ -244,23 +251,27 @@ def bounce(x, v, flow, lower, upper, threshold, sums, page=None):
             sums[row + 1] += pressing * time_since(s_r, c_r, stiff) / (1.0 + restitution)
             return position, 0.0
     if upper is not None:
-        x1 = min(x1, upper[0])
+        x1 = min(x1, upper.position)
     if lower is not None:
-        x1 = max(x1, lower[0])
+        x1 = max(x1, lower.position)
     return x1, v1
 
 
 @numba.njit(cache=True, error_model="numpy")
-def find_in_corner(x, v, owed, usual, corner, lower, upper, found):
-    """Mark paths that are near a stop and slow, or come from there with less of a kick owed."""
+def find_near_stop(x, v, owed, usual, corner, lower, upper, found):
+    """Mark the paths that are slow and near a stop, and those that were so a step before.
+
+    The latter are known by the half kick `owed`, which differs from the usual one. Returns the
+    number of marked paths.
+    """
     width, speed = corner.width, corner.speed
     count = 0
     for i in range(x.shape[0]):
         near = False
         if upper is not None:
-            near = x[i] > upper[0] - width
+            near = x[i] > upper.position - width
         if lower is not None:
-            near = near | (x[i] < lower[0] + width)
+            near = near | (x[i] < lower.position + width)
         slow = (near & (abs(v[i]) < speed)) | (owed[i] != usual)
         found[i] = 1.0 if slow else 0.0
         count += 1 if slow else 0
@@ -268,17 +279,18 @@ def find_in_corner(x, v, owed, usual, corner, lower, upper, found):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def fly_corner(x, v, owed, s0, s1, corner, stiff, lower, upper, threshold, sums, page=None):
-    """Fly one path near a stop in sub-steps, each short enough for the state it starts from.
+def step_near_stop(x, v, owed, s0, s1, corner, lower, upper, threshold, sums, page=None):
+    """Advance one path near a stop by one step in sub-steps that suit the state they start from.
 
-    Free of any other scale, noise of intensity S0 changes a velocity v in the time v^2 / S0 and a
-    distance d in (d^2 / S0)^(1/3); a sub-step is at most `share` of the larger of the two.
-    Its length is chosen before its noise is drawn, so the choice brings no bias.
+    Noise of intensity S0 alone changes a velocity v in the time v^2 / S0 and a distance d in
+    (d^2 / S0)^(1/3); a sub-step is at most `share` of the larger of the two. Its length is chosen
+    before its noise is drawn, so the choice brings no bias.
 
-    A step is half a kick, a flow, and half a kick; the last half is `owed` until the next step,
-    whose first half it joins. With steps of one length that is a whole kick; here it is not.
+    A sub-step is half a kick, a flow, and half a kick; the last half is `owed` to the next
+    sub-step, whose first half it joins. With steps of one length that is a whole kick; here it is
+    not.
 
-    Returns x, v, the time of the kick that is owed, and the stream's state.
+    Returns x, v, the length in s of the half kick that is owed, and the two words of the stream.
     """
     damping_rate, intensity = corner.damping_rate, corner.intensity
     ladder, share = corner.ladder, corner.share
@@ -289,9 +301,9 @@ def fly_corner(x, v, owed, s0, s1, corner, stiff, lower, upper, threshold, sums,
     while left > 0:
         distance = np.inf
         if upper is not None:
-            distance = min(distance, upper[0] - x)
+            distance = min(distance, upper.position - x)
         if lower is not None:
-            distance = min(distance, x - lower[0])
+            distance = min(distance, x - lower.position)
         longest = share * max(v * v / intensity, (distance * distance / intensity) ** (1.0 / 3.0))
         level = deepest
         while level > 0 and (2 << (deepest - level)) <= min(left, longest / unit):
@@ -308,15 +320,17 @@ def fly_corner(x, v, owed, s0, s1, corner, stiff, lower, upper, threshold, sums,
         decay = math.exp(-damping_rate * kick)
         # S0 (1 - e^(-2 b t)) / (2 b), which is S0 t (1 + e^(-2 b t)) / 2 to third order in b t
         v = decay * v + math.sqrt(intensity * kick * 0.5 * (1.0 + decay * decay)) * z
-        flow = Flow(length, ladder[level, 1], ladder[level, 2], stiff)
+        flow = Flow(length, ladder[level, 1], ladder[level, 2], corner.stiff)
         elapsed = ladder[0, 0] - (left + (1 << (deepest - level))) * unit
-        x, v = bounce(x, v, flow, lower, upper, threshold, sums, later(page, elapsed))
+        x, v = flow_with_impacts(
+            x, v, flow, lower, upper, threshold, sums, page_after(page, elapsed)
+        )
     return x, v, owed, s0, s1
 
 
 @numba.njit(cache=True, error_model="numpy")
 def count_side(hit, threshold, number, speed_sum, square_sum):
-    """Add the impacts of one step on the upper stop (hit > 0)."""
+    """Add the impacts of one step on the upper stop (hit > 0) to N, F1 and F2 of every path."""
     for i in range(hit.shape[0]):
         w = hit[i]
         w = w if w > 0.0 else 0.0
@@ -343,8 +357,11 @@ def negate(values, out):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def take_several(several, counted, local, record, sample, first_path, i):
-    """Add the impacts of a step that had any number; a record takes their summed speed."""
+def add_impacts(several, counted, local, record, sample, first_path, i):
+    """Add the sums of a step with several impacts to those of path i; a record takes their speed.
+
+    The speed of several impacts is the sum of their speeds, negative at the lower stop.
+    """
     if counted:
         local[:, i] += several
     if record is not None:
@@ -352,25 +369,23 @@ def take_several(several, counted, local, record, sample, first_path, i):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def run_white(
-    x, v, streams, sums, kick, flow, lower, upper, between, corner, counting, record, log
-):
-    """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
+def run_white(paths, kick, flow, lower, upper, between, corner, counting, record, log):
+    """Advance every path by burn_in + steps steps, and add up the last `steps`.
 
     Parameters
     ----------
-    x, v : (paths,) start, replaced by the end.
-    streams : (2, paths) random streams, advanced.
-    sums : (SUMS, paths), added to.
+    paths : `steps.Paths`, with sums (SUMS, paths).
     kick, flow : `steps.Kick` and `steps.Flow`.
     lower, upper : None, or a `steps.RigidStop`.
     between : None, or () where the stops lie on either side of the rest position.
     corner : None, or a `steps.Corner` to refine steps near a stop.
     counting : `steps.Counting`.
-    record : None, or zeros (steps, paths, 3) to take x, v and the impact speed of every step;
+    record : None, or zeros (steps, paths, 3), which get x, v and the impact speed of every step;
         the burn-in must then be 0.
-    log : None, or an `impact_log.Log` of the impacts as fast as the threshold in the counted steps.
+    log : None, or an `impact_log.Log`, which gets the impacts in the counted steps that are at
+        least as fast as the threshold.
     """
+    x, v, streams, sums = paths
     burn_in, steps, stride, origin, threshold = counting
     first = np.empty(LANES)
     second = np.empty(LANES)
@@ -397,26 +412,26 @@ def run_white(
             counted = step >= burn_in
             refined = 0
             if corner is not None:
-                refined = find_in_corner(xs, vs, owed, usual, corner, lower, upper, slow)
+                refined = find_near_stop(xs, vs, owed, usual, corner, lower, upper, slow)
                 for i in range(end - start if refined > 0 else 0):
                     if slow[i] != 0.0:
                         several[:] = 0.0
-                        corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = fly_corner(
-                            xs[i], vs[i], owed[i], state0[i], state1[i], corner, flow.stiff, lower,
-                            upper, threshold, several,
+                        corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = step_near_stop(
+                            xs[i], vs[i], owed[i], state0[i], state1[i], corner, lower, upper,
+                            threshold, several,
                             page_of(log, start + i, step - burn_in, flow.step),
                         )  # fmt: skip
-                        take_several(several, counted, local, record, step - burn_in, start, i)
+                        add_impacts(several, counted, local, record, step - burn_in, start, i)
             z = z1 if step % 2 == 0 else z2
             if log is not None:
                 before_x[: end - start], before_v[: end - start] = xs, vs
             again = 0
             if (lower is None) and (upper is None):
-                drift(xs, vs, z, kick, flow)
+                step_without_stops(xs, vs, z, kick, flow)
             elif between is not None:
-                again = fly_between(xs, vs, z, hits, kick, flow, lower, upper)
+                again = step_between_stops(xs, vs, z, hits, kick, flow, lower, upper)
             else:
-                again = fly(xs, vs, z, hits, kick, flow, lower, upper)
+                again = step_with_stops(xs, vs, z, hits, kick, flow, lower, upper)
             for i in range(end - start if refined > 0 else 0):
                 if slow[i] != 0.0:
                     again -= 1 if hits[i] == AGAIN else 0
@@ -424,12 +439,12 @@ def run_white(
             for i in range(end - start if again > 0 else 0):
                 if hits[i] == AGAIN:
                     several[:] = 0.0
-                    xs[i], vs[i] = bounce(
+                    xs[i], vs[i] = flow_with_impacts(
                         xs[i], vs[i], flow, lower, upper, threshold, several,
                         page_of(log, start + i, step - burn_in, flow.step),
                     )  # fmt: skip
                     hits[i] = 0.0
-                    take_several(several, counted, local, record, step - burn_in, start, i)
+                    add_impacts(several, counted, local, record, step - burn_in, start, i)
             if counted:
                 if log is not None:
                     for i in range(end - start):
@@ -438,7 +453,7 @@ def run_white(
                                 before_x[i], before_v[i], hits[i], kick, z[i], flow, lower, upper
                             )
                             page = page_of(log, start + i, step - burn_in, flow.step)
-                            write_down(page, 0, elapsed, hits[i])
+                            log_impact(page, 0, elapsed, hits[i])
                 if upper is not None:
                     count_side(hits, threshold, local[N_UPPER], local[F1_UPPER], local[F2_UPPER])
                 if lower is not None:

@@ -1,6 +1,6 @@
-"""Where kernels write impacts down one by one, each at the time at which it happens.
+"""Logs of single impacts, each with the time at which it happens.
 
-A kernel that is given no log (`None`) holds no code for one.
+A kernel that gets `None` for a log is compiled without the code for one.
 """
 
 from typing import NamedTuple
@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 COLUMNS = 4
-"""Numbers of an impact in a log: path, pair, time, speed."""
+"""Number of columns of a log, one row an impact: path, pair, time, speed."""
 
 
 class Log(NamedTuple):
-    """Room for the impacts of a block of paths.
+    """The impacts of a block of paths.
 
     Parameters
     ----------
     events : (rows, COLUMNS): number of the path in the block, number of the pair, time in s, and
         impact speed in m/s, negative at the lower stop.
-    count : (1,), how many impacts there were, stored or not.
+    count : (1,), number of impacts, including those for which there was no row left.
     start : s, the time at which the first counted step begins.
     """
 
@@ -44,7 +44,7 @@ class Page(NamedTuple):
 
 @numba.njit(cache=True, error_model="numpy")
 def page_of(log, path, number, step):
-    """The page of a path in the counted step `number`, or None without a log.
+    """Part of a log for a path in the counted step `number`; None without a log.
 
     Steps of the burn-in have negative numbers.
     """
@@ -54,18 +54,18 @@ def page_of(log, path, number, step):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def later(page, elapsed):
-    """The page of the rest of a step, or None without a log."""
+def page_after(page, elapsed):
+    """Part of a log for what is left of a step after `elapsed` s; None without a log."""
     if page is None:
         return None
     return Page(page.events, page.count, page.counted, page.path, page.start + elapsed)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def write_down(page, pair, elapsed, speed):
-    """Write an impact into the next row, as long as there are rows; all are counted.
+def log_impact(page, pair, elapsed, speed):
+    """Count an impact, and write it into the next row of the log if there is one left.
 
-    `elapsed` is the time since the step began.
+    `elapsed` is the time since the step began, s; `speed` is negative at the lower stop, m/s.
     """
     if page.counted:
         k = page.count[0]

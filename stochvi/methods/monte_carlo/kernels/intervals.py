@@ -1,7 +1,7 @@
-"""Within one interval of time: free decay of the structure, cubic motion, when it meets a stop.
+"""Motion within one interval of time: free decay, and the cubic between two samples.
 
-Between two samples the motion is taken as the cubic through values and slopes at both ends. What
-an impact or a contact changes decays as e'' = -b e' - w0^2 e.
+Between two samples the motion is the cubic through values and slopes at both ends. The change e
+that an impact or a contact makes to it decays as e'' = -b e' - w0^2 e.
 
 Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
 """
@@ -34,10 +34,10 @@ def decay(t, damping_rate, omega):
 
 @numba.njit(cache=True, error_model="numpy")
 def first_upward_root(c0, c1, c2, c3):
-    """First s in (0, 1] where c0 + c1 s + c2 s^2 + c3 s^3 passes 0 upwards, or 2 for none.
+    """First s in (0, 1] where c0 + c1 s + c2 s^2 + c3 s^3 crosses 0 upwards, or 2 for none.
 
     The cubic starts at or below 0. Its pieces between extrema are monotone, so each holds at
-    most one root, which bisection cannot miss and Newton sharpens.
+    most one root, which Newton's method finds, kept within bounds by bisection.
     """
     extrema = (2.0, 2.0)
     discriminant = c2 * c2 - 3.0 * c1 * c3
@@ -75,7 +75,7 @@ def first_upward_root(c0, c1, c2, c3):
 
 @numba.njit(cache=True, error_model="numpy")
 def time_to_stop(x0, v0, x1, v1, span, stop):
-    """Fraction of the interval until x passes `stop` upwards, 2 for never, and the speed then."""
+    """Fraction of the interval until x crosses `stop` upwards, 2 for never, and the speed there."""
     top = max(max(x0 + v0 * span / 3.0, x1 - v1 * span / 3.0), max(x0, x1))
     if top <= stop:  # the cubic lies in the hull of its four control points
         return 2.0, 0.0

@@ -10,9 +10,9 @@ from stochvi.methods.monte_carlo.kernels.fused import fma
 
 @numba.njit(cache=True, error_model="numpy")
 def matrix_pass(out, keep, sources, table, width):
-    """out = keep out + matrix . sources, `width` lanes; by rows: (starts, columns, weights).
+    """out = keep out + matrix . sources in the first `width` lanes; `table` holds the matrix.
 
-    Four sources at a time, each row in one vectorised loop over the lanes.
+    Each row adds up to four products in one vectorised loop over the lanes.
     """
     starts, columns, weights = table
     for row in range(starts.shape[0] - 1):
@@ -20,38 +20,43 @@ def matrix_pass(out, keep, sources, table, width):
         kept = keep
         while k < last:
             if last - k >= 4:
-                mix_four(
-                    out, row, kept, sources, columns[k], weights[k], columns[k + 1],
-                    weights[k + 1], columns[k + 2], weights[k + 2], columns[k + 3], weights[k + 3],
-                    width,
+                add_four(
+                    out, row, kept, sources,
+                    (columns[k], columns[k + 1], columns[k + 2], columns[k + 3]),
+                    (weights[k], weights[k + 1], weights[k + 2], weights[k + 3]), width,
                 )  # fmt: skip
                 k += 4
             elif last - k >= 2:
-                mix_two(
-                    out, row, kept, sources, columns[k], weights[k], columns[k + 1], weights[k + 1],
-                    width,
-                )  # fmt: skip
+                both, pair = (columns[k], columns[k + 1]), (weights[k], weights[k + 1])
+                add_two(out, row, kept, sources, both, pair, width)
                 k += 2
             else:
-                mix_one(out, row, kept, sources, columns[k], weights[k], width)
+                add_one(out, row, kept, sources, columns[k], weights[k], width)
                 k += 1
             kept = 1.0
 
 
 @numba.njit(cache=True, error_model="numpy")
-def mix_one(out, row, keep, x, j, a, width):
+def add_one(out, row, keep, x, column, weight, width):
+    """out[row] = keep out[row] + weight x[column]."""
     for i in range(width):
-        out[row, i] = fma(a, x[j, i], keep * out[row, i])
+        out[row, i] = fma(weight, x[column, i], keep * out[row, i])
 
 
 @numba.njit(cache=True, error_model="numpy")
-def mix_two(out, row, keep, x, j, a, k, b, width):
+def add_two(out, row, keep, x, columns, weights, width):
+    """out[row] = keep out[row] + the products of two weights with their rows of x."""
+    j, k = columns
+    a, b = weights
     for i in range(width):
         out[row, i] = fma(b, x[k, i], fma(a, x[j, i], keep * out[row, i]))
 
 
 @numba.njit(cache=True, error_model="numpy")
-def mix_four(out, row, keep, x, j, a, k, b, m, c, n, d, width):
+def add_four(out, row, keep, x, columns, weights, width):
+    """out[row] = keep out[row] + the products of four weights with their rows of x."""
+    j, k, m, n = columns
+    a, b, c, d = weights
     for i in range(width):
         out[row, i] = fma(
             d, x[n, i], fma(c, x[m, i], fma(b, x[k, i], fma(a, x[j, i], keep * out[row, i])))

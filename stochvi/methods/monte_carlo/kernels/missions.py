@@ -1,8 +1,8 @@
-"""Missions under white noise by kick-flow-kick, each flown until something happens.
+"""Missions under white noise by kick-flow-kick, each simulated until its event.
 
 The step is that of `contact`: a kick by noise and damping, then the exact undamped motion with the
 stops in it. A mission ends with its event, with its time, or where its energy first reaches a
-level, from where splitting goes on with copies of it. Paths that fly together fill lanes; a lane
+level, from where splitting goes on with copies of it. Paths that move together fill lanes; a lane
 whose path has ended takes the next one, so that no lane waits for the longest path.
 
 Symbols: x is measured from the rest position under the load; E2 = v^2 + w0^2 x^2 is twice the
@@ -14,7 +14,7 @@ import math
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.contact import flow_through, fly_clear
+from stochvi.methods.monte_carlo.kernels.contact import flow_with_contacts, step_clear_paths
 from stochvi.methods.monte_carlo.kernels.flight import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (
@@ -28,19 +28,19 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 )
 
 OVER, AT_LEVEL, HAPPENED = range(3)
-"""How a flight ended: time is up, the level is reached, the event has happened."""
+"""How a path ended: its time is over, it reached the level, or the event happened."""
 
 PASSAGE, IMPACT, FORCE, NOTHING = range(4)
-"""Events: a barrier is passed; an impact at a speed or faster; a force of a stop above its limit;
-none."""
+"""Events: the mass passes a barrier; it hits a stop at a given speed or faster; the force of a stop
+exceeds its limit; there is no event."""
 
 
 @numba.njit(cache=True, error_model="numpy")
-def too_strong(peaks, sums, limit):
-    """Whether a stop's force in a step, of a contact that lasts or ended, is above its limit.
+def exceeds_force_limit(peaks, sums, limit):
+    """Whether the force of a stop exceeded its limit in a step, in contacts that last or ended.
 
-    Contacts that ended in one step on one stop count with their mean: so soon after one another
-    they are nearly alike.
+    Contacts with one stop that ended in one step count with their mean peak force: so soon after
+    one another they are nearly alike.
     """
     for side, row in ((0, CONTACT_LOWER), (1, CONTACT_UPPER)):
         force = peaks[side]
@@ -52,48 +52,48 @@ def too_strong(peaks, sums, limit):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def pass_time(x, v, left, top, near, stiff, level, mark):
-    """Count a step down and mark the paths that need a look; returns how many.
+def count_down(x, v, left, top, near, stiff, level, mark):
+    """Take one step off the steps left, and mark the paths to be handled one by one.
 
-    Of a path that meets a stop, the step is still to be made.
+    These are paths at a stop, whose step is still to be made, at the level, or at the end of their
+    time. Returns their number.
     """
     count = 0
     for i in range(x.shape[0]):
         energy = v[i] * v[i] + stiff * x[i] * x[i]
         rest = left[i] - 1.0
-        met = near[i] != 0.0
+        at_stop = near[i] != 0.0
         left[i] = rest
-        top[i] = max(top[i], 0.0 if met else energy)
-        look = (energy >= level) | (rest <= 0.0) | met
-        mark[i] = 1.0 if look else 0.0
-        count += 1 if look else 0
+        top[i] = max(top[i], 0.0 if at_stop else energy)
+        single = (energy >= level) | (rest <= 0.0) | at_stop
+        mark[i] = 1.0 if single else 0.0
+        count += 1 if single else 0
     return count
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def fly_missions(
+def run_missions(
     fleet, kick, flow, lower, upper, event, limit, threshold, counted, level
 ):  # fmt: skip
-    """Fly every path that has steps left until its event, the level, or the end of its time.
+    """Simulate every path that has steps left until its event, the level, or the end of its time.
 
     Parameters
     ----------
-    fleet : seven arrays,
+    fleet : the seven arrays of `monte_carlo.missions.Fleet`,
         x, v : (paths,) start, replaced by the end;
         left : (paths,) steps left, replaced by those left at the end;
         top : (paths,) replaced by the largest E2 at the start and at the ends of steps;
-        how : (paths,) replaced by OVER, AT_LEVEL or HAPPENED, but of a path without steps left;
-        hits : (paths,) replaced by the impacts at `threshold` and faster in the steps that count;
+        how : (paths,) replaced by OVER, AT_LEVEL or HAPPENED, except for paths without steps left;
+        hits : (paths,) replaced by the impacts at `threshold` and faster in the counted steps;
         streams : (2, paths) random streams, advanced.
     kick, flow : `steps.Kick` and `steps.Flow`.
-    lower, upper : None, or (position, kind, data); where the event is PASSAGE the barriers.
-    event, limit : what ends a mission, and its limits at the lower and the upper stop: m/s^2 for a
-        force per unit mass; for a speed, m/s, the first holds for both.
-    counted : an event, or an impact, counts in the last `counted` steps only. Barriers are not
-        there before.
-    level : E2 at which a flight ends.
+    lower, upper : None, or a `steps.ContactStop`; for the event PASSAGE they are the barriers.
+    event, limit : the event that ends a mission, and its limits at the lower and the upper stop: a
+        force per unit mass, m/s^2; of the limits of a speed, m/s, the first holds for both stops.
+    counted : events and impacts count in the last `counted` steps only. Barriers act only in them.
+    level : E2 at which a path ends.
 
-    Returns the steps that were made.
+    Returns the number of steps that were made.
     """
     x, v, left, top, how, hits, streams = fleet
     stiff = flow.stiff
@@ -141,12 +141,14 @@ def fly_missions(
         for half in range(2):
             z = z1 if half == 0 else z2
             steps += lanes
-            fly_clear(xs[:lanes], vs[:lanes], z[:lanes], near[:lanes], kick, flow, lower, upper)
-            looks = pass_time(
+            step_clear_paths(
+                xs[:lanes], vs[:lanes], z[:lanes], near[:lanes], kick, flow, lower, upper
+            )
+            marked = count_down(
                 xs[:lanes], vs[:lanes], rest[:lanes], high[:lanes], near[:lanes], stiff, level,
                 mark[:lanes],
             )  # fmt: skip
-            for i in range(lanes if looks > 0 else 0):
+            for i in range(lanes if marked > 0 else 0):
                 if mark[i] == 0.0 or done[i]:
                     continue
                 counts = rest[i] < counted
@@ -155,20 +157,29 @@ def fly_missions(
                     if event == PASSAGE:
                         happened = counts
                         xs[i], vs[i] = (
-                            flow[1] * xs[i] + flow[2] * vs[i],
-                            flow[1] * vs[i] - stiff * flow[2] * xs[i],
+                            flow.cosine * xs[i] + flow.sine * vs[i],
+                            flow.cosine * vs[i] - stiff * flow.sine * xs[i],
                         )
                     else:
                         sums[:] = 0.0
                         least = limit[0] if event == IMPACT else threshold
-                        xs[i], vs[i] = flow_through(
-                            xs[i], vs[i], flow[0], stiff, lower, upper, least, tally, peaks[i], sums
+                        xs[i], vs[i] = flow_with_contacts(
+                            xs[i],
+                            vs[i],
+                            flow.step,
+                            stiff,
+                            lower,
+                            upper,
+                            least,
+                            tally,
+                            peaks[i],
+                            sums,
                         )
                         number = sums[N_LOWER] + sums[N_UPPER]
                         if event == IMPACT:
                             happened = counts and number > 0.0
                         elif event == FORCE:
-                            happened = counts and too_strong(peaks[i], sums, limit)
+                            happened = counts and exceeds_force_limit(peaks[i], sums, limit)
                         seen[i] += number if counts else 0.0
                 energy = vs[i] * vs[i] + stiff * xs[i] * xs[i]
                 high[i] = max(high[i], energy)

@@ -2,7 +2,7 @@
 
 Without the forces of such stops the gap of a pair would follow the quintic z(t) through its values,
 slopes and curvatures at the ends of what is left of the step. The forces add d in modal
-coordinates (modal masses 1), which is at rest when the first contact begins:
+coordinates (modal masses 1), with d = d' = 0 when the first contact begins:
 
     y = z + phi . d,    d'' + B d' + omega^2 d = -sum mu phi F(y, y')
 
@@ -10,12 +10,12 @@ coordinates (modal masses 1), which is at rest when the first contact begins:
     viscoelastic          F = max(K y + c y', 0)
     Hertz                 F = k y^(3/2)
 
-B is the damping that stands in the flow: none where it is kicked. d is integrated by the
+B is the damping of the flow; it is zero where damping acts in the kicks. d is integrated by the
 Runge-Kutta method of order 4 in sub-steps of a fixed part of the shortest time scale of all
-contacts together, as in `compliant_response`, with its errors. Sub-steps end on every touch, end
-of a contact and impact on a rigid stop. When no stop is pressed, d decays freely, which is a Taylor
-series of the flow, and the rest of the step is one of quintics again, until the next stop is met.
-A contact that lasts goes on in the next step.
+contacts together, as in `compliant_response`, with its errors. Sub-steps end at every event: a
+touch, the end of a contact, an impact on a rigid stop. When no contact is left, d decays freely,
+by a Taylor series of the flow, and the gaps are quintics again until the next touch. A contact may
+last longer than the step.
 
 Symbols: a stop is seen as an upper one (a lower one with the signs of y and y' changed); q are the
 coefficients of z by powers of t; r = d'. Forces and their sums per unit of the reduced mass mu.
@@ -33,11 +33,11 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     HERTZ_START,
     MOST_NEWTON,
     contact_rate,
-    crest,
+    cubic_maximum,
     stop_force,
 )
 from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, RIGID
-from stochvi.methods.monte_carlo.kernels.impact_log import write_down
+from stochvi.methods.monte_carlo.kernels.impact_log import log_impact
 from stochvi.methods.monte_carlo.kernels.intervals import time_to_stop
 from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.rows import (
@@ -51,16 +51,17 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 )
 
 SHORTEST_SUB_STEP = 1e-12
-"""Shortest part of a sub-step that is taken to an event, so that its length is never zero."""
+"""Smallest share of a sub-step that is made up to an event, so that its length is never zero."""
 
 D, R, D_END, R_END, D_STAGE, R_STAGE, A_1, A_2, A_3, A_4 = range(10)
-"""Rows of the room for modal vectors."""
+"""Rows of `Workspace.modal`: d and r at the start, at the end and at a stage of a sub-step, and the
+accelerations r' of its four stages."""
 
 Y, V, Y_END, V_END, A, A_END = range(6)
-"""Rows of the room for gaps: value, slope and curvature at both ends of a sub-step."""
+"""Rows of `Workspace.gap`: value and slope at both ends of a sub-step, then both curvatures."""
 
 IMPULSE_NOW, WORK_NOW, FORCE, RATE, FORCE_END, RATE_END = range(6)
-"""Rows of the room for stops: impulse and work in a sub-step; force and its rate at its ends."""
+"""Rows of `Workspace.at_stop`: impulse and work in a sub-step, force and its rate at both ends."""
 
 
 class Contacts(NamedTuple):
@@ -87,15 +88,15 @@ class Contacts(NamedTuple):
     fastest: float
 
 
-class Room(NamedTuple):
-    """Arrays in which a path that may meet stops is worked on.
+class Workspace(NamedTuple):
+    """Arrays for the step of one path that may reach stops.
 
     Parameters
     ----------
-    resting : (pairs, 2), 1 for a stop that something rests on until the end of the step.
+    resting : (pairs, 2), 1 for a stop on which the mass rests until the end of the step.
     stack : (64, 8), parts of a step in which a root is still to be searched.
     inside : (pairs, 2), 1 for a stop that is in contact.
-    modal : (10, modes), rows named below; gap : (6, pairs); at_stop : (6, pairs, 2).
+    modal : (10, modes), gap : (6, pairs), at_stop : (6, pairs, 2), with the rows named above.
     quintics : (pairs, 6), coefficients of the quintics z by powers of time.
     """
 
@@ -109,9 +110,9 @@ class Room(NamedTuple):
 
 
 @numba.njit(cache=True)
-def make_room(pairs, modes):
-    """Room for so many pairs and modes."""
-    return Room(
+def make_workspace(pairs, modes):
+    """Arrays of zeros for these numbers of pairs and modes."""
+    return Workspace(
         np.zeros((pairs, 2)), np.zeros((64, 8)), np.zeros((pairs, 2), np.int64),
         np.zeros((10, modes)), np.zeros((6, pairs)), np.zeros((6, pairs, 2)), np.zeros((pairs, 6)),
     )  # fmt: skip
@@ -119,28 +120,28 @@ def make_room(pairs, modes):
 
 @numba.njit(cache=True, error_model="numpy")
 def is_rigid(contacts, pair, which):
-    """Whether a stop is rigid; all are where there are no `contacts`."""
+    """Whether a stop is rigid; all stops are rigid where `contacts` is None."""
     if contacts is None:
         return True
     return contacts.kinds[pair, which] == RIGID
 
 
 @numba.njit(cache=True, error_model="numpy")
-def find_inside(gaps, stops, contacts, room):
-    """Mark the stops that are in contact when a step begins; whether there is any."""
+def find_contacts(gaps, stops, contacts, work):
+    """Mark the stops that are in contact when a step begins; returns whether there is any."""
     touching = False
     for j in range(gaps.shape[0]):
         for which in range(2):
             beyond = (2.0 * which - 1.0) * (gaps[j, 0] - stops[j, which, 0])
             inside = beyond > 0.0 and not is_rigid(contacts, j, which)
-            room.inside[j, which] = 1 if inside else 0
+            work.inside[j, which] = 1 if inside else 0
             touching |= inside
     return touching
 
 
 @numba.njit(cache=True, error_model="numpy")
-def powers_of(gaps, j, span, q):
-    """Coefficients by powers of time of the quintic of a gap."""
+def quintic_coefficients(gaps, j, span, q):
+    """Write the coefficients by powers of time of the quintic of gap j into q[j]."""
     g0, v0, a0 = gaps[j, 0], gaps[j, 1], gaps[j, 2]
     rise = gaps[j, 3] - g0 - v0 * span - 0.5 * a0 * span * span
     slope = (gaps[j, 4] - v0 - a0 * span) * span
@@ -154,7 +155,7 @@ def powers_of(gaps, j, span, q):
 
 @numba.njit(cache=True, error_model="numpy")
 def quintic_at(q, j, t):
-    """Value, slope and curvature at t of the quintic of a gap."""
+    """Value, slope and curvature at t of the quintic of gap j."""
     return (
         q[j, 0] + t * (q[j, 1] + t * (q[j, 2] + t * (q[j, 3] + t * (q[j, 4] + t * q[j, 5])))),
         q[j, 1]
@@ -164,8 +165,8 @@ def quintic_at(q, j, t):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def along(rows, j, modal, row):
-    """phi_j . modal[row]."""
+def gap_of(rows, j, modal, row):
+    """phi_j . modal[row]: the change of gap j by a modal vector."""
     total = 0.0
     for k in range(rows.shape[1]):
         total += rows[j, k] * modal[row, k]
@@ -173,8 +174,8 @@ def along(rows, j, modal, row):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def pull(modal, d, r, a, squares, damping):
-    """modal[a] = -omega^2 d - B r: the acceleration by the structure alone."""
+def structural_acceleration(modal, d, r, a, squares, damping):
+    """modal[a] = -omega^2 d - B r, the acceleration by springs and dampers of the structure."""
     for k in range(squares.shape[0]):
         total = -squares[k] * modal[d, k]
         for m in range(damping.shape[1]):
@@ -183,23 +184,24 @@ def pull(modal, d, r, a, squares, damping):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def accelerate(
+def contact_acceleration(
     t, d, r, a, weight, modal, at_stop, q, inside, stops, kinds, data, squares, damping, rows,
     shares,
 ):  # fmt: skip
-    """modal[a] = r' at t, with the forces of the stops in contact, which are summed with `weight`.
+    """modal[a] = r' at t, with the forces of the stops in contact.
 
-    Arrays one by one: to take them out of tuples would cost more than what is done with them.
+    `weight` times these forces and their powers is added to IMPULSE_NOW and WORK_NOW. The arrays
+    are separate arguments because taking them out of tuples here costs some 10 % of the time.
     """
-    pull(modal, d, r, a, squares, damping)
+    structural_acceleration(modal, d, r, a, squares, damping)
     for j in range(rows.shape[0]):
         for which in range(2):
             if inside[j, which] == 0:
                 continue
             side = 2.0 * which - 1.0
             z, slope, _ = quintic_at(q, j, t)
-            y = side * (z + along(rows, j, modal, d) - stops[j, which, 0])
-            v = side * (slope + along(rows, j, modal, r))
+            y = side * (z + gap_of(rows, j, modal, d) - stops[j, which, 0])
+            v = side * (slope + gap_of(rows, j, modal, r))
             force, _, _ = stop_force(y, v, kinds[j, which], data[j, which])
             at_stop[IMPULSE_NOW, j, which] += weight * force
             at_stop[WORK_NOW, j, which] += weight * force * v
@@ -208,22 +210,22 @@ def accelerate(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def look(t, d, r, a, gap_row, stop_row, room, stops, contacts):
-    """Values, slopes and curvatures of all gaps at t, and forces of stops and their rates."""
-    modal, gap, at_stop, q = room.modal, room.gap, room.at_stop, room.quintics
-    inside, squares, damper = room.inside, contacts.squares, contacts.damping
+def evaluate_gaps(t, d, r, a, gap_row, stop_row, work, stops, contacts):
+    """Values, slopes and curvatures of all gaps at t, and forces of the stops with their rates."""
+    modal, gap, at_stop, q = work.modal, work.gap, work.at_stop, work.quintics
+    inside, squares, damper = work.inside, contacts.squares, contacts.damping
     rows, shares = contacts.gaps, contacts.shares
     kinds, data = contacts.kinds, contacts.data
-    accelerate(
+    contact_acceleration(
         t, d, r, a, 0.0, modal, at_stop, q, inside, stops, kinds, data, squares, damper, rows,
         shares,
     )  # fmt: skip
     curve = A if gap_row == Y else A_END
     for j in range(rows.shape[0]):
         z, slope, bend = quintic_at(q, j, t)
-        gap[gap_row, j] = z + along(rows, j, modal, d)
-        gap[gap_row + 1, j] = slope + along(rows, j, modal, r)
-        gap[curve, j] = bend + along(rows, j, modal, a)
+        gap[gap_row, j] = z + gap_of(rows, j, modal, d)
+        gap[gap_row + 1, j] = slope + gap_of(rows, j, modal, r)
+        gap[curve, j] = bend + gap_of(rows, j, modal, a)
         for which in range(2):
             if inside[j, which] != 0:
                 side = 2.0 * which - 1.0
@@ -234,38 +236,38 @@ def look(t, d, r, a, gap_row, stop_row, room, stops, contacts):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def sub_step(t, h, room, stops, contacts):
-    """d and r after h by the Runge-Kutta method, and what all gaps and stops are like there."""
-    modal, at_stop, q = room.modal, room.at_stop, room.quintics
-    inside, squares, damping = room.inside, contacts.squares, contacts.damping
+def sub_step(t, h, work, stops, contacts):
+    """d and r after a step h of the Runge-Kutta method, and all gaps and forces there."""
+    modal, at_stop, q = work.modal, work.at_stop, work.quintics
+    inside, squares, damping = work.inside, contacts.squares, contacts.damping
     rows, shares = contacts.gaps, contacts.shares
     kinds, data = contacts.kinds, contacts.data
     count = modal.shape[1]
     for j in range(stops.shape[0]):
         for which in range(2):
             at_stop[IMPULSE_NOW, j, which] = at_stop[WORK_NOW, j, which] = 0.0
-    accelerate(
+    contact_acceleration(
         t, D, R, A_1, 1.0, modal, at_stop, q, inside, stops, kinds, data, squares,
         damping, rows, shares,
     )  # fmt: skip
     for k in range(count):
         modal[D_STAGE, k] = modal[D, k] + 0.5 * h * modal[R, k]
         modal[R_STAGE, k] = modal[R, k] + 0.5 * h * modal[A_1, k]
-    accelerate(
+    contact_acceleration(
         t + 0.5 * h, D_STAGE, R_STAGE, A_2, 2.0, modal, at_stop, q, inside, stops, kinds, data,
         squares, damping, rows, shares,
     )  # fmt: skip
     for k in range(count):
         modal[D_STAGE, k] = modal[D, k] + 0.5 * h * (modal[R, k] + 0.5 * h * modal[A_1, k])
         modal[R_STAGE, k] = modal[R, k] + 0.5 * h * modal[A_2, k]
-    accelerate(
+    contact_acceleration(
         t + 0.5 * h, D_STAGE, R_STAGE, A_3, 2.0, modal, at_stop, q, inside, stops, kinds, data,
         squares, damping, rows, shares,
     )  # fmt: skip
     for k in range(count):
         modal[D_STAGE, k] = modal[D, k] + h * (modal[R, k] + 0.5 * h * modal[A_2, k])
         modal[R_STAGE, k] = modal[R, k] + h * modal[A_3, k]
-    accelerate(
+    contact_acceleration(
         t + h, D_STAGE, R_STAGE, A_4, 1.0, modal, at_stop, q, inside, stops, kinds, data, squares,
         damping, rows, shares,
     )  # fmt: skip
@@ -274,12 +276,15 @@ def sub_step(t, h, room, stops, contacts):
         a_1, a_2, a_3 = modal[A_1, k], modal[A_2, k], modal[A_3, k]
         modal[D_END, k] = modal[D, k] + h * (modal[R, k] + sixth * (a_1 + a_2 + a_3))
         modal[R_END, k] = modal[R, k] + sixth * (a_1 + 2.0 * (a_2 + a_3) + modal[A_4, k])
-    look(t + h, D_END, R_END, A_4, Y_END, FORCE_END, room, stops, contacts)
+    evaluate_gaps(t + h, D_END, R_END, A_4, Y_END, FORCE_END, work, stops, contacts)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def first_event(h, gap, inside, resting, stops):
-    """Fraction of a sub-step until a stop is touched or left, 2 for none, and which."""
+    """Fraction of a sub-step until the first touch or end of a contact, its pair and its stop.
+
+    The fraction is 2 where there is none.
+    """
     first, pair, upper = 2.0, -1, 0
     for j in range(stops.shape[0]):
         for which in range(2):
@@ -292,7 +297,7 @@ def first_event(h, gap, inside, resting, stops):
             if inside[j, which] != 0:
                 s, _ = time_to_stop(-y0, -v0, -y1, -v1, h, 0.0)
             else:
-                # what has just been left, or rests on a rigid stop, lies there up to rounding
+                # after a contact, or at rest on a rigid stop, y is 0 up to rounding
                 s, _ = time_to_stop(min(y0, 0.0), v0, y1, v1, h, 0.0)
             if s < first:
                 first, pair, upper = s, j, which
@@ -301,7 +306,10 @@ def first_event(h, gap, inside, resting, stops):
 
 @numba.njit(cache=True, error_model="numpy")
 def longest_sub_step(gaps, gap, inside, stops, contacts):
-    """A fixed part of the shortest time scale: the squares of all rates add up, at most."""
+    """Longest sub-step, s: a fixed part of the shortest time scale.
+
+    The square of the largest rate is at most the sum of the squares of all rates.
+    """
     kinds, data = contacts.kinds, contacts.data
     square = contacts.fastest * contacts.fastest
     for j in range(stops.shape[0]):
@@ -319,7 +327,10 @@ def longest_sub_step(gaps, gap, inside, stops, contacts):
 
 @numba.njit(cache=True, error_model="numpy")
 def shorter_for_hertz(h, gap, inside, stops, contacts):
-    """Sub-steps that double after the touch of a Hertz stop, and halve before its end."""
+    """Length of a sub-step, s; with a Hertz stop it doubles after the touch, and halves to its end.
+
+    `h` is the longest length.
+    """
     kinds = contacts.kinds
     shortest = HERTZ_START * h
     for j in range(stops.shape[0]):
@@ -335,7 +346,7 @@ def shorter_for_hertz(h, gap, inside, stops, contacts):
 
 @numba.njit(cache=True, error_model="numpy")
 def add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums):
-    """Add what a sub-step of all contacts brought."""
+    """Add impulse, dissipated energy, duration and peak force of a sub-step of all contacts."""
     kinds, data = contacts.kinds, contacts.data
     for j in range(stops.shape[0]):
         for which in range(2):
@@ -347,7 +358,7 @@ def add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums):
             y1, v1 = side * (gap[Y_END, j] - stop), side * gap[V_END, j]
             row = ROWS_OF_PAIR + ROWS_OF_STOP * which
             if kinds[j, which] == DAMPED:
-                highest = crest(
+                highest = cubic_maximum(
                     at_stop[FORCE, j, which], at_stop[RATE, j, which],
                     at_stop[FORCE_END, j, which], at_stop[RATE_END, j, which], h,
                 )  # fmt: skip
@@ -357,17 +368,17 @@ def add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums):
                     sums[j, row + TIME] += h * pushed / (abs(before) + abs(after))
                 sums[j, row + LOSS] += h / 6.0 * at_stop[WORK_NOW, j, which]
             else:
-                highest, _, _ = stop_force(crest(y0, v0, y1, v1, h), 0.0, kinds[j, which], law)
+                deepest = cubic_maximum(y0, v0, y1, v1, h)
+                highest, _, _ = stop_force(deepest, 0.0, kinds[j, which], law)
                 sums[j, row + TIME] += h
             sums[j, row + IMPULSE] += h / 6.0 * at_stop[IMPULSE_NOW, j, which]
             peaks[j, which] = max(peaks[j, which], highest)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def strike(room, elapsed, step, pair, upper, stops, contacts, peaks, sums, page):
-    """Make an event happen, `elapsed` after the step began: a contact begins or ends, or a rigid
-    stop throws the mass back."""
-    modal, gap, inside = room.modal, room.gap, room.inside
+def apply_event(work, elapsed, step, pair, upper, stops, contacts, peaks, sums, page):
+    """Begin or end a contact, or apply an impact on a rigid stop, `elapsed` s into the step."""
+    modal, gap, inside = work.modal, work.gap, work.inside
     kinds = contacts.kinds
     rows, shares = contacts.gaps, contacts.shares
     side = 2.0 * upper - 1.0
@@ -385,7 +396,7 @@ def strike(room, elapsed, step, pair, upper, stops, contacts, peaks, sums, page)
     sums[pair, 3 * upper + 2] += w * w
     if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
         if w >= stops[pair, upper, 2]:
-            write_down(page, pair, elapsed, side * w)
+            log_impact(page, pair, elapsed, side * w)
     if kinds[pair, upper] != RIGID:
         inside[pair, upper] = 1
         return
@@ -399,12 +410,12 @@ def strike(room, elapsed, step, pair, upper, stops, contacts, peaks, sums, page)
     gap[V, pair] = -side * restitution * w
     pressing = side * gap[A, pair]
     if pressing > 0.0 and restitution * w <= RESTING * pressing * step:
-        room.resting[pair, upper] = 1.0
+        work.resting[pair, upper] = 1.0
 
 
 @numba.njit(cache=True, error_model="numpy")
-def go_on(modal, gap, at_stop):
-    """The end of a sub-step is the start of the next; number by number, which is quicker."""
+def start_next_sub_step(modal, gap, at_stop):
+    """Copy the end of a sub-step to the start of the next; loops are quicker than slices here."""
     for k in range(modal.shape[1]):
         modal[D, k], modal[R, k] = modal[D_END, k], modal[R_END, k]
     for j in range(gap.shape[1]):
@@ -415,24 +426,24 @@ def go_on(modal, gap, at_stop):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def press(gaps, span, start, step, room, stops, contacts, peaks, sums, page):
-    """Contacts until all are left or the span is over; returns the time that this took.
+def integrate_contacts(gaps, span, start, step, work, stops, contacts, peaks, sums, page):
+    """Contacts until all have ended or the span is over; returns the time that this took, s.
 
-    `start` is the time since the step began. On return d and r stand in `room`, with the values and
-    slopes of all gaps.
+    `start` is the time from the beginning of the step. On return `work` holds d and r, and the
+    values and slopes of all gaps.
     """
-    modal, gap, at_stop, q = room.modal, room.gap, room.at_stop, room.quintics
-    inside, resting = room.inside, room.resting
+    modal, gap, at_stop, q = work.modal, work.gap, work.at_stop, work.quintics
+    inside, resting = work.inside, work.resting
     for j in range(stops.shape[0]):
-        powers_of(gaps, j, span, q)
+        quintic_coefficients(gaps, j, span, q)
     modal[D : R + 1] = 0.0
     t, events = 0.0, 0
-    look(t, D, R, A_1, Y, FORCE, room, stops, contacts)
+    evaluate_gaps(t, D, R, A_1, Y, FORCE, work, stops, contacts)
     longest = longest_sub_step(gaps, gap, inside, stops, contacts)
     while t < span:
         h = min(shorter_for_hertz(longest, gap, inside, stops, contacts), span - t)
         ends = h == span - t
-        sub_step(t, h, room, stops, contacts)
+        sub_step(t, h, work, stops, contacts)
         s, pair, upper = first_event(h, gap, inside, resting, stops)
         if s <= 1.0:
             side = 2.0 * upper - 1.0
@@ -440,7 +451,7 @@ def press(gaps, span, start, step, room, stops, contacts, peaks, sums, page):
             whole = h
             h = max(s, SHORTEST_SUB_STEP) * whole
             for _ in range(MOST_NEWTON):
-                sub_step(t, h, room, stops, contacts)
+                sub_step(t, h, work, stops, contacts)
                 y, v = way * (gap[Y_END, pair] - stops[pair, upper, 0]), way * gap[V_END, pair]
                 following = min(max(h - y / v, 0.5 * h), whole) if v > 0.0 else 0.5 * h
                 if abs(following - h) <= 1e-13 * whole:
@@ -449,36 +460,36 @@ def press(gaps, span, start, step, room, stops, contacts, peaks, sums, page):
             ends = False
         add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums)
         t = span if ends else t + h
-        go_on(modal, gap, at_stop)
+        start_next_sub_step(modal, gap, at_stop)
         if s > 1.0:
             continue
-        strike(room, start + t, step, pair, upper, stops, contacts, peaks, sums, page)
+        apply_event(work, start + t, step, pair, upper, stops, contacts, peaks, sums, page)
         events += 1
         if events >= MOST_BOUNCES and contacts.kinds[pair, upper] == RIGID:
             resting[pair, upper] = 1.0
-        still = 0
+        lasting = 0
         for j in range(stops.shape[0]):
-            still += inside[j, 0] + inside[j, 1]
-        if still == 0:
+            lasting += inside[j, 0] + inside[j, 1]
+        if lasting == 0:
             break
         held = gap[Y, pair]
-        look(t, D, R, A_1, Y, FORCE, room, stops, contacts)
+        evaluate_gaps(t, D, R, A_1, Y, FORCE, work, stops, contacts)
         gap[Y, pair] = held
         longest = longest_sub_step(gaps, gap, inside, stops, contacts)
     return min(t, span)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def coast(state, lane, gaps, t, span, room, terms, contacts):
-    """Leave contact at t: gaps start there, and the decay of d and r is added to all ends."""
-    modal, gap, q = room.modal, room.gap, room.quintics
+def decay_freely(state, lane, gaps, t, span, work, terms, contacts):
+    """Start the gaps at t, where contacts ended; add the free decay of d and r to all ends."""
+    modal, gap, q = work.modal, work.gap, work.quintics
     squares, damping, rows = contacts.squares, contacts.damping, contacts.gaps
     count = squares.shape[0]
-    pull(modal, D, R, A_1, squares, damping)
+    structural_acceleration(modal, D, R, A_1, squares, damping)
     for j in range(rows.shape[0]):
         _, _, bend = quintic_at(q, j, t)
         gaps[j, 0], gaps[j, 1] = gap[Y, j], gap[V, j]
-        gaps[j, 2] = bend + along(rows, j, modal, A_1)
+        gaps[j, 2] = bend + gap_of(rows, j, modal, A_1)
     left = span - t
     modal[D_END], modal[R_END] = modal[D], modal[R]
     for order in range(1, terms):
@@ -490,12 +501,12 @@ def coast(state, lane, gaps, t, span, room, terms, contacts):
             modal[D, k], modal[R, k] = modal[D_STAGE, k], modal[R_STAGE, k]
             modal[D_END, k] += modal[D, k]
             modal[R_END, k] += modal[R, k]
-        pull(modal, D, R, A_1, squares, damping)
-    pull(modal, D_END, R_END, A_1, squares, damping)
+        structural_acceleration(modal, D, R, A_1, squares, damping)
+    structural_acceleration(modal, D_END, R_END, A_1, squares, damping)
     for k in range(count):
         state[k, lane] += modal[D_END, k]
         state[count + k, lane] += modal[R_END, k]
     for j in range(rows.shape[0]):
-        gaps[j, 3] += along(rows, j, modal, D_END)
-        gaps[j, 4] += along(rows, j, modal, R_END)
-        gaps[j, 5] += along(rows, j, modal, A_1)
+        gaps[j, 3] += gap_of(rows, j, modal, D_END)
+        gaps[j, 4] += gap_of(rows, j, modal, R_END)
+        gaps[j, 5] += gap_of(rows, j, modal, A_1)

@@ -1,4 +1,4 @@
-"""Impacts on the stops of any number of pairs: when a gap reaches a stop, and what follows.
+"""Impacts on the stops of any number of pairs: when a gap reaches a stop, and what it changes.
 
 Within a step the gap y = phi . q of a pair is the quintic through its values, slopes and curvatures
 at both ends of what is left of the step. An impact is the first upward root of the distance beyond
@@ -18,26 +18,31 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.kernels.impact_log import page_of, write_down
+from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
 from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
-from stochvi.methods.monte_carlo.kernels.modal_contacts import coast, find_inside, is_rigid, press
+from stochvi.methods.monte_carlo.kernels.modal_contacts import (
+    decay_freely,
+    find_contacts,
+    integrate_contacts,
+    is_rigid,
+)
 
 MOST_SWEEPS = 1000
-"""Largest number of passes over all stops that bring ends which lie beyond one of them between all:
-each pass takes about the ratio of the lightest mass to the heaviest off what is left."""
+"""Largest number of passes over all stops in which ends of steps beyond a stop are put between the
+stops: each pass reduces the distance by about the ratio of the lightest mass to the heaviest."""
 
 SHORTEST_PIECE = 2.0**-40
-"""Smallest part of a step in which a first root is searched: a passage out and back in again within
-it is not seen."""
+"""Smallest part of a step in which a first root is searched: an excursion beyond a stop that is
+shorter is not seen."""
 
 NEWTON_STEPS = 5
-"""Newton steps from the chord to the root of a smooth arc, in all lanes alike; a lane in which they
-do not suffice is taken alone."""
+"""Number of Newton steps from the root of the chord to that of the polynomial, the same in all
+lanes; a lane that needs more is handled alone."""
 
 ROOT_ERROR = 1e-12
-"""Relative change of a root by a step of Newton's method at which the root is taken: as the method
-is of second order, the next step would change it by rounding only."""
+"""Relative change of a root in a Newton step at which the root is accepted: as the method is of
+second order, the next step would change it by rounding only."""
 
 
 class Resets(NamedTuple):
@@ -46,13 +51,57 @@ class Resets(NamedTuple):
     Parameters
     ----------
     states : (pairs, 2 modes, terms), Taylor series in time of all displacements and velocities.
-    at_once : (pairs, pairs, 2), changes of slope and curvature of every gap at that time.
+    at_once : (pairs, pairs, 2), immediate changes of slope and curvature of every gap.
     later : (pairs, pairs, 3, terms), Taylor series of value, slope and curvature of every gap.
     """
 
     states: NDArray[np.float64]
     at_once: NDArray[np.float64]
     later: NDArray[np.float64]
+
+
+class SinglePair(NamedTuple):
+    """The only pair of a structure, for the impacts of many lanes at once.
+
+    Parameters
+    ----------
+    step : s, length of a step.
+    stops : (1, 2, 3), position, restitution and speed threshold of the lower and the upper stop.
+    impact : table of a matrix pass from powers of the time left to the response to a unit reset.
+    first_row : the first row of the pair in the sums.
+    """
+
+    step: float
+    stops: NDArray[np.float64]
+    impact: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+    first_row: int
+
+
+class LaneArrays(NamedTuple):
+    """Arrays (lanes,) in which single impacts are computed.
+
+    Parameters
+    ----------
+    c0 ... c5 : Bernstein coefficients of the distance beyond the stop.
+    root, slope, bend : fraction of the step at which the stop is reached; first and second
+        derivative of the polynomial there.
+    side : 1 for the upper stop, -1 for the lower one, 0 for a lane that is not handled.
+    powers : (terms, lanes), powers of the time left after the impact.
+    response : (rows, lanes), response to a unit reset at the end of the step.
+    """
+
+    c0: NDArray[np.float64]
+    c1: NDArray[np.float64]
+    c2: NDArray[np.float64]
+    c3: NDArray[np.float64]
+    c4: NDArray[np.float64]
+    c5: NDArray[np.float64]
+    root: NDArray[np.float64]
+    slope: NDArray[np.float64]
+    bend: NDArray[np.float64]
+    side: NDArray[np.float64]
+    powers: NDArray[np.float64]
+    response: NDArray[np.float64]
 
 
 @numba.njit(cache=True, inline="always", error_model="numpy")
@@ -98,10 +147,11 @@ def bracketed_root(c0, c1, c2, c3, c4, c5):
 
 @numba.njit(cache=True, error_model="numpy")
 def first_root(c0, c1, c2, c3, c4, c5, stack):
-    """First upward root in (0, 1] of a polynomial with c0 <= 0 and its slope, or 2 for none.
+    """First upward root in (0, 1] of a polynomial with c0 <= 0 and its slope there; 2 for no root.
 
-    By Descartes' rule in Bernstein form: no sign change, no root; one, one root; more: halve. The
-    halves that wait are in `stack`, (coefficients, start, end) in a row.
+    By Descartes' rule in Bernstein form there is no root without a sign change, and one root with
+    one change; with more changes the interval is halved. The halves still to be searched are rows
+    (coefficients, start, end) of `stack`.
     """
     start, end = 0.0, 1.0
     waiting = 0
@@ -143,14 +193,14 @@ def first_root(c0, c1, c2, c3, c4, c5, stack):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def passage(gaps, j, span, stop, side, stack):
-    """Fraction of the span until side (y - stop) passes 0 upwards, 2 for never, and the speed."""
+def find_crossing(gaps, j, span, stop, side, stack):
+    """Fraction of the span until side (y - stop) crosses 0 upwards, 2 for never, and the speed."""
     start, end = side * (gaps[j, 0] - stop), side * (gaps[j, 3] - stop)
     leaving, coming = 0.2 * span * side * gaps[j, 1], 0.2 * span * side * gaps[j, 4]
     bend = 0.05 * span * span * side
     if start >= 0.0 and leaving > 0.0:
         return 0.0, side * gaps[j, 1]
-    # what lies beyond the stop by rounding, or after a start there, is taken back to it linearly
+    # a start beyond the stop, by rounding for example, is moved onto it by a linear correction
     beyond = max(start, 0.0)
     c0, c5 = start - beyond, end
     c1, c2 = (
@@ -168,8 +218,8 @@ def passage(gaps, j, span, stop, side, stack):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def advance(gaps, j, t, span):
-    """Value, slope and curvature of a gap at the fraction t of the span become its start."""
+def move_start(gaps, j, t, span):
+    """Replace the start of gap j by value, slope and curvature at the fraction t of the span."""
     g0, v0, a0 = gaps[j, 0], gaps[j, 1], gaps[j, 2]
     # y = g0 + v0 s + a0 s^2 / 2 + k3 t^3 + k4 t^4 + k5 t^5 with s = t span
     rise = gaps[j, 3] - g0 - v0 * span - 0.5 * a0 * span * span
@@ -185,8 +235,8 @@ def advance(gaps, j, t, span):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def reset(state, lane, gaps, pair, change, span, resets):
-    """Change the speed of a pair by `change`, `span` before the end of the step."""
+def apply_reset(state, lane, gaps, pair, change, span, resets):
+    """Change the speed of a pair by `change`, m/s, `span` seconds before the end of the step."""
     series, at_once, later = resets.states, resets.at_once, resets.later
     terms = series.shape[2]
     for row in range(series.shape[1]):
@@ -206,11 +256,12 @@ def reset(state, lane, gaps, pair, change, span, resets):
 
 @numba.njit(cache=True, error_model="numpy")
 def put_on_stop(state, lane, gaps, pair, stop, side, resets):
-    """Take back what lies beyond a stop at the end of a step; the speed this takes, or 0.
+    """Move a gap that ends beyond a stop onto it; returns the speed taken away, m/s, or 0.
 
-    A force that holds y on the stop over the rest r of a step brings -a r of speed and -a r^2 / 2
-    of distance along the same direction M^-1 d, which is what is taken back; and, where damping
-    stands in the flow, what that took from a motion that was none.
+    A force that holds y on the stop over the rest r of a step changes the speed by -a r and the
+    distance by -a r^2 / 2, both along the direction M^-1 d. Speed and distance beyond the stop are
+    taken away in that direction; where damping is part of the flow, the speed that it took from the
+    motion beyond the stop is given back.
     """
     series, at_once = resets.states, resets.at_once
     beyond = side * (gaps[pair, 3] - stop)
@@ -230,35 +281,37 @@ def put_on_stop(state, lane, gaps, pair, stop, side, resets):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def meet_stops(
-    state, lane, gaps, step, stops, resets, contacts, peaks, room, sums, page=None
+def step_with_stops(
+    state, lane, gaps, step, stops, resets, contacts, peaks, work, sums, page=None
 ):  # fmt: skip
-    """One step of one path with any number of contacts and impacts on any pair, added up in `sums`.
+    """One step of one path with any number of contacts and impacts on any pair.
 
     Parameters
     ----------
-    state : (states, paths), of which the column `lane` is the end of the step, and is changed.
+    state : (states, paths), whose column `lane` is the end of the step, which is changed.
     gaps : (pairs, 6), value, slope and curvature of every gap at both ends of the step.
     stops : (pairs, 2, 3), position (infinite for none), restitution and speed threshold of the
         lower and the upper stop of each pair.
     contacts : None where all stops are rigid, else their `modal_contacts.Contacts`.
     peaks : (pairs, 2), the largest forces so far of contacts that last from step to step.
-    room : `modal_contacts.Room` to work in.
-    sums : (pairs, ROWS_OF_PAIR), with contacts (pairs, ROWS_OF_CONTACT_PAIR).
-    page : None, or the page of a log.
+    work : `modal_contacts.Workspace`, overwritten.
+    sums : (pairs, ROWS_OF_PAIR), with contacts (pairs, ROWS_OF_CONTACT_PAIR), added to.
+    page : None, or part of a log.
     """
     pairs = gaps.shape[0]
     span = step
-    room.resting[:] = 0.0
+    work.resting[:] = 0.0
     touching = False
     if contacts is not None:
-        touching = find_inside(gaps, stops, contacts, room)
+        touching = find_contacts(gaps, stops, contacts, work)
     for bounces in range(MOST_BOUNCES + 1):
         if contacts is not None:  # noqa: SIM102 - a test of its own is left out when compiled
             if touching:
                 start = step - span
-                t = press(gaps, span, start, step, room, stops, contacts, peaks, sums, page)
-                coast(state, lane, gaps, t, span, room, resets.states.shape[2], contacts)
+                t = integrate_contacts(
+                    gaps, span, start, step, work, stops, contacts, peaks, sums, page
+                )
+                decay_freely(state, lane, gaps, t, span, work, resets.states.shape[2], contacts)
                 span -= t
                 touching = False
                 if span <= 0.0:
@@ -267,8 +320,8 @@ def meet_stops(
         for j in range(pairs):
             for which in range(2):
                 stop = stops[j, which, 0]
-                if room.resting[j, which] == 0.0 and math.isfinite(stop):
-                    t, speed = passage(gaps, j, span, stop, 2.0 * which - 1.0, room.stack)
+                if work.resting[j, which] == 0.0 and math.isfinite(stop):
+                    t, speed = find_crossing(gaps, j, span, stop, 2.0 * which - 1.0, work.stack)
                     if t < first:
                         first, w, pair, upper = t, speed, j, which
         if pair < 0:
@@ -279,35 +332,35 @@ def meet_stops(
         sums[pair, 3 * upper + 1] += w
         sums[pair, 3 * upper + 2] += w * w
         for j in range(pairs):
-            advance(gaps, j, first, span)
+            move_start(gaps, j, first, span)
         span *= 1.0 - first
         if page is not None:  # noqa: SIM102
             if w >= stops[pair, upper, 2]:
-                write_down(page, pair, step - span, side * w)
+                log_impact(page, pair, step - span, side * w)
         gaps[pair, 0], gaps[pair, 1] = stop, side * w
         if contacts is not None:  # noqa: SIM102
             if not is_rigid(contacts, pair, upper):
                 if span <= 0.0:
                     break
-                room.inside[pair, upper] = 1
+                work.inside[pair, upper] = 1
                 touching = True
                 continue
-        reset(state, lane, gaps, pair, -side * (1.0 + restitution) * w, span, resets)
+        apply_reset(state, lane, gaps, pair, -side * (1.0 + restitution) * w, span, resets)
         gaps[pair, 1] = -side * restitution * w
         pressing = side * gaps[pair, 2]
         rests = (pressing > 0.0) & (restitution * w <= RESTING * pressing * step)
         if rests or bounces >= MOST_BOUNCES - 2 * pairs:
-            room.resting[pair, upper] = 1.0
+            work.resting[pair, upper] = 1.0
             taken = put_on_stop(state, lane, gaps, pair, stop, side, resets)
             sums[pair, 3 * upper + 1] += taken / (1.0 + restitution)
-    keep_between(state, lane, gaps, stops, resets, contacts, sums)
+    keep_between_stops(state, lane, gaps, stops, resets, contacts, sums)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def keep_between(state, lane, gaps, stops, resets, contacts, sums):
-    """Take back what lies beyond rigid stops at the end of a step.
+def keep_between_stops(state, lane, gaps, stops, resets, contacts, sums):
+    """Move the gaps that end beyond rigid stops onto them.
 
-    What rests on one stop may have been moved beyond another.
+    A mass that is moved onto one stop may come to lie beyond another, hence several passes.
     """
     for _ in range(MOST_SWEEPS):
         moved = False
@@ -324,27 +377,27 @@ def keep_between(state, lane, gaps, stops, resets, contacts, sums):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def newton(c0, c1, c2, c3, c4, c5, t, count):
-    """The root in each lane of a polynomial that is <= 0 at 0 and rises through 0 once."""
+def newton_roots(c0, c1, c2, c3, c4, c5, t, count):
+    """Root t in each lane of a polynomial that is <= 0 at 0 and rises through 0 once."""
     for i in range(count):
         s = c0[i] / (c0[i] - c5[i])
         for _ in range(NEWTON_STEPS):
             value, slope = quintic(c0[i], c1[i], c2[i], c3[i], c4[i], c5[i], s)
             s = min(max(s - value / slope, 0.0), 1.0)
-        t[i] = s if s >= 0.0 else 0.0  # never NaN: it would stay in the lanes of `response`
+        t[i] = s if s >= 0.0 else 0.0  # a NaN would stay in the lanes of `response`
 
 
 @numba.njit(cache=True, error_model="numpy")
-def slopes(c0, c1, c2, c3, c4, c5, t, slope, count):
-    """Slope of each polynomial at t, or -1 where t is no root."""
+def root_slopes(c0, c1, c2, c3, c4, c5, t, slope, count):
+    """Slope of the polynomial of each lane at t, or -1 where t is no root."""
     for i in range(count):
         value, rise = quintic(c0[i], c1[i], c2[i], c3[i], c4[i], c5[i], t[i])
         slope[i] = rise if abs(value) <= ROOT_ERROR * rise else -1.0
 
 
 @numba.njit(cache=True, error_model="numpy")
-def bends(c0, c1, c2, c3, c4, c5, t, bend, count):
-    """Second derivative of each polynomial at t."""
+def root_curvatures(c0, c1, c2, c3, c4, c5, t, bend, count):
+    """Second derivative of the polynomial of each lane at t."""
     for i in range(count):
         s, u = t[i], 1.0 - t[i]
         d0, d1 = c2[i] - 2.0 * c1[i] + c0[i], c3[i] - 2.0 * c2[i] + c1[i]
@@ -356,7 +409,7 @@ def bends(c0, c1, c2, c3, c4, c5, t, bend, count):
 
 @numba.njit(cache=True, error_model="numpy")
 def remaining_powers(t, step, powers, count):
-    """Powers of the time left after the root, one row each."""
+    """Powers 0, 1, ... of the time left after the root, one row each."""
     for i in range(count):
         powers[0, i] = 1.0
     for k in range(1, powers.shape[0]):
@@ -365,18 +418,25 @@ def remaining_powers(t, step, powers, count):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def single_impacts(
-    ends, new, index, count, step, stops, table, sums, first_row, packed, log, first_path, number
-):  # fmt: skip
-    """Impacts of one pair that are alone in their step, many lanes at once.
+def single_impacts(pair, ends, new, index, count, sums, arrays, log, first_path, number):
+    """Impacts of a `SinglePair` that are alone in their step, many lanes at once.
 
-    A lane is done here if its end lies beyond one stop, its quintic rises through that stop once,
-    and the hull of what follows stays between the stops; the others are left, in order, at the
-    front of `index`. Returns how many. The impacts of counted steps (`number` >= 0) go to rows of
-    `sums` from `first_row` on and to the log; `first_path` is the number of the first lane there.
+    A lane is handled here if its end lies beyond one stop, its quintic rises through that stop
+    once, and the hull of the motion after the impact stays between the stops. The other lanes are
+    put at the front of `index`, in order; returns their number.
+
+    Parameters
+    ----------
+    ends : (y0, v0, a0, y1, v1, a1), each (1, lanes), of which the end y1 is changed.
+    new : (states, lanes), states at the end of the step, changed.
+    index, count : numbers of the lanes that may reach a stop, and how many they are.
+    sums : (rows, lanes); impacts of counted steps (`number` >= 0) are added from `first_row` on.
+    arrays : `LaneArrays`, overwritten.
+    log : None, or an `impact_log.Log`, where `first_path` is the number of the first lane.
     """
+    step, stops, table, first_row = pair
     y0, v0, a0, y1, v1, a1 = ends
-    c0, c1, c2, c3, c4, c5, t, slope, bend, side, powers, response = packed
+    c0, c1, c2, c3, c4, c5, t, slope, bend, side, powers, response = arrays
     fifth, twentieth = 0.2 * step, 0.05 * step * step
     for k in range(count):
         i = index[k]
@@ -390,9 +450,9 @@ def single_impacts(
         c3[k] = end - 2.0 * fifth * sign * v1[0, i] + twentieth * sign * a1[0, i]
         once = rises_once(c1[k], c2[k], c3[k], c4[k], end)
         side[k] = sign if once & (begin <= 0.0) else 0.0
-    newton(c0, c1, c2, c3, c4, c5, t, count)
-    slopes(c0, c1, c2, c3, c4, c5, t, slope, count)
-    bends(c0, c1, c2, c3, c4, c5, t, bend, count)
+    newton_roots(c0, c1, c2, c3, c4, c5, t, count)
+    root_slopes(c0, c1, c2, c3, c4, c5, t, slope, count)
+    root_curvatures(c0, c1, c2, c3, c4, c5, t, bend, count)
     remaining_powers(t, step, powers, count)
     matrix_pass(response, 0.0, powers, table, count)
     left = 0
@@ -406,7 +466,7 @@ def single_impacts(
         end = c5[k] + change * response[0, k]
         speed = sign * v1[0, i] + change * response[1, k]
         curve = sign * a1[0, i] + change * response[2, k]
-        # Bernstein coefficients of what follows the impact
+        # Bernstein coefficients of the motion after the impact
         b1 = -0.2 * rest * restitution * w
         b2 = 2.0 * b1 + 0.05 * rest * rest * bend[k] / (step * step)
         b4 = end - 0.2 * rest * speed
@@ -428,5 +488,5 @@ def single_impacts(
         if log is not None:  # noqa: SIM102 - a test of its own is left out when compiled
             if w >= stops[0, which, 2]:
                 page = page_of(log, first_path + i, number, step)
-                write_down(page, 0, t[k] * step, sign * w)
+                log_impact(page, 0, t[k] * step, sign * w)
     return left

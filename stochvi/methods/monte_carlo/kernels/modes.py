@@ -1,25 +1,25 @@
 """Any linear structure with stops, for many paths at once, in modal coordinates.
 
-State of a path: modal displacements q and velocities p (modal masses 1), then the states of
-whatever signals drive the structure. One step is
+State of a path: modal displacements q and velocities p (modal masses 1), then the states of the
+signals that drive the structure. One step is
 
     kick   p <- E p + L z                 damping and white noise, exact for the velocities
     flow   s' = A s + noise of signals    exact between impacts: s1 = F s0 + G z
     impact v_y <- -R v_y                  within the flow; y = phi . q is the gap of a pair
 
-Without white noise the damping stands in A, and there is no kick. Kick and flow are one matrix
-pass, row by row over the lanes of a block. A pair is looked at closer in the lanes where the hull
-of the cubic through its end values reaches a stop (`modal_stops`). What follows is absent from the
-compiled code unless the scene has it:
+Without white noise the damping is part of A, and there is no kick. Kick and flow are one matrix
+pass, row by row over the lanes of a block. Impacts are searched (`modal_stops`) in the lanes where
+the hull of the cubic through the end values of a gap reaches a stop. Two parts are absent from the
+compiled code unless the scene has them:
 
     tables     total motion = state + Y, Y(t) the response to the tables without stops, smooth
-               and given by its samples; the state holds what impacts, kicks and signals bring
-    contacts   steps in which a path may meet a stop that gives way, one by one (`modal_contacts`)
+               and given by its samples; the state holds the response to impacts, kicks and signals
+    contacts   stops that give way: steps with contacts are made path by path (`modal_contacts`)
 
-Between two samples Y is the cubic through values and slopes. Noise that is kicked leaves Y alone.
+Between two samples Y is the cubic through values and slopes. Kicks do not change Y.
 
 Symbols: y0, v0, a0 and y1, v1, a1 are value, slope and curvature of the gaps at the ends of a step;
-s0, r0, s1, r1 the parts of values and slopes that Y brings; z are standard normals.
+s0, r0, s1, r1 the contributions of Y to values and slopes; z are standard normals.
 """
 
 from typing import NamedTuple
@@ -30,20 +30,26 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.kernels.impact_log import page_of
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
-from stochvi.methods.monte_carlo.kernels.modal_contacts import make_room
-from stochvi.methods.monte_carlo.kernels.modal_stops import Resets, meet_stops, single_impacts
+from stochvi.methods.monte_carlo.kernels.modal_contacts import make_workspace
+from stochvi.methods.monte_carlo.kernels.modal_stops import (
+    LaneArrays,
+    Resets,
+    SinglePair,
+    single_impacts,
+    step_with_stops,
+)
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR
 
 Table = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 
 LANES = 1024
-"""Number of paths that move together. It is large so that the loops over the paths that hit in a
-step are long enough to fill the vectors of the processor."""
+"""Number of paths that are advanced together. It is large, so that the loops over the paths with an
+impact in a step are long enough to fill the vectors of the processor."""
 
 
 class Passes(NamedTuple):
-    """Tables of `matrix_pass` of one step, each from the state before it unless it says otherwise.
+    """Tables of `matrix_pass` for one step, each from the state before it unless stated otherwise.
 
     Parameters
     ----------
@@ -74,11 +80,11 @@ class ModalSteps(NamedTuple):
     Parameters
     ----------
     step : s.
-    modes : their number.
-    passes, resets : see there.
-    stops : (pairs, 2, 3), position from the rest (infinite for none), restitution, and the speed in
-        m/s from which an impact counts, of the lower and the upper stop of each pair.
-    margins : (pairs,), by which the hulls of cubics are widened.
+    modes : number of modes.
+    passes, resets : see these classes.
+    stops : (pairs, 2, 3), position from the rest position (infinite for none), restitution, and the
+        speed in m/s from which an impact is counted, of the lower and the upper stop of each pair.
+    margins : (pairs,), m, by which the hulls of cubics are widened.
     origins : (modes,), from where moments of q are taken.
     """
 
@@ -96,10 +102,10 @@ class SmoothResponse(NamedTuple):
 
     Parameters
     ----------
-    samples : (samples, modes, 2 paths), values, and slopes over `scale`, in turn. Counted steps
-        begin with the one that ends at sample 0.
+    samples : (samples, modes, 2 paths), values, and slopes divided by `scale`, in turn. The first
+        counted step ends at sample 0.
     scale : rad/s.
-    half_kick : the table of a matrix pass from velocities to those in the middle of the kick, of
+    half_kick : table of a matrix pass from velocities before the kick to those in its middle, of
         which moments are taken.
     """
 
@@ -110,7 +116,7 @@ class SmoothResponse(NamedTuple):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def fill_modal_spectrum(streams, real, imaginary, relative, spectrum):
-    """Gaussian spectra of Y + i Y' / w0 of all modes, from common coefficients.
+    """Gaussian spectra of Y + i Y' / w0 of all modes, from the same random coefficients.
 
     Y = Re sum_t (a_t - i b_t) B_t e^iwt, with a and b standard normals of each bin and table.
 
@@ -118,7 +124,8 @@ def fill_modal_spectrum(streams, real, imaginary, relative, spectrum):
     ----------
     streams : (2, paths) random streams, advanced by a pair of normals per bin and table.
     real, imaginary : (bins, modes, tables), B of the bins 1, 2, ...; relative : (bins,), w / w0.
-    spectrum : (samples, modes, 2 paths), replaced. An inverse transform is not to divide.
+    spectrum : (samples, modes, 2 paths), replaced. The inverse transform must not divide by
+        `samples`.
     """
     samples, modes, paths = spectrum.shape[0], spectrum.shape[1], streams.shape[1]
     bins, tables = real.shape[0], real.shape[2]
@@ -141,8 +148,8 @@ def fill_modal_spectrum(streams, real, imaginary, relative, spectrum):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def take_sample(sample, scale, start, lanes, smooth):
-    """Values and slopes of Y, (modes, 2 paths) in turn, as rows: values, then slopes."""
+def read_sample(sample, scale, start, lanes, smooth):
+    """Rows of values, then rows of slopes of Y, from a sample (modes, 2 paths) of both in turn."""
     modes = sample.shape[0]
     for m in range(modes):
         for i in range(lanes):
@@ -159,8 +166,8 @@ def add_to(total, part):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def add_bends(a0, a1, s0, r0, s1, r1, step):
-    """Curvatures at both ends of the cubic through values s and slopes r."""
+def add_curvatures(a0, a1, s0, r0, s1, r1, step):
+    """Add the curvatures at both ends of the cubic through values s and slopes r."""
     for j in range(a0.shape[0]):
         for i in range(a0.shape[1]):
             rise = 6.0 * (s1[j, i] - s0[j, i]) / (step * step)
@@ -169,8 +176,8 @@ def add_bends(a0, a1, s0, r0, s1, r1, step):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def mark(y0, v0, y1, v1, j, third, lower, upper, marks):
-    """Mark the lanes where the hull of the cubic of a gap, its start included, reaches a stop."""
+def mark_near_stops(y0, v0, y1, v1, j, third, lower, upper, marks):
+    """Mark the lanes where the hull of the cubic of gap j reaches a stop by a positive number."""
     for i in range(marks.shape[0]):
         leaving = y0[j, i] + third * v0[j, i]
         coming = y1[j, i] - third * v1[j, i]
@@ -180,8 +187,8 @@ def mark(y0, v0, y1, v1, j, third, lower, upper, marks):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def gather(marks, lanes, index):
-    """Numbers of the marked lanes into `index`; returns how many there are."""
+def gather_marked(marks, lanes, index):
+    """Write the numbers of the marked lanes into `index`; returns how many there are."""
     count = 0
     for i in range(lanes):
         index[count] = i
@@ -205,7 +212,7 @@ def add_row(total, row, x, j, origin):
 
 @numba.njit(cache=True, error_model="numpy")
 def add_moments(local, modes, state, origins):
-    """Sums of q, q q' and p p', upper triangles in turn."""
+    """Add q, then the upper triangles of q q' and of p p', to their sums."""
     row = modes
     for k in range(modes):
         add_row(local, k, state, k, origins[k])
@@ -222,11 +229,11 @@ def add_moments(local, modes, state, origins):
 def run_modes(
     state, streams, sums, structure, tables, contacts, burn_in, steps, stride, record, log
 ):  # fmt: skip
-    """Fly every path for burn_in + steps steps; sums of the last `steps` go to `sums`.
+    """Advance every path by burn_in + steps steps, and add up the last `steps`.
 
     Parameters
     ----------
-    state : (states, paths) q, p and signals at the start, replaced by the end.
+    state : (states, paths) q, p and signals at the start, replaced by those at the end.
     streams : (2, paths) random streams, advanced.
     sums : (rows, paths), added to: q; q q' and p p' by rows of the upper triangle; then the rows of
         each pair. Moments are taken every `stride` steps, before the kick.
@@ -234,9 +241,9 @@ def run_modes(
     tables : None, or `SmoothResponse`.
     contacts : None, or `modal_contacts.Contacts`; pairs then have ROWS_OF_CONTACT_PAIR rows, else
         ROWS_OF_PAIR.
-    record : None, or zeros (steps, paths, 2 modes + pairs) to take q, p and the signed impact
+    record : None, or zeros (steps, paths, 2 modes + pairs), which get q, p and the signed impact
         speeds of every counted step.
-    log : None, or an `impact_log.Log` of the impacts in the counted steps.
+    log : None, or an `impact_log.Log`, which gets the impacts in the counted steps.
     """
     step, modes, passes = structure.step, structure.modes, structure.passes
     stops, margins, resets = structure.stops, structure.margins, structure.resets
@@ -254,13 +261,14 @@ def run_modes(
     a0, a1 = np.zeros((pairs, width)), np.zeros((pairs, width))
     marks, index = np.zeros(width), np.zeros(width + 1, np.int64)
     local = np.zeros((moments + rows * pairs, width))
-    hits, gaps, room = np.zeros((pairs, rows)), np.zeros((pairs, 6)), make_room(pairs, modes)
+    hits, gaps, work = np.zeros((pairs, rows)), np.zeros((pairs, 6)), make_workspace(pairs, modes)
     peaks = np.zeros((width, pairs, 2))
-    work = np.zeros((10, width))
-    packed = (
-        work[0], work[1], work[2], work[3], work[4], work[5], work[6], work[7], work[8], work[9],
+    c = np.zeros((10, width))
+    arrays = LaneArrays(
+        c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9],
         np.zeros((resets.states.shape[2], width)), np.zeros((2 * modes + 3, width)),
     )  # fmt: skip
+    single = SinglePair(step, stops, passes.impact, moments)
     words0, words1 = np.zeros(width, np.uint64), np.zeros(width, np.uint64)
     smooth, total = np.zeros((2 * modes, width)), np.zeros((2 * modes, width))
     s0, s1 = np.zeros((pairs, width)), np.zeros((pairs, width))
@@ -277,7 +285,7 @@ def run_modes(
         if tables is not None:
             samples = tables.samples.shape[0]
             before = tables.samples[(-burn_in - 1) % samples]
-            take_sample(before, tables.scale, start, lanes, smooth)
+            read_sample(before, tables.scale, start, lanes, smooth)
             matrix_pass(s0, 0.0, smooth, passes.gaps, width)
             matrix_pass(r0, 0.0, smooth, passes.speeds, width)
             add_to(y0, s0)
@@ -292,7 +300,7 @@ def run_modes(
             matrix_pass(new, 1.0, z, passes.states_drawn, width)
             if tables is not None:
                 sample = tables.samples[number % samples]
-                take_sample(sample, tables.scale, start, lanes, smooth)
+                read_sample(sample, tables.scale, start, lanes, smooth)
             if pairs > 0:
                 matrix_pass(v0, 0.0, old, passes.speeds_kicked, width)
                 matrix_pass(v0, 1.0, z, passes.speeds_drawn, width)
@@ -307,18 +315,18 @@ def run_modes(
                 marks[:] = 0.0
                 for j in range(pairs):
                     lower, upper = stops[j, 0, 0] + margins[j], stops[j, 1, 0] - margins[j]
-                    mark(y0, v0, y1, v1, j, third, lower, upper, marks)
-                count = gather(marks, lanes, index)
+                    mark_near_stops(y0, v0, y1, v1, j, third, lower, upper, marks)
+                count = gather_marked(marks, lanes, index)
                 if count > 0:
                     matrix_pass(a0, 0.0, old, passes.bends_kicked, width)
                     matrix_pass(a1, 0.0, new, passes.bends, width)
                     if tables is not None:
-                        add_bends(a0, a1, s0, r0, s1, r1, step)
+                        add_curvatures(a0, a1, s0, r0, s1, r1, step)
                 if contacts is None:  # noqa: SIM102 - a test of its own is left out when compiled
                     if (pairs == 1) & (count > 0) & (record is None):
                         count = single_impacts(
-                            (y0, v0, a0, y1, v1, a1), new, index, count, step, stops, passes.impact,
-                            local, moments, packed, log, start, number,
+                            single, (y0, v0, a0, y1, v1, a1), new, index, count, local, arrays,
+                            log, start, number,
                         )  # fmt: skip
                 for k in range(count):
                     i = index[k]
@@ -326,8 +334,8 @@ def run_modes(
                         gaps[j, 0], gaps[j, 1], gaps[j, 2] = y0[j, i], v0[j, i], a0[j, i]
                         gaps[j, 3], gaps[j, 4], gaps[j, 5] = y1[j, i], v1[j, i], a1[j, i]
                     hits[:] = 0.0
-                    meet_stops(
-                        new, i, gaps, step, stops, resets, contacts, peaks[i], room, hits,
+                    step_with_stops(
+                        new, i, gaps, step, stops, resets, contacts, peaks[i], work, hits,
                         page_of(log, start + i, number, step),
                     )  # fmt: skip
                     for j in range(pairs):

@@ -1,7 +1,7 @@
-"""Stops under tabulated noise: the response without stops is given, impacts are added.
+"""Stops under tabulated noise: impacts are added to a given response without stops.
 
 Between impacts the structure is linear, so x = y + e with y the stationary response without
-stops, synthesised from its own spectrum, and e a free decay that every impact kicks:
+stops, synthesised from its own spectrum, and e a free decay that every impact changes:
 
     e(t + h) = A(h) e(t),    impact at u with speed w:  e' <- e' - (1 + R) w
 
@@ -10,8 +10,8 @@ values and slopes (error of fourth order); an impact takes the first upward root
 changes the end of the interval by -(1 + R) w times the second column of A(remaining time). Where a
 stop gives way, `compliant_response` takes the interval instead.
 
-All paths move together from sample to sample: a loop without branches flies those that stay
-clear of the stops, which most do, and marks the others, which are then taken one by one. To that
+All paths move together from sample to sample: a loop without branches advances those that stay
+clear of the stops, which most do, and marks the others, which are then advanced one by one. To that
 end a row holds one sample (or one bin) of all paths, (y, y' / w0) or (real, imaginary) in turn.
 
 Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
@@ -20,9 +20,13 @@ Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in 
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.compliant_response import TALLY, cross_contacts
-from stochvi.methods.monte_carlo.kernels.flight import add_moments, take_several
-from stochvi.methods.monte_carlo.kernels.impact_log import page_of, write_down
+from stochvi.methods.monte_carlo.kernels.compliant_response import (
+    TALLY,
+    IntervalEnds,
+    interval_with_contacts,
+)
+from stochvi.methods.monte_carlo.kernels.flight import add_impacts, add_moments
+from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
 from stochvi.methods.monte_carlo.kernels.intervals import decay, time_to_stop
 from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
@@ -39,22 +43,20 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 
 
 @numba.njit(cache=True, error_model="numpy")
-def cross(
-    x0, v0, x1, v1, span, structure, lower, upper, threshold, scale, extremes, sums, page=None
-):
-    """One sampling interval with any number of impacts; returns the end (x, v)."""
-    omega, damping_rate = structure
+def interval_with_impacts(x0, v0, x1, v1, sampling, lower, upper, extremes, sums, page=None):
+    """One sampling interval with any number of impacts on rigid stops; returns the end (x, v)."""
+    span, omega, damping_rate, threshold, scale, _, _ = sampling
     whole = span
     for bounces in range(MOST_BOUNCES + 1):
         s, w, position, restitution, side = 2.0, 0.0, 0.0, 0.0, 1.0
         if upper is not None:
-            s, w = time_to_stop(x0, v0, x1, v1, span, upper[0])
-            position, restitution = upper[0], upper[1]
+            s, w = time_to_stop(x0, v0, x1, v1, span, upper.position)
+            position, restitution, _ = upper
         if lower is not None:
-            t, below = time_to_stop(-x0, -v0, -x1, -v1, span, -lower[0])
+            t, below = time_to_stop(-x0, -v0, -x1, -v1, span, -lower.position)
             if t < s:
                 s, w, side = t, below, -1.0
-                position, restitution = lower[0], lower[1]
+                position, restitution, _ = lower
         if s > 1.0:
             return x1, v1
         if w <= RESTING * scale or bounces == MOST_BOUNCES:
@@ -67,7 +69,7 @@ def cross(
         span *= 1.0 - s
         if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
             if w >= threshold:
-                write_down(page, 0, whole - span, side * w)
+                log_impact(page, 0, whole - span, side * w)
         shape, slope = decay(span, damping_rate, omega)
         change = -(1.0 + restitution) * w * side
         x1 += change * shape
@@ -77,8 +79,8 @@ def cross(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def spread(cosine, sine, above, below, up, down):
-    """One bin of every path: its rows of the spectrum at +w and at -w."""
+def fill_bin(cosine, sine, above, below, up, down):
+    """Fill the rows of the spectrum at +w and at -w with one bin of every path."""
     for i in range(cosine.shape[0]):
         up[2 * i] = above * cosine[i]
         up[2 * i + 1] = -above * sine[i]
@@ -90,14 +92,14 @@ def spread(cosine, sine, above, below, up, down):
 def fill_spectrum(streams, amplitudes, relative, spectrum):
     """Gaussian spectrum of y + i y' / w0 for y = sum a cos wt + b sin wt = Re sum (a - i b) e^iwt.
 
-    y has (a - i b) / 2 at +w and the conjugate of it at -w; i y' / w0 adds -w / w0 and w / w0
-    times as much.
+    y has (a - i b) / 2 at +w and the complex conjugate at -w; i y' / w0 adds -w / w0 and w / w0
+    times these.
 
     Parameters
     ----------
     streams : (2, paths) random streams, advanced by a pair of normals per bin.
-    amplitudes, relative : of bins 1, 2, ...: deviation of a and b, and w / w0.
-    spectrum : (samples, 2 paths), replaced. An inverse transform is not to divide by `samples`.
+    amplitudes, relative : (bins,), standard deviation of a and b, and w / w0, of bins 1, 2, ...
+    spectrum : (samples, 2 paths), replaced. The inverse transform must not divide by `samples`.
     """
     samples, paths = spectrum.shape[0], streams.shape[1]
     count = amplitudes.shape[0]
@@ -108,17 +110,17 @@ def fill_spectrum(streams, amplitudes, relative, spectrum):
         normal_pairs(streams[0], streams[1], cosine, sine)
         half = 0.5 * amplitudes[k]
         above, below = half * (1.0 - relative[k]), half * (1.0 + relative[k])
-        spread(cosine, sine, above, below, spectrum[k + 1], spectrum[samples - 1 - k])
+        fill_bin(cosine, sine, above, below, spectrum[k + 1], spectrum[samples - 1 - k])
 
 
 @numba.njit(cache=True, error_model="numpy")
-def advance(y, x, v, e, rate, near, structure, column, span, lower, upper):
-    """One interval of every path that stays clear of the stops; the others are marked `near`.
+def advance_clear_paths(y, x, v, e, rate, near, sampling, column, lower, upper):
+    """Advance every path that stays clear of the stops by one interval; mark the others `near`.
 
-    A path marked has had its decay only. The cubic between the samples lies in the hull of its
-    four control points. `column` is the second column of A(span). Returns how many are marked.
+    Of a marked path only e has decayed. The cubic between the samples lies in the hull of its four
+    control points. `column` is the second column of A(span). Returns the number of marked paths.
     """
-    omega, damping_rate = structure
+    span, omega, damping_rate = sampling.span, sampling.omega, sampling.damping_rate
     shape, slope = column
     # first column of A, from e'' = -b e' - w0^2 e
     shape_x, slope_x = slope + damping_rate * shape, -omega * omega * shape
@@ -133,9 +135,9 @@ def advance(y, x, v, e, rate, near, structure, column, span, lower, upper):
         a, b = x0 + v0 * third, x1 - v1 * third
         close = False
         if upper is not None:
-            close = max(max(a, b), max(x0, x1)) > upper[0]
+            close = max(max(a, b), max(x0, x1)) > upper.position
         if lower is not None:
-            close = close | (min(min(a, b), min(x0, x1)) < lower[0])
+            close = close | (min(min(a, b), min(x0, x1)) < lower.position)
         e[i], rate[i] = e1, rate1
         x[i] = x0 if close else x1
         v[i] = v0 if close else v1
@@ -145,36 +147,33 @@ def advance(y, x, v, e, rate, near, structure, column, span, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def sharpest(x, v, structure, extremes):
-    """Take the absolute acceleration by spring and damper into the largest so far."""
-    omega, damping_rate = structure
+def update_peak_acceleration(x, v, sampling, extremes):
+    """Update the largest absolute acceleration of each path with that by spring and damper."""
+    omega, damping_rate = sampling.omega, sampling.damping_rate
     for i in range(x.shape[0]):
-        pull = abs(damping_rate * v[i] + omega * omega * x[i])
-        extremes[i, SHARPEST] = max(extremes[i, SHARPEST], pull)
+        acceleration = abs(damping_rate * v[i] + omega * omega * x[i])
+        extremes[i, SHARPEST] = max(extremes[i, SHARPEST], acceleration)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def run_response(
-    free, sampling, lower, upper, peaks, sums, record, extremes, log
-):  # fmt: skip
-    """Add impacts to `free` responses, each periodic in time; sums of `counted` samples to `sums`.
+def run_response(free, sampling, lower, upper, peaks, sums, record, extremes, log):
+    """Add impacts to `free` responses, which are periodic in time, and add up the counted samples.
 
     Parameters
     ----------
     free : (samples, 2 paths), y and y' / w0 of each path in turn, at equal intervals.
     sampling : `steps.Sampling`.
-    lower, upper : None, or (stop, R) from the mean position; with `peaks`, (stop, kind, data) as
-        in `contact`.
+    lower, upper : None, or a `steps.RigidStop`; with `peaks`, a `steps.ContactStop`. Positions are
+        those from the mean position.
     peaks : None, or (paths, 2) where a stop gives way: the largest forces so far of contacts that
         last, of the lower and the upper stop.
     sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
     record : None, or (counted, paths, 3).
-    extremes : None, or (paths, EXTREMES) as in `rows`, of the samples that count.
-    log : None, or an `impact_log.Log` of the impacts as fast as the threshold in the intervals that
-        end on samples that count.
+    extremes : None, or (paths, EXTREMES) as in `rows`, of the counted samples.
+    log : None, or an `impact_log.Log`, which gets the impacts in the intervals that end on counted
+        samples and that are at least as fast as the threshold.
     """
-    span, omega, damping_rate, threshold, scale, warm_up, counted = sampling
-    structure = (omega, damping_rate)
+    span, omega, damping_rate, _, _, warm_up, counted = sampling
     column = decay(span, damping_rate, omega)
     samples, paths = free.shape[0], free.shape[1] // 2
     e, rate, near = np.zeros(paths), np.zeros(paths), np.zeros(paths)
@@ -184,7 +183,7 @@ def run_response(
     spare = np.zeros(EXTREMES)
     for step in range(-warm_up, counted):
         y = free[step if step >= 0 else samples + step]
-        marked = advance(y, x, v, e, rate, near, structure, column, span, lower, upper)
+        marked = advance_clear_paths(y, x, v, e, rate, near, sampling, column, lower, upper)
         for i in range(paths if marked > 0 else 0):
             if near[i] != 0.0:
                 several[:] = 0.0
@@ -193,23 +192,22 @@ def run_response(
                     own = extremes[i] if step >= 0 else spare
                 y0, y1 = y[2 * i], omega * y[2 * i + 1]
                 if peaks is None:
-                    x[i], v[i] = cross(
-                        x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
-                        threshold, scale, own, several, page_of(log, i, step, span),
+                    x[i], v[i] = interval_with_impacts(
+                        x[i], v[i], y0 + e[i], y1 + rate[i], sampling, lower, upper, own, several,
+                        page_of(log, i, step, span),
                     )  # fmt: skip
                 else:
-                    x[i], v[i] = cross_contacts(
-                        x[i], v[i], y0 + e[i], y1 + rate[i], span, structure, lower, upper,
-                        threshold, scale, tally, peaks[i], own, several,
-                        page_of(log, i, step, span),
+                    x[i], v[i] = interval_with_contacts(
+                        IntervalEnds(x[i], v[i], y0 + e[i], y1 + rate[i]), sampling, lower, upper,
+                        tally, peaks[i], own, several, page_of(log, i, step, span),
                     )  # fmt: skip
                 e[i], rate[i] = x[i] - y0, v[i] - y1
                 if step >= 0:
-                    take_several(several, True, local, record, step, 0, i)
+                    add_impacts(several, True, local, record, step, 0, i)
         if step >= 0:
             add_moments(x, v, 0.0, local[X], local[XX], local[VV])
             if extremes is not None:
-                sharpest(x, v, structure, extremes)
+                update_peak_acceleration(x, v, sampling, extremes)
             if record is not None:
                 for i in range(paths):
                     record[step, i, 0] = x[i]

@@ -1,7 +1,7 @@
-"""Names of the sums that the kernels of one oscillator, and of pairs of stops, add up.
+"""Rows of the tables of sums that the kernels fill, for one oscillator and for pairs of stops.
 
-Kernels use the numbers of the rows. Whoever reads a table of sums asks `Sums` or `Extremes`, which
-read it by name. All quantities are per unit mass.
+Kernels use the numbers of the rows; `Sums` and `Extremes` read the tables by name. All quantities
+are per unit mass.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ speeds (F1, m/s) and the squares of their speeds (F2, m^2/s^2)."""
 
 IMPULSE, LOSS, PEAK, TIME, ENDED = range(5)
 ROWS_OF_STOP = 5
-"""Rows of the contacts with one stop that gives way: impulse, energy taken, duration; of contacts
-that ended, their largest forces and their number."""
+"""Rows of the contacts with one stop that gives way: impulse, dissipated energy, sum of the peak
+forces of ended contacts, duration, and number of ended contacts."""
 
 CONTACT_LOWER = SUMS
 CONTACT_UPPER = SUMS + ROWS_OF_STOP
@@ -49,7 +49,7 @@ class Sums(NamedTuple):
 
     @classmethod
     def zeros(cls, paths: int, contacts: bool) -> Sums:
-        """Sums of so many paths before the first step."""
+        """Sums of that number of paths before the first step."""
         return cls(np.zeros((CONTACT_SUMS if contacts else SUMS, paths)))
 
     @property
@@ -64,17 +64,17 @@ class Sums(NamedTuple):
 
     @property
     def impacts(self) -> Vector:
-        """Impacts on both stops that are as fast as the threshold."""
+        """Number of impacts on both stops that are at least as fast as the threshold."""
         return self.table[N_LOWER] + self.table[N_UPPER]
 
     @property
     def impact_speeds(self) -> Vector:
-        """Speeds of all impacts on both stops, m/s."""
+        """Sum of the speeds of all impacts on both stops, m/s."""
         return self.table[F1_LOWER] + self.table[F1_UPPER]
 
     @property
     def contact_loss(self) -> Vector:
-        """Energy that contacts with both stops took, J/kg."""
+        """Energy dissipated by contacts with both stops, J/kg."""
         return self.table[CONTACT_LOWER + LOSS] + self.table[CONTACT_UPPER + LOSS]
 
 
@@ -85,7 +85,7 @@ class Extremes(NamedTuple):
 
     @classmethod
     def zeros(cls, paths: int) -> Extremes:
-        """Extremes of so many paths before the first step."""
+        """Extremes of that number of paths before the first step."""
         return cls(np.zeros((paths, EXTREMES)))
 
     @property

@@ -1,4 +1,4 @@
-"""What the kernels of one oscillator are given: numbers with names, in one unit of mass.
+"""Arguments of the kernels of one oscillator, as named tuples; all quantities per unit mass.
 
 Numba compiles a named tuple as it does a plain one. Parts that may be absent are arguments of their
 own, because numba leaves out the code of an argument that is `None`, not that of an empty field.
@@ -33,42 +33,74 @@ class Flow(NamedTuple):
 
 
 class RigidStop(NamedTuple):
-    """A rigid stop: position from the rest position (m), restitution, and the speed after an impact
-    (m/s) under which the same stop may be met again within a step (negative: never)."""
+    """A rigid stop for kernels that know no other: position from the rest position in m, and R.
+
+    `slow` is the speed after an impact, in m/s, below which the mass may hit the same stop again
+    within a step; it is negative where that cannot happen.
+    """
 
     position: float
     restitution: float
     slow: float
 
 
-class Corner(NamedTuple):
-    """How steps are refined where a mass is slow and near a stop.
+class ContactStop(NamedTuple):
+    """A stop of any kind: position from the rest position in m, kind and numbers of its law.
+
+    The kinds and the layout of `data` are those of `contact`.
+    """
+
+    position: float
+    kind: int
+    data: NDArray
+
+
+class Paths(NamedTuple):
+    """State of the paths that a kernel advances, and the sums that it adds to.
 
     Parameters
     ----------
-    width, speed : m from a stop and m/s, under which steps are refined.
-    damping_rate, intensity : b (1/s) and S0 (m^2/s^3) of the noise.
-    ladder : (levels, 3), h / 2^k and (C, S) of it in row k.
-    share : largest length of a sub-step, in the time in which noise changes the state.
+    x, v : (paths,), m from the rest position and m/s at the start, replaced by those at the end.
+    streams : (2, paths), random streams, advanced.
+    sums : (rows, paths), added to; the rows are those of `rows`.
+    """
+
+    x: NDArray
+    v: NDArray
+    streams: NDArray
+    sums: NDArray
+
+
+class Corner(NamedTuple):
+    """How steps are refined in the corner of the phase plane where a mass is slow and near a stop.
+
+    Parameters
+    ----------
+    width, speed : distance from a stop (m) and speed (m/s) below which steps are refined.
+    damping_rate, intensity : b (1/s), and S0 of the noise (m^2/s^3).
+    stiff : w0^2, 1/s^2.
+    ladder : (levels, 3), length h / 2^k of a sub-step with its (C, S) in row k.
+    share : largest length of a sub-step, in units of the time in which noise changes the state.
     """
 
     width: float
     speed: float
     damping_rate: float
     intensity: float
+    stiff: float
     ladder: NDArray
     share: float
 
 
 class Counting(NamedTuple):
-    """Which steps are flown and what is counted of them.
+    """How many steps a path takes, and which of its states and impacts are added up.
 
     Parameters
     ----------
-    burn_in, steps : steps that are flown first, and steps that count.
-    stride : moments are taken every so many steps, before the kick.
-    origin : m, from where the moments of x are taken; it should be near their mean.
-    threshold : m/s, the slowest impact that counts as one.
+    burn_in, steps : numbers of steps: first those that are not counted, then those that are.
+    stride : number of steps from one sample of the moments to the next; samples precede the kick.
+    origin : m, from where the moments of x are taken; it should be near the mean of x.
+    threshold : m/s, speed of the slowest impact that is counted.
     """
 
     burn_in: int
@@ -85,9 +117,10 @@ class Sampling(NamedTuple):
     ----------
     span : s, the sampling interval.
     omega, damping_rate : w0 (rad/s) and b (1/s).
-    threshold : m/s, the slowest impact that counts as one.
-    scale : m/s, a velocity that the slowest impacts are compared with.
-    warm_up, counted : samples flown first, at the end of the period, and samples that count.
+    threshold : m/s, speed of the slowest impact that is counted.
+    scale : m/s, the rms speed; slower rebounds than `limits.RESTING` times it rest on the stop.
+    warm_up, counted : numbers of samples: first those at the end of the period, which are not
+        counted, then those that are.
     """
 
     span: float
