@@ -151,3 +151,17 @@ def test_commands_say_it_first_and_end_with_1(tmp_path: Path, stochvi: Run) -> N
         assert record["contradicts"] is False
         assert set(record["p_values"]) == {"peak", "kurtosis"}
         json.dumps(record)
+
+
+@pytest.mark.parametrize(("natural", "zeta"), [(12.0, 0.1), (150.0, 0.02), (2.0, 3.0)])
+def test_the_response_without_stops_is_that_of_a_replay(
+    tmp_path: Path, natural: float, zeta: float
+) -> None:
+    scene = scene_of(tmp_path, spoilt("potholes", np.random.default_rng(5)), natural, zeta)
+    found = record_verdict(scene)
+    x = replay(scene.model_copy(update={"impact_pairs": ()})).coordinates["x"]
+    assert found is not None
+    assert found.displacement_std == pytest.approx(float(x.displacement_std), rel=1e-9)
+    assert found.kurtosis == pytest.approx(float(x.displacement_kurtosis), rel=1e-9)
+    largest = max(float(x.displacement_max), -float(x.displacement_min))
+    assert found.displacement_max == pytest.approx(largest, rel=3e-7)
