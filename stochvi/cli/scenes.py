@@ -49,7 +49,8 @@ law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law whe
 kind = "psd"                 # or "white", "filtered", "sine", "constant"; several add up
 profile = "mil-std-810h-truck-vertical-5hz"          # see: stochvi profiles
 level_db = 0.0
-# or: file = "my.csv" (text, .uff, .mat; column = "Z" or 3 where it has several), or
+# or: file = "my.csv" (text, .uff, .mat; column = "Z" or 3 where it has several; of a spectrum.csv
+# that `stochvi spectrum --out` wrote: of = "body"), or
 # frequency_hz = [..] and density = [..], with a unit, unless the heading of the file states it:
 # unit = "g2/Hz"             # "(m/s2)2/Hz", "N2/Hz", "dB re 1 g2/Hz", ...; one-sided per hertz
 # white: intensity = S0 (two-sided, SI), or density = .. with unit = ..

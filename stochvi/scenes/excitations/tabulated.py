@@ -21,6 +21,7 @@ from stochvi.scenes.excitations.base import (
     sentences_of,
 )
 from stochvi.scenes.readers import Columns, read_columns
+from stochvi.scenes.response_spectra import is_response_spectrum, read_response_spectrum
 from stochvi.scenes.validation import Column, ColumnName, Count, Names, Numbers, given
 
 
@@ -33,8 +34,10 @@ class TabulatedNoise(DensityNoise):
     `file` is text (`column` names the densities or counts their place from 1, if there are more
     than two columns), a UFF file with a dataset 58 (`dataset` says which, if several fit) or a
     MATLAB file (`variables` names the two vectors, or the matrix of two columns, if several fit).
-    A unit that the file states is taken; one of the scene must then be the same. `unit` may be
-    decibels, "dB re 1 g2/Hz". A frequency that stands twice is a step.
+    A `spectrum.csv` that `stochvi spectrum --out` wrote of another scene is read as the absolute
+    acceleration of its coordinate `of`. A unit that the file states is taken; one of the scene must
+    then be the same. `unit` may be decibels, "dB re 1 g2/Hz". A frequency that stands twice is a
+    step.
 
     Examples
     --------
@@ -49,6 +52,7 @@ class TabulatedNoise(DensityNoise):
     profile: str | None = None
     file: str | None = None
     column: ColumnName | None = None
+    of: str | None = None
     variables: Names | None = None
     dataset: Count | None = None
     frequency_hz: Column | None = None
@@ -56,6 +60,7 @@ class TabulatedNoise(DensityNoise):
     unit: DensityOrLevelUnit | None = None
     _unit: Unit = PrivateAttr()
     _notes: tuple[str, ...] = PrivateAttr(default=())
+    _estimated: tuple[str, ...] = PrivateAttr(default=())
 
     @model_validator(mode="after")
     def _read(self) -> Self:
@@ -65,8 +70,9 @@ class TabulatedNoise(DensityNoise):
                 "needs exactly one of profile, file, and frequency_hz with density, "
                 f"got {given(self, 'profile', 'file', 'frequency_hz', 'density')}"
             )
-        if self.file is None and given(self, "column", "variables", "dataset") != "none":
-            raise ValueError(f"has {given(self, 'column', 'variables', 'dataset')} without a file")
+        choices = given(self, "column", "of", "variables", "dataset")
+        if self.file is None and choices != "none":
+            raise ValueError(f"has {choices} without a file")
         if self.profile is not None and self.unit not in (None, "g2/Hz"):
             raise ValueError(f"has unit {self.unit!r}, but shipped profiles are in 'g2/Hz'")
         columns = self._columns()
@@ -103,6 +109,10 @@ class TabulatedNoise(DensityNoise):
             )
         if self.file is not None:
             with sentences_of("file"):
+                if self.of is not None or is_response_spectrum(Path(self.file)):
+                    found = read_response_spectrum(Path(self.file), self.of)
+                    self._estimated = (found.error,)
+                    return found.columns
                 return read_columns(
                     Path(self.file), ("frequency_hz", "density"), column=self.column,
                     variables=self.variables, dataset=self.dataset,
@@ -120,7 +130,12 @@ class TabulatedNoise(DensityNoise):
 
     def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
         """What was taken from its file besides the numbers, and what was left out."""
-        return tuple(f"table {Path(self.file or '').name}: {note}" for note in self._notes)
+        name = Path(self.file or "").name
+        return tuple(f"table {name}: {note}" for note in (*self._estimated, *self._notes))
+
+    def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
+        """How uncertain a density is that was estimated by simulation."""
+        return tuple(f"table {Path(self.file or '').name}: {note}" for note in self._estimated)
 
     def numbers(self) -> dict[str, float]:
         stated = {}

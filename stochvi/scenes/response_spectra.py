@@ -1,0 +1,95 @@
+"""Spectra that `stochvi spectrum --out` wrote, as the excitation of another scene."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from stochvi.mathematics.units import unit
+from stochvi.results.errors import SceneError
+from stochvi.scenes.readers import LARGEST_DATA_FILE, Columns
+from stochvi.scenes.text import decoded
+
+HEADING = ("of", "quantity", "frequency_hz", "value", "standard_error", "unit")
+"""Columns of a `spectrum.csv` that are read; it has more."""
+
+QUANTITY = "acceleration"
+"""The quantity that shakes what stands on a mass: its absolute acceleration."""
+
+
+class EstimatedDensity(NamedTuple):
+    """A density that was estimated by simulation, and what is to be known about it, in words."""
+
+    columns: Columns
+    error: str
+
+
+def is_response_spectrum(path: Path) -> bool:
+    """Whether a file begins as a `spectrum.csv` does; False for what cannot be read."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            cells = next(csv.reader([file.readline(1000)]), [])
+    except (OSError, ValueError, csv.Error):
+        return False
+    return set(HEADING) <= set(cells)
+
+
+def read_response_spectrum(path: Path, of: str | None) -> EstimatedDensity:
+    """The density of the absolute acceleration of a coordinate, (m/s^2)^2/Hz.
+
+    Parameters
+    ----------
+    path
+        A `spectrum.csv`.
+    of
+        Name of the coordinate; None if the file holds only one.
+
+    Raises
+    ------
+    SceneError
+        If the file is no such table, or does not say the acceleration of that coordinate.
+    """
+    if not is_response_spectrum(path):
+        raise SceneError(
+            [("of", f"chooses a coordinate of a spectrum.csv that `stochvi spectrum --out` wrote, "
+              f"got {path.name} without its columns {', '.join(HEADING)}; column = chooses one of "
+              "another table")]
+        )  # fmt: skip
+    table = list(csv.DictReader(decoded(path, LARGEST_DATA_FILE).splitlines()))
+    owners = list(dict.fromkeys(row["of"] for row in table if row["quantity"] == QUANTITY))
+    if not owners:
+        raise SceneError(
+            [("file", f"{path} holds no absolute acceleration: where a force acts on a mass, the "
+              "spectra of a scene leave it out")]
+        )  # fmt: skip
+    if of is None and len(owners) > 1:
+        raise SceneError([("of", f"must say whose acceleration is meant: {_listed(owners)}")])
+    if of is not None and of not in owners:
+        raise SceneError([("of", f"must be {_listed(owners)}, got {of!r}")])
+    chosen = [
+        row for row in table if row["of"] == (of or owners[0]) and row["quantity"] == QUANTITY
+    ]
+    try:
+        frequency, density, error = (
+            np.array([float(row[name]) for row in chosen])
+            for name in ("frequency_hz", "value", "standard_error")
+        )
+        stated = unit(chosen[0]["unit"])
+    except (TypeError, ValueError) as reason:
+        raise SceneError([("file", f"{path} holds a row that is no number: {reason}")]) from None
+    known = density > 0.0
+    relative = 100.0 * float(np.median(error[known] / density[known])) if known.any() else 0.0
+    whole = 100.0 * float(error.sum() / density.sum()) if known.any() else 0.0
+    return EstimatedDensity(
+        Columns(x=frequency, y=density, unit=stated, stated_in=path.name),
+        f"it is the acceleration of {of or owners[0]}, estimated by simulation: {relative:.2g} % "
+        f"standard error at a frequency (median), less than {whole:.2g} % of the mean square; that "
+        "is not in the intervals of what is computed from it, nor is what does not look Gaussian",
+    )
+
+
+def _listed(names: list[str]) -> str:
+    return " or ".join(repr(name) for name in names)
