@@ -88,7 +88,7 @@ class CutNormal:
 
     @cached_property
     def _quadrature(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Offsets from the peak, and weights that hold the density there."""
+        """Offsets of the nodes from the peak, and weights that include the density."""
         edges = [(start, end) for start, end in self._panels() if end > start]
         starts, ends = (np.array(column)[:, None] for column in zip(*edges, strict=True))
         offset = ((starts + ends) / 2.0 + (ends - starts) / 2.0 * NODES).ravel()
@@ -96,7 +96,8 @@ class CutNormal:
         return offset, weight
 
     def _panels(self) -> list[tuple[float, float]]:
-        """Intervals that hold the density, each monotone, as offsets from the peak."""
+        """Intervals in which the density is monotone and outside which it is negligible, as offsets
+        from the peak."""
         low = -math.inf if self.lower is None else self.lower - self.peak
         high = math.inf if self.upper is None else self.upper - self.peak
         if self.curvature > 0.0 or self.lower is None or self.upper is None:

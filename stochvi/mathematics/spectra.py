@@ -26,8 +26,9 @@ NARROW, LEVEL = 0.1, 0.5
 logarithm of the density changes by no more than this in it: the error of 4 nodes is then below
 1e-11 of the panel's part."""
 
-FEWEST_TO_TELL = 200
-"""Breakpoints of a table below which narrow panels are too few to be worth telling apart."""
+FEWEST_BREAKPOINTS = 200
+"""Smallest number of breakpoints of a table for which its narrow panels are integrated
+separately."""
 
 MOST_BREAKPOINTS = 100_000
 """Largest number of breakpoints of a table: sums over more take seconds, and no analyser has more
@@ -246,7 +247,7 @@ def _quadrature(
         ]
     )
     edges = np.unique(edges[(edges >= low) & (edges <= high)])
-    if len(table.frequency_hz) < FEWEST_TO_TELL:
+    if len(table.frequency_hz) < FEWEST_BREAKPOINTS:
         return gauss_panels(edges, NODES)
     distance = np.maximum(np.minimum(*np.abs(_ends(edges) - resonance)), width)
     logs = np.interp(np.log(edges), np.log(table.frequency_hz), np.log(table.density))

@@ -222,7 +222,7 @@ def _parsed(text: str) -> tuple[float, str]:
         registry = _registry()
         factor, base = registry.get_base_units(registry.parse_units(text))
         size = float(str(factor))
-    except Exception:  # pint raises whatever its parsing met
+    except Exception:  # pint raises errors of many kinds when it parses
         raise _unknown(text) from None
     return size, DIMENSIONS.get(str(base), str(base))
 

@@ -97,7 +97,8 @@ class Well:
         return self._sprung(energy) if self.omega else self._free(energy)
 
     def _sprung(self, energy: Vector) -> Orbits:
-        """With x = load / omega^2 + w sin a / omega and v = w cos a: dt = da / omega.
+        """Motion under a spring: with x = load / omega^2 + w sin a / omega and v = w cos a, dt = da
+        / omega.
 
         What is left of the circle may be a short arc about a turning point, so that angles come
         from place and speed, and differences of sines from half differences of angles.

@@ -379,7 +379,7 @@ class GibbsLaw:
 
     @cached_property
     def _quadrature(self) -> tuple[Vector, Vector]:
-        """Offsets from the peak, and weights that hold the density there."""
+        """Offsets of the nodes from the peak, and weights that include the density."""
         left = self.peak - self._reach(self.peak, -1.0)
         right = self.peak + self._reach(self.peak, 1.0)
         return self._weighed(left, right, self.peak)
@@ -456,7 +456,7 @@ class GibbsLaw:
         return math.log(-math.expm1(below)) if below < 0.0 else -math.inf
 
     def _log_beyond(self, x: float, away: float) -> float:
-        """log of the probability on the far side of x as seen from the peak."""
+        """Logarithm of the probability of the part beyond x, on the side away from the peak."""
         if float(self._within(x)) != x:
             return -math.inf
         end = x + away * self._reach(x, away)

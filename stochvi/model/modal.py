@@ -22,7 +22,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 RIGID_BODY = 1e-13
-"""Eigenvalues below this multiple of the largest one are rounding, and taken for 0."""
+"""Eigenvalues below this multiple of the largest one are rounding errors, and are set to 0."""
 
 UNSTABLE = 1e-8
 """Decay rate, relative to the fastest frequency, up to which a structure counts as one without a

@@ -41,7 +41,7 @@ PerUnitMass = Callable[[ArrayLike], Vector]
 """A force per unit mass (m/s^2), or an energy (m^2/s^2), as a function of x (m) or v (m/s)."""
 
 LOWER, UPPER = -1, 1
-"""The side of a stop: the direction in which the gap moves when it meets the stop."""
+"""The side of a stop: the direction in which the gap moves towards it."""
 
 
 @dataclass(frozen=True)

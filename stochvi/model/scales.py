@@ -55,7 +55,7 @@ def scales_of(
     scales: tuple[PairScale, ...] = ()
     law = following = linear_law(modes, substitutes)
     for _ in range(ITERATIONS if model.pairs else 0):
-        if following is None:  # a gap too wide for a spring to stand for: the last one will do
+        if following is None:  # no spring represents so wide a gap: the last one is kept
             break
         law = following
         found = [
@@ -102,7 +102,8 @@ def _without_own_spring(
 
     The static ones: with noise that matches the damping, the law of y is the Gibbs law of them.
     """
-    gap, soft = modes.gaps[j], SOFTEST * substitutes[j].spring  # where nothing else holds the gap
+    # the soft spring holds a gap that no other spring holds
+    gap, soft = modes.gaps[j], SOFTEST * substitutes[j].spring
     stiffness = np.diag(modes.squares) + soft * np.outer(gap, gap)
     forces = modes.falling.copy()
     for other, substitute in enumerate(substitutes):

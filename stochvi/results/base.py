@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COMMON = ("warnings", "cost", "provenance", "interrupted")
-"""Fields that every answer has; they stand last in documents."""
+"""Fields that every answer has; they come last in documents."""
 
 MOST_ROWS = 60
 """Rows of a table that a notebook shows; longer ones are cut in the middle."""
@@ -47,7 +47,7 @@ class Result:
     interrupted: bool = False
 
     not_in_document: ClassVar[tuple[str, ...]] = ()
-    """Fields that the JSON document of a kind of answer does not hold."""
+    """Fields of a kind of answer that its JSON document leaves out."""
 
     def __repr__(self) -> str:
         return f"<{self.summary()}>"

@@ -66,7 +66,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 LISTS = ("absorber", "excitation", "impact_pair")
-"""Keys of a scene file that may hold several parts."""
+"""Keys of a scene file that may have several entries."""
 
 
 def toml_remedy(error: ValueError) -> str:

@@ -67,7 +67,7 @@ def _is_plain(letter: str) -> bool:
 
 
 def _alike(name: str) -> str:
-    """What names have in common that some system holds for one name."""
+    """The form of a name that is equal for names that some file system does not distinguish."""
     return unicodedata.normalize("NFKC", name).casefold()
 
 

@@ -37,7 +37,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 ROUNDING = 1e-12
-"""Relative size up to which an entry of a matrix, or an eigenvalue, is taken for rounding."""
+"""Relative size up to which an entry of a matrix, or an eigenvalue, counts as a rounding error."""
 
 
 class Split(NamedTuple):

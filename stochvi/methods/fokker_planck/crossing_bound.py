@@ -17,7 +17,8 @@ from stochvi.methods.fokker_planck.initial_states import Point, Start
 from stochvi.model.model import Model
 
 PANELS = 64
-"""Number of panels into which a time is cut; the bound holds for any number and sinks with it."""
+"""Number of panels into which a time is divided; the bound holds for any number, and decreases with
+it."""
 
 FALLING = math.sqrt(2.0)
 """Number of standard deviations from where on z^2 exp(-z^2 / 2), and with it the bound, falls

@@ -164,7 +164,8 @@ class StripDensity:
     # Over all places ----------------------------------------------------------------------------
 
     def _strips(self) -> Iterator[tuple[Strip, Array, Array, Array]]:
-        """Each strip with x at its nodes, weights that hold the density's weight, and q there."""
+        """Each strip with the nodes in x, weights that include the weight of the density, and the
+        values of q at the nodes."""
         for strip, q in zip(self.solved.strips, self.solved.q, strict=True):
             xi, weights, values, _ = strip.nodes
             x = self.scaled.centre + self.scaled.length * xi

@@ -48,7 +48,7 @@ class Projection(NamedTuple):
         whole[:size, :size], whole[:size, size] = -self.operator, self.source
         with np.errstate(over="ignore", invalid="ignore"):
             found = np.array([expm(whole * time)[:size, size] for time in times]).reshape(-1, size)
-        # unlike infinity, and what is close to it, NaN passes through sums without a warning
+        # sums of NaN raise no warning, unlike sums of infinite or very large numbers
         found[~(np.abs(found) < GROWN).all(axis=1)] = np.nan
         return found
 
@@ -90,7 +90,7 @@ def projections(mass: csc_array, solve: Solve, source: Array, shift: float) -> I
 
 
 ROUNDING = 1e-14
-"""Relative size of what is left of a vector that the Krylov space already holds: rounding."""
+"""Relative size below which the part of a vector outside the Krylov space is a rounding error."""
 
 
 def _projection(basis: Array, hessenberg: Array, size: float, shift: float) -> Projection:

@@ -92,7 +92,8 @@ def solve(scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array
 
 
 def _in_si(scaled: Boxes, found: BoxMoments) -> Solution:
-    """Averages in SI units from those of the box; a halved box stands for its whole scene."""
+    """Averages in SI units from those of the dimensionless box; those of a halved box are extended
+    to both halves."""
     length, speed, halved = scaled.half_length, scaled.speed, scaled.halved
     sign = np.where(scaled.mirrored, -1.0, 1.0)
     frequency = speed / length
@@ -159,7 +160,8 @@ def _damper_alone(scenes: OscillatorArrays) -> Array:
 
 
 MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=1e-06)
-"""Found on random scenes against much finer meshes: 19 of 20 bounds hold."""
+"""Safety factors of the error bounds, chosen on random scenes against much finer meshes so that 19
+of 20 bounds hold."""
 
 
 def errors(scenes: OscillatorArrays, coarse: Moments, fine: Solution, far: Moments) -> Moments:

@@ -120,7 +120,7 @@ def _weight_at(boxes: Boxes, xi: float) -> Array:
 
 
 def _stop(boxes: Boxes, mesh: Mesh, side: int) -> Array:
-    """Matrices of what arrives at a stop and what leaves it, (box, test, trial)."""
+    """Matrices of the densities that arrive at a stop and that leave it, (box, test, trial)."""
     velocity = mesh.velocity
     restitution = boxes.restitution_left if side < 0 else boxes.restitution_right
     inward, outward = velocity.minus, velocity.plus

@@ -13,7 +13,8 @@ from stochvi.methods.fokker_planck.basis import Array
 from stochvi.model.model import Model
 
 TAIL = 8.5
-"""Number of standard deviations beyond which a Gaussian law holds less than 2e-17."""
+"""Number of standard deviations beyond which a Gaussian law has less than 2e-17 of its
+probability."""
 
 GRID = np.linspace(-TAIL, TAIL, 18)
 """Standard deviations between which Gauss-Legendre panels resolve a Gaussian law."""

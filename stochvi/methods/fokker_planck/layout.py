@@ -110,17 +110,17 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
     path to a barrier or that noise gives it on the way there.
     """
     base = lowest(model, lower, upper)
-    lower, upper = _felt(model, lower, upper, base)
+    lower, upper = _relevant_barriers(model, lower, upper, base)
     barriers = [x for x in (lower, upper) if math.isfinite(x)]
     climb = math.sqrt(max(2.0 * max(rise(model, x, base) for x in barriers), 0.0))
     length = upper - lower
     if not math.isfinite(length):
         length = max(abs(barriers[0] - base), abs(_place(start) - barriers[0]))
     native = max(climb, math.cbrt(model.intensity / 2.0 * length))
-    law = _law(model)
+    law = _rms_speed(model)
     energy = _start_energy(model, start, lower, upper, base)
     slow = min(law, native)
-    # what a path can still gain before it meets a barrier that it has the energy for
+    # the energy that noise may add before the path reaches a barrier that it has the energy for
     gained = climb + REACH * _layer(model, length)
     fastest = max(
         min(math.hypot(climb, REACH * slow), gained),
@@ -139,7 +139,7 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
     )  # fmt: skip
 
 
-def _law(model: Model) -> float:
+def _rms_speed(model: Model) -> float:
     """Rms velocity of the stationary law without barriers, m/s; infinite without damping."""
     if model.damping_rate == 0.0:
         return math.inf
@@ -158,13 +158,16 @@ def _climbs(model: Model, lower: float, upper: float, base: float) -> tuple[floa
 def barrier_height(model: Model, lower: float, upper: float) -> float:
     """Speed that just reaches the lower of two barriers, in rms velocities; 0 without damping."""
     climbs = _climbs(model, lower, upper, lowest(model, lower, upper))
-    return min(climbs) / _law(model)
+    return min(climbs) / _rms_speed(model)
 
 
-def _felt(model: Model, lower: float, upper: float, base: float) -> tuple[float, float]:
-    """The barriers, infinite where met less than exp(-REACH^2 / 2) times as often as the other."""
+def _relevant_barriers(
+    model: Model, lower: float, upper: float, base: float
+) -> tuple[float, float]:
+    """The barriers, infinite for one that is reached less than exp(-REACH^2 / 2) times as often as
+    the other."""
     first, second = _climbs(model, lower, upper, base)
-    most = math.hypot(min(first, second), REACH * _law(model))
+    most = math.hypot(min(first, second), REACH * _rms_speed(model))
     return (lower if first <= most else -math.inf), (upper if second <= most else math.inf)
 
 
@@ -237,7 +240,7 @@ def _start_energy(model: Model, start: Start, lower: float, upper: float, base: 
 
 
 TAIL_KEPT = 6.0
-"""Number of standard deviations of an initial law that a box has room for."""
+"""Number of standard deviations of an initial law that lie within the box."""
 
 
 def _end(model: Model, base: float, speed: float, side: float) -> float:

@@ -174,7 +174,7 @@ def _all_numbers(model: Model) -> bool:
     return not functions(model) and not model.not_rigid()
 
 
-@np.errstate(all="ignore")  # what is no number is not within rtol, and is left to strips
+@np.errstate(all="ignore")  # a result of NaN is not within rtol; the scene is then solved on strips
 def _on_fixed_meshes(
     model: Model, rtol: float, speed_threshold: float
 ) -> tuple[Averages, Averages] | None:
@@ -231,7 +231,7 @@ def _response(
 
 
 def _balances(answered: Refinement) -> dict[str, Estimate]:
-    """Residuals of the balances, with a bound on what the errors of their terms leave."""
+    """Residuals of the balances, with a bound from the errors of their terms."""
     bias = 2.0 * worst_relative_error(answered.averages, answered.errors)
     residuals = answered.field.balances()
     return {

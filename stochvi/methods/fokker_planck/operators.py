@@ -218,7 +218,7 @@ class Operator:
             np.union1d(reach, slow[np.abs(slow) < velocity.breaks[-1]]), GRID_NODES
         )
         values = density(box.centre + box.half_length * xi[:, None], box.speed * u)
-        # the density is per metre and per metre a second
+        # the unit of the density is 1 / (m m/s)
         values = values * (box.half_length * box.speed * x_weights[:, None] * u_weights)
         profiles = self._profiles(xi).reshape(len(xi), -1)
         whole = profiles.T @ values @ self._speeds(u)

@@ -257,7 +257,8 @@ def _assumptions(scene: Scene, start: StartChoice) -> list[str]:
 
 
 def _rice_rate(model: Model, lower: float, upper: float) -> Estimate | None:
-    """omega / (2 pi) exp(-z^2 / 2) of each barrier, z its distance in standard deviations."""
+    """Rice's rate omega / (2 pi) exp(-z^2 / 2) of each barrier, 1/s, z its distance in standard
+    deviations."""
     if model.omega == 0.0 or model.damping_rate == 0.0:
         return None
     deviation = math.sqrt(model.intensity / 2.0 / model.damping_rate) / model.omega
@@ -340,7 +341,7 @@ def _on_level(
     layout: Layout, level: Level, start: Start, lower: float, upper: float, times: Array,
     most: Array, rtol: float,
 ) -> tuple[_Values, Array]:  # fmt: skip
-    """The numbers on one mesh, and what the projection in time leaves of error.
+    """The results on one mesh, and the error of the projection in time.
 
     `most` are probabilities that none can exceed.
     """
@@ -380,7 +381,7 @@ def _projected(
         shifted = operator.factorised(shift)
         for projection in projections(operator.mass, shifted.solve_transposed, source, shift):
             found = projection.accumulated(times[places]) @ (projection.basis.T @ weights)
-            # a space too small may hold modes that grow
+            # a space that is too small may have modes that grow
             good = np.abs(found) < PLAUSIBLE
             before = change[places]
             change[places] = np.where(good, np.abs(found - fast[places]), 1.0)

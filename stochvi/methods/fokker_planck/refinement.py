@@ -91,7 +91,7 @@ def refine(
         errors = _errors(field, before, found)
         refinement = Refinement(field, found, errors, coarser)
         if _cut(field)["variance"] > 2.0 * rtol * found.variance:
-            break  # no mesh holds more
+            break  # no mesh may be larger
         if worst_relative_error(found, errors) <= rtol and rates_not_resolved(
             found, errors
         ).isdisjoint(rates):
@@ -207,7 +207,7 @@ def _ratio(change: Averages, sizes: Averages, name: str) -> float:
 
 
 def _unreached(field: StripDensity, crossing_rate: float) -> dict[str, float]:
-    """Bounds on what stops see that count as out of reach.
+    """Bounds on the quantities of stops that count as out of reach.
 
     Rice's rate at the law's temperature, with Rayleigh's speeds, or what the solution has next to
     the stop, if that is more. Beyond the box it falls at least as fast as the damper alone has it.

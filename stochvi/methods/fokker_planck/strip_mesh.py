@@ -153,7 +153,7 @@ def _narrowed(patch: Patch, corner: Corner, depth: float) -> list[Patch]:
 
 
 def _slowed(scaled: ScaledMotion, patch: Patch, slowest: float) -> tuple[float, ...]:
-    """Breaks that narrow towards 0 as far as the distance from the corners asks for."""
+    """Breaks that narrow towards 0, as finely as the distance from the corners requires."""
     scales = []
     for corner in scaled.corners:
         place = corner.place - patch.anchor

@@ -96,7 +96,7 @@ def solve_strips(motion: ScaledMotion, strips: tuple[Strip, ...]) -> Solved:
 
 
 def _gathered(pieces: list[_Piece], wall: Array, side: int) -> tuple[Array, list[Array]]:
-    """The wall that all but the last of some strips are, met one after another towards `side`.
+    """The wall that all but the last of some strips form, in their order towards `side`.
 
     With it, for each of them, what its own wall sends in for what comes in through its open end.
     """

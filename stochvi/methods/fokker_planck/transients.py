@@ -60,7 +60,7 @@ MOST_BEYOND = 1e-6
 """Largest probability of an initial law beyond the stops; that part is left out."""
 
 MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=1e-06)
-"""The same as those of `fixed_meshes`."""
+"""Safety factors of the error bounds, the same as those of `fixed_meshes`."""
 
 PROJECTION_SHARE = 0.1
 """Part of the relative error allowed that the projection in time may take."""
@@ -241,7 +241,8 @@ def transient(
 
 
 class _Problem(NamedTuple):
-    """What is solved: the times `early` belong to a law that has not met the stops."""
+    """The equations to be solved; the times `early` are those at which the law has not reached the
+    stops."""
 
     model: Model
     layout: Layout
@@ -350,7 +351,7 @@ def _averages(found: Array, problem: _Problem) -> Moments:
 
 
 def _with_early(values: Moments, problem: _Problem) -> Moments:
-    """Averages completed by the exact ones of the times before any stop was met."""
+    """Averages completed by the exact ones of the times before the law reaches a stop."""
     columns = [column.copy() for column in values]
     for place, law in enumerate(problem.early):
         if law is not None:
@@ -366,7 +367,7 @@ def _with_early(values: Moments, problem: _Problem) -> Moments:
 def _on_level(
     problem: _Problem, level: Level, rtol: float
 ) -> tuple[Moments, Moments, Operator, Array]:
-    """Averages, what the projection in time leaves of error, and the coefficients, (times, n)."""
+    """Averages, the error of the projection in time, and the coefficients, (times, n)."""
     layout, second = problem.layout, problem.layout.box.time
     operator = Operator(layout.box, mesh(layout, level), layout.walls)
     weights = operator.integrals(problem.law.density, *problem.law.grids())

@@ -55,7 +55,8 @@ GRANTED = 1e-3
 """Error in the logarithm that every bound includes: the truth of the atlas is no better."""
 
 LARGEST = 3.0
-"""Logarithm of an error, a factor of 20, above which a bound says nothing and none is given."""
+"""Largest logarithm of an error, a factor of 20, for which a bound is given: a larger bound would
+be useless."""
 
 
 class Span(NamedTuple):
@@ -227,7 +228,7 @@ def _unlike_safety(method: str, quantity: str) -> float:
 
 
 def _widened(errors: NDArray[np.float64], safety: float) -> Span:
-    """Span of errors, widened to hold zero and multiplied by a safety factor."""
+    """Range of errors, extended to include zero and multiplied by a safety factor."""
     low, high = min(float(errors.min()), 0.0), max(float(errors.max()), 0.0)
     return Span(safety * low - GRANTED, safety * high + GRANTED)
 

@@ -52,7 +52,7 @@ def clumped(model: Model, closure: Candidate) -> Candidate:
     weight = energy_weight(model)
     if weight < UNSEEN:
         return closure
-    # seen from the rest position, so that a large load costs no digits
+    # measured from the rest position, so that a large load causes no loss of digits
     rest = model.rest
     law = energy_law(Gap.of(model).from_rest(rest))
     first, second = law.moment(lambda o: o.first), law.moment(lambda o: o.second)

@@ -112,7 +112,7 @@ def _peak(slope: Vector, curvature: Vector, lower: Vector, upper: Vector) -> Vec
 def _panels(
     peak: Vector, slope: Vector, curvature: Vector, lower: Vector, upper: Vector
 ) -> tuple[tuple[Vector, Vector], tuple[Vector, Vector]]:
-    """Two intervals that hold each density, as offsets from its peak.
+    """Two intervals outside which each density is negligible, as offsets from its peak.
 
     On either side of an inner peak; or at either stop, where a density leans on both.
     """

@@ -137,7 +137,7 @@ def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
         variance=deviation**2,
         velocity_mean_square=speed**2,
         density_at_mean=1.0 / (ROOT_TWO_PI * deviation),
-        # E F = load holds by construction
+        # E F = load is satisfied by construction
         stop_force=gap.load - gap.omega**2 * averages.mean,
         stiffness=stiffness - gap.omega**2,
         damping=damping,

@@ -154,7 +154,8 @@ class _Unit(NamedTuple):
 
 
 class _State(NamedTuple):
-    """lambda, kappa and log s_v as rows; the law they stand for; the imbalances as rows."""
+    """lambda, kappa and log s_v as rows, the law with these parameters, and the imbalances as
+    rows."""
 
     unknowns: Vector
     law: CutLaws

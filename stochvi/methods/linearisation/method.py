@@ -320,7 +320,7 @@ def _warnings(model: Model, candidate: Candidate, form: str) -> list[str]:
 
 
 LOSSY = 0.15
-"""Damping ratio of a stop from which the closure is known to be far off."""
+"""Damping ratio of a stop from which the error of the closure is known to be large."""
 
 MEASURED_RATIOS = (0.2, 0.4, 0.6, 1.0)
 """Damping ratios at which the two errors below were measured against `fokker_planck`: single stops
@@ -340,7 +340,7 @@ given."""
 
 
 def _warnings_of_losses(model: Model, stop: Stop, law: Viscoelastic) -> list[str]:
-    """The known errors where a stop takes much energy in its contacts."""
+    """Warnings with the known errors where a stop dissipates much energy in its contacts."""
     ratio, side = law.damping_ratio, stop.name
     # would a load alone, without noise, hold the mass on the stop?
     if stop.side * (model.load - model.omega**2 * stop.position) > 0.0:

@@ -23,8 +23,8 @@ SCAN = (-6.9, 4.6)
 """Logarithms of the least and the largest speed among which further solutions are looked for,
 relative to a speed that balances."""
 
-LOOKED_AT = 75
-"""Number of speeds that are looked at within `SCAN`: some fifteen a decade."""
+SCANNED_SPEEDS = 75
+"""Number of speeds within SCAN at which the balance is evaluated: about fifteen per decade."""
 
 
 def linear_moments(gap: Gap, stiffness: float, damping: float) -> tuple[float, float]:
@@ -169,7 +169,7 @@ def balanced_speeds(gap: Gap, near: float) -> list[float]:
     """All speeds within three decades below and two above `near` at which the elastic law takes
     up the power supplied, m/s; in coloured noise there may be several, where the linearised
     resonance passes through a peak or an edge of the density."""
-    logs = math.log(near) + np.linspace(*SCAN, LOOKED_AT)
+    logs = math.log(near) + np.linspace(*SCAN, SCANNED_SPEEDS)
     values = [_surplus(gap, log_speed) for log_speed in logs.tolist()]
     return [
         math.exp(brentq(lambda log_speed: _surplus(gap, log_speed), low, high, xtol=1e-9))

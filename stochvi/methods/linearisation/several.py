@@ -43,7 +43,8 @@ MOST_FORMS = 3
 
 
 class _PairGap(NamedTuple):
-    """A pair on its own, as a mass that static springs and its stops hold, per unit mass.
+    """The gap of one pair as a mass with the static springs of the structure and the stops, per
+    unit mass.
 
     `gap` is in SI units, `scaled` in those of `frame`. `forms` are to be tried in turn.
     """

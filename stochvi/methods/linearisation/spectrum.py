@@ -27,7 +27,8 @@ Vector = NDArray[np.float64]
 Density = Callable[[ArrayLike], Vector]
 
 PLACES = 2001
-"""Number of frequencies at which a spectral peak is looked for before it is refined."""
+"""Number of frequencies at which a spectrum is evaluated in the search for its peak, before
+refinement."""
 
 DECADES = 4.0
 """Number of decades below and above the linearised resonance within which a spectral peak is looked

@@ -145,7 +145,7 @@ def _shaken(model: Model) -> tuple[tuple[Density, Vector], ...]:
             noise = Filter(signal.omega, signal.damping_rate, signal.intensity)
             found.append((noise.__call__, modes.shapes.T @ signal.direction))
     intensities, directions = np.linalg.eigh(modes.white)
-    # eigenvalues of a matrix of low rank are known to rounding of the largest
+    # the error of an eigenvalue of a matrix of low rank is the rounding error of the largest one
     kept = intensities > np.finfo(float).eps * len(intensities) * max(intensities[-1], 0.0)
     for intensity, direction in zip(intensities[kept], directions.T[kept], strict=True):
         found.append((_flat, np.sqrt(intensity) * direction))
