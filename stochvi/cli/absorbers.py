@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     help="Numbers of equal masses that a design may choose from.",
 )  # fmt: skip
 @click.option("--rel-error", type=float, default=0.01, show_default=True, help="Of Monte Carlo.")
-@common("budget", "seed", "threads", "json", "out", "quiet")
+@common("budget", "seed", "threads", "json", "out", "force", "quiet")
 def absorber(
     options: Common, scene: str, levels: str, mass_budget: float | None, restitutions: str,
     units: str, rel_error: float,
@@ -61,22 +61,22 @@ def absorber(
             )  # fmt: skip
 
     if mass_budget is None:
-        shown(performance, lambda found: _show_performance(options, found))
+        shown(performance, lambda found: _show_performance(options, scene, found))
     else:
-        shown(design, lambda found: _show_design(options, found))
+        shown(design, lambda found: _show_design(options, scene, found))
 
 
-def _show_performance(options: Common, found: AbsorberReport) -> None:
+def _show_performance(options: Common, scene: str, found: AbsorberReport) -> None:
     from stochvi.views.absorbers import draw_levels, print_absorber
     from stochvi.views.report.absorber import write_absorber_report
 
     options.show(found, print_absorber, "absorber")
     options.draw("absorber", lambda: draw_levels(found))
     if options.out is not None:
-        write_absorber_report(found, options.out)
+        write_absorber_report(found, options.out, options.origin(scene, found.provenance))
 
 
-def _show_design(options: Common, found: Design) -> None:
+def _show_design(options: Common, scene: str, found: Design) -> None:
     from stochvi.views.absorbers import draw_design, print_design
     from stochvi.views.files import write_table
     from stochvi.views.report.absorber import write_absorber_report
@@ -85,4 +85,4 @@ def _show_design(options: Common, found: Design) -> None:
     options.draw("absorber-design", lambda: draw_design(found))
     if options.out is not None:
         write_table(found.curve, options.out / "absorber-design.csv")
-        write_absorber_report(found, options.out)
+        write_absorber_report(found, options.out, options.origin(scene, found.provenance))

@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import SPEED, TIME, Common, acceleration, common, lengths, numbers, shown
+from stochvi.cli.options import (
+    BUDGET,
+    SPEED,
+    TIME,
+    Common,
+    acceleration,
+    common,
+    lengths,
+    numbers,
+    shown,
+)
 from stochvi.cli.program import FAILED, main, stop
 
 if TYPE_CHECKING:
@@ -104,26 +114,36 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 )
 @click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
 @click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")
-@common("budget", "seed", "threads", "json", "out", "quiet")
+@click.option(
+    "--tolerances", metavar="LIST",
+    help="Of the worst case in the report: frequency=10%,damping=30%,level=3dB,stiffness=20% (the "
+    "defaults; structure.frequency_tolerance and damping_tolerance of the scene).",
+)  # fmt: skip
+@common("budget", "seed", "threads", "json", "out", "force", "quiet")
 def size(
-    options: Common, scene: str, peak_acceleration: str | None, sensitivity: bool, **asked: Any
-) -> None:
+    options: Common, scene: str, peak_acceleration: str | None, sensitivity: bool,
+    tolerances: str | None, **asked: Any,
+) -> None:  # fmt: skip
     """The clearance that is really needed, with a stated risk."""
     from stochvi.isolators.sizing.method import size as solve
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
+    from stochvi.isolators.sizing.worst_case import Tolerances
     from stochvi.results.base import plain
     from stochvi.results.deadline import Deadline
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_sizing
 
     loaded = load_scene(scene)
+    stated = _stated_tolerances(tolerances)
+    Tolerances.of(loaded, **stated)  # wrong ones are refused before the work
     deadline = Deadline.after(options.budget)
+    more = sensitivity or options.out is not None
     fell_short: list[str] = []
     judged: list[RecordVerdict | None] = []
 
     def found() -> Sizing:
-        # a sizing takes what it needs, the changed cases of --sensitivity what is left
-        sampling = options.sampling | {"budget": deadline.part(FIRST if sensitivity else 1.0)}
+        # a sizing takes what it needs, changed cases and the report what is left
+        sampling = options.sampling | {"budget": deadline.part(FIRST if more else 1.0)}
         with options.progress("sizing") as report:
             return solve(
                 loaded, peak_acceleration=acceleration(peak_acceleration), progress=report,
@@ -135,8 +155,8 @@ def size(
         if sensitivity:
             with options.progress("sensitivity") as report:
                 table = vary(
-                    answer, seed=options.seed, threads=options.threads, budget=deadline.rest,
-                    progress=report,
+                    answer, seed=options.seed, threads=options.threads,
+                    budget=deadline.part(1.0 if options.out is None else FIRST), progress=report,
                 )  # fmt: skip
             document |= {"sensitivity": plain(table)}
             fell_short.extend(
@@ -148,10 +168,14 @@ def size(
             answer, lambda console, each: print_sizing(console, each, table), None, document
         )
         if options.out is not None:
-            from stochvi.isolators.sizing.review import review
+            from stochvi.isolators.sizing.review import ReviewSettings, review
             from stochvi.views.report import write_report
 
-            write_report(review(answer, table), options.out)
+            reviewed = review(
+                answer, table, ReviewSettings(budget=deadline.rest or BUDGET),
+                tolerances=Tolerances.of(loaded, **stated), threads=options.threads,
+            )  # fmt: skip
+            write_report(reviewed, options.out, options.origin(scene, answer.provenance))
         judged.append(answer.record)
 
     shown(found, show)
@@ -162,7 +186,30 @@ def size(
 
 
 FIRST = 0.5
-"""Share of the budget that the sizing itself may take where changed cases follow."""
+"""Share of the budget that the sizing itself may take where changed cases or a report follow."""
+
+TOLERANCE_UNITS = {
+    "frequency": ("%", 0.01), "damping": ("%", 0.01), "level": ("dB", 1.0), "stiffness": ("%", 0.01)
+}  # fmt: skip
+"""Tolerances that --tolerances may state, each with its unit and the factor of that."""
+
+
+def _stated_tolerances(text: str | None) -> dict[str, float]:
+    """The tolerances of "frequency=5%,level=2dB", by their names in `Tolerances`."""
+    found: dict[str, float] = {}
+    for part in (text or "").split(",") if text is not None else ():
+        name, _, number = part.strip().partition("=")
+        try:
+            unit, factor = TOLERANCE_UNITS[name.strip()]
+            value = factor * float(number.strip().removesuffix(unit))
+        except (KeyError, ValueError):
+            raise ValueError(
+                "--tolerances must be frequency=10%,damping=30%,level=3dB,stiffness=20% or some of "
+                f"these, got {part.strip()!r}"
+            ) from None
+        found["level_db" if name.strip() == "level" else name.strip()] = value
+    return found
+
 
 JOLT_COLUMNS = {
     "jolt": "jolt (m/s)",

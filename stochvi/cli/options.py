@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -17,6 +18,8 @@ from stochvi.cli.output import Report, console_for, progress_bar
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.console import Console
+
+    from stochvi.results.origin import Origin
 
 BUDGET = 60.0
 """Seconds of wall time that a command may take to reach an accuracy, unless --budget is given."""
@@ -35,15 +38,17 @@ def checked_targets(options: Common, given: Mapping[str, Any]) -> Iterator[None]
         check_apart,
         check_file_target,
         check_folder_target,
+        check_report_target,
         inputs_of,
     )
     from stochvi.views.files import kept_inputs
 
-    named = given.get("scenes") or [given[key] for key in ("scene",) if given.get(key)]
-    read = inputs_of([Path(name) for name in named])
+    read = inputs_of(_scenes(given))
     kept = [Path(given[key]) for key in ("checkpoint", "resume") if given.get(key)]
     if options.out is not None:
         check_folder_target(options.out)
+        if options.force is False:
+            check_report_target(options.out, options.question)
     if options.json_file not in (None, "-"):
         check_file_target("--json", Path(options.json_file), read)
         check_apart(Path(options.json_file), kept)
@@ -63,6 +68,23 @@ class Common:
     threads: int | None = None
     budget: float | None = None
     quiet: bool = False
+    force: bool | None = None
+    question: str = ""
+
+    def origin(self, scene: str, provenance: Mapping[str, Any]) -> Origin:
+        """What a report states of its making: this command, its scene file and what that names."""
+        from stochvi.cli.program import COMMAND_LINE
+        from stochvi.cli.targets import inputs_of
+        from stochvi.results.origin import digests, origin_of
+        from stochvi.scenes.text import read_text
+
+        return replace(
+            origin_of(provenance),
+            command=click.get_current_context().meta.get(COMMAND_LINE, ""),
+            listing=read_text(Path(scene)),
+            files=digests(inputs_of([Path(scene)])),
+            question=self.question,
+        )
 
     @property
     def console(self) -> Console:
@@ -161,6 +183,9 @@ OPTIONS = {
         "--budget", type=TIME, metavar="TIME",
         help=f"Give up (exit 1) after this [{BUDGET:g}; none with --paths].",
     ),
+    "force": click.option(
+        "--force", is_flag=True, help="Replace the report of another scene or question in --out."
+    ),
     "quiet": click.option("--quiet", is_flag=True, help="No tables, no progress."),
 }  # fmt: skip
 """The common options by name; "open budget" is --budget without a default, for a command that can
@@ -177,7 +202,9 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
         def run(**given: Any) -> None:
-            options = Common(**{field: given.pop(field) for field in fields})
+            options = Common(
+                **{field: given.pop(field) for field in fields}, question=_question(given)
+            )
             with checked_targets(options, given):
                 command(options, **given)
 
@@ -186,6 +213,25 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
         return run
 
     return decorate
+
+
+def _scenes(given: Mapping[str, Any]) -> list[Path]:
+    """The scene files of a command."""
+    named = given.get("scenes") or [given[key] for key in ("scene",) if given.get(key)]
+    return [Path(name) for name in named]
+
+
+NO_QUESTION = ("scene", "scenes", "checkpoint", "resume", "rel_error", "checkpoint_interval")
+"""Options of commands that change the accuracy or the course of an answer, and not what is asked
+for; the scene files are counted by their places."""
+
+
+def _question(given: Mapping[str, Any]) -> str:
+    """Digest of a command, its scene files and what is asked of them."""
+    asked = {key: str(value) for key, value in given.items() if key not in NO_QUESTION}
+    places = [str(path.resolve()) for path in _scenes(given)]
+    words = [click.get_current_context().info_name, places, sorted(asked.items())]
+    return hashlib.sha256(repr(words).encode()).hexdigest()[:16]
 
 
 def shown(solve: Callable[[], Found], show: Callable[[Found], None]) -> None:

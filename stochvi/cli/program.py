@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import shlex
 import sys
 from typing import Any, NoReturn
 
@@ -17,12 +18,20 @@ FAILED = 1
 BAD_INPUT = 2
 """Exit code if the input is wrong, or the method does not apply to the scene."""
 
+COMMAND_LINE = "stochvi.command_line"
+"""Key of the command line among what the parts of a command share."""
+
 
 class Commands(click.Group):
     """A group that turns every expected error into one sentence on stderr and its exit code."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Keep the words of the command line, which reports state."""
+        ctx.meta[COMMAND_LINE] = shlex.join(["stochvi", *args])
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         _prepare_streams()

@@ -99,9 +99,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 @click.argument("scene")
 @click.option("--duration", type=TIME, required=True, metavar="TIME", help="As 10 (s) or 2min.")
 @click.option("--path", type=int, default=0, show_default=True, help="Number of the realisation.")
-@click.option(
-    "--rate", type=float, metavar="HZ", help="Samples per second, at least [of the step]."
-)
+@click.option("--rate", type=float, metavar="HZ", help="Samples per second [of the step].")
 @click.option("--animate", is_flag=True, help="Also draw history.gif: masses between their stops.")
 @common("seed", "json", "out", "quiet")
 def history(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from stochvi.results.errors import SceneError, TargetError
+from stochvi.results.origin import named_files
 
 
 def inputs_of(scenes: Sequence[Path]) -> list[Path]:
@@ -20,19 +21,10 @@ def inputs_of(scenes: Sequence[Path]) -> list[Path]:
         found.append(scene)
         try:
             document = tomllib.loads(read_text(scene))
-            found += [scene.parent / name for name in _files_in(document)]
+            found += [scene.parent / name for name in named_files(document)]
         except (SceneError, ValueError, RecursionError):
             continue
     return found
-
-
-def _files_in(part: Any) -> Iterator[str]:
-    """Values of every key `file` of a document."""
-    for key, value in part.items() if isinstance(part, dict) else enumerate(part):
-        if key == "file" and isinstance(value, str) and "\0" not in value:
-            yield value
-        elif isinstance(value, dict | list):
-            yield from _files_in(value)
 
 
 def check_folder_target(folder: Path) -> None:
@@ -42,6 +34,27 @@ def check_folder_target(folder: Path) -> None:
         raise TargetError(f"--out must name a folder, but {nearest} is a file; name another folder")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise TargetError(f"--out {folder}: {nearest} cannot be written to; name another folder")
+
+
+REPORT, QUESTION = "report.html", re.compile(r'<meta name="stochvi-question" content="(\w*)">')
+"""Name of the page of a report, and where it states the question that it answers."""
+
+HEAD = 4000
+"""Characters of a page among which its question stands."""
+
+
+def check_report_target(folder: Path, question: str) -> None:
+    """Raise `TargetError` if the folder holds the report of another scene or question."""
+    page = folder / REPORT
+    if not page.is_file():
+        return
+    with page.open(encoding="utf-8", errors="replace") as opened:
+        found = QUESTION.search(opened.read(HEAD))
+    if found is None or found[1] != question:
+        raise TargetError(
+            f"{page} is the report of another scene or question, and would be replaced; name "
+            "another folder with --out, or replace it with --force"
+        )
 
 
 def check_file_target(option: str, file: Path, read: Sequence[Path]) -> None:

@@ -403,7 +403,7 @@ class Scene(Checked):
         """What the scene takes for granted, in words."""
         if self._short_absorbers:
             return (*self.expanded.assumptions(), *self._reaction())
-        found = ["displacements are measured from the position of the unloaded spring"]
+        found = [UNLOADED]
         if self.structure.mass is None:
             found.append("mass is not given: 1 kg, which only forces and energies depend on")
         words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}
@@ -455,6 +455,9 @@ class Scene(Checked):
         """The scene as plain types, in the keys of a scene file; functions by their names."""
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
+
+UNLOADED = "displacements are measured from the position of the unloaded spring"
+"""Where the positions of a scene, and of what methods answer, are measured from."""
 
 LARGEST_NUMBER = 1e50
 """Largest number in a scene, per unit mass, and inverse of the smallest: squares stay finite."""

@@ -134,8 +134,8 @@ def history(
     seed, path
         Which realisation: the same numbers, the same digits.
     rate
-        Samples per second, at least. The step of the simulation if not given; every k-th step where
-        it is lower, k the largest that keeps the rate; a finer simulation where it is higher.
+        Samples per second. The step of the simulation if not given; every k-th step where it is
+        lower, k the largest that keeps the rate; a finer simulation where it is higher.
 
     Raises
     ------

@@ -195,7 +195,7 @@ def thinned(t: Vector, x: Vector, most: int = MOST_POINTS) -> tuple[Vector, Vect
     return t[places], x[places]
 
 
-def label_for_page(ax: Axes, x: str, y: str) -> None:
+def label_for_page(ax: Axes, x: str, y: str, *, legend: bool = True) -> None:
     """Label the axes of a picture on a page, with a grid and a legend above the picture."""
     for axis in (ax.xaxis, ax.yaxis):
         low, high = sorted(axis.get_view_interval())
@@ -208,5 +208,6 @@ def label_for_page(ax: Axes, x: str, y: str) -> None:
     ax.set_ylabel(y)
     add_grid(ax)
     ax.set_axisbelow(True)
-    ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
-              ncols=LEGEND_COLUMNS)  # fmt: skip
+    if legend:
+        ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
+                  ncols=LEGEND_COLUMNS)  # fmt: skip

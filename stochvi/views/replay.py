@@ -98,7 +98,7 @@ def plot_history(each: ReplayAt, ax: Axes | None = None) -> Axes:
             label = f"{stop.rpartition(' ')[0]}" if number == 0 else None
             ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0, label=label)
             hit = each.impacts[each.impacts["side"] == stop.rpartition(" ")[2]]
-            ax.plot(hit["time_s"], np.full(len(hit), place / unit), "v", markersize=4.5,
+            ax.plot(hit["time"], np.full(len(hit), place / unit), "v", markersize=4.5,
                     color=COLOURS["linearise:closure"], clip_on=False, zorder=3,
                     label="hits" if number == 0 else None)  # fmt: skip
     ax.margins(x=0.0)

@@ -18,6 +18,7 @@ from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.axes import (
     COLOURS,
+    OWNERS,
     PAGE,
     add_grid,
     add_title,
@@ -248,6 +249,95 @@ def plot_impact_speeds(review: Review, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def plot_exceedances(review: Review, ax: Axes | None = None) -> Axes:
+    """Chance that the hardest hit of the mission exceeds a limit against the limit, for the
+    smallest, the recommended and the largest clearance; each line bears its clearance."""
+    ax = axes_or_new(ax, PAGE)
+    table, factor, words = _hard_hits(review)
+    known = sorted(set(table["clearance"]))
+    nominal = min(known, key=lambda c: abs(c - review.sizing.clearance.value))
+    for colour, clearance in zip(OWNERS, sorted({known[0], nominal, known[-1]}), strict=False):
+        rows = table[table["clearance"] == clearance].sort_values("limit")
+        x = factor * rows["limit"].to_numpy()
+        _chance_line(ax, x, rows, colour, f"{1e3 * clearance:.3g} mm")
+    _limit_mark(ax, review)
+    ax.set_ylim(*_chance_limits(table))
+    ax.set_yscale("log")
+    label_for_page(ax, words, _chance_label(review), legend=False)
+    return ax
+
+
+def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> Axes:
+    """The chance of exceeding a limit against clearance; each line bears its limit."""
+    ax = axes_or_new(ax, PAGE)
+    table, factor, words = _hard_hits(review)
+    unit = words[words.index("(") + 1 : -1]
+    marked = table[table["mark"]]
+    for colour, limit in zip(OWNERS, sorted(set(marked["limit"])), strict=False):
+        rows = marked[marked["limit"] == limit].sort_values("clearance")
+        x = 1e3 * rows["clearance"].to_numpy()
+        _chance_line(ax, x, rows, colour, f"> {factor * limit:.3g} {unit}", marker="o")
+    ax.set_ylim(*_chance_limits(table))
+    ax.set_yscale("log")
+    for name, place in (
+        ("three_sigma", review.sizing.three_sigma.clearance),
+        ("recommended", review.sizing.clearance.value),
+    ):
+        ax.axvline(1e3 * place, color=MARKS[name][0], linewidth=1.0)
+        ax.text(1e3 * place, 1.0, f" {MARKS[name][1]}", color=MARKS[name][0], fontsize="small",
+                va="bottom", ha="left", transform=ax.get_xaxis_transform())  # fmt: skip
+    label_for_page(ax, "clearance per side (mm)", _chance_label(review), legend=False)
+    return ax
+
+
+def _hard_hits(review: Review) -> tuple[pd.DataFrame, float, str]:
+    """The table, the factor from SI to the unit of its axis, and the label of that axis."""
+    table = review.exceedances
+    assert table is not None
+    if table["event"].iloc[0] == "peak_acceleration":
+        return table, 1.0 / STANDARD_GRAVITY, "largest peak acceleration (g)"
+    return table, 1.0, "largest impact speed (m/s)"
+
+
+def _chance_label(review: Review) -> str:
+    return f"chance in {spoken_mission(review.sizing.mission)}"
+
+
+def _chance_limits(table: pd.DataFrame) -> tuple[float, float]:
+    return max(0.3 * float(table["probability"].min()), LEAST_CHANCE), 1.5
+
+
+LEAST_CHANCE = 1e-9
+"""Lower end of a picture of chances of hard hits."""
+
+
+def _chance_line(
+    ax: Axes, x: Any, rows: pd.DataFrame, colour: str, label: str, marker: str = ""
+) -> None:
+    """Chances with their 95 % band, and the label at the end of the line."""
+    y = rows["probability"].to_numpy()
+    ax.plot(x, y, color=colour, linewidth=1.6, marker=marker, markersize=4)
+    ax.fill_between(x, np.maximum(rows["probability_low"], LEAST_CHANCE), rows["probability_high"],
+                    color=colour, alpha=0.2, linewidth=0)  # fmt: skip
+    ax.annotate(label, (x[-1], y[-1]), xytext=(3, 3), textcoords="offset points", color=colour,
+                fontsize="small", annotation_clip=False)  # fmt: skip
+    ax.margins(x=0.12)
+
+
+def _limit_mark(ax: Axes, review: Review) -> None:
+    """The limit of the target, if it has one."""
+    target = review.sizing.target
+    if target.exceedance is None:
+        return
+    peak = target.name == "peak_acceleration"
+    place = target.value / STANDARD_GRAVITY if peak else target.value
+    ax.axvline(place, color=COLOURS["stop"], linewidth=1.0)
+    ax.axhline(target.exceedance, color=COLOURS["stop"], linewidth=1.0)
+    limit = f"limit {target.in_g if peak else target.limit}"
+    ax.text(place, 1.0, limit, fontsize="small", color=COLOURS["stop"], va="bottom", ha="center",
+            transform=ax.get_xaxis_transform())  # fmt: skip
+
+
 def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
     """Largest acceleration against clearance, a line for each stiffness of the stops."""
     ax = axes_or_new(ax, PAGE)
@@ -263,9 +353,7 @@ def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
     free = (table["largest_acceleration"] / table["peak_amplification"]).mean() / STANDARD_GRAVITY
     ax.axhline(free, color=COLOURS["exact"], linestyle="--", linewidth=1.2, label="no stops")
     ax.set_yscale("log")
-    label_for_page(
-        ax, "clearance per side (mm)", f"largest acceleration in {review.peak_window:g} s (g)"
-    )
+    label_for_page(ax, "clearance per side (mm)", f"largest in {review.peak_window:g} s, mean (g)")
     return ax
 
 

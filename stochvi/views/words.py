@@ -11,6 +11,7 @@ from stochvi.results.estimates import Estimate, format_with_error
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.isolators.sizing.review import Review, Rounded
 
 MM = 1e3
 """Factor from m to mm."""
@@ -31,6 +32,38 @@ def millimetres(metres: float) -> str:
     ('5.971 mm', '12.00 mm', '1234 mm')
     """
     return f"{four_digits(MM * metres)} mm"
+
+
+def made_millimetres(made: Rounded) -> str:
+    """A clearance that is rounded up, with the digits that its step calls for.
+
+    >>> from stochvi.isolators.sizing.review import Rounded
+    >>> made_millimetres(Rounded(value=4.5e-3, step=1e-4))
+    '4.5 mm'
+    """
+    return f"{MM * made.value:.{_places(made.step)}f} mm"
+
+
+def step_in_words(made: Rounded) -> str:
+    """The step that a clearance is rounded up to."""
+    return f"{MM * made.step:.{_places(made.step)}f} mm"
+
+
+def _places(step: float) -> int:
+    return max(round(-math.log10(MM * step)), 0)
+
+
+def tolerances_in_words(review: Review) -> str:
+    """The tolerances that a worst case rests on."""
+    found = review.tolerances
+    words = [
+        f"natural frequency ± {100.0 * found.frequency:.3g} %",
+        f"damping ratio ± {100.0 * found.damping:.3g} %",
+        f"level ± {found.level_db:.3g} dB",
+    ]
+    if any("stiffness" in change for change in review.worst_case["change"]):
+        words.append(f"stiffness of the stops ± {100.0 * found.stiffness:.3g} %")
+    return ", ".join(words)
 
 
 def four_digits(number: float) -> str:

@@ -1,5 +1,6 @@
 """stochvi size: the verdict, the document, the files, and what it refuses."""
 
+import hashlib
 import math
 from dataclasses import replace
 from io import StringIO
@@ -19,7 +20,7 @@ from stochvi.views.sizing import plot_risk
 from support.commands import ISOLATOR, Run, one_document
 from support.sized import scene_between_stops, sizing_of
 
-ROUGH = ("--rel-error", "0.2", "--threads", "1", "--mission", "600")
+ROUGH = ("--rel-error", "0.2", "--threads", "1", "--mission", "600", "--budget", "4")
 
 
 def test_the_clearance_and_what_three_sigma_buys(stochvi: Run, tmp_path: Path) -> None:
@@ -73,6 +74,36 @@ def test_a_changed_scene_stands_beside_it(stochvi: Run, tmp_path: Path) -> None:
     assert changes[0] == "none" and "level +3 dB" in changes
     assert "level +3 dB" in done.err and "no stops" in done.err
     assert list(pd.read_csv(tmp_path / "sensitivity.csv")["change"]) == changes
+
+
+def test_another_report_is_not_replaced(stochvi: Run, tmp_path: Path) -> None:
+    """Refused before the work; --force replaces it."""
+    asked = ("--probability", "0.05", *ROUGH, "--out", tmp_path / "out")
+    for name in ("one", "other"):
+        (tmp_path / f"{name}.toml").write_text(f'title = "{name}"\n' + WHITE, encoding="utf-8")
+    page = tmp_path / "out" / "report.html"
+
+    def titled() -> str:
+        return page.read_text("utf-8").partition("<h1>")[2].partition("</h1>")[0]
+
+    assert stochvi("size", tmp_path / "one.toml", *asked).code == 0
+    before = page.read_bytes()
+    for other in (("size", tmp_path / "other.toml", *asked), ("size", tmp_path / "one.toml",
+                  "--probability", "0.04", *ROUGH, "--out", tmp_path / "out")):  # fmt: skip
+        refused = stochvi(*other)
+        assert refused.code == 2 and "--force" in refused.err and refused.out == ""
+        assert page.read_bytes() == before
+    assert stochvi("size", tmp_path / "other.toml", *asked, "--force").code == 0
+    assert titled() == "other"
+    text = page.read_text("utf-8")
+    digest = hashlib.sha256((tmp_path / "other.toml").read_bytes()).hexdigest()
+    assert digest in text and "stochvi size" in text and "Approved" in text
+
+
+@pytest.mark.parametrize("text", ["speed=3%", "level=loud", "frequency=200%"])
+def test_tolerances_that_are_not_are_refused(stochvi: Run, text: str) -> None:
+    done = stochvi("size", ISOLATOR, "--probability", "0.05", "--tolerances", text)
+    assert done.code == 2 and "toleranc" in done.err
 
 
 def test_the_picture_holds_rice_three_sigma_and_the_answer() -> None:

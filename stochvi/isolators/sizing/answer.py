@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
@@ -169,15 +172,27 @@ class Sizing(Result):
         return seed if isinstance(seed, int) else 0
 
     def verdict(self) -> str:
-        """The clearance, the risk that it keeps, and the risk at three sigma, in one sentence; a
-        record that contradicts them first."""
-        three, record = self.three_sigma, self.record
+        """The clearance, the risk that it keeps, the hits that are expected there, and what three
+        sigma would do to the same quantity, in one sentence; a record that contradicts it first."""
+        three, hits, record = self.three_sigma, self.expected_hits(), self.record
         first = f"{record.sentence()}: " if record is not None and record.contradicts else ""
-        chance = spoken_percent(three.probability.value)
-        return (
-            f"{first}{self._answer()}; 3 sigma = {1e3 * three.clearance:.4g} mm is hit with a "
-            f"chance of {chance} in {spoken_mission(self.mission)}"
-        )
+        place = f"3 sigma = {1e3 * three.clearance:.4g} mm"
+        mission = spoken_mission(self.mission)
+        there = [] if hits is None else [f"{hits:.3g} hits are to be expected there in {mission}"]
+        if self.target.name == "probability":
+            chance = spoken_percent(three.probability.value)
+            rule = [f"{place} is hit with a chance of {chance} in {mission}"]
+        else:
+            rule = [] if three.hits is None else [f"{three.hits.value:.3g} at {place}"]
+        joint = "; " if self.target.name == "probability" else ", "
+        return first + "; ".join(filter(None, [self._answer(), joint.join([*there, *rule])]))
+
+    def expected_hits(self) -> float | None:
+        """Expected hits in the mission at the clearance, simulated; None where they are unknown."""
+        table = self.simulated
+        near = table[np.isclose(table["clearance"], self.clearance.value)] if len(table) else table
+        found = [float(rate) * self.mission for rate in near["hit_rate"]] if len(near) else []
+        return found[0] if found and math.isfinite(found[0]) else None
 
     def _answer(self) -> str:
         """The clearance and the risk that it keeps, in words."""

@@ -122,8 +122,8 @@ def clatter(
     ]
     with crew_of(executor, threads) as crew:
         for ratio, stopped, clearance in wanted:
-            plan = _plan(at_clearance(stopped, clearance), window)
-            windows = _Windows(plan, _plan(free, window), seed, crew)
+            plan = plan_windows(at_clearance(stopped, clearance), window)
+            windows = _Windows(plan, plan_windows(free, window), seed, crew)
             windows.run(rel_error, budget)
             if progress:
                 progress((len(rows) + 1) / len(wanted), f"row {len(rows) + 1} of {len(wanted)}")
@@ -183,7 +183,7 @@ def _variants(
         yield ratio, scene.model_copy(update={"impact_pairs": (pair.model_copy(update=laws),)})
 
 
-def _plan(scene: Scene, window: float) -> TabulatedPlan:
+def plan_windows(scene: Scene, window: float) -> TabulatedPlan:
     """Paths of the length of a window, sampled finely enough for free crests."""
     # every contact counts, however slow
     plan = plan_tabulated(model_of(scene), 0.0, window)

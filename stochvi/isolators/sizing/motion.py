@@ -17,6 +17,7 @@ from stochvi.isolators.environment import (
     frequencies,
     input_density,
     noise_on_base_alone,
+    transmissibility,
 )
 from stochvi.isolators.sizing.hits import at_clearance
 from stochvi.methods.monte_carlo import record_path
@@ -98,6 +99,9 @@ class MotionBetweenStops:
         `frequency_hz` and the apparent `transmissibility`: root of the density of
         -(b v + omega^2 x), the part of the acceleration that spring and damper cause, over that of
         the base. None unless noise moves the base and nothing else shakes the mass.
+    transmissibility_change
+        Largest relative difference of it from that without stops, over bands of a third of an
+        octave.
     """
 
     scene: Scene
@@ -109,6 +113,7 @@ class MotionBetweenStops:
     faster_hits: pd.DataFrame | None
     impacts: pd.DataFrame | None
     transmissibility: pd.DataFrame | None
+    transmissibility_change: float | None
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON document; tables are columns."""
@@ -121,6 +126,7 @@ class MotionBetweenStops:
             "faster_hits": columns_of(self.faster_hits),
             "impacts": columns_of(self.impacts),
             "transmissibility": columns_of(self.transmissibility),
+            "transmissibility_change": self.transmissibility_change,
         }
 
 
@@ -142,20 +148,35 @@ def motion_between_stops(
     speeds = np.sort(speeds[speeds > 0.0])
     rest = model.rest
     samples = path["displacement"].to_numpy()
+    apparent = (
+        _apparent_transmissibility(model, path, settings) if noise_on_base_alone(model) else None
+    )
     reach = 1.05 * max(float(abs(samples - rest).max()), settings.reach * sizing.sigma)
     many = len(speeds) >= settings.fewest_hits
-    noisy = noise_on_base_alone(model)
     return MotionBetweenStops(
         scene=scene,
         duration=duration,
         hits=len(speeds),
         kurtosis=_kurtosis(samples),
         mean_position=rest,
-        displacement=SampledDensity.of(samples, settings.bins, rest - reach, rest + reach),
+        displacement=SampledDensity.of(
+            samples, settings.bins, *_ends(model, rest - reach, rest + reach)
+        ),
         faster_hits=_faster_hits(speeds, duration, settings) if many else None,
         impacts=_impacts(scene, speeds, settings) if many else None,
-        transmissibility=_apparent_transmissibility(model, path, settings) if noisy else None,
+        transmissibility=apparent,
+        transmissibility_change=_largest_change(model, apparent),
     )
+
+
+def _ends(model: Model, low: float, high: float) -> tuple[float, float]:
+    """Ends of a histogram: a rigid stop, which nothing is beyond, else those that are given."""
+    for stop in model.stops:
+        if stop.rigid and stop.position < model.rest:
+            low = stop.position
+        elif stop.rigid:
+            high = stop.position
+    return low, high
 
 
 def _kurtosis(samples: Vector) -> float:
@@ -211,3 +232,23 @@ def _apparent_transmissibility(
             "transmissibility": np.sqrt(density[seen] / base[seen]),
         }
     )
+
+
+FEWEST_IN_BAND = 4
+"""Frequencies that a band must hold to be judged."""
+
+
+def _largest_change(model: Model, apparent: pd.DataFrame | None) -> float | None:
+    """Largest relative difference of bands from the transmissibility without stops."""
+    if apparent is None or not len(apparent):
+        return None
+    frequency = apparent["frequency_hz"].to_numpy()
+    power = apparent["transmissibility"].to_numpy() ** 2
+    known = transmissibility(model, frequency) ** 2
+    band = np.floor(3.0 * np.log2(frequency)).astype(int)
+    changes = [
+        math.sqrt(float(power[band == each].sum() / known[band == each].sum())) - 1.0
+        for each in np.unique(band)
+        if np.count_nonzero(band == each) >= FEWEST_IN_BAND
+    ]
+    return max(map(abs, changes), default=None)

@@ -14,14 +14,17 @@ from stochvi.isolators.screening import Screening, predicted_rates
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.chances import probability_at, two_sided
 from stochvi.isolators.sizing.clatter import clatter
+from stochvi.isolators.sizing.exceedances import exceedances
 from stochvi.isolators.sizing.motion import MotionBetweenStops, PathSettings, motion_between_stops
-from stochvi.isolators.tolerances import within_tolerances
+from stochvi.isolators.sizing.worst_case import Tolerances, worst_case
 from stochvi.model.model import model_of
 from stochvi.results.base import plain
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.excitations import DensityNoise
+from stochvi.scenes.scene import UNLOADED
 from stochvi.scenes.structures import Oscillator
 
 if TYPE_CHECKING:
@@ -56,11 +59,105 @@ class PeakSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewSettings:
-    """What a review simulates, and `closure_points`, the clearances of the closure's curve."""
+    """What a review simulates.
+
+    Parameters
+    ----------
+    closure_points
+        Number of clearances of the closure's curve.
+    clearances
+        Number of clearances, from 3 sigma on, at which chances of hard hits are found.
+    budget
+        Seconds for all simulations together but the long path; where they do not suffice, rows of
+        the worst case say so, and chances of hard hits have wider intervals.
+    worst_case_share, exceedance_share
+        Shares of that time for the worst case, and for the chances of hard hits; the rest is for
+        the peak accelerations.
+    """
 
     path: PathSettings = field(default_factory=PathSettings)
     peaks: PeakSettings = field(default_factory=PeakSettings)
     closure_points: int = 41
+    clearances: int = 5
+    budget: float = 60.0
+    worst_case_share: float = 0.5
+    exceedance_share: float = 0.3
+
+
+FINEST_SHARE = 0.05
+"""Largest share of a clearance that rounding may add."""
+
+COARSEST = 1e-4
+"""Tolerance to which a gap is made, m: 0.1 mm, and a tenth of it, again and again, where that
+would be more than `FINEST_SHARE` of the clearance."""
+
+ROUNDING = 1e-9
+"""Relative error of a clearance that is no reason for a step more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rounded:
+    """A clearance rounded up to what can be made, and the step, both in m and in mm."""
+
+    value: float
+    step: float
+
+    @classmethod
+    def of(cls, clearance: float) -> Rounded:
+        """The clearance rounded up to 0.1 mm, or finer where it is small.
+
+        >>> found = Rounded.of(3.088e-3)
+        >>> round(found.value, 9), found.step
+        (0.0031, 0.0001)
+        >>> round(Rounded.of(0.31234e-3).value, 9), round(Rounded.of(4.9e-3).value, 9)
+        (0.00032, 0.0049)
+        """
+        digits = max(math.ceil(-math.log10(FINEST_SHARE * clearance)), -round(math.log10(COARSEST)))
+        step = 10.0**-digits
+        return cls(value=math.ceil(clearance / step * (1.0 - ROUNDING)) * step, step=step)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Balance:
+    """A balance of a simulation, which an exact answer keeps: its residual and its judgement.
+
+    `passed` says whether the residual is within so many standard `errors` and its bias.
+    """
+
+    name: str
+    place: str
+    residual: Estimate
+    errors: float
+    passed: bool
+
+    @classmethod
+    def of(cls, name: str, place: str, residual: Estimate) -> Balance:
+        """The balance, judged."""
+        most = BALANCE_ERRORS * residual.standard_error + (residual.bias or 0.0)
+        return cls(
+            name=name,
+            place=place,
+            residual=residual,
+            errors=BALANCE_ERRORS,
+            passed=abs(residual.value) <= most + TINY,
+        )
+
+
+BALANCE_ERRORS = 4.0
+"""Standard errors of a balance from which on it fails: one right balance in 16,000 does."""
+
+TINY = 1e-12
+"""What is left of a balance by rounding where nothing was sampled."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exceeding:
+    """Chance in the mission that a hit exceeds a limit, at one clearance; None is not known."""
+
+    clearance: float
+    probability: float | None
+    low: float | None = None
+    high: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,11 +262,22 @@ class Review:
         Quantities with and without stops.
     motion
         A long path between stops at 3 sigma; None for a scene without stops.
+    recommended, worst
+        The clearance, and that of the worst combination of tolerances, rounded up; the latter is
+        None where it was not found.
+    tolerances, worst_case
+        How far mount, level and stops may be from the scene, and the table of `worst_case`.
+    exceedances
+        The table of `exceedances`; None where it does not apply.
+    exceeding
+        Chance of exceeding the limit of the target at each of `PLACES`; empty where it has none.
+    balances
+        Of the simulations, judged.
     peaks
         The table of `clatter`, at 3 sigma and as recommended, then for other stiffnesses; None
         where the stops have no stiffness. `peak_window` is its window, s.
     sensitivity
-        The table of `sensitivity`, or of `within_tolerances`; None where neither applies.
+        The table of `sensitivity`; None unless it was asked for.
     warnings, assumptions
         In words: what must be known before any number is believed, and what is taken for granted.
     """
@@ -183,6 +291,13 @@ class Review:
     hits: Mapping[str, HitsAt | None]
     comparisons: tuple[Comparison, ...]
     motion: MotionBetweenStops | None
+    recommended: Rounded
+    worst: Rounded | None
+    tolerances: Tolerances
+    worst_case: pd.DataFrame
+    exceedances: pd.DataFrame | None
+    exceeding: Mapping[str, Exceeding]
+    balances: tuple[Balance, ...]
     peaks: pd.DataFrame | None
     peak_window: float
     sensitivity: pd.DataFrame | None
@@ -199,6 +314,9 @@ def review(
     sizing: Sizing,
     sensitivity: pd.DataFrame | None = None,
     settings: ReviewSettings | None = None,
+    *,
+    tolerances: Tolerances | None = None,
+    threads: int | None = None,
 ) -> Review:
     """Calculate and simulate everything that the report of a sizing shows.
 
@@ -207,14 +325,23 @@ def review(
     sizing
         The answer of `size`.
     sensitivity
-        The answer of `sensitivity`; by default linear theory within the tolerances of the isolator.
+        The answer of `sensitivity`, if that was asked for.
     settings
-        Lengths of simulations.
+        Lengths of simulations, and their budget.
+    tolerances
+        For the worst case; by default `Tolerances.of` the scene.
     """
     settings = settings or ReviewSettings()
-    if sensitivity is None and sizing.screening is not None:
-        sensitivity = within_tolerances(sizing.scene, sizing.clearance.value)
+    deadline = Deadline.after(settings.budget)
+    tolerances = tolerances or Tolerances.of(sizing.scene)
     stopped = bool(sizing.scene.impact_pairs)
+    cases = worst_case(
+        sizing, tolerances, threads=threads, budget=deadline.part(settings.worst_case_share)
+    )
+    largest = float(cases["clearance"].iloc[-1]) if len(cases) > 1 else sizing.clearance.value
+    worst = Rounded.of(largest) if math.isfinite(largest) else None
+    rest = settings.exceedance_share / (1.0 - settings.worst_case_share)
+    hard = _exceedances(sizing, settings.clearances, threads, deadline.part(min(rest, 1.0)))
     return Review(
         sizing=sizing,
         environment=environment(sizing.scene),
@@ -225,7 +352,18 @@ def review(
         hits=_hits(sizing),
         comparisons=_comparisons(sizing),
         motion=motion_between_stops(sizing, settings.path) if stopped else None,
-        peaks=peak_accelerations(sizing, settings.peaks),
+        recommended=Rounded.of(sizing.clearance.value),
+        worst=worst,
+        tolerances=tolerances,
+        worst_case=cases,
+        exceedances=hard,
+        exceeding=_exceeding(sizing, hard),
+        balances=tuple(
+            Balance.of(name, place, residual)
+            for place, answer in sizing.evidence.items()
+            for name, residual in answer.identities.items()
+        ),
+        peaks=peak_accelerations(sizing, settings.peaks, deadline),
         peak_window=settings.peaks.window,
         sensitivity=sensitivity,
         warnings=_warnings(sizing),
@@ -233,15 +371,74 @@ def review(
     )
 
 
-def peak_accelerations(sizing: Sizing, settings: PeakSettings) -> pd.DataFrame | None:
+MORE = 1.15
+"""The largest clearance at which chances of hard hits are found, over the recommended one."""
+
+MARK_RATIOS = (1.0, 0.5, 2.0)
+"""Limits whose chances are drawn against clearance, over the limit of the target."""
+
+
+def _exceedances(
+    sizing: Sizing, number: int, threads: int | None, budget: float | None
+) -> pd.DataFrame | None:
+    """Chances of hard hits from 3 sigma on; None where they do not apply."""
+    target, nominal = sizing.target, sizing.clearance.value
+    if not sizing.scene.impact_pairs:
+        return None
+    fixed = sorted({sizing.three_sigma.clearance, nominal, MORE * nominal})
+    more = np.linspace(fixed[0], fixed[-1], max(number - len(fixed), 0) + 2)[1:-1]
+    limited = target.exceedance is not None
+    try:
+        return exceedances(
+            sizing.scene,
+            sorted({*fixed, *map(float, more)}),
+            sizing.mission,
+            event=target.name if limited else None,
+            marks=[ratio * target.value for ratio in MARK_RATIOS] if limited else (),
+            seed=sizing.seed,
+            threads=threads,
+            budget=budget,
+        )
+    except NotApplicable:
+        return None
+
+
+def _exceeding(sizing: Sizing, hard: pd.DataFrame | None) -> dict[str, Exceeding]:
+    """Chance of exceeding the limit of the target at 3 sigma and as recommended, by one method."""
+    if sizing.target.exceedance is None or hard is None:
+        return {}
+    places = (sizing.three_sigma.clearance, sizing.clearance.value)
+    return {
+        name: _exceeding_at(hard, place, sizing.target.value)
+        for name, place in zip(PLACES, places, strict=True)
+    }
+
+
+def _exceeding_at(hard: pd.DataFrame, clearance: float, limit: float) -> Exceeding:
+    row = hard[np.isclose(hard["clearance"], clearance) & np.isclose(hard["limit"], limit)]
+    if not len(row):
+        return Exceeding(clearance=clearance, probability=None)
+    (found,) = row.to_dict("records")
+    return Exceeding(
+        clearance=clearance,
+        probability=found["probability"],
+        low=found["probability_low"],
+        high=found["probability_high"],
+    )
+
+
+def peak_accelerations(
+    sizing: Sizing, settings: PeakSettings, deadline: Deadline = NEVER
+) -> pd.DataFrame | None:
     """`clatter` at 3 sigma and as recommended, then for other stiffnesses where that means
     something; None where it does not apply, as for stops with a restitution alone."""
     import pandas as pd
 
+    rows = 2 + len(settings.multiples) * len(settings.stiffness_ratios)
     common: dict[str, Any] = {
         "window": settings.window,
         "rel_error": settings.rel_error,
-        "budget": settings.seconds,
+        "budget": min(settings.seconds, deadline.part(1.0 / rows) or math.inf),
         "seed": sizing.seed,
     }
     places = [sizing.three_sigma.clearance, sizing.clearance.value]
@@ -404,7 +601,7 @@ def _warnings(sizing: Sizing) -> tuple[str, ...]:
 def _assumptions(sizing: Sizing) -> tuple[str, ...]:
     """Those of the scene, then assumptions and warnings of the simulations, that no warning of the
     review repeats."""
-    above = _warnings(sizing)
+    above = (*_warnings(sizing), UNLOADED)  # the report measures from the position of rest
     texts = list(sizing.scene.assumptions())
     for answer in sizing.evidence.values():
         texts += [*answer.assumptions, *answer.warnings]

@@ -117,9 +117,9 @@ def sensitivity(
             try:
                 if deadline.passed():
                     raise deadline.fell_short("before this case", "raise budget")
-                rows.append(_row(change, scene, sizing, seed, threads, share))
+                rows.append(changed_row(change, scene, sizing, seed, threads, share))
             except (StochviError, Interrupted, ValueError) as reason:
-                rows.append(_row_of(change, sizing, math.nan, math.nan, math.nan, str(reason)))
+                rows.append(row_of(change, sizing, math.nan, math.nan, math.nan, str(reason)))
         if sizing.target.name == "probability" and not deadline.passed():
             rows += _not_gaussian(sizing, seed, threads)
     return pd.DataFrame(rows)
@@ -133,23 +133,29 @@ def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
     yield "none", scene
     for sign in (-1.0, 1.0):
         share = sign * frequency
-        yield f"natural frequency {100.0 * share:+.3g} %", _mount(scene, 1.0 + share, 1.0)
+        yield f"natural frequency {100.0 * share:+.3g} %", changed_mount(scene, 1.0 + share, 1.0)
     for sign in (-1.0, 1.0):
         share = sign * damping
-        yield f"damping ratio {100.0 * share:+.3g} %", _mount(scene, 1.0, 1.0 + share)
+        yield f"damping ratio {100.0 * share:+.3g} %", changed_mount(scene, 1.0, 1.0 + share)
     for sign in (-1.0, 1.0):
         yield f"level {sign * LEVEL_DB:+.0f} dB", scene.at_level(sign * LEVEL_DB)
     if sizing.target.name != "probability":
         yield from _other_laws(scene)
 
 
-def _row(
-    change: str, scene: Scene, sizing: Sizing, seed: int, threads: int | None, budget: float | None
+def changed_row(
+    change: str,
+    scene: Scene,
+    sizing: Sizing,
+    seed: int,
+    threads: int | None,
+    budget: float | None,
+    rel_error: float = ROUGH_ERROR,
 ) -> dict[str, Any]:
     """A row of the table: the changed scene sized for the same target, in its share of the time."""
     target, deadline, note = sizing.target, Deadline.after(budget), ""
     curve = risk_curve(
-        scene, target, sizing.mission, rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads,
+        scene, target, sizing.mission, rel_error=0.5 * rel_error, seed=seed, threads=threads,
         budget=deadline.part(CURVE_SHARE),
     )  # fmt: skip
     if target.name == "probability":
@@ -160,7 +166,7 @@ def _row(
             limit["exceedance"] = target.exceedance
         try:
             found = size(
-                scene, **limit, mission=sizing.mission, rel_error=ROUGH_ERROR, seed=seed,
+                scene, **limit, mission=sizing.mission, rel_error=rel_error, seed=seed,
                 threads=threads, budget=deadline.rest or BUDGET,
             )  # fmt: skip
         except (NotConverged, Interrupted) as reason:
@@ -168,7 +174,7 @@ def _row(
                 raise
             found, note = reason.response, str(reason)
         clearance = found.clearance.value
-    return _row_of(
+    return row_of(
         change,
         sizing,
         curve.crossings.displacement_std,
@@ -178,7 +184,7 @@ def _row(
     )
 
 
-def _row_of(
+def row_of(
     change: str, sizing: Sizing, sigma: float, clearance: float, probability: float, note: str = ""
 ) -> dict[str, Any]:
     return {
@@ -191,7 +197,7 @@ def _row_of(
     }
 
 
-def _mount(scene: Scene, frequency: float, damping: float) -> Scene:
+def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:
     """The scene with its natural frequency and damping ratio multiplied by two factors."""
     structure = scene.structure
     given: Mapping[str, Any] = structure.model_dump(exclude_none=True)
@@ -221,13 +227,18 @@ def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
             for factor in (1.0 / STIFFNESS_FACTOR, STIFFNESS_FACTOR)
         ]
     for change, amount in changes:
-        laws = {
-            name: _changed_law(law, amount)
-            for name in ("law", "lower_law", "upper_law")
-            if (law := getattr(pair, name)) is not None
-        }
-        moved = pair.model_copy(update=laws)
-        yield change, scene.model_copy(update={"impact_pairs": (moved,)})
+        yield change, changed_stops(scene, amount)
+
+
+def changed_stops(scene: Scene, amount: float) -> Scene:
+    """The scene whose stops are so many times as stiff, or have a restitution larger by it."""
+    pair = scene.impact_pairs[0]
+    laws = {
+        name: _changed_law(law, amount)
+        for name in ("law", "lower_law", "upper_law")
+        if (law := getattr(pair, name)) is not None
+    }
+    return scene.model_copy(update={"impact_pairs": (pair.model_copy(update=laws),)})
 
 
 def _changed_law(law: Law, amount: float) -> Law:
@@ -257,7 +268,7 @@ def _not_gaussian(sizing: Sizing, seed: int, threads: int | None) -> list[dict[s
             f"input kurtosis {measured.input_kurtosis:.3g} by fast peaks "
             f"(response {measured.response_kurtosis:.3f})"
         )
-        rows.append(_row_of(change, sizing, sigma, needed, curve.probability(gaussian)))
+        rows.append(row_of(change, sizing, sigma, needed, curve.probability(gaussian)))
     mission = sizing.mission
     wanted = sizing.target.value
     top = old
@@ -272,7 +283,7 @@ def _not_gaussian(sizing: Sizing, seed: int, threads: int | None) -> list[dict[s
     )
     change = f"input kurtosis {KURTOSIS:g} by slow bursts"
     chance = slow_bursts(curve, old, KURTOSIS, mission)
-    rows.append(_row_of(change, sizing, sigma, float(needed), chance))
+    rows.append(row_of(change, sizing, sigma, float(needed), chance))
     return rows
 
 

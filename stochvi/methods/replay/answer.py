@@ -123,17 +123,15 @@ class Histories:
         import pandas as pd
 
         columns: dict[str, Vector] = {
-            "time_s": self.time,
-            "base_acceleration_m_s2": self.base_acceleration,
+            "time": self.time,
+            "base_acceleration": self.base_acceleration,
         }
         several = len(self.displacement) > 1
         for name in self.displacement:
             before = f"{name}." if several else ""
-            columns[before + "displacement_m"] = self.displacement[name]
-            columns[before + "velocity_m_s"] = self.velocity[name]
-            columns[before + "acceleration_m_s2"] = self.acceleration[name]
-        for name, each in self.force.items():
-            columns[f"contact_force_{name.replace(' ', '_')}_N"] = each
+            for quantity in ("displacement", "velocity", "acceleration"):
+                columns[before + quantity] = getattr(self, quantity)[name]
+        columns |= {f"force_{name.replace(' ', '_')}": each for name, each in self.force.items()}
         return pd.DataFrame(columns)
 
 
@@ -150,8 +148,8 @@ class ReplayAt:
     coordinates, impact_pairs
         The quantities by the names of coordinates and of impact pairs.
     impacts
-        One row per impact: `time_s`, `pair`, `side`, `speed_m_s` and `peak_force_N`, which is 0 for
-        rigid stops.
+        One row per impact: `time` (s), `pair`, `side`, `speed` (m/s), `peak_force` (N, 0 for rigid
+        stops).
     histories
         The samples; None where they would not fit into memory.
     """
@@ -231,7 +229,7 @@ class Replay(Result):
         """The impacts one by one, with the clearance at which each happened."""
         import pandas as pd
 
-        tables = [each.impacts.assign(clearance_m=each.clearance) for each in self.clearances]
+        tables = [each.impacts.assign(clearance=each.clearance) for each in self.clearances]
         filled = [table for table in tables if len(table)]
         return pd.concat(filled, ignore_index=True) if filled else tables[0]
 

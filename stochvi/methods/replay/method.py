@@ -216,11 +216,11 @@ def _answer_at(
         impact_pairs={pair.name: _pair(model, pair, motions, impacts) for pair in model.pairs},
         impacts=pd.DataFrame(
             {
-                "time_s": impacts[:, 0],
+                "time": impacts[:, 0],
                 "pair": [pair.name for pair, _ in hit],
                 "side": [stop.name for _, stop in hit],
-                "speed_m_s": impacts[:, 2],
-                "peak_force_N": impacts[:, 3],
+                "speed": impacts[:, 2],
+                "peak_force": impacts[:, 3],
             }
         ),
         histories=_histories(model, motions, segments, starts) if keep else None,

@@ -7,22 +7,27 @@ from pathlib import Path
 from stochvi.absorbers.design import BestBox, Design
 from stochvi.absorbers.performance import AbsorberReport, Performance
 from stochvi.results.estimates import Cost, Estimate
+from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.scene import Scene
 from stochvi.views.absorbers import draw_design, draw_levels, verdict
-from stochvi.views.files import write_text
-from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
+from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.words import UNKNOWN, four_digits, with_error, with_interval
 
 
-def write_absorber_report(found: AbsorberReport | Design, folder: str | Path) -> Path:
-    """Write `report.html`, a page that needs no other file; returns its path."""
-    page = design_page(found) if isinstance(found, Design) else performance_page(found)
-    path = Path(folder) / "report.html"
-    write_text(page.html(), path)
-    return path
+def write_absorber_report(
+    found: AbsorberReport | Design, folder: str | Path, origin: Origin | None = None
+) -> Path:
+    """Write `report.html`, a page that needs no other file, and `absorber.json`, its numbers;
+    returns the path of the page."""
+    origin = origin or origin_of(found.provenance)
+    if isinstance(found, Design):
+        page = design_page(found, origin)
+    else:
+        page = performance_page(found, origin)
+    return write_page(page, found.to_dict(), "absorber", Path(folder))
 
 
-def performance_page(found: AbsorberReport) -> Page:
+def performance_page(found: AbsorberReport, origin: Origin) -> Page:
     """The page of the performance of an absorber over levels."""
     central = found.central
     low, high = central.interval()
@@ -78,11 +83,12 @@ def performance_page(found: AbsorberReport) -> Page:
                 "idle until the structure first reaches it.",
             ),
         ],
+        origin=origin,
         footer=_footer(found.cost),
     )
 
 
-def design_page(found: Design) -> Page:
+def design_page(found: Design, origin: Origin) -> Page:
     """The page of the best box for a mass."""
     best, robust = found.best, found.robust
     units = "one unit" if found.units == 1 else f"{found.units} units"
@@ -122,6 +128,7 @@ def design_page(found: Design) -> Page:
             ),
             _limits("Rigid walls, no friction, no gravity."),
         ],
+        origin=origin,
         footer=_footer(found.cost),
     )
 
@@ -244,9 +251,4 @@ def _limits(*own: str) -> Section:
 
 
 def _footer(cost: Cost) -> list[str]:
-    import stochvi
-
-    return [
-        f"stochvi {stochvi.__version__}",
-        f"{cost.paths} paths, {cost.steps:.3g} steps, {cost.wall_time:.3g} s of simulation",
-    ]
+    return [f"{cost.paths} paths, {cost.steps:.3g} steps, {cost.wall_time:.3g} s of simulation"]

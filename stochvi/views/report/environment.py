@@ -8,10 +8,9 @@ from stochvi.isolators.sizing.answer import spoken_mission
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.report.pages import Fact, Section, shown
 from stochvi.views.sizing import plot_input, plot_response
-from stochvi.views.words import G, chance_of_stops, millimetres
+from stochvi.views.words import G, chance_of_stops, made_millimetres, millimetres
 
 if TYPE_CHECKING:
-    from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.review import Review
 
 
@@ -86,9 +85,9 @@ def mount_section(review: Review) -> Section:
                 )
             )
         counted = (
-            "counted: gravity pulls towards negative x, and stops lie from the unloaded spring"
+            "counted: gravity pulls towards negative x"
             if structure.gravity
-            else "for information: clearances here are from where the mass hangs"
+            else "for information: it does not move the position of rest of the scene"
         )
         facts.append(
             Fact(
@@ -102,38 +101,32 @@ def mount_section(review: Review) -> Section:
 
 def _tolerance(structure: Oscillator, what: str) -> str:
     stated = getattr(structure, f"{what}_tolerance", None)
-    return "" if stated is None else f"± {100.0 * stated:.3g} %, see sensitivity"
+    return "" if stated is None else f"± {100.0 * stated:.3g} %, see Tolerances"
 
 
-def gap_section(sizing: Sizing) -> Section:
-    """The section on the recommended places of the stops and on those of the scene."""
+def gap_section(review: Review) -> Section:
+    """The section on the recommended places of the stops and on those of the scene; all positions
+    are measured from the position of rest."""
+    sizing = review.sizing
     scene, found = sizing.scene, sizing.gap
-    beyond = {"lower": "below", "upper": "above"}
+    sign = {"lower": -1.0, "upper": 1.0}
     facts = [
         Fact(
             f"Recommended, {side} stop",
-            millimetres(place),
-            f"{millimetres(sizing.clearance.value)} {beyond[side]} the mean position",
+            f"{'-' if sign[side] < 0.0 else '+'}{made_millimetres(review.recommended)}",
+            f"{millimetres(sizing.clearance.value)} calculated; in a scene file "
+            f"{side} = {place:.6g} (m)",
         )
         for side, place in found.recommended.items()
     ]
-    if found.mean_position:
-        facts.insert(
-            0,
-            Fact(
-                "Mean position",
-                millimetres(found.mean_position),
-                "from the unloaded spring, by gravity and constant loads",
-            ),
-        )
     if scene.impact_pairs:
         pair = scene.impact_pairs[0]
         for side, law in pair.stops():
             facts.append(
                 Fact(
                     f"In the scene, {side} stop",
-                    millimetres(getattr(pair, side)),
-                    f"{millimetres(found.distances[side])} from the mean position; {law.phrase()}",
+                    f"{'-' if sign[side] < 0.0 else '+'}{millimetres(found.distances[side])}",
+                    f"in the scene file {side} = {getattr(pair, side):.6g} (m); {law.phrase()}",
                 )
             )
         facts.append(
@@ -143,9 +136,16 @@ def gap_section(sizing: Sizing) -> Section:
                 f"chance in {spoken_mission(sizing.mission)}, each side by its own distance",
             )
         )
+    rest = (
+        f"; positions in a scene file count from the unloaded spring, from which gravity and "
+        f"constant loads move the position of rest by {millimetres(found.mean_position)}"
+        if found.mean_position
+        else ""
+    )
     return Section(
         title="Gap and stops",
-        lead="Clearances are relative displacements of mass and base, per side. The clearance does "
-        "not depend on the law of the stops as long as no hit is wanted; the hits do.",
+        lead="Positions on this page are relative displacements of mass and base, measured from "
+        f"the position of rest, where the mass hangs{rest}. The chance of any hit does not depend "
+        "on the law of the stops; what the hits do depends on it.",
         facts=facts,
     )

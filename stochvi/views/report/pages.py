@@ -5,12 +5,18 @@ from __future__ import annotations
 import base64
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from stochvi.results.base import plain
+from stochvi.views.files import to_json, write_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from stochvi.results.origin import Origin
 
 TEMPLATE = "report.html"
 
@@ -77,6 +83,12 @@ class Page:
         The scene, and the question that the report answers.
     verdict
         The verdict in one sentence.
+    alarm
+        Whether the verdict says that something is wrong: it is then shown in red.
+    statements
+        Sentences that complete the verdict, each a line.
+    origin
+        When, how and from what the page was made.
     cards
         The few numbers that a reader takes away.
     warnings
@@ -84,9 +96,7 @@ class Page:
     sections
         The parts of the report that hold the evidence.
     footer
-        Versions and seed, by which the page can be made again.
-    alarm
-        Whether the verdict stands in red.
+        Lines that close the page.
     """
 
     title: str
@@ -94,9 +104,11 @@ class Page:
     verdict: str
     cards: Sequence[Fact]
     sections: Sequence[Section]
+    origin: Origin
+    alarm: bool = False
+    statements: Sequence[str] = ()
     warnings: Sequence[str] = ()
     footer: Sequence[str] = ()
-    alarm: bool = False
 
     def html(self) -> str:
         """The page; it needs no other file, no network and no script."""
@@ -112,6 +124,15 @@ class Page:
         )
         kept = [section for section in self.sections if not section.empty]
         return environment.get_template(TEMPLATE).render(page=self, sections=kept) + "\n"
+
+
+def write_page(page: Page, document: Mapping[str, Any], name: str, folder: Path) -> Path:
+    """Write `report.html`, and beside it the document that holds its numbers, with what the page
+    states of its making under "report"; returns the path of the page."""
+    found = {**document, "report": plain(page.origin)}
+    write_text(to_json(found) + "\n", folder / f"{name}.json")
+    write_text(page.html(), folder / "report.html")
+    return folder / "report.html"
 
 
 def _tied(value: object) -> object:

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chances import two_sided
+from stochvi.results.origin import Origin, origin_of
 from stochvi.results.response import Response
 from stochvi.views.axes import PAGE, axes_or_new
-from stochvi.views.files import to_json, try_picture, write_table, write_text
+from stochvi.views.column_units import named_with_units
+from stochvi.views.files import try_picture, write_table
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
-from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
-from stochvi.views.report.stops import NAMES, peaks_section, stops_section
+from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
+from stochvi.views.report.stops import (
+    NAMES,
+    exceeding_in_words,
+    hard_hits_section,
+    limit_in_words,
+    peaks_section,
+    stops_section,
+)
 from stochvi.views.sizing import (
     draw_sizing,
     plot_cumulative,
@@ -27,7 +38,10 @@ from stochvi.views.words import (
     count_of,
     four_digits,
     limits_of,
+    made_millimetres,
     millimetres,
+    step_in_words,
+    tolerances_in_words,
     with_interval,
 )
 
@@ -42,11 +56,12 @@ NOTABLE_MILES_ERROR = 0.01
 """Relative error of Miles' equation from which on the report states it."""
 
 
-def write_report(review: Review, folder: str | Path) -> Path:
+def write_report(review: Review, folder: str | Path, origin: Origin | None = None) -> Path:
     """Write `report.html`, and its numbers and tables as files; returns the path of the page.
 
     The page needs no other file: pictures and style are embedded, and nothing is fetched.
-    `size.json` holds every number of the page, and the CSV files hold its tables, in SI units.
+    `size.json` holds every number of the page, and the CSV files hold its tables, in SI units that
+    stand in the names of the columns.
 
     Parameters
     ----------
@@ -54,23 +69,26 @@ def write_report(review: Review, folder: str | Path) -> Path:
         The answer of `review`.
     folder
         Made if it is missing.
+    origin
+        What the page states of its making; by default that of a call from Python.
     """
     folder, sizing = Path(folder), review.sizing
-    write_text(to_json(review.to_dict()) + "\n", folder / "size.json")
+    page = clearance_page(review, origin or origin_of(sizing.provenance))
+    path = write_page(page, review.to_dict(), "size", folder)
     tables = {
         "risk": sizing.curve,
         "required": sizing.required,
         "hits": sizing.simulated,
+        "tolerances": review.worst_case,
         "sensitivity": review.sensitivity,
+        "exceedances": review.exceedances,
         "peaks": review.peaks,
         "evidence": _evidence_table(sizing),
     }
     for name, table in tables.items():
         if table is not None:
-            write_table(table, folder / f"{name}.csv")
+            write_table(named_with_units(table), folder / f"{name}.csv")
     try_picture(lambda: draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
-    path = folder / "report.html"
-    write_text(clearance_page(review).html(), path)
     return path
 
 
@@ -82,40 +100,41 @@ def _evidence_table(sizing: Sizing) -> pd.DataFrame | None:
     return pd.concat(frames) if frames else None
 
 
-def clearance_page(review: Review) -> Page:
+def clearance_page(review: Review, origin: Origin) -> Page:
     """The page of a sizing."""
     sizing = review.sizing
     return Page(
         title=sizing.scene.title or "Clearance of an isolator",
         subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
         f"{spoken_mission(sizing.mission)}",
-        verdict=f"{_verdict_start(sizing)}{sizing.verdict()}.",
+        verdict=_verdict(review),
+        statements=_statements(review),
         alarm=sizing.record is not None and sizing.record.contradicts,
         cards=_cards(review),
-        warnings=review.warnings,
+        warnings=[*_failed_balances(review), *_new_warnings(review)],
         sections=[
+            _risk(review),
+            _tolerances(review),
+            stops_section(review),
+            hard_hits_section(review),
+            peaks_section(review),
+            _screening(review),
             environment_section(review),
             mount_section(review),
-            gap_section(sizing),
-            _screening(review),
-            _risk(review),
-            stops_section(review),
-            peaks_section(review),
+            gap_section(review),
             _sensitivity(review.sensitivity),
-            _verification(sizing),
+            _verification(review),
             _limits(review),
         ],
-        footer=_footer(sizing),
+        origin=origin,
+        footer=[
+            "The folder of this page holds tables in SI units (CSV), with the units in the names "
+            "of their columns; size.json holds all numbers of the page.",
+        ],
     )
 
 
 # Verdict ----------------------------------------------------------------------------------
-
-
-def _verdict_start(sizing: Sizing) -> str:
-    """The word before a verdict; none before that of a record that contradicts it."""
-    record = sizing.record
-    return "" if record is not None and record.contradicts else "Clearance: "
 
 
 def _record_card(sizing: Sizing) -> list[Fact]:
@@ -135,51 +154,158 @@ def _record_card(sizing: Sizing) -> list[Fact]:
     ]
 
 
+def _verdict(review: Review) -> str:
+    """The clearance that can be made, and that of the worst case beside it."""
+    sizing, made = review.sizing, review.recommended
+    most = " at most" if sizing.kept_with is not None else ""
+    worst = (
+        f"{made_millimetres(review.worst)} at the worst ends of the tolerances"
+        if review.worst is not None
+        else "the worst case was not found in the time; raise --budget"
+    )
+    record, first = sizing.record, ""
+    if record is not None and record.contradicts:
+        first = f"{record.sentence()}. For Gaussian noise of its spectrum: "
+    return (
+        f"{first}Clearance per side:{most} {made_millimetres(made)} as stated; {worst} "
+        f"({tolerances_in_words(review)})."
+    )
+
+
+def _statements(review: Review) -> list[str]:
+    """What the verdict means: hits to expect, like risks side by side, and the numbers behind."""
+    sizing = review.sizing
+    return [
+        *filter(None, [_hits_statement(review), _risk_statement(review), _worst_statement(review)]),
+        f"As calculated: {sizing.verdict()}. Clearances to be made are rounded up to "
+        f"{step_in_words(review.recommended)}.",
+    ]
+
+
+def _hits_statement(review: Review) -> str:
+    """Expected hits in the mission at the recommended clearance, and at 3 sigma."""
+    sizing, mission = review.sizing, spoken_mission(review.sizing.mission)
+    here, there = (review.hits.get(name) for name in ("recommended", "three_sigma"))
+    if here is None:
+        return ""
+    if here.expected is None:
+        text = f"below {count_of(here.expected_high)} hits (none was seen)"
+    else:
+        text = (
+            f"{count_of(here.expected)} hits are to be expected "
+            f"({count_of(here.expected_low)} to {count_of(here.expected_high)}, 95 %)"
+        )
+    beside = ""
+    if there is not None and there.expected is not None:
+        beside = f"; {count_of(there.expected)} at 3 sigma = {_at(sizing.three_sigma.clearance)}"
+    return f"In {mission} at {_at(sizing.clearance.value)}: {text}{beside}."
+
+
+def _at(clearance: float) -> str:
+    return millimetres(clearance)
+
+
+def _risk_statement(review: Review) -> str:
+    """The chance that the target limits, at the recommended clearance and at 3 sigma."""
+    sizing = review.sizing
+    target, three = sizing.target, sizing.three_sigma
+    mission = spoken_mission(sizing.mission)
+    places = f"at {_at(sizing.clearance.value)}", f"at 3 sigma = {_at(three.clearance)}"
+    if target.name == "rate":
+        return ""
+    if target.exceedance is None:
+        here = _chance(review.chances["recommended"].any_hit)
+        there = spoken_percent(three.probability.value)
+        return f"Chance of any hit in {mission}: {here} {places[0]}, {there} {places[1]}."
+    below = "below " if sizing.kept_with is not None else ""
+    there = exceeding_in_words(review.exceeding.get("three_sigma"))
+    what = target.name.replace("_", " ")
+    return (
+        f"Chance that any {what} of {mission} exceeds {limit_in_words(target)}: "
+        f"{below}{spoken_percent(target.exceedance)} {places[0]}, {there} {places[1]}."
+    )
+
+
+def _worst_statement(review: Review) -> str:
+    """What the recommended clearance risks in the worst case."""
+    row = review.worst_case.iloc[-1]
+    if review.worst is None or len(review.worst_case) < 2:
+        return ""
+    chance = spoken_percent(row["probability"])
+    return (
+        f"{row['change'][0].upper()}{row['change'][1:]} needs {_at(row['clearance'])}; "
+        f"{_at(review.sizing.clearance.value)} is then hit with a chance of {chance} in "
+        f"{spoken_mission(review.sizing.mission)}."
+    )
+
+
+def _new_warnings(review: Review) -> list[str]:
+    """The warnings of a review that its verdict does not hold."""
+    verdict = _verdict(review)
+    return [text for text in review.warnings if text not in verdict]
+
+
+def _failed_balances(review: Review) -> list[str]:
+    return [
+        f"the balance of {each.name} of the simulation at {NAMES.get(each.place, each.place)} "
+        "failed: do not use its numbers, and report the case"
+        for each in review.balances
+        if not each.passed
+    ]
+
+
 def _cards(review: Review) -> list[Fact]:
     sizing = review.sizing
     three = sizing.three_sigma
     hits = "as if hits changed nothing" if three.hits is None else "with these stops"
     count = three.rice_hits if three.hits is None else three.hits.value
     return [
-        _clearance_card(sizing),
+        _clearance_card(review),
+        _worst_card(review),
         *_record_card(sizing),
         _risk_card(review),
         Fact(
-            "3 sigma would be",
+            "3 sigma",
             millimetres(three.clearance),
-            "three times the linear rms, per side",
-        ),
-        Fact(
-            "and would risk",
-            f"{spoken_percent(three.probability.value)} of any hit",
-            f"{count_of(count)} hits expected in {spoken_mission(sizing.mission)}, {hits}",
+            f"three times the linear rms; {count_of(count)} hits expected in "
+            f"{spoken_mission(sizing.mission)}, {hits}",
         ),
     ]
 
 
-def _clearance_card(sizing: Sizing) -> Fact:
+def _clearance_card(review: Review) -> Fact:
+    sizing, made = review.sizing, made_millimetres(review.recommended)
     c = sizing.clearance
-    place = f"{c.value / sizing.sigma:.2f} sigma, from the mean position"
+    place = f"{c.value / sizing.sigma:.2f} sigma, from the position of rest"
     if sizing.kept_with is not None:
         remark = f"the nearest stops that can be judged, {place}"
-        return Fact("Clearance per side", f"at most {millimetres(c.value)}", remark)
+        return Fact("Clearance per side", f"at most {made}", remark)
     interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
-    return Fact("Clearance per side", millimetres(c.value), f"{interval}, {place}")
+    return Fact(
+        "Clearance per side", made, f"{millimetres(c.value)} calculated, {interval}, {place}"
+    )
+
+
+def _worst_card(review: Review) -> Fact:
+    made = UNKNOWN if review.worst is None else made_millimetres(review.worst)
+    return Fact("In the worst case", made, f"per side; {tolerances_in_words(review)}")
 
 
 def _risk_card(review: Review) -> Fact:
     """The chance of exceeding the limit that is to be kept, or of any hit."""
     sizing = review.sizing
     target, mission = sizing.target, spoken_mission(sizing.mission)
+    hits = review.hits["recommended"]
+    count = UNKNOWN if hits is None or hits.expected is None else count_of(hits.expected)
+    remark = f"at that clearance; expected hits there: {count}"
     if target.exceedance is None:
         chance = _chance(review.chances["recommended"].any_hit)
-        return Fact(f"Chance of any hit in {mission}", chance, "at that clearance")
-    limit = target.in_g if target.name == "peak_acceleration" else target.limit
+        return Fact(f"Chance of any hit in {mission}", chance, remark)
     below = "below " if sizing.kept_with is not None else ""
     return Fact(
-        f"Chance of exceeding {limit} in {mission}",
+        f"Chance of exceeding {limit_in_words(target)} in {mission}",
         f"{below}{spoken_percent(target.exceedance)}",
-        "at that clearance",
+        remark,
     )
 
 
@@ -298,43 +424,66 @@ def _risk(review: Review) -> Section:
 # Sensitivity, verification, limits --------------------------------------------------------
 
 
+def _tolerances(review: Review) -> Section:
+    """The worst case: each tolerance at its ends, and the worst combination."""
+    return Section(
+        title="Tolerances",
+        lead="The clearance for the same target, and the chance of any hit that the calculated "
+        f"clearance then has, if one thing is not as stated: {tolerances_in_words(review)}. Last, "
+        "the combination of ends that asks for the largest clearance.",
+        grids=[_changes_grid(review.worst_case, "Each row is sized anew")],
+        pictures=_change_bars(review.worst_case),
+        notes=_notes_of(review.worst_case),
+    )
+
+
 def _sensitivity(table: pd.DataFrame | None) -> Section:
-    """Changed scenes: from `sensitivity`, with chances, or from `within_tolerances`, without."""
-    title = "Sensitivity"
+    """The changed scenes of `sensitivity`."""
     if table is None:
-        return Section(title=title)
-    missing = "" if "note" not in table else "; ".join(table["change"][table["clearance"].isna()])
-    table = table.dropna(subset=["clearance"])
-    headings = ["change", "linear rms (mm)", "clearance (mm)", "by (%)"]
-    lead = (
-        "How the clearance moves if mount and environment are not as stated: by linear theory, at "
-        "the Rice rate that the recommended clearance has now."
+        return Section(title="Sensitivity")
+    return Section(
+        title="Sensitivity",
+        lead="The clearance for the same target if mount, environment or stops are not as stated, "
+        "and the chance of any hit that the recommended clearance then has.",
+        grids=[_changes_grid(table, "One thing changed at a time, the rest as stated")],
+        pictures=_change_bars(table),
+        notes=_notes_of(table),
     )
-    columns = [
-        list(table["change"]),
-        [four_digits(MM * value) for value in table["sigma"]],
-        [four_digits(MM * value) for value in table["clearance"]],
-        [f"{100.0 * value:+.3g}" for value in table["clearance_change"]],
-    ]
-    if "probability" in table:
-        headings.append("chance of any hit as recommended")
-        columns.append([spoken_percent(value) for value in table["probability"]])
-        lead = (
-            "The clearance for the same target if mount, environment or stops are not as stated, "
-            "and the chance of any hit that the recommended clearance then has."
-        )
-    if missing:
-        lead += f" Not found: {missing}."
-    grid = Grid(
-        caption="One thing changed at a time, the rest as stated",
-        headings=headings,
-        rows=list(zip(*columns, strict=True)),
-    )
-    bars = shown(plot_sensitivity(table), "Change of the clearance, per cent.")
-    return Section(title=title, lead=lead, grids=[grid], pictures=[bars])
 
 
-def _verification(sizing: Sizing) -> Section:
+def _changes_grid(table: pd.DataFrame, caption: str) -> Grid:
+    def number(value: float, text: Callable[[float], str]) -> str:
+        return UNKNOWN if math.isnan(value) else text(value)
+
+    return Grid(
+        caption=caption,
+        headings=["change", "linear rms (mm)", "clearance (mm)", "by (%)", "any hit as calculated"],
+        rows=[
+            [
+                row["change"],
+                number(row["sigma"], lambda x: four_digits(MM * x)),
+                number(row["clearance"], lambda x: four_digits(MM * x)),
+                number(row["clearance_change"], lambda x: f"{100.0 * x:+.3g}"),
+                number(row["probability"], spoken_percent),
+            ]
+            for row in table.to_dict("records")
+        ],
+    )
+
+
+def _change_bars(table: pd.DataFrame) -> list[Picture]:
+    known = table.dropna(subset=["clearance"])
+    if len(known) < 2:
+        return []
+    return [shown(plot_sensitivity(known), "Change of the clearance, per cent.")]
+
+
+def _notes_of(table: pd.DataFrame) -> list[str]:
+    return [f"{row['change']}: {row['note']}" for row in table.to_dict("records") if row["note"]]
+
+
+def _verification(review: Review) -> Section:
+    sizing = review.sizing
     facts = []
     for name, answer in sizing.evidence.items():
         cost = answer.cost
@@ -346,29 +495,25 @@ def _verification(sizing: Sizing) -> Section:
                 f"{cost.wall_time:.3g} s; {_how(answer)}",
             )
         )
-        for identity, residual in answer.identities.items():
-            facts.append(
-                Fact(
-                    f"Balance of {identity}, {NAMES.get(name, name)}",
-                    with_interval(residual, 1.0),
-                    f"0 for a right answer, SI units; bias of the step {residual.bias:.1g}"
-                    if residual.bias is not None
-                    else "0 for a right answer, SI units",
-                )
+    for balance in review.balances:
+        residual = balance.residual
+        bias = "" if residual.bias is None else f", bias of the step {residual.bias:.1g}"
+        facts.append(
+            Fact(
+                f"Balance of {balance.name}, {NAMES.get(balance.place, balance.place)}",
+                "passed" if balance.passed else "FAILED",
+                f"residual {with_interval(residual, 1.0).replace(chr(10), ' (95 %: ')})"
+                f"{bias}; it passes within {balance.errors:g} standard errors and its bias",
             )
+        )
     facts.append(
         Fact(
-            "Calculation",
-            f"{sizing.cost.wall_time:.3g} s",
-            f"{sizing.cost.paths} paths in all, threads: {sizing.cost.threads}; the same seed "
-            "gives the same digits",
+            "Records for the chance of any hit",
+            f"{sizing.cost.paths}",
+            f"the sizing took {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads",
         )
     )
-    return Section(
-        title="Verification",
-        lead=f"Method: {sizing.method}.",
-        facts=facts,
-    )
+    return Section(title="Verification", lead=f"Method: {sizing.method}.", facts=facts)
 
 
 def _how(answer: Response) -> str:
@@ -389,13 +534,3 @@ def _limits(review: Review) -> Section:
             "The base does not feel the mass.",
         ],
     )
-
-
-def _footer(sizing: Sizing) -> list[str]:
-    made = sizing.provenance
-    libraries = made.get("libraries") or {}
-    versions = [f"{name} {version}" for name, version in libraries.items()]
-    return [
-        ", ".join([f"stochvi {made.get('version', '')}", f"seed {sizing.seed}", *versions]),
-        "The folder of this page holds tables in SI units (CSV); size.json holds all numbers.",
-    ]

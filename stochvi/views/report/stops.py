@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
-from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_percent
+from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chances import two_sided
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.report.pages import Grid, Picture, Section, shown
 from stochvi.views.sizing import (
+    plot_exceedances,
+    plot_exceedances_over_clearance,
     plot_histogram,
     plot_impact_speeds,
     plot_peaks,
@@ -20,11 +22,15 @@ from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits, with_inte
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.isolators.sizing.answer import Target
     from stochvi.isolators.sizing.motion import MotionBetweenStops
-    from stochvi.isolators.sizing.review import Chance, HitsAt, Review
+    from stochvi.isolators.sizing.review import Chance, Exceeding, HitsAt, Review
 
 SMALLEST_CHANCE = 1e-6
 """A chance of no hit below this value is only stated to be smaller than it."""
+
+NOTABLE_CHANGE = 0.1
+"""Relative change of the transmissibility by the stops from which on it is drawn."""
 
 NO_HIT = "no hit seen"
 
@@ -64,6 +70,12 @@ def stops_section(review: Review) -> Section:
         f"kurtosis of its displacement {motion.kurtosis:.2f} (3 without stops).",
         f"{HITS_PER_FIRST_HIT[0].upper()}{HITS_PER_FIRST_HIT[1:]}.",
     ]
+    change = motion.transmissibility_change
+    if change is not None and change <= NOTABLE_CHANGE:
+        notes.append(
+            "What spring and damper pass on is not drawn with stops: in bands of a third of an "
+            f"octave it differs by at most {100.0 * change:.2g} % from that without."
+        )
     if any(law.rigid for pair in motion.scene.impact_pairs for _, law in pair.stops()):
         notes.append(
             "A restitution gives the speeds of impact, not the peak acceleration: for that the "
@@ -94,7 +106,7 @@ def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
                 "Impacts faster than a speed, per second, with stops at 3 sigma.",
             )
         )
-    if motion.transmissibility is not None:
+    if (motion.transmissibility_change or 0.0) > NOTABLE_CHANGE:
         found.append(
             shown(
                 plot_transmissibility(review),
@@ -182,6 +194,66 @@ def _impacts_grid(motion: MotionBetweenStops, impacts: pd.DataFrame) -> Grid:
     return Grid(caption=caption, headings=headings, rows=list(zip(*columns, strict=True)))
 
 
+def limit_in_words(target: Target) -> str:
+    """The limit of a target: an acceleration in g, a speed in m/s."""
+    return target.in_g if target.name == "peak_acceleration" else target.limit
+
+
+def exceeding_in_words(found: Exceeding | None) -> str:
+    """A chance of exceeding a limit with its 95 % interval."""
+    if found is None or found.probability is None or found.low is None or found.high is None:
+        return UNKNOWN
+    interval = f"{spoken_percent(found.low)} to {spoken_percent(found.high)}, 95 %"
+    return f"{spoken_percent(found.probability)} ({interval})"
+
+
+def hard_hits_section(review: Review) -> Section:
+    """Chances that the hardest hit of the mission exceeds a limit, with their pictures."""
+    title, table = "Hard hits", review.exceedances
+    if table is None or not len(table):
+        return Section(title=title)
+    peak = table["event"].iloc[0] == "peak_acceleration"
+    what, unit, factor = ("peak acceleration", "g", G) if peak else ("impact speed", "m/s", 1.0)
+    marks = sorted(set(table.loc[table["mark"], "limit"]))
+    rows = []
+    for clearance in sorted(set(table["clearance"])):
+        found = table[table["clearance"] == clearance]
+        chances = {
+            row["limit"]: f"{spoken_percent(row['probability'])}\n"
+            f"{spoken_percent(row['probability_low'])} to {spoken_percent(row['probability_high'])}"
+            for row in found[found["mark"]].to_dict("records")
+        }
+        rows.append([four_digits(MM * clearance), *(chances.get(mark, UNKNOWN) for mark in marks)])
+    mission = spoken_mission(review.sizing.mission)
+    return Section(
+        title=title,
+        lead=f"The chance that any hit of the mission ({mission}) has a {what} above a limit, with "
+        "the law of the stops; 95 % intervals below. Bursts of hits were simulated with fast first "
+        "hits drawn more often and weighted; where hits hardly pause, the whole motion.",
+        grids=[
+            Grid(
+                caption=f"Chance in {mission} that the largest {what} exceeds a limit",
+                headings=[
+                    "clearance (mm)",
+                    *(f"above {factor * mark:.3g} {unit}" for mark in marks),
+                ],
+                rows=rows,
+            )
+        ],
+        pictures=[
+            shown(
+                plot_exceedances(review),
+                f"Chance that the largest {what} of the mission exceeds a limit, at three "
+                "clearances.",
+            ),
+            shown(
+                plot_exceedances_over_clearance(review),
+                f"The same against clearance, for {len(marks)} limits.",
+            ),
+        ],
+    )
+
+
 def peaks_section(review: Review) -> Section:
     """Peak accelerations and their picture; empty where the stops have no stiffness."""
     title, table = "Peak accelerations", review.peaks
@@ -201,14 +273,15 @@ def peaks_section(review: Review) -> Section:
         for name, row in zip(NAMES.values(), own.to_dict("records"), strict=True)
     ]
     grid = Grid(
-        caption="Absolute acceleration with the forces of the stops; the largest of "
-        f"{review.peak_window:g} s, its mean",
+        caption="Absolute acceleration with the forces of the stops. Largest: the mean over "
+        f"windows of {review.peak_window:g} s of the largest in a window, not the largest of the "
+        "mission, whose chances stand above",
         headings=[
             "stops at",
             "clearance (mm)",
             "g rms",
             "times that without stops",
-            "largest (g)",
+            f"largest in {review.peak_window:g} s, mean (g)",
             "times that without stops",
         ],
         rows=rows,
@@ -218,8 +291,9 @@ def peaks_section(review: Review) -> Section:
         pictures = [
             shown(
                 plot_peaks(review),
-                "Mean largest acceleration against clearance, for stops that many times as stiff "
-                "as the mount; the stops of the scene as diamonds.",
+                f"Mean of the largest acceleration in {review.peak_window:g} s against clearance, "
+                "for stops that many times as stiff as the mount; the stops of the scene as "
+                "diamonds.",
             )
         ]
     return Section(

@@ -356,11 +356,6 @@ def test_the_command(tmp_path: Path, stochvi: Run) -> None:
     assert document["impact_pairs"]["stops"]["hits"]["value"] > 0
     written = {each.name for each in (tmp_path / "out").iterdir()}
     assert written == {"replay.csv", "impacts.csv", "histories.csv", "replay.png"}
-    heading = (tmp_path / "out" / "histories.csv").read_text().splitlines()[0].split(",")
-    motion = ["displacement_m", "velocity_m_s", "acceleration_m_s2"]
-    assert heading[:5] == ["time_s", "base_acceleration_m_s2", *motion]
-    hits = (tmp_path / "out" / "impacts.csv").read_text().splitlines()[0]
-    assert hits.startswith("time_s,pair,side,speed_m_s,peak_force_N")
     run = stochvi("replay", str(file), "--clearances", "4mm, 0.006", "--json", "-")
     assert [each["clearance"] for each in one_document(run.out)["clearances"]] == [4e-3, 6e-3]
     assert "--clearances must be" in refused(

@@ -1,0 +1,246 @@
+"""Chances that the hardest hit of a mission exceeds a limit, over limits and clearances.
+
+Where first hits are rare, bursts are simulated from first hits on, and fast first hits are drawn
+more often and weighted; where hits hardly pause, windows of the whole motion are.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.isolators.sizing.clatter import plan_windows
+from stochvi.isolators.sizing.hits import at_clearance
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
+from stochvi.methods.monte_carlo.kernels.rows import Extremes
+from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
+from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline, as_far_as_it_got
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import binomial_interval
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.bursts import Bursts, bursts
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+
+LIMITS = 16
+"""Number of limits of a curve, with equal ratios."""
+
+WIDENING = 2.5
+"""Factor on the speeds of every second first hit, so that rare hard hits are seen as well."""
+
+MARKS = 3
+"""Number of limits that are followed over all clearances where none are given."""
+
+FEWEST = 5
+"""Bursts, or windows, beyond the largest limit of a curve."""
+
+REL_ERROR = 0.1
+"""Relative standard error at which the rate of hits, or of those beyond the first mark, is taken
+for known."""
+
+MOST_ERROR = 0.5
+"""Relative standard error of a chance above which it is left out."""
+
+WINDOW, MOST_WINDOWS = 18.0, 4096
+"""Length, s, and largest number of windows where hits come without a pause."""
+
+
+def event_of(scene: Scene) -> str:
+    """What the hardest hit is judged by: its peak acceleration, or, of rigid stops, which have no
+    stiffness, its speed."""
+    rigid = any(stop.rigid for stop in model_of(scene).stops)
+    return "impact_speed" if rigid else "peak_acceleration"
+
+
+def exceedances(
+    scene: Scene,
+    clearances: Sequence[float],
+    mission: float,
+    *,
+    event: str | None = None,
+    marks: Sequence[float] = (),
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 10.0,
+) -> pd.DataFrame:
+    """Chance that any hit of a mission exceeds a limit: over limits, at each clearance.
+
+    Parameters
+    ----------
+    scene
+        One oscillator under Gaussian noise between stops, whose laws are kept.
+    clearances
+        Metres per side from the mean position.
+    event
+        "peak_acceleration" (absolute, m/s^2) or "impact_speed" (m/s); by default `event_of`.
+    marks
+        Limits that every clearance has a row for, where they are known there, the first one to
+        `REL_ERROR` if the budget allows it; by default some that most clearances have.
+    budget
+        Seconds for all clearances together.
+
+    Returns
+    -------
+    pandas.DataFrame
+        `clearance` (m), `event`, `limit` (SI), `mark` (whether the limit is one of the
+        marks), `probability` with its 95 % limits
+        `probability_low`, `probability_high`, and `by`, "bursts" or "windows". Limits that are
+        exceeded too seldom for a standard error are left out; so is a clearance where nothing is.
+    """
+    import pandas as pd
+
+    event, deadline = event or event_of(scene), Deadline.after(budget)
+    seen: list[_Seen] = []
+    for number, clearance in enumerate(clearances):
+        stopped = at_clearance(scene, clearance)
+        share = deadline.part(1.0 / (len(clearances) - number))
+        asked: dict[str, Any] = {"seed": seed, "threads": threads, "budget": share}
+        seen.append(
+            _by_bursts(stopped, event, mission, marks, asked)
+            or _by_windows(stopped, event, mission, asked)
+        )
+    marks = tuple(marks) or _common(seen)
+    rows = [
+        {"clearance": clearance, "event": event, "limit": limit, "mark": limit in marks,
+         "probability": value, "probability_low": low, "probability_high": high, "by": each.by}
+        for clearance, each in zip(clearances, seen, strict=True)
+        for limit in sorted({*each.limits(), *marks})
+        if (found := each.chance(limit)) is not None
+        for value, low, high in (found,)
+    ]  # fmt: skip
+    names = ["clearance", "event", "limit", "mark"]
+    more = ["probability", "probability_low", "probability_high", "by"]
+    return pd.DataFrame(rows, columns=[*names, *more])
+
+
+Chance = tuple[float, float, float]
+"""A chance and its 95 % limits."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen(ABC):
+    """Largest speeds, or accelerations, of trials at one clearance."""
+
+    largest: Vector
+    mission: float
+
+    by: ClassVar[str]
+
+    @abstractmethod
+    def chance(self, limit: float) -> Chance | None:
+        """Chance that the limit is exceeded in the mission; None where that is not known."""
+
+    def ends(self) -> tuple[float, float] | None:
+        """A limit that nearly every trial exceeds, and one that few do."""
+        ordered = np.sort(self.largest[self.largest > 0.0])
+        if len(ordered) <= FEWEST:
+            return None
+        return float(ordered[len(ordered) // 50]), float(ordered[-FEWEST])
+
+    def limits(self) -> list[float]:
+        """Limits of a curve."""
+        ends = self.ends()
+        return [] if ends is None else [float(f"{x:.4g}") for x in np.geomspace(*ends, LIMITS)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Bursts(_Seen):
+    """Bursts from first hits on, each with a weight."""
+
+    event: str
+    bursts: Bursts
+
+    by = "bursts"
+
+    def chance(self, limit: float) -> Chance | None:
+        rate = self.bursts.exceedance_rate(self.event, limit)
+        if not rate.value or rate.standard_error > MOST_ERROR * rate.value:
+            return None
+        half = rate.half_width_95(with_bias=True)
+        rates = (rate.value, max(rate.value - half, 0.0), rate.value + half)
+        value, low, high = (-math.expm1(-each * self.mission) for each in rates)
+        return value, low, high
+
+
+@dataclass(frozen=True, eq=False)
+class _Windows(_Seen):
+    """Windows of the whole motion, of this length in s, taken for independent."""
+
+    window: float
+
+    by = "windows"
+
+    def chance(self, limit: float) -> Chance | None:
+        count, trials = int((self.largest > limit).sum()), len(self.largest)
+        if count < FEWEST:
+            return None
+        windows = self.mission / self.window
+        value, low, high = (
+            1.0 if chance >= 1.0 else -math.expm1(windows * math.log1p(-chance))
+            for chance in (count / trials, *binomial_interval(count, trials))
+        )
+        return value, low, high
+
+
+def _common(seen: Sequence[_Seen]) -> tuple[float, ...]:
+    """Limits, of two digits, that as many clearances as possible have a chance for."""
+    ends = [each for each in (one.ends() for one in seen) if each is not None]
+    if not ends:
+        return ()
+    low = max(each[0] for each in ends)
+    high = min(each[1] for each in ends)
+    if not high > low:
+        low, high = min(each[0] for each in ends), max(each[1] for each in ends)
+    spaced = np.geomspace(low, high, MARKS + 2)[1:-1]
+    return tuple(dict.fromkeys(float(f"{limit:.2g}") for limit in spaced))
+
+
+def _by_bursts(
+    scene: Scene, event: str, mission: float, marks: Sequence[float], asked: dict[str, Any]
+) -> _Bursts | None:
+    """From bursts; None where they do not end, or meet."""
+    wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate
+    if marks:
+        wanted = partial(Bursts.exceedance_rate, name=event, limit=marks[0])
+    try:
+        found: Bursts = as_far_as_it_got(
+            bursts, scene, rel_error=REL_ERROR, wanted=wanted, widening=WIDENING, **asked
+        )
+    except NotApplicable:
+        return None
+    largest = found.fastest if event == "impact_speed" else found.sharpest
+    return _Bursts(largest, mission, event, found) if found.apart else None
+
+
+def _by_windows(scene: Scene, event: str, mission: float, asked: dict[str, Any]) -> _Windows:
+    """From windows of the whole motion, as many as the time allows."""
+    window = min(WINDOW, mission)
+    plan = plan_windows(scene, window)
+    deadline, most = Deadline.after(asked["budget"]), -(-MOST_WINDOWS // plan.block)
+    blocks = [*blocks_between(0, most * plan.block, plan.block)]
+    parts: list[Vector] = []
+    with crew_of(None, asked["threads"]) as crew:
+        work = partial(_window_extremes, plan, asked["seed"], event)
+        for part in crew.results(work, blocks, deadline, lambda: deadline.passed() and bool(parts)):
+            parts.append(part)
+    return _Windows(np.concatenate(parts), mission, window)
+
+
+def _window_extremes(
+    plan: TabulatedPlan, seed: int, event: str, first: int, paths: int, _: Deadline
+) -> Vector:
+    extremes = Extremes.zeros(paths)
+    plan.averages(seed, first, paths, None, extremes.table)
+    return np.asarray(extremes.impact_speed if event == "impact_speed" else extremes.acceleration)

@@ -1,0 +1,225 @@
+"""The clearance that the same target needs at the ends of tolerances, and in their worst
+combination."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from stochvi.isolators.screening import Screening, screen
+from stochvi.isolators.sizing.chances import probability_at
+from stochvi.isolators.sizing.sensitivity import (
+    changed_mount,
+    changed_row,
+    changed_stops,
+    row_of,
+)
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.errors import Interrupted, StochviError
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from stochvi.isolators.sizing.answer import Sizing
+
+REL_ERROR = 0.2
+"""Relative error of the risk of a changed scene: that of its clearance c is 0.2 sigma^2 / c^2, some
+1 %, because the risk falls nearly as exp(-c^2 / (2 sigma^2))."""
+
+COMBINED = "worst combination"
+"""Name of the row in which all changes that ask for more clearance come together."""
+
+FIRST_SHARE = 0.3
+"""Share of the time for the worst combination; the single changes share the rest evenly."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerances:
+    """How far the mount, the level and the stops may be from what the scene states.
+
+    Parameters
+    ----------
+    frequency, damping
+        Relative tolerances of natural frequency and damping ratio. The defaults are usual of
+        elastomer mounts; `structure.frequency_tolerance` and `damping_tolerance` take their place.
+    level_db
+        Tolerance of the level, dB up and down: the usual one of vibration tests.
+    stiffness
+        Relative tolerance of the stiffness of the stops: that of rubber within 5 degrees Shore A.
+    """
+
+    frequency: float = 0.1
+    damping: float = 0.3
+    level_db: float = 3.0
+    stiffness: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ("frequency", "damping", "stiffness"):
+            if not 0.0 <= getattr(self, name) < 1.0:
+                raise ValueError(
+                    f"the tolerance of {name} must be in [0, 1) (0 to 100 %), "
+                    f"got {getattr(self, name):g}"
+                )
+        if not 0.0 <= self.level_db < 60.0:
+            raise ValueError(f"the tolerance of level must be in [0, 60) dB, got {self.level_db:g}")
+
+    @classmethod
+    def of(cls, scene: Scene, **stated: float) -> Tolerances:
+        """The tolerances of a scene: those that are stated here, its own, else the defaults."""
+        own = {
+            name: value
+            for name in ("frequency", "damping")
+            if (value := getattr(scene.structure, f"{name}_tolerance", None)) is not None
+        }
+        return cls(**(own | stated))
+
+
+class _Change(NamedTuple):
+    """One quantity at one end of its tolerance."""
+
+    words: str
+    quantity: str
+    sign: float
+    amount: float
+
+    def applied(self, scene: Scene) -> Scene:
+        match self.quantity:
+            case "frequency":
+                return changed_mount(scene, 1.0 + self.amount, 1.0)
+            case "damping":
+                return changed_mount(scene, 1.0, 1.0 + self.amount)
+            case "level":
+                return scene.at_level(self.amount)
+        return changed_stops(scene, 1.0 + self.amount)
+
+
+def _changes(scene: Scene, target: str, tolerances: Tolerances) -> Iterator[_Change]:
+    """Both ends of every tolerance that is not zero and that the target depends on."""
+    shares = {
+        "frequency": ("natural frequency", tolerances.frequency),
+        "damping": ("damping ratio", tolerances.damping),
+    }
+    give_way = scene.impact_pairs and not any(
+        law.rigid for pair in scene.impact_pairs for _, law in pair.stops()
+    )
+    if target != "probability" and give_way:
+        shares["stiffness"] = ("stiffness of the stops", tolerances.stiffness)
+    for quantity, (words, share) in shares.items():
+        for sign in (-1.0, 1.0) if share else ():
+            yield _Change(f"{words} {100.0 * sign * share:+.3g} %", quantity, sign, sign * share)
+    for sign in (-1.0, 1.0) if tolerances.level_db else ():
+        amount = sign * tolerances.level_db
+        yield _Change(f"level {amount:+.3g} dB", "level", sign, amount)
+
+
+def worst_case(
+    sizing: Sizing,
+    tolerances: Tolerances | None = None,
+    *,
+    threads: int | None = None,
+    budget: float | None = None,
+) -> pd.DataFrame:
+    """The same target for a mount, a level and stops at the ends of their tolerances.
+
+    Every row is a scene of its own that is sized for the target. The worst combination is that of
+    the ends of natural frequency, damping and level that needs the largest clearance of an equal
+    rate of crossings (Rice), with the stiffness of the stops that asks for more clearance.
+
+    Parameters
+    ----------
+    tolerances
+        By default `Tolerances.of` the scene.
+    budget
+        Seconds for all rows together; None for no limit.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The columns of `sensitivity`. The first row is the sizing itself, the last one the worst
+        combination.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
+    >>> from stochvi.scenes.structures import Isolator
+    >>> scene = Scene(
+    ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
+    ...     excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+    ... )
+    >>> from stochvi.isolators import size
+    >>> table = worst_case(size(scene, probability=0.01, rel_error=0.2))
+    >>> table["change"].iloc[-1]
+    'worst combination: natural frequency -10 %, damping ratio -30 %, level +3 dB'
+    """
+    import pandas as pd
+
+    scene, deadline = sizing.scene, Deadline.after(budget)
+    changes = list(_changes(scene, sizing.target.name, tolerances or Tolerances.of(scene)))
+    combination = _combination(sizing, changes)
+    nominal = sizing.clearance.value
+    chance = probability_at(sizing, nominal)
+    rows = [
+        row_of("as stated", sizing, sizing.sigma, nominal, math.nan if chance is None else chance)
+    ]
+    if not combination:
+        return pd.DataFrame(rows)
+
+    def sized(words: str, changed: Scene, share: float) -> dict[str, Any]:
+        try:
+            if deadline.passed():
+                raise deadline.fell_short("before this case", "raise budget")
+            return changed_row(
+                words, changed, sizing, sizing.seed, threads, deadline.part(share), REL_ERROR
+            )
+        except (StochviError, Interrupted, ValueError) as reason:
+            return row_of(words, sizing, math.nan, math.nan, math.nan, str(reason))
+
+    with heeding_ctrl_c():
+        words = f"{COMBINED}: {', '.join(change.words for change in combination)}"
+        worst = sized(words, _all(combination, scene), FIRST_SHARE)  # the others share the rest
+        for number, change in enumerate(changes):
+            rows.append(sized(change.words, change.applied(scene), 1.0 / (len(changes) - number)))
+    return pd.DataFrame([*rows, worst])
+
+
+def _all(changes: list[_Change], scene: Scene) -> Scene:
+    for change in changes:
+        scene = change.applied(scene)
+    return scene
+
+
+def _combination(sizing: Sizing, changes: list[_Change]) -> list[_Change]:
+    """The ends of the tolerances that together ask for the largest clearance."""
+    linear = [change for change in changes if change.quantity != "stiffness"]
+    stiff = [change for change in changes if change.quantity == "stiffness" and change.sign > 0.0]
+    if sizing.screening is None:
+        soft = {"frequency": -1.0, "damping": -1.0, "level": 1.0}
+        return [change for change in linear if change.sign == soft[change.quantity]] + stiff
+    rate = sizing.screening.rice_rate(sizing.clearance.value)
+    groups = [list(group) for _, group in itertools.groupby(linear, lambda each: each.quantity)]
+    free = sizing.scene.model_copy(update={"impact_pairs": ()})
+    worst = max(
+        (list(corner) for corner in itertools.product(*groups)),
+        key=lambda corner: clearance_of_rate(screen(_all(corner, free)), rate),
+    )
+    return worst + stiff
+
+
+def clearance_of_rate(linear: Screening, rate: float) -> float:
+    """Clearance at which two stops are hit at this rate by Rice; 0 where they never are so often.
+
+    >>> linear = Screening(
+    ...     displacement_std=2.0, velocity_std=3.0, acceleration_std=1.0, zero_crossing_rate=1.0,
+    ...     miles=None, input_acceleration_std=None,
+    ... )
+    >>> round(clearance_of_rate(linear, linear.rice_rate(5.0)), 12)
+    5.0
+    """
+    most = linear.rice_rate(0.0)
+    if rate <= 0.0 or rate >= most:
+        return 0.0
+    return linear.displacement_std * math.sqrt(2.0 * math.log(most / rate))
