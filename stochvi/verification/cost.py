@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.blocks import LONG_PATH, Crew, blocks_between, crew_of, in_pieces
+from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
@@ -441,8 +441,7 @@ def _block(
             seconds.append(thread_seconds() - start)
         return np.concatenate(averages), np.array(seconds)
 
-    long = max(plan.steps_per_path for plan in plans) > LONG_PATH
-    parts = in_pieces(at_every_step, first_path, paths, deadline, long=long)
+    parts = in_pieces(at_every_step, first_path, paths, deadline)
     averages = np.concatenate([part for part, _ in parts], axis=1)
     return PathStatistics.of(averages, layout), np.sum([spent for _, spent in parts], axis=0)
 
@@ -458,6 +457,7 @@ def _simulate(
     progress: Progress | None,
 ) -> tuple[PathStatistics, list[float]]:
     """Simulate blocks of paths, merged in their order, until `paths` are done or time is up."""
+    check_price(plans, seed, deadline)
     started = time.perf_counter()
     size = min(LARGEST_BLOCK, *(plan.block for plan in plans))
     statistics, seconds = PathStatistics.none(layout), np.zeros(len(plans))

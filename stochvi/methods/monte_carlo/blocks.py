@@ -73,13 +73,20 @@ LANES = 16
 """Number of paths in the smallest piece of a block: the loops of the kernels over paths fill
 vectors of 8 numbers."""
 
-LONG_PATH = 2.0e5
-"""Number of steps of a path from which the first piece of a block has only FEWEST_AT_ONCE paths:
-LANES of them would take a second or more."""
-
 FEWEST_AT_ONCE = 2
-"""Number of paths in the first piece of a block of long paths: the smallest that gives a standard
-error."""
+"""Number of paths in the first piece of a block, whose time says how large the next one may be: the
+smallest that gives a standard error."""
+
+FIRST_STEPS, MORE_STEPS = 2, 4
+"""Number of steps in the first trial that predicts the time of a path, and the factor by which each
+further trial is longer."""
+
+PRICE_SHARE, PRICE_SECONDS = 0.02, 0.05
+"""A trial decides that paths take too long once it has taken this share of the time that is left,
+and this many seconds."""
+
+GRACE_SECONDS = 1.0
+"""Seconds by which the first paths may be expected to overrun a budget; above, they are refused."""
 
 PIECE_SECONDS = 0.25
 """Largest expected time in seconds of a piece of a block, so that a budget is overrun by no
@@ -166,25 +173,59 @@ def averages_in_time(
     plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline
 ) -> NDArray[np.float64]:
     """Averages of a block of paths, or of its first paths if the deadline passes."""
-    long = plan.steps_per_path > LONG_PATH
-    parts = in_pieces(partial(plan.averages, seed), first_path, paths, deadline, long=long)
+    parts = in_pieces(partial(plan.averages, seed), first_path, paths, deadline)
     return np.concatenate(parts, axis=1)
 
 
+def seconds_of_first_paths(plan: Plan, seed: int, deadline: Deadline) -> float:
+    """CPU seconds that the first FEWEST_AT_ONCE paths take, predicted from their first steps.
+
+    A piece of paths cannot be interrupted, and the number of impacts in a step is not known in
+    advance. The trials become longer until the prediction is short, or rests on a fair share of
+    the time that is left. It is 0 without a deadline, and for plans that cannot be shortened.
+    """
+    steps = FIRST_STEPS
+    enough = max(PRICE_SHARE * deadline.left, PRICE_SECONDS)
+    while math.isfinite(enough) and steps < plan.steps_per_path:
+        trial = plan.shortest(steps)
+        if trial.steps_per_path < steps:
+            break
+        began = thread_seconds()
+        trial.averages(seed, 0, FEWEST_AT_ONCE)
+        took = thread_seconds() - began
+        predicted = took * plan.steps_per_path / trial.steps_per_path
+        if predicted <= PIECE_SECONDS or took >= enough:
+            return predicted
+        steps *= MORE_STEPS
+    return 0.0
+
+
+def check_price(plans: Sequence[Plan], seed: int, deadline: Deadline) -> None:
+    """Raise `NotConverged` where two paths by each of these plans take longer than there is."""
+    seconds = 0.0
+    for plan in plans:
+        seconds += seconds_of_first_paths(plan, seed, deadline)
+        if seconds > deadline.left + GRACE_SECONDS:
+            raise NotConverged(
+                f"the budget of {deadline.budget:g} s is too short for {FEWEST_AT_ONCE} paths, "
+                f"which take at least {seconds:.2g} s; raise budget, or shorten the paths "
+                "(duration)"
+            )
+
+
 def in_pieces(
-    make: Callable[[int, int], Piece], first_path: int, paths: int, deadline: Deadline,
-    *, long: bool = False,
-) -> list[Piece]:  # fmt: skip
+    make: Callable[[int, int], Piece], first_path: int, paths: int, deadline: Deadline
+) -> list[Piece]:
     """Results of `make(first_path, paths)` for successive pieces of a block of paths.
 
     The deadline is checked between pieces; once it has passed, the remaining paths are left out,
-    but never those of the first piece. The paths do not depend on the pieces. Where paths are
-    `long`, the first piece has only FEWEST_AT_ONCE of them.
+    but never those of the first piece, which has FEWEST_AT_ONCE of them. The paths do not depend
+    on the pieces.
     """
     if deadline == NEVER:
         return [make(first_path, paths)]
     done: list[Piece] = []
-    made, size = 0, FEWEST_AT_ONCE if long else LANES
+    made, size = 0, FEWEST_AT_ONCE
     while made < paths and not (made and deadline.passed()):
         size = min(size, paths - made)
         began = time.perf_counter()

@@ -232,9 +232,9 @@ class ModalPlan:
             )
         return replace(self, step=step)
 
-    def shortest(self) -> ModalPlan:
-        """Two steps: enough to have the kernels compiled."""
-        return replace(self, burn_in=self.step, duration=2.0 * self.step)
+    def shortest(self, steps: int = 2) -> ModalPlan:
+        """The first steps: two are enough to have the kernels compiled."""
+        return replace(self, burn_in=self.step, duration=steps * self.step)
 
     def averages(
         self,

@@ -131,7 +131,7 @@ class ModalTablesPlan(ModalContactsPlan):
     def _with_samples(self, samples: int) -> ModalTablesPlan:
         return replace(self, samples=samples, step=self.block_length / samples)
 
-    def shortest(self) -> ModalTablesPlan:
+    def shortest(self, steps: int = 2) -> ModalTablesPlan:
         """A few samples: enough to have the kernels compiled."""
         return replace(
             self, samples=32, block_length=32 * self.step, blocks=1,

@@ -129,8 +129,9 @@ class Plan(Protocol):
     def with_step(self, step: float) -> Self:
         """The plan at a chosen step, s; ValueError if it is too long to detect all impacts."""
 
-    def shortest(self) -> Self:
-        """The plan with a few steps of the same kernels, which is enough to compile them."""
+    def shortest(self, steps: int = 2) -> Self:
+        """The plan with a few steps of the same kernels and hardly any burn-in: two are enough to
+        compile them. A plan that synthesises paths has a few samples whatever `steps` is."""
 
     def record(self, seed: int, path: int) -> Mapping[str, Vector]:
         """One path from its start, without burn-in, by column: displacements, velocities and the

@@ -225,9 +225,9 @@ class WhitePlan:
             )
         return replace(self, step=step)
 
-    def shortest(self) -> Self:
-        """Two steps: enough to have the kernels compiled."""
-        return replace(self, burn_in=self.step, duration=2.0 * self.step)
+    def shortest(self, steps: int = 2) -> Self:
+        """The first steps: two are enough to have the kernels compiled."""
+        return replace(self, burn_in=self.step, duration=steps * self.step)
 
     @property
     def fastest(self) -> float:

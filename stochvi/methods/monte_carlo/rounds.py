@@ -12,7 +12,13 @@ from functools import partial
 from threading import Timer
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.methods.monte_carlo.blocks import Crew, blocks_of, machine, path_statistics
+from stochvi.methods.monte_carlo.blocks import (
+    Crew,
+    blocks_of,
+    check_price,
+    machine,
+    path_statistics,
+)
 from stochvi.methods.monte_carlo.checkpoints import Keeper, State
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
@@ -152,6 +158,8 @@ class Run:
         """Simulate the remaining paths of this round and merge them in the order of their numbers;
         return False if the deadline passed first."""
         plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
+        if not self.fine.count:
+            check_price(plans, self.seed, deadline)
         steps_per_path = sum(plan.steps_per_path for plan in plans)
         goal = self.state.goal
         self.expected_paths = max(self.expected_paths, goal)

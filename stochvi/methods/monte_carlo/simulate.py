@@ -6,13 +6,21 @@ import hashlib
 import math
 import time
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.blocks import WorkersLost, check_executor, crew_of, start_crew
+from stochvi.methods.monte_carlo.blocks import (
+    FEWEST_AT_ONCE,
+    WorkersLost,
+    check_executor,
+    crew_of,
+    seconds_of_first_paths,
+    start_crew,
+)
 from stochvi.methods.monte_carlo.checkpoints import Asked, Checkpoint, Keeper, State
 from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
 from stochvi.methods.monte_carlo.plan import Plan
@@ -326,8 +334,15 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
     compile_time, _ = _compile(plan)
     with crew_of(None, threads) as crew:
         run = Run(scene, plan, seed, crew, None, compile_time)
-        run.add_paths(max(2 * plan.block, FEWEST_PATHS), Deadline.after(PILOT_SECONDS))
+        with suppress(NotConverged):  # two paths take longer than that
+            run.add_paths(max(2 * plan.block, FEWEST_PATHS), Deadline.after(PILOT_SECONDS))
         elapsed = run.elapsed
+    step_seconds = (
+        elapsed / run.state.steps
+        if run.state.steps
+        else seconds_of_first_paths(plan, seed, Deadline.after(PILOT_SECONDS))
+        / (FEWEST_AT_ONCE * plan.steps_per_path)
+    )
     relative = relative_standard_errors(run) if run.fine.count >= FEWEST_IN_PILOT else {}
     slowest = max(relative, key=lambda key: relative[key], default=None)
     unseen = any((pair.name, "impact_speed_rate") not in relative for pair in model.pairs)
@@ -343,7 +358,7 @@ def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Pros
         burn_in=plan.burn_in,
         duration=plan.duration,
         steps_per_path=plan.steps_per_path,
-        nanoseconds_per_step=1e9 * elapsed / run.state.steps,
+        nanoseconds_per_step=1e9 * step_seconds,
         seconds={
             target: elapsed * (relative[slowest] / target) ** 2 if known and slowest else None
             for target in (0.01, 0.001)

@@ -244,7 +244,7 @@ class TabulatedPlan:
         """Paths of blocks of a chosen length, s, at the same sampling interval."""
         return replace(self, block_length=length).with_step(self.step)
 
-    def shortest(self) -> TabulatedPlan:
+    def shortest(self, steps: int = 2) -> TabulatedPlan:
         """A block of few samples: enough to have the kernels compiled."""
         return replace(self, samples=32, blocks_per_path=1)
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
-from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
+from stochvi.methods.monte_carlo.blocks import blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
 from stochvi.methods.monte_carlo.quantities import collapses
 from stochvi.methods.monte_carlo.rounds import compiling
@@ -174,6 +174,8 @@ def impacts(
     plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, **shares)
     grids = {pair.name: _grid(plan, pair) for pair in model.pairs}
     with compiling(progress):
+        plan.source.shortest().averages(seed, 0, 2)
+        check_price([plan.source], seed, Deadline.after(budget))
         plan.impacts(seed, 0, 1)
     found: dict[str, list[Tally]] = {name: [] for name in grids}
     deadline = Deadline.after(budget)

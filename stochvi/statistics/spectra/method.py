@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
+from stochvi.methods.monte_carlo.blocks import blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
@@ -150,6 +150,8 @@ def spectrum(
     started = time.perf_counter()
     plan, layout, bandwidth = _planned(scene, method, highest, segment)
     with compiling(progress):
+        plan.plan.shortest().averages(seed, 0, 2)
+        check_price([plan.plan], seed, Deadline.after(budget))
         plan.histories(seed, 0, 1)
     deadline = Deadline.after(budget)
     target = FEWEST_PATHS if paths is None else paths

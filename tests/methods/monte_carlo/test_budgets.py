@@ -15,7 +15,7 @@ from stochvi import (
     exact,
     simulate,
 )
-from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE, LANES, averages_in_time
+from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE, averages_in_time, check_price
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION
@@ -34,8 +34,8 @@ def test_a_block_that_is_late_ends_with_its_first_paths() -> None:
     plan = plan_of(20.0)
     whole = plan.averages(3, 64, 64)
     late = averages_in_time(plan, 3, 64, 64, deadline=Deadline(0.0))
-    assert late.shape[1] == LANES
-    np.testing.assert_array_equal(late, whole[:, :LANES])
+    assert late.shape[1] == FEWEST_AT_ONCE
+    np.testing.assert_array_equal(late, whole[:, :FEWEST_AT_ONCE])
 
 
 def test_paths_do_not_depend_on_the_pieces_of_their_block() -> None:
@@ -44,9 +44,12 @@ def test_paths_do_not_depend_on_the_pieces_of_their_block() -> None:
     np.testing.assert_array_equal(pieces, plan.averages(3, 0, 64))
 
 
-def test_long_paths_are_begun_two_at_a_time() -> None:
-    plan = plan_of(1e5)
-    assert averages_in_time(plan, 3, 0, 64, deadline=Deadline(0.0)).shape[1] == FEWEST_AT_ONCE
+def test_paths_that_take_longer_than_the_budget_are_refused_before_they_are_begun() -> None:
+    deadline = Deadline.after(2.0)
+    with pytest.raises(NotConverged, match="too short for 2 paths"):
+        check_price([plan_of(2e7)], 3, deadline)
+    assert not deadline.passed()
+    check_price([plan_of(2e3)], 3, deadline)  # negative control: these are short
 
 
 @pytest.mark.parametrize("asked", [{"paths": 4096}, {"rel_error": 1e-4}], ids=str)
