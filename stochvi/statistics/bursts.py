@@ -50,7 +50,8 @@ LOOK = 4
 """Times FEWEST_PATHS: where nothing was seen in so many paths, nothing more is tried."""
 
 FAR, DOUBT = 2.0, 4.0
-"""A factor, and standard errors: so far from what is searched for, a value is known well enough."""
+"""A value needs no more accuracy once it lies this factor away from the value that is searched for,
+by more than so many standard errors of its logarithm."""
 
 FEWEST_WITH_BURSTS = 8
 """Paths of which some crossing must be a first hit, for a standard error."""
@@ -241,8 +242,10 @@ def _far(estimate: Estimate, place: float | None) -> bool:
     """Whether an estimate lies beyond doubt more than a factor FAR from a place."""
     if place is None or not estimate.value:
         return False
-    doubt = DOUBT * estimate.standard_error
-    return estimate.value + doubt < place / FAR or estimate.value - doubt > place * FAR
+    # of the logarithm: one burst beyond a limit has a standard error of its own size, but says no
+    # more than the order of magnitude
+    doubt = math.exp(DOUBT * min(estimate.standard_error / estimate.value, DOUBT))
+    return estimate.value * doubt < place / FAR or estimate.value / doubt > place * FAR
 
 
 class _Part(NamedTuple):

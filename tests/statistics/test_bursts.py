@@ -40,7 +40,7 @@ from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
-from stochvi.statistics.bursts import Bursts, _widened, bursts
+from stochvi.statistics.bursts import Bursts, _far, _widened, bursts
 from stochvi.testing import assert_agrees
 
 
@@ -157,6 +157,14 @@ def test_what_is_far_from_the_wanted_value_takes_few_bursts() -> None:
         bursts(scene, rel_error=0.01, far_from=factor * rate, seed=1) for factor in (10.0, 1.5)
     )
     assert len(far.path) < len(near.path) == len(exact_one.path)
+
+
+def test_a_single_burst_beyond_a_limit_is_no_reason_to_stop() -> None:
+    """Its rate may be wrong by a factor of ten, though four standard errors are less than that."""
+    assert not _far(Estimate(value=0.1, standard_error=0.1), 1.0)
+    assert not _far(Estimate(value=10.0, standard_error=10.0), 1.0)
+    assert _far(Estimate(value=0.1, standard_error=0.01), 1.0)
+    assert _far(Estimate(value=10.0, standard_error=1.0), 1.0)
 
 
 def test_chance_of_a_sharp_hit_against_whole_missions() -> None:

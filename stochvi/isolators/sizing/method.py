@@ -96,7 +96,7 @@ class SearchSettings:
     most_error: float = 1.0
     reach: float = math.log(FAR)
     divisor_on_the_way: float = 4.0
-    divisor_of_last: float = 1.5
+    divisor_of_last: float = 1.25
     pumped: float = 3.0
     more_than_rice: float = 1.5
 
