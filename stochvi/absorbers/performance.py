@@ -35,6 +35,9 @@ PEAK_WINDOWS = 96
 WINDOWS_OF_PATH = 8
 """Number of windows that are taken from one path after it has settled."""
 
+RECORDED_TOGETHER = 2
+"""Number of paths that are recorded between two looks at the deadline; it divides that of all."""
+
 LEVELS_DB = (-6.0, -3.0, 0.0, 3.0, 6.0)
 """Levels of the excitation, dB relative to that of the scene, at which an absorber is judged."""
 
@@ -238,7 +241,7 @@ def absorber(
                 short.append(level)
             report(1.0, "peaks of recorded paths")
             began = time.perf_counter()
-            found.append(_performance(shaken, carrier, level, response, seed))
+            found.append(_performance(shaken, carrier, level, response, seed, deadline))
             recording = time.perf_counter() - began
     missing = [level for level in levels_db if level not in {each.level_db for each in found}]
     unreached = _in_decibels(short), _in_decibels(missing)
@@ -331,7 +334,7 @@ def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def _performance(
-    scene: Scene, carrier: str, level: float, response: Response, seed: int
+    scene: Scene, carrier: str, level: float, response: Response, seed: int, deadline: Deadline
 ) -> Performance:
     alone = without_absorber(scene)
     # an absorber of mass, play and law gives the coordinate of its oscillator another name
@@ -342,8 +345,8 @@ def _performance(
     deviation, velocity = moving["displacement_std"], moving["velocity_std"]
     assert deviation is not None and velocity is not None
     period = 2.0 * math.pi * rms / speed
-    with_it = _windows(scene.expanded, carrier, period, seed)
-    without = _windows(alone, own_name, period, seed)
+    with_it = _windows(scene.expanded, carrier, period, seed, deadline)
+    without = _windows(alone, own_name, period, seed, deadline)
     model = model_of(scene)
     pairs = [response.impact_pairs[pair.name] for pair in model.pairs]
     rate = _sum(pair["collision_rate"] for pair in pairs)
@@ -381,23 +384,27 @@ class _Windows:
     acceleration: Estimate | None
 
 
-def _windows(scene: Scene, carrier: str, period: float, seed: int) -> _Windows:
-    """Record paths until `PEAK_WINDOWS` windows have been seen; errors from the paths."""
-    paths = PEAK_WINDOWS // WINDOWS_OF_PATH
-    settling, records = record_paths(
-        scene, duration=WINDOWS_OF_PATH * PEAK_PERIODS * period, paths=paths, seed=seed
-    )
-    peaks, squares = np.empty((2, paths))
-    for number, record in enumerate(records):
-        settled = record[record["time"] > settling]
-        x = settled[f"displacement of {carrier}"].to_numpy()
-        offset = np.abs(x - x.mean())
-        peaks[number] = np.mean([part.max() for part in np.array_split(offset, WINDOWS_OF_PATH)])
-        squares[number] = np.mean(_absolute_acceleration(scene, carrier, settled) ** 2)
-    how = f"{PEAK_WINDOWS} windows of {PEAK_PERIODS} periods on {paths} paths"
+def _windows(scene: Scene, carrier: str, period: float, seed: int, deadline: Deadline) -> _Windows:
+    """Record paths until `PEAK_WINDOWS` windows have been seen, or the deadline has passed; errors
+    from the paths, of which there are two at least."""
+    peaks: list[float] = []
+    squares: list[float] = []
+    while len(peaks) < 2 or not (WINDOWS_OF_PATH * len(peaks) >= PEAK_WINDOWS or deadline.passed()):
+        settling, records = record_paths(
+            scene, duration=WINDOWS_OF_PATH * PEAK_PERIODS * period, paths=RECORDED_TOGETHER,
+            seed=seed, first_path=len(peaks),
+        )  # fmt: skip
+        for record in records:
+            settled = record[record["time"] > settling]
+            x = settled[f"displacement of {carrier}"].to_numpy()
+            offset = np.abs(x - x.mean())
+            parts = np.array_split(offset, WINDOWS_OF_PATH)
+            peaks.append(float(np.mean([part.max() for part in parts])))
+            squares.append(float(np.mean(_absolute_acceleration(scene, carrier, settled) ** 2)))
+    how = f"{WINDOWS_OF_PATH * len(peaks)} windows of {PEAK_PERIODS} periods on {len(peaks)} paths"
 
-    def estimate(values: np.ndarray, power: float = 1.0) -> Estimate:
-        mean, error = mean_and_error(values)
+    def estimate(values: list[float], power: float = 1.0) -> Estimate:
+        mean, error = mean_and_error(np.array(values))
         relative = abs(power) * error / mean if mean else 0.0
         value = mean**power
         return Estimate(value=value, standard_error=value * relative, how=how)

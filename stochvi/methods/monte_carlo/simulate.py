@@ -286,7 +286,7 @@ def record_path(
 
 
 def record_paths(
-    scene: Scene, *, duration: float, paths: int, seed: int = 0
+    scene: Scene, *, duration: float, paths: int, seed: int = 0, first_path: int = 0
 ) -> tuple[float, list[pd.DataFrame]]:
     """Several paths of a scene of several coordinates at once, as `record_path` gives one.
 
@@ -299,7 +299,7 @@ def record_paths(
     settling = plan_several(model, None, duration).burn_in
     plan = plan_several(model, None, settling + duration)
     record = np.zeros((plan.steps, paths, plan.record_width))
-    plan.averages(seed, 0, paths, record)
+    plan.averages(seed, first_path, paths, record)
     time = {"time": plan.step * np.arange(1, plan.steps + 1)}
     return settling, [pd.DataFrame(time | plan.columns(record[:, [path]])) for path in range(paths)]
 
