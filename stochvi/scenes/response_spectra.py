@@ -29,6 +29,8 @@ class EstimatedDensity(NamedTuple):
 
 def is_response_spectrum(path: Path) -> bool:
     """Whether a file begins as a `spectrum.csv` does; False for what cannot be read."""
+    if not path.is_file():  # a pipe would be waited for
+        return False
     try:
         with path.open(encoding="utf-8-sig") as file:
             cells = next(csv.reader([file.readline(1000)]), [])
