@@ -20,6 +20,7 @@ from stochvi.cli.options import (
 from stochvi.cli.program import FAILED, main, stop
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import Console
 
     from stochvi.isolators import Jolts, Sizing
@@ -70,14 +71,19 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     if not options.quiet:
         print_record(options.console, linear.record)
     places = lengths("--gaps", gaps, plain=linear.displacement_std)
-    with options.progress("clearance") as report:
-        curve = clearance_curve(
-            loaded, places, rel_error=rel_error,
-            progress=report, **options.sampling,
-        )  # fmt: skip
-    options.show(curve, print_clearance)
-    if options.out is not None:
-        write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
+
+    def simulated() -> pd.DataFrame:
+        with options.progress("clearance") as report:
+            return clearance_curve(
+                loaded, places, rel_error=rel_error, progress=report, **options.sampling
+            )
+
+    def show(curve: pd.DataFrame) -> None:
+        options.show(curve, print_clearance)
+        if options.out is not None:
+            write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
+
+    shown(simulated, show)
     fail_if_contradicted(linear.record)
 
 

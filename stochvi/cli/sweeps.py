@@ -31,7 +31,10 @@ from stochvi.cli.program import FAILED, main, stop
     show_default=True, help="The same in each row, so that differences are the scenes', or not.",
 )  # fmt: skip
 @click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster.")
-@click.option("--budget", type=TIME, metavar="TIME", help="Of a row [60; none with --paths].")
+@click.option(
+    "--budget", type=TIME, metavar="TIME",
+    help="Time for each row, so that N rows take up to N times that [60; none with --paths].",
+)  # fmt: skip
 @common("seed", "threads", "out", "quiet")
 def sweep(
     options: Common, scene: str, vary: tuple[str, ...], method: str, random_numbers: str,

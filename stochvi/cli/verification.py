@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from stochvi.cli.options import TIME, Common, common
+from stochvi.cli.options import BUDGET, TIME, Common, common, shown
 from stochvi.cli.program import FAILED, main, stop
 
 if TYPE_CHECKING:
@@ -28,8 +28,15 @@ MANY_SCENES = 0.01
     "--rel-error", type=float,
     help=f"Of Monte Carlo; default {ONE_SCENE:g}, of several scenes {MANY_SCENES:g}.",
 )  # fmt: skip
-@common("budget", "seed", "threads", "json", "out", "quiet")
-def check(options: Common, scenes: tuple[str, ...], zoo: bool, rel_error: float | None) -> None:
+@click.option(
+    "--budget", type=TIME, metavar="TIME",
+    help=f"Time for the simulations of all scenes together [{BUDGET:g} for each].",
+)  # fmt: skip
+@common("seed", "threads", "json", "out", "quiet")
+def check(
+    options: Common, scenes: tuple[str, ...], zoo: bool, rel_error: float | None,
+    budget: float | None,
+) -> None:  # fmt: skip
     """All methods that apply, compared; exit 1 if they disagree.
 
     Several scenes, or the zoo, are judged under one alarm rate for all their comparisons.
@@ -46,30 +53,34 @@ def check(options: Common, scenes: tuple[str, ...], zoo: bool, rel_error: float 
     if twice:
         raise ValueError(f"check needs each scene once, got {twice[0]} twice; leave one out")
     loaded = {name: load_scene(name) for name in scenes} | (shipped() if zoo else {})
-    verdict: Check | Checks
-    with options.progress("checking") as report:
-        asked = {"progress": report} | options.sampling
-        if len(loaded) == 1:
-            (only,) = loaded.values()
-            error = ONE_SCENE if rel_error is None else rel_error
-            verdict = compare(only, rel_error=error, **asked)
-        else:
-            error = MANY_SCENES if rel_error is None else rel_error
-            verdict = check_many(loaded, rel_error=error, **asked)
+    asked = options.sampling | {"budget": budget or BUDGET * len(loaded)}
+    failed: list[str] = []
 
-    def picture() -> Axes:
+    def judged() -> Check | Checks:
+        with options.progress("checking") as report:
+            if len(loaded) == 1:
+                (only,) = loaded.values()
+                error = ONE_SCENE if rel_error is None else rel_error
+                return compare(only, rel_error=error, progress=report, **asked)
+            error = MANY_SCENES if rel_error is None else rel_error
+            return check_many(loaded, rel_error=error, progress=report, **asked)
+
+    def picture(verdict: Checks) -> Axes:
         from stochvi.views.verification import draw_scores
 
-        assert isinstance(verdict, Checks)
         return draw_scores(verdict)
 
-    if isinstance(verdict, Checks):
-        options.show(verdict, print_checks, "check")
-        options.draw("scores", picture)
-    else:
-        options.show(verdict, print_check, "check")
-    if not verdict.passed:
-        stop(f"check failed: {verdict.summary()}", FAILED)
+    def show(verdict: Check | Checks) -> None:
+        if isinstance(verdict, Checks):
+            options.show(verdict, print_checks, "check")
+            options.draw("scores", lambda: picture(verdict))
+        else:
+            options.show(verdict, print_check, "check")
+        failed.extend([] if verdict.passed else [verdict.summary()])
+
+    shown(judged, show)
+    if failed:
+        stop(f"check failed: {failed[0]}", FAILED)
 
 
 @main.command()

@@ -20,12 +20,14 @@ from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result
-from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, provenance
+from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.scene import ImpactPair, Scene
 
-SMOOTH_POINTS = 61
+SMOOTH_POINTS = 31
 """Number of clearances of a smooth curve of hit rates."""
 
 
@@ -184,40 +186,70 @@ def clearance_curve(
         One row per clearance (m, and in sigma of the linear response): hits per second on both
         sides by `rice`, `closure` and `simulated`, the last with its 95 % interval
         (`simulated_low`, `simulated_high`), and rms displacement and mean impact speed.
+
+    Raises
+    ------
+    NotConverged
+        If the budget, which is that of all clearances together, ends before each has reached
+        `rel_error`, or `Interrupted` after Ctrl-C: it carries the rows with what they reached.
     """
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
     if any(not 0.0 < clearance < math.inf for clearance in clearances):
         raise ValueError(f"clearances must be positive, got {list(clearances)} m")
     linear = screen(scene)
-    rows = []
-    for number, clearance in enumerate(clearances):
-        stopped = with_clearance(scene, clearance)
-        name = stopped.impact_pairs[0].name
+    rows: list[dict[str, float]] = []
+    short: list[str] = []
+    deadline = Deadline.after(budget)
+    with heeding_ctrl_c():
+        for number, clearance in enumerate(clearances):
+            stopped = with_clearance(scene, clearance)
+            simulated = None
 
-        def report(done: float, text: str, number: int = number) -> None:
-            if progress:
-                progress((number + done) / len(clearances), text)
+            def report(done: float, text: str, number: int = number) -> None:
+                if progress:
+                    progress((number + done) / len(clearances), text)
 
-        simulated = simulate(
-            stopped, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=report
+            try:
+                if not deadline.passed():
+                    simulated = simulate(
+                        stopped, rel_error=rel_error, seed=seed, threads=threads, progress=report,
+                        budget=deadline.part(1.0 / (len(clearances) - number)),
+                    )  # fmt: skip
+                else:
+                    short.append(f"{1e3 * clearance:.4g} mm")
+            except (NotConverged, Interrupted) as reason:
+                simulated = reason.response
+                short.append(f"{1e3 * clearance:.4g} mm")
+            if simulated is not None:
+                rows.append(_row(linear, stopped, clearance, simulated))
+    curve = pd.DataFrame(rows)
+    if short:
+        raise deadline.fell_short(
+            f"before the hits at {', '.join(short)} were known to {rel_error:g}",
+            "raise budget or rel_error",
+            curve if rows else None,
         )
-        hits = simulated.impact_pairs[name]
-        low, high = _interval(hits["collision_rate"])
-        rows.append(
-            {
-                "clearance": clearance,
-                "clearance_in_sigma": clearance / linear.displacement_std,
-                "rice": linear.rice_rate(clearance),
-                "closure": _closure_rate(stopped),
-                "simulated": _value(hits["collision_rate"]),
-                "simulated_low": low,
-                "simulated_high": high,
-                "displacement_std": _value(simulated.coordinates["x"]["displacement_std"]),
-                "impact_speed_mean": _value(hits["impact_speed_mean"]),
-            }
-        )
-    return pd.DataFrame(rows)
+    return curve
+
+
+def _row(
+    linear: Screening, stopped: Scene, clearance: float, simulated: Response
+) -> dict[str, float]:
+    """A row of `clearance_curve`."""
+    hits = simulated.impact_pairs[stopped.impact_pairs[0].name]
+    low, high = _interval(hits["collision_rate"])
+    return {
+        "clearance": clearance,
+        "clearance_in_sigma": clearance / linear.displacement_std,
+        "rice": linear.rice_rate(clearance),
+        "closure": _closure_rate(stopped),
+        "simulated": _value(hits["collision_rate"]),
+        "simulated_low": low,
+        "simulated_high": high,
+        "displacement_std": _value(simulated.coordinates["x"]["displacement_std"]),
+        "impact_speed_mean": _value(hits["impact_speed_mean"]),
+    }
 
 
 def predicted_rates(scene: Scene, clearances: Sequence[float]) -> pd.DataFrame:

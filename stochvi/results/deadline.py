@@ -100,7 +100,9 @@ class Deadline:
             if is_dataclass(answer) and hasattr(answer, "interrupted"):
                 answer = replace(answer, interrupted=True)  # type: ignore[type-var]
             return Interrupted(f"interrupted by Ctrl-C {where}", answer)
-        return NotConverged(f"the budget of {self.budget:g} s ended {where}; {remedy}", answer)
+        # a share of a budget is no round number
+        budget = float(f"{self.budget or 0.0:.3g}")
+        return NotConverged(f"the budget of {budget:g} s ended {where}; {remedy}", answer)
 
 
 def as_far_as_it_got(calculate: Callable[..., Found], *arguments: Any, **named: Any) -> Found:

@@ -14,7 +14,8 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.results.base import COMMON, Result, total_cost
-from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import (
     normal_quantile,
@@ -177,7 +178,8 @@ def check(
     probability `FAMILY_ALARM_RATE` (Sidak), and widened by Student's law where a standard error
     comes from few paths. `check_many` does this for several scenes. A quantity whose bias a method
     cannot state is not judged, nor is one that is zero on every path. Averaging and linearisation
-    are approximations: their errors are shown, not judged.
+    are approximations: their errors are shown, not judged. Where the budget ends first, what was
+    simulated by then is judged; after Ctrl-C `Interrupted` carries the verdict on that.
 
     Examples
     --------
@@ -193,10 +195,16 @@ def check(
     >>> check(scene, rel_error=0.01).passed
     True
     """
-    found = answers(
-        scene, rel_error=rel_error, seed=seed, threads=threads, budget=budget, progress=progress
-    )
-    return compare(found.responses, found.approximations, found.left_out)
+    deadline = Deadline.after(budget)
+    with heeding_ctrl_c():
+        found = answers(
+            scene, rel_error=rel_error, seed=seed, threads=threads, deadline=deadline,
+            progress=progress,
+        )  # fmt: skip
+    verdict = compare(found.responses, found.approximations, found.left_out)
+    if deadline.interrupted:
+        raise deadline.fell_short("before all methods had answered", "", verdict)
+    return verdict
 
 
 def answers(
@@ -205,10 +213,11 @@ def answers(
     rel_error: float,
     seed: int = 0,
     threads: int | None = None,
-    budget: float | None = 60.0,
+    deadline: Deadline,
     progress: Progress | None = None,
 ) -> MethodResponses:
-    """The responses of every method that covers a scene; the arguments are those of `check`."""
+    """The responses of every method that covers a scene; the arguments are those of `check`, and
+    the deadline that ends the simulation."""
     left_out: list[str] = []
     responses: list[Response] = []
     simulated: list[Response] = []
@@ -223,17 +232,21 @@ def answers(
                 rel_error=rel_error,
                 seed=seed,
                 threads=threads,
-                budget=budget,
+                budget=deadline.rest,
                 progress=progress,
             )
         )
     except NotApplicable as reason:
         left_out.append(str(reason))
-    except NotConverged as reason:
+    except (NotConverged, Interrupted) as reason:
         left_out.append(f"{STOPPED_EARLY}, judged by what it reached: {reason}")
         if reason.response is not None:
             simulated.append(reason.response)
-    responses += [*_solved(scene, SHARPER * rel_error, simulated, left_out), *simulated]
+    if deadline.interrupted:
+        left_out.append("fokker_planck: interrupted by Ctrl-C")
+    else:
+        responses += _solved(scene, SHARPER * rel_error, simulated, left_out)
+    responses += simulated
     approximate = approximations(scene, left_out)
     return MethodResponses(responses=responses, approximations=approximate, left_out=left_out)
 

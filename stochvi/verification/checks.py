@@ -10,6 +10,7 @@ import numpy as np
 
 from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.results.base import Result, total_cost
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.intervals import normal_quantile
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.scene import Scene, load_scene
@@ -18,6 +19,7 @@ from stochvi.verification.check import (
     BALANCE,
     DISAGREES,
     FAMILY_ALARM_RATE,
+    STOPPED_EARLY,
     Check,
     Comparison,
     MethodResponses,
@@ -188,7 +190,7 @@ def check_many(
     rel_error: float = 0.01,
     seed: int = 0,
     threads: int | None = None,
-    budget: float | None = 60.0,
+    budget: float | None = None,
     progress: Progress | None = None,
 ) -> Checks:
     """`check` of many scenes, under one alarm rate for all their comparisons together.
@@ -204,9 +206,15 @@ def check_many(
     rel_error, seed, threads
         The same arguments as those of `check`.
     budget
-        Seconds for the simulation of one scene.
+        Seconds for the simulations of all scenes together, None for no limit; each may take its
+        share of what is left. A scene that is not begun in time is not judged.
     progress
         Called with the fraction done and the name of a scene.
+
+    Raises
+    ------
+    Interrupted
+        After Ctrl-C; it carries the verdict on the scenes so far.
 
     Examples
     --------
@@ -216,13 +224,23 @@ def check_many(
     """
     seeds = dict(zip(scenes, seeds_of(seed, len(scenes)), strict=True))
     found: dict[str, MethodResponses] = {}
-    for done, (name, scene) in enumerate(scenes.items()):
-        if progress:
-            progress(done / len(scenes), name)
-        found[name] = answers(
-            scene, rel_error=rel_error, seed=seeds[name], threads=threads, budget=budget
-        )
-    return compare_many(found, seeds, rel_error)
+    deadline = Deadline.after(budget)
+    with heeding_ctrl_c():
+        for done, (name, scene) in enumerate(scenes.items()):
+            if progress:
+                progress(done / len(scenes), name)
+            if deadline.passed():
+                late = f"{STOPPED_EARLY}: no time was left for this scene; raise budget"
+                found[name] = MethodResponses(responses=[], approximations=[], left_out=[late])
+                continue
+            found[name] = answers(
+                scene, rel_error=rel_error, seed=seeds[name], threads=threads,
+                deadline=deadline.sooner(1.0 - 1.0 / (len(scenes) - done)),
+            )  # fmt: skip
+    verdict = compare_many(found, seeds, rel_error)
+    if deadline.interrupted:
+        raise deadline.fell_short("before all scenes were checked", "", verdict)
+    return verdict
 
 
 def compare_many(

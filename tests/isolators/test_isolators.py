@@ -10,6 +10,7 @@ from stochvi import (
     ImpactPair,
     Isolator,
     NotApplicable,
+    NotConverged,
     Restitution,
     Scene,
     TabulatedNoise,
@@ -58,6 +59,15 @@ def test_a_curve_between_elastic_stops_in_white_noise_is_the_exact_one() -> None
     assert (curve["closure"] > curve["rice"]).all()
     again = predicted_rates(scene, list(curve["clearance"]))
     np.testing.assert_allclose(again["closure"], curve["closure"], rtol=1e-12)
+
+
+def test_clearances_share_a_budget_and_those_without_an_answer_are_named() -> None:
+    scene = white_mount(10.0, 10.0, 0.01)
+    with pytest.raises(NotConverged, match=r"the hits at 2 mm, 3 mm were known to 0\.01") as late:
+        clearance_curve(scene, [2e-3, 3e-3], rel_error=0.01, budget=1e-3)
+    curve = late.value.response
+    assert list(curve["clearance"]) == [2e-3]  # the second was not begun
+    assert curve["simulated"][0] > 0.0
 
 
 def test_clearance_is_measured_from_where_the_mass_hangs() -> None:

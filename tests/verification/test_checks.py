@@ -2,13 +2,17 @@
 
 import json
 import math
+import os
 import re
+import signal
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import pytest
 from scipy.stats import norm, t
 
-from stochvi import Estimate, Response, check, exact, simulate
+from stochvi import Estimate, Interrupted, Response, check, exact, simulate
 from stochvi.cli import main
 from stochvi.results.estimates import Cost
 from stochvi.results.intervals import normal_score, student_quantile
@@ -101,6 +105,34 @@ def wrong_by(response: Response, quantity: str, factor: float) -> Response:
     assert isinstance(estimate, Estimate)
     known[quantity] = replace(estimate, value=factor * estimate.value)
     return replace(response, coordinates={"x": known})
+
+
+def test_scenes_share_a_budget_and_those_left_out_are_not_passed() -> None:
+    scenes = zoo("linear", "lossy-0.95")
+    found = check_many(scenes, rel_error=0.0005, budget=1e-3)
+    assert list(found.checks) == list(scenes)
+    assert not found.passed
+    assert found.checks["linear"].comparisons  # judged by what was reached
+    assert not found.checks["lossy-0.95"].comparisons
+    assert "no time was left" in found.checks["lossy-0.95"].summary()
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_ctrl_c_leaves_the_verdict_on_what_there_is(several: bool) -> None:
+    scenes = zoo("linear", "lossy-0.95")
+    heard: list[str] = []
+
+    def once(_share: float, sentence: str) -> None:
+        if "compiling" not in sentence and not heard:
+            heard.append(sentence)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    ask: Any = partial(check_many, scenes) if several else partial(check, scenes["linear"])
+    with pytest.raises(Interrupted) as stopped:
+        ask(rel_error=0.0005, progress=once)
+    assert heard
+    assert stopped.value.response.interrupted
+    assert not stopped.value.response.passed
 
 
 def test_one_wrong_number_in_one_scene_is_found_and_named() -> None:
