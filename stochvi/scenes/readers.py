@@ -98,7 +98,9 @@ def _read_text(
     record = function_type == TIME_RESPONSE
     table = read_text_table(path, names, LARGEST_DATA_FILE if record else None)
     quantity = "time" if record else "frequency"
-    first, count = table.headings[0], len(table.headings)
+    count = len(table.headings)
+    running = _running_column(table, quantity)
+    first = table.headings[running]
     chosen = None if column is None else table.column_called(column)
     if len(names) == 1 and (count == 1 or chosen == 0 or not _holds_times(table)):
         if chosen is None and count > 1:
@@ -109,17 +111,17 @@ def _read_text(
         if chosen is None and count > 2:
             raise table.choose()
         place = 1 if chosen is None else chosen
-        x = 0
+        x = running
     if place == x:
         raise SceneError(
-            [("column", f"is the first of {path}, which holds the {quantity}; name another")]
+            [("column", f"is number {x + 1} of {path}, which holds the {quantity}; name another")]
         )
     found = table.columns(*((place,) if x is None else (x, place)))
     known, line = table.headings[place].unit, table.headings[place].line
     if known is None and not record:
         known, line = table.stated, table.stated_line
     times = found[0] if x is not None else None
-    if times is not None and not table.is_stamp(0) and first.unit is not None:
+    if times is not None and not table.is_stamp(running) and first.unit is not None:
         if first.unit.quantity != quantity:
             raise SceneError(
                 f"{path}, line {first.line}: the first column is in {first.unit.name}, expected "
@@ -133,10 +135,20 @@ def _read_text(
     )  # fmt: skip
 
 
+def _running_column(table: TextTable, quantity: str) -> int:
+    """Place of the times or frequencies: the first column, unless that counts the rows and the
+    heading of one other alone says that it holds them."""
+    first = table.headings[0]
+    if len(table.headings) == 2 or table.is_stamp(0) or first.unit or first.is_of(quantity):
+        return 0
+    named = [place for place, each in enumerate(table.headings) if each.is_of(quantity)]
+    return named[0] if len(named) == 1 else 0
+
+
 def _holds_times(table: TextTable) -> bool:
     """Whether the first column of a record holds times: by its heading, else because it rises."""
     first = table.headings[0]
-    if table.is_stamp(0) or first.is_time:
+    if table.is_stamp(0) or first.is_of("time"):
         return True
     return not first.cells and bool(np.all(np.diff(table.columns(0)[0]) > 0.0))
 
@@ -267,22 +279,33 @@ def _read_matlab(path: Path, names: Sequence[str], variables: Sequence[str] | No
 
 
 def _matlab_arrays(path: Path) -> dict[str, Vector]:
-    """Every real array of numbers, vectors as one dimension, by its name."""
+    """Every real array of numbers, vectors as one dimension, by its name; fields as "run.acc"."""
     from scipy.io import loadmat
 
     check_file(path, LARGEST_DATA_FILE)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            content = loadmat(str(path))
+            content = loadmat(str(path), simplify_cells=True)
     except NotImplementedError:
         raise SceneError(f"{path} is of MATLAB 7.3; save it with the option -v7") from None
     except Exception:  # scipy raises whatever its parsing met
         raise SceneError(f"{path} is not a MATLAB file that can be read") from None
-    found = {}
+    return _numeric({name: value for name, value in content.items() if name[:2] != "__"})
+
+
+def _numeric(content: Mapping[str, Any]) -> dict[str, Vector]:
+    """The arrays of numbers among variables and, as "run.acc", the fields of structures."""
+    found: dict[str, Vector] = {}
     for name, value in content.items():
-        array = np.asarray(value)
-        if not name.startswith("__") and array.dtype.kind in "fiu" and array.size > 1:
+        if isinstance(value, Mapping):
+            found |= {f"{name}.{field}": array for field, array in _numeric(value).items()}
+            continue
+        try:
+            array = np.asarray(value)
+        except ValueError:  # cells of different sizes
+            continue
+        if array.dtype.kind in "fiu" and array.size > 1:
             flat = array.ravel() if max(array.shape) == array.size else array
             found[name] = flat.astype(float)
     return found

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.mathematics.units import DIMENSIONS, Unit, unit
+from stochvi.mathematics.units import DENSITIES, DIMENSIONS, Unit, unit
 from stochvi.results.errors import SceneError
 
 Vector = NDArray[np.float64]
@@ -39,14 +39,46 @@ LAST_HEADINGS = 3
 GLUE = "\0"
 """Stands for a blank at which a line is not split; decoded text holds none."""
 
+VALUES = (*DENSITIES, "acceleration", "force")
+"""Quantities of what is read over frequency or time."""
+
 COLUMNS_LISTED = 20
 """Number of columns that a sentence lists."""
 
 NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?")
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d\S*")
 SPLIT_STAMP = re.compile(r'^("?\d{4}-\d\d-\d\d)[ ;,|\t]+(?=\d\d:\d\d)', re.M)
+DAY_FIRST = re.compile(
+    r'^("?)(\d\d?)\.(\d\d?)\.(\d{4})[ ;|\t]+(\d\d:\d\d:\d\d)(?:\.(\d+)|,(\d+)(?=[;|\s"]))?', re.M
+)
+"""A German time stamp at the start of a line, 14.03.2025 08:15:02,120; a semicolon may part it."""
+
+GROUPED = re.compile(r"(?<=\d)[\u2009\u202f](?=\d{3}(?!\d))")
+"""A thin space between thousands, as a typesetter writes them."""
+
+GROUPED_IN_CELL = re.compile(r"(?<=\d)\u00a0(?=\d{3}(?!\d))")
+"""A no-break space between thousands, as spreadsheets write them."""
+
+DASH = re.compile(r"(?<!\d)[\u2010-\u2013\u2212](?=[.,]?\d)")
+"""A typeset minus sign; after a digit it may also stand for "to"."""
+
+POWER_OF_TEN = re.compile(
+    r"(?<=\d)[^\S\n]*[\u00d7xX·⋅*][^\S\n]*10"
+    r"(?:(?:\^|\*\*)[^\S\n]*\{?([+-]?\d+)\}?|([-+\u2010-\u2013\u2212]\d+)|([⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+))"
+)
+"""The power in "1.0 x 10^-2", "1.0 x 10-2" or "1.0·10⁻²"; "10 2" has lost too much to be one."""
+
+PLAIN = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹\u2010\u2011\u2012\u2013\u2212", "+-0123456789-----")
+"""Typeset digits and signs of a power, and those that Python reads."""
+
 MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--", "---", "inf", "-inf"))
 """Cells, in small letters, that stand for a value that was not measured."""
+
+ABSCISSAE = {
+    "time": r"t|time\w*|zeit\w*|temps|date\w*|datum",
+    "frequency": r"f|freq\w*|fréquence",
+}
+"""Quantity of the column that runs -> words by which headings call it."""
 
 NAMED_UNIT = re.compile(r"(?:acc\w*?|force|density|psd|asd|time|frequency|freq|level)_(\w+)", re.I)
 """A name such as acceleration_g or density_g2_per_hz, and the unit in it."""
@@ -111,11 +143,10 @@ class Heading:
         """Whether a name is one of the words of the heading, in any case."""
         return any(name.strip().casefold() in cell.casefold().split() for cell in self.cells)
 
-    @property
-    def is_time(self) -> bool:
-        """Whether the heading says that the column holds times."""
-        named = re.match(r"(?:t|time\w*|zeit|temps|date\w*)\b", self.name, re.I)
-        return self.unit.quantity == "time" if self.unit else named is not None
+    def is_of(self, quantity: str) -> bool:
+        """Whether the heading says that the column holds times, or frequencies."""
+        named = re.match(rf"(?:{ABSCISSAE[quantity]})\b", self.name, re.I)
+        return self.unit.quantity == quantity if self.unit else named is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,8 +184,13 @@ class TextTable:
 
     def choose(self) -> SceneError:
         """The refusal of a file that holds more columns than are read."""
-        last = len(self.headings)
-        by = f"{self.headings[-1].name!r} or column = {last}" if self.headings[-1].name else last
+        places = range(len(self.headings))
+        stated = [
+            n for n in places if (known := self.headings[n].unit) and known.quantity in VALUES
+        ]
+        place = stated[-1] if stated else places[-1]
+        name = self.headings[place].name
+        by = f"{name!r} or column = {place + 1}" if name else place + 1
         return SceneError(
             [("column", f"must say which column of {self.path} holds the values (column = {by}): "
               f"it {self._holds()}")]
@@ -317,9 +353,7 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         With the line, what was got and what helps.
     """
     needed, wanted = len(names), f"{_counted(len(names))} ({', '.join(names)})"
-    text = decoded(path, largest).replace("\r\n", "\n").replace("\r", "\n")
-    if SPLIT_STAMP.search(text):
-        text = SPLIT_STAMP.sub(r"\1T", text)
+    text = _plainly_written(decoded(path, largest).replace("\r\n", "\n").replace("\r", "\n"))
     lines = [
         (number, line)
         for number, line in enumerate(text.split("\n"), start=1)
@@ -340,7 +374,11 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     if not count or begin == len(content):
         for number, line in content:
             if re.match(r"\W{0,2}\d", line):
-                raise SceneError(f"{path}, line {number}: expected {wanted}, got {line[:60]!r}")
+                dated = re.match(r"\W?\d+([-/.:])\d+\1\d+", line)
+                remedy = "; write times in seconds or as 2024-05-01T12:00:00.000" if dated else ""
+                raise SceneError(
+                    f"{path}, line {number}: expected {wanted}, got {line[:60]!r}{remedy}"
+                )
         shown = f", got {content[0][1][:60]!r}" if content else ""
         raise SceneError(f"{path} holds no rows of {wanted}{shown}")
     rows = content[begin:]
@@ -352,6 +390,33 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         headings=_headings(above, delimiter, count, bool(STAMP.fullmatch(some[0][0]))),
         decimal_comma=any("," in cell for cells in some for cell in cells if _number(cell)),
     )  # fmt: skip
+
+
+def _plainly_written(text: str) -> str:
+    """Typeset numbers and German time stamps as Python reads them, line by line.
+
+    >>> _plainly_written("1\u2009000  1.5 × 10⁻⁴ –3")
+    '1000  1.5e-4 -3'
+    >>> _plainly_written("1.3.2025 08:15:02,120;0,5")
+    '2025-03-01T08:15:02.120;0,5'
+    """
+    if not text.isascii():
+        text = DASH.sub("-", GROUPED.sub("", text))
+        if any(delimiter in text for delimiter in ";\t|"):
+            text = GROUPED_IN_CELL.sub("", text)
+    if re.search(r"[\u00d7xX·⋅*][^\S\n]*10", text):
+        text = POWER_OF_TEN.sub(
+            lambda found: "e" + (found[1] or found[2] or found[3]).translate(PLAIN), text
+        )
+    if DAY_FIRST.search(text):
+        text = DAY_FIRST.sub(_iso_stamp, text)
+    return SPLIT_STAMP.sub(r"\1T", text) if SPLIT_STAMP.search(text) else text
+
+
+def _iso_stamp(found: re.Match[str]) -> str:
+    quote, day, month, year, time, point, comma = found.groups()
+    fraction = point or comma
+    return f"{quote}{year}-{month:0>2}-{day:0>2}T{time}" + (f".{fraction}" if fraction else "")
 
 
 def _wrong_row(path: Path, line: int, text: str, count: int, where: str) -> SceneError:
@@ -395,9 +460,11 @@ def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
     for delimiter in DELIMITERS:
         whole: Counter[int] = Counter()
         part: Counter[int] = Counter()
-        for line in lines:
-            cells = _cells(line, delimiter)
-            if len(cells) > needed and not cells[-1]:
+        rows = [_cells(line, delimiter) for line in lines]
+        # counts of cells of rows whose last cell is used, if only now and then
+        used = {len(cells) for cells in rows if cells and cells[-1] and _values(cells) > needed}
+        for cells in rows:
+            if len(cells) > needed and not cells[-1] and len(cells) not in used:
                 cells.pop()  # the delimiter ends the line
             if sum(map(bool, cells)) >= needed and (delimiter is None or len(cells) > 1):
                 values = _values(cells)

@@ -102,6 +102,40 @@ def test_keys_for_one_kind_of_file_are_refused_for_another(tmp_path: Path) -> No
         TabulatedNoise(profile="navmat-p-9492", variables=["f", "G"], dataset=1)
 
 
+@pytest.mark.parametrize("heading", ["Nr;Freq [Hz];PSD [g²/Hz]", "No.;Frequency;PSD"])
+def test_a_column_that_counts_the_rows_is_not_taken_for_frequency(tmp_path, heading: str) -> None:
+    rows = "".join(
+        f"{n};{f};{g}\n" for n, (f, g) in enumerate(zip(FREQUENCY, DENSITY, strict=True))
+    )
+    path = tmp_path / "run.csv"
+    path.write_text(f"{heading}\n{rows}", encoding="utf-8")
+    columns = read_columns(path, NAMES, column=3)
+    assert columns.x is not None
+    assert columns.x.tolist() == FREQUENCY.tolist() and columns.y.tolist() == DENSITY.tolist()
+    with pytest.raises(SceneError, match=r"column is number 2 of .* which holds the frequency"):
+        read_columns(path, NAMES, column=2)
+    path.write_text(f"f [Hz];Peak f [Hz];PSD [g²/Hz]\n{rows}", encoding="utf-8")
+    found = read_columns(path, NAMES, column=3).x
+    assert found is not None and found.tolist() == [0.0, 1.0, 2.0]
+
+
+def test_the_column_that_a_refusal_proposes_is_of_a_quantity_that_fits(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("f [Hz];Control [g²/Hz];Drive [V²/Hz]\n5;0.1;2\n9;0.2;2\n", encoding="utf-8")
+    with pytest.raises(SceneError, match=r"column = 'Control \[g²/Hz\]' or column = 2"):
+        read_columns(path, NAMES)
+
+
+def test_the_fields_of_a_matlab_structure_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    savemat(path, {"bed": {"f": FREQUENCY, "G": DENSITY, "name": "floor"}, "gain": 2.0})
+    found = read_columns(path, NAMES)
+    assert found.x is not None
+    assert found.x.tolist() == FREQUENCY.tolist() and found.y.tolist() == DENSITY.tolist()
+    chosen = read_columns(path, NAMES, variables=["bed.f", "bed.G"])
+    assert chosen.y.tolist() == DENSITY.tolist()
+
+
 @pytest.mark.parametrize("suffix", [".psd", ".txt", ".csv", ""])
 def test_text_is_read_whatever_its_name(tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"run{suffix}").write_text("5 0.015\n40 0.015\n500 0.00015\n")

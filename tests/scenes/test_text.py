@@ -28,6 +28,8 @@ LAYOUTS = {
     "several headings": (
         "sep=;\nLogger 4711;\nSample rate;2048\nf [Hz];PSD [g^2/Hz]\n10;0.002\n20.5;0.01\n40;0.04\n"
     ),
+    "typeset powers of ten": ("10\t2.0 \u00d7 10^\u20133\n20.5\t1.0 x 10\u22122\n40\t4·10⁻²\n"),
+    "a typeset minus": "10\t2e\u22123\n20.5\t1.0E\u20132\n40\t4e-2\n",
     "comments": "% floor\n// run 3\n# 4 of 5\n10 0.002\n\n20.5 0.01 # the second\n40 0.04\n",
 }
 
@@ -84,6 +86,57 @@ def test_a_line_that_is_not_two_numbers_is_never_passed_over(
     with pytest.raises(SceneError) as failure:
         read_table(tmp_path / "table.csv")
     assert f"table.csv, {where}: " in str(failure.value) and what in str(failure.value)
+
+
+@pytest.mark.parametrize("space", ["\u2009", "\u202f", "\u00a0"])
+def test_thin_and_no_break_spaces_part_thousands_within_a_cell(tmp_path: Path, space: str) -> None:
+    (tmp_path / "table.txt").write_text(f"5\t0,1\n1{space}000\t0,2\n", encoding="utf-8")
+    assert read_table(tmp_path / "table.txt")[0].tolist() == [5.0, 1000.0]
+    (tmp_path / "columns.txt").write_text("5\u00a0100\n10\u00a0200\n", encoding="utf-8")
+    assert read_table(tmp_path / "columns.txt")[1].tolist() == [100.0, 200.0]
+
+
+@pytest.mark.parametrize(
+    "text", ["1\t2 \u00d7 102\n2\t3 \u00d7 102\n", "5\u201340\t1\n40\u201380\t2\n"]
+)
+def test_a_power_that_lost_its_sign_and_a_range_are_no_numbers(tmp_path: Path, text: str) -> None:
+    (tmp_path / "table.txt").write_text(text, encoding="utf-8")
+    with pytest.raises(SceneError, match="line 1"):
+        read_table(tmp_path / "table.txt")
+
+
+def test_a_column_that_is_filled_now_and_then_is_a_column(tmp_path: Path) -> None:
+    rows = [f"{n},0.{n},{n}.5,{21.5 if n % 4 == 0 else ''}\n" for n in range(20)]
+    for start in (0, 1):
+        text = "t,X [g],Z [g],Temp\n" + "".join(rows[start:])
+        (tmp_path / "run.csv").write_text(text)
+        table = read_text_table(tmp_path / "run.csv", ("time", "acceleration"))
+        assert [heading.name for heading in table.headings] == ["t", "X [g]", "Z [g]", "Temp"]
+        (z,) = table.columns(table.column_called("Z"))
+        assert z.tolist() == [n + 0.5 for n in range(start, 20)]
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "1.3.2025 08:15:02,120;0,5\n1.3.2025 08:15:02,620;-0,7\n",
+        "01.03.2025;08:15:02.120;0,5\n01.03.2025;08:15:02.620;-0,7\n",
+        "01.03.2025 08:15:02.120,0.5\n01.03.2025 08:15:02.620,-0.7\n",
+    ],
+)
+def test_german_time_stamps(tmp_path: Path, rows: str) -> None:
+    (tmp_path / "run.csv").write_text("Zeit;Az [g]\n" + rows)
+    time, values = read_text_table(tmp_path / "run.csv", ("time", "a")).columns(0, 1)
+    assert time.tolist() == [0.0, 0.5] and values.tolist() == [0.5, -0.7]
+    (tmp_path / "whole.csv").write_text("31.12.2024 23:59:59,0.5\n01.01.2025 00:00:00,0.25\n")
+    time, values = read_text_table(tmp_path / "whole.csv", ("time", "a")).columns(0, 1)
+    assert time.tolist() == [0.0, 1.0] and values.tolist() == [0.5, 0.25]
+
+
+def test_a_date_that_may_be_read_two_ways_is_refused_with_what_to_write(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("Time;Az\n03/04/2025 08:15:02;0.1\n03/04/2025 08:15:03;0.2\n")
+    with pytest.raises(SceneError, match=r"write times in seconds or as \d{4}-"):
+        read_text_table(tmp_path / "run.csv", ("time", "a"))
 
 
 @pytest.mark.parametrize("text", ["0,12\n-0,07\n", "0.12\n-0.07\n", "0,12\n-,07\n"])
