@@ -22,8 +22,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.mathematics.units import plain_number
-from stochvi.results.errors import CheckpointError, NotApplicable, NotConverged, SceneError
-from stochvi.results.estimates import provenance
+from stochvi.results.base import plain
+from stochvi.results.errors import (
+    CheckpointError,
+    NotApplicable,
+    NotConverged,
+    SceneError,
+    StochviError,
+)
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene, load_scene, scene_from
 from stochvi.views.files import folder_in, to_json, write_text
@@ -31,11 +39,17 @@ from stochvi.views.files import folder_in, to_json, write_text
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.isolators import Sizing
+    from stochvi.methods.replay import Replay
+    from stochvi.statistics.reliability import Reliability
+
 Progress = Callable[[float, str], None]
 Change = tuple[tuple[str, float], ...]
 """Keys of a scene file, such as "impact_pair.0.law.coefficient", each with its value."""
 
-METHODS = ("simulate", "exact", "closure", "fokker-planck", "average")
+METHODS = (
+    "simulate", "exact", "closure", "fokker-planck", "average", "size", "reliability", "replay"
+)  # fmt: skip
 """Methods that can answer for a row; "closure" is a form of linearisation."""
 
 MOST_ROWS = 10_000
@@ -60,16 +74,17 @@ def sweep(
     """Answer for each combination of values of some keys of a scene: one row for each scene.
 
     The columns are the keys; then for each quantity ("stops.collision_rate", in SI units) its
-    value, "... standard_error" and "... bias"; the method, the seed, the number of paths, and the
-    seconds that the row took. A column "note" says why a row holds no answer, or not the accuracy
-    that was asked for.
+    value, "stops.collision_rate.standard_error" and "stops.collision_rate.bias"; the method, the
+    seed, the number of paths, and the seconds that the row took. A column "note" says why a row
+    holds no answer, or not the accuracy that was asked for.
 
     Parameters
     ----------
     vary
         The values of each key of the scene file. In a key a number counts the entries of a list.
     method
-        "simulate", "exact", "closure", "fokker-planck" or "average".
+        One of `METHODS`. "size" gives the clearance, 3 sigma and the expected hits, "reliability"
+        chances of events and expected hits of a mission, "replay" what the record itself does.
     out
         Folder in which rows are kept. A row that is kept there already, of the same scene,
         arguments and versions, is not computed again, and a row that was being simulated goes on
@@ -79,7 +94,8 @@ def sweep(
         Whether all rows use the same seed, so that rows differ by their scenes and not by their
         random numbers. Otherwise each row has a seed of its own, made of `seed` and its scene.
     arguments
-        Passed to the method: rel_error, paths, duration, threads, budget for "simulate".
+        Passed to the method: rel_error, paths, duration, threads, budget for "simulate"; the
+        target and mission for "size"; mission and limits for "reliability".
 
     Raises
     ------
@@ -228,16 +244,16 @@ class Job:
         if it was kept before."""
         kept = None if folder is None else folder / f"{self.name}.json"
         if kept is not None and kept.exists():
-            if found := _kept_response(kept):
+            if found := _kept_answer(kept):
                 return self._columns(found, "")
             _again(kept, "holds no answer that can be read")
-        response: Response | None = None
+        response: Response | Summary | None = None
         try:
             response, note = self._answer(folder, executor, progress), ""
         except NotApplicable as error:
             note = str(error)
         except NotConverged as error:
-            response, note = error.response, str(error)
+            response, note = _summary_of(error.response), str(error)
         if kept is not None and response is not None and not note:
             write_text(to_json(response.to_dict()) + "\n", kept)
             kept.with_suffix(".checkpoint").unlink(missing_ok=True)
@@ -245,10 +261,23 @@ class Job:
 
     def _answer(
         self, folder: Path | None, executor: Executor | None, progress: Progress
-    ) -> Response:
+    ) -> Response | Summary:
         match self.method:
             case "simulate":
                 return self._simulated(folder, executor, progress)
+            case "size":
+                return summary_of_sizing(self._sized(progress))
+            case "reliability":
+                from stochvi.statistics.reliability import reliability
+
+                risked = reliability(
+                    self.scene, seed=self.seed, progress=progress, **self.arguments
+                )
+                return summary_of_reliability(risked)
+            case "replay":
+                from stochvi.methods.replay import replay
+
+                return summary_of_replay(replay(self.scene, **self.arguments))
             case "exact":
                 from stochvi.methods.closed_form import exact
 
@@ -264,6 +293,17 @@ class Job:
         from stochvi.methods.averaging import average
 
         return average(self.scene, **self.arguments)
+
+    def _sized(self, progress: Progress) -> Sizing:
+        from stochvi.isolators import size
+
+        try:
+            return size(self.scene, seed=self.seed, progress=progress, **self.arguments)
+        except ValueError as error:
+            if isinstance(error, StochviError):
+                raise
+            # a target that has no clearance in one scene may have one in the next
+            raise NotApplicable("size", [str(error)]) from error
 
     def _simulated(
         self, folder: Path | None, executor: Executor | None, progress: Progress
@@ -285,15 +325,15 @@ class Job:
                 return simulate(self.scene, checkpoint=checkpoint, resume=checkpoint, **asked)
         return simulate(self.scene, checkpoint=checkpoint, **asked)
 
-    def _columns(self, response: Response | None, note: str) -> dict[str, Any]:
+    def _columns(self, response: Response | Summary | None, note: str) -> dict[str, Any]:
         found: dict[str, Any] = dict(self.change)
         for (owner, name), estimate in response.estimates().items() if response else ():
             found[f"{owner}.{name}"] = estimate.value
-            found[f"{owner}.{name} {ERROR}"] = estimate.standard_error
-            found[f"{owner}.{name} {BIAS}"] = estimate.bias
+            found[f"{owner}.{name}.{ERROR}"] = estimate.standard_error
+            found[f"{owner}.{name}.{BIAS}"] = estimate.bias
         return found | {
             "method": self.method,
-            "seed": self.seed if self.method == "simulate" else None,
+            "seed": self.seed if self.method in SAMPLING else None,
             "paths": response and response.cost.paths,
             "seconds": response and response.cost.wall_time,
             "note": note,
@@ -317,10 +357,84 @@ def _goes_on(checkpoint: Path) -> bool:
     return True
 
 
-def _kept_response(kept: Path) -> Response | None:
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """The quantities of an answer that is no `Response`, by the names of their owners."""
+
+    quantities: Mapping[str, Mapping[str, Estimate | None]]
+    cost: Cost
+
+    def estimates(self) -> dict[tuple[str, str], Estimate]:
+        """The quantities that are known, as those of a `Response`."""
+        return {
+            (owner, name): estimate
+            for owner, part in self.quantities.items()
+            for name, estimate in part.items()
+            if estimate is not None
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document that a row is kept as."""
+        return {"quantities": plain(self.quantities), "cost": plain(self.cost)}
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> Summary:
+        """The summary whose document this is."""
+        quantities = {
+            owner: {name: item and Estimate(**item) for name, item in part.items()}
+            for owner, part in document["quantities"].items()
+        }
+        return cls(quantities=quantities, cost=Cost(**document["cost"]))
+
+
+def summary_of_sizing(found: Sizing) -> Summary:
+    """Clearance, 3 sigma and hits of a sizing; the error of the clearance is that of its interval,
+    taken for Gaussian."""
+    c, three, hits = found.clearance, found.three_sigma, found.expected_hits()
+    error = (c.upper - c.lower) / (2.0 * GAUSSIAN_95)
+    sized = {
+        "clearance": Estimate(value=c.value, standard_error=error, how=found.method),
+        "three_sigma": Estimate(value=three.clearance),
+        "rms_displacement": Estimate(value=found.sigma),
+        "probability_at_three_sigma": three.probability,
+        "expected_hits": None if hits is None else Estimate(value=hits, bias=None),
+    }
+    return Summary(quantities={"size": sized}, cost=found.cost)
+
+
+def summary_of_reliability(found: Reliability) -> Summary:
+    """Chances by event, and expected hits, of a mission."""
+    chances = {name: chance.estimate for name, chance in found.chances.items()}
+    return Summary(
+        quantities={"mission": {**chances, "expected_hits": found.hits}}, cost=found.cost
+    )
+
+
+def summary_of_replay(found: Replay) -> Summary:
+    """What a record does to coordinates and impact pairs."""
+    parts = {**found.coordinates, **found.impact_pairs}
+    return Summary(
+        quantities={owner: dict(part.items()) for owner, part in parts.items()}, cost=found.cost
+    )
+
+
+def _summary_of(answer: Any) -> Response | Summary | None:
+    """What an answer that was not finished holds."""
+    from stochvi.isolators import Sizing
+    from stochvi.statistics.reliability import Reliability
+
+    if isinstance(answer, Sizing):
+        return summary_of_sizing(answer)
+    if isinstance(answer, Reliability):
+        return summary_of_reliability(answer)
+    return answer if isinstance(answer, Response) else None
+
+
+def _kept_answer(kept: Path) -> Response | Summary | None:
     """The answer that the file of a row holds; None if it cannot be read."""
     try:
-        return Response.from_dict(json.loads(kept.read_text("utf-8")))
+        document = json.loads(kept.read_text("utf-8"))
+        return (Summary if "quantities" in document else Response).from_dict(document)
     except (OSError, TypeError, ValueError, LookupError, AttributeError, RecursionError):
         return None
 
@@ -329,13 +443,16 @@ def _again(file: Path, reason: str) -> None:
     warnings.warn(f"{file} {reason}: its row is computed again", stacklevel=2)
 
 
+SAMPLING = ("simulate", "size", "reliability")
+"""Methods that draw random numbers."""
+
 FREE = ("threads", "budget", "checkpoint_interval")
 """Arguments that do not change the numbers of a row, so that they are not part of its name."""
 
 
 def _versions(method: str) -> str:
-    """The versions, and for `simulate` the processor, that the digits of a row depend on."""
-    if method == "simulate":
+    """The versions, and of a row with random numbers the processor, that its digits depend on."""
+    if method in SAMPLING:
         from stochvi.methods.monte_carlo.blocks import machine
 
         return machine()

@@ -2,13 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import click
 
-from stochvi.cli.options import TIME, Common, common
+from stochvi.cli.options import SPEED, TIME, Common, acceleration, common
 from stochvi.cli.output import executor_at
 from stochvi.cli.program import FAILED, main, stop
+
+SIZE, RISK = {"rate", "probability", "exceedance"}, {"mission", "impact_speed", "peak_acceleration"}
+
+OPTIONS = {
+    "simulate": {"rel_error", "paths", "duration", "dask", "budget", "threads"},
+    "size": SIZE | RISK | {"rel_error", "budget", "threads"},
+    "reliability": RISK | {"rel_error", "budget", "threads"},
+    "replay": {"threads"},
+}
+"""Options of the methods; the others have none."""
+
+
+def _check_options(method: str, given: Mapping[str, Any]) -> None:
+    """ValueError if an option is for another method, or one that a method needs is missing."""
+    for name in sorted(given.keys() - OPTIONS.get(method, set())):
+        methods = [each for each, known in OPTIONS.items() if name in known]
+        alone = " alone" if len(methods) == 1 else ""
+        option = f"--{name.replace('_', '-')}"
+        raise ValueError(f"{option} is for --method {' or '.join(methods)}{alone}")
+    if method == "reliability" and "mission" not in given:
+        raise ValueError("--method reliability needs --mission, as 3600 (s) or 10h")
+    limits = given.keys() & {"probability", "rate", "impact_speed", "peak_acceleration"}
+    if method == "size" and len(limits) != 1:
+        raise ValueError(
+            "--method size needs exactly one of --probability, --rate, --impact-speed and "
+            f"--peak-acceleration, got {', '.join(sorted(limits)) or 'none'}"
+        )
 
 
 @main.command()
@@ -20,10 +48,20 @@ from stochvi.cli.program import FAILED, main, stop
 )  # fmt: skip
 @click.option(
     "--method", default="simulate", show_default=True,
-    type=click.Choice(["simulate", "exact", "closure", "fokker-planck", "average"]),
+    type=click.Choice([
+        "simulate", "exact", "closure", "fokker-planck", "average", "size", "reliability", "replay"
+    ]),
     help="What answers for each scene.",
 )  # fmt: skip
-@click.option("--rel-error", type=float, help="Of simulations [0.01].")
+@click.option("--probability", type=float, metavar="P", help="size: chance of any hit.")
+@click.option("--rate", type=float, metavar="F", help="size: hits per second on all stops.")
+@click.option("--impact-speed", type=SPEED, metavar="V", help="size, reliability: limit, m/s.")
+@click.option(
+    "--peak-acceleration", metavar="A[g]", help="size, reliability: limit, m/s^2 or g (40g)."
+)
+@click.option("--exceedance", type=float, metavar="P", help="size: chance of exceeding it [0.01].")
+@click.option("--mission", type=TIME, metavar="TIME", help="size [1h], reliability: 3600 (s), 10h.")
+@click.option("--rel-error", type=float, help="Of simulations [0.01], of the risk [0.05].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")
 @click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
 @click.option(
@@ -40,7 +78,7 @@ def sweep(
     options: Common, scene: str, vary: tuple[str, ...], method: str, random_numbers: str,
     dask: str | None, **asked: Any,
 ) -> None:  # fmt: skip
-    """A scene over ranges of its keys: a table, a picture per quantity.
+    """A scene over ranges of its keys: a table, and one sheet of pictures.
 
     Rows are kept in --out as they come; the same command goes on where it was stopped. Beside
     sweep.csv it writes sweep.parquet where pyarrow is installed (pip install pyarrow).
@@ -55,9 +93,10 @@ def sweep(
     given = {"threads": options.threads, "dask": dask} | asked
     given = {name: value for name, value in given.items() if value is not None}
     loaded = load_scene(scene)
-    if method != "simulate" and given:
-        raise ValueError(f"--{min(given).replace('_', '-')} is for --method simulate alone")
+    _check_options(method, given)
     given.pop("dask", None)
+    if "peak_acceleration" in given:
+        given["peak_acceleration"] = acceleration(given["peak_acceleration"])
     if "paths" in given:
         given.setdefault("budget", None)
     try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import io
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -12,15 +14,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from stochvi.results.estimates import format_with_error
-from stochvi.results.file_names import file_names
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import QUANTITY_UNITS
 from stochvi.views.axes import axes_or_new
-from stochvi.views.files import try_picture, write_parquet, write_table
+from stochvi.views.column_units import with_unit
+from stochvi.views.files import try_picture, write_bytes, write_table
 from stochvi.views.tables import NEGLIGIBLE, QUANTITY_NAMES
-
-ERROR = "standard_error"
-"""Ending of the columns of a table that hold the standard errors of a quantity."""
+from stochvi.views.words import MM, G
 
 SIZE = (7.2, 4.4)
 """Size of a figure, inches."""
@@ -28,12 +28,70 @@ SIZE = (7.2, 4.4)
 MOST_IN_A_LEGEND = 12
 """Largest number of lines of a picture that a legend names; more would cover the picture."""
 
-GOVERNED = ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate")
-"""Quantities that the table on the terminal shows; the files hold all of them."""
+ERROR, BIAS = "standard_error", "bias"
+"""Endings of the columns of a table that hold the errors of a quantity."""
+
+SUMMARY_UNITS = {
+    "displacement_max": "m",
+    "displacement_min": "m",
+    "acceleration_max": "m/s^2",
+    "impact_speed_max": "m/s",
+    "contact_time": "s",
+    "clearance": "m",
+    "three_sigma": "m",
+    "rms_displacement": "m",
+    "expected_hits": "1",
+    "probability_at_three_sigma": "1",
+    "hit": "1",
+    "passage": "1",
+    "impact_speed": "1",
+    "peak_acceleration": "1",
+}
+"""Units of quantities of replays, sizings and reliabilities; those of events are chances."""
+
+GOVERNED = (
+    "displacement_std", "acceleration_std", "collision_rate", "impact_speed_mean", "peak_force",
+    "clearance", "three_sigma", "expected_hits", "hit", "passage", "impact_speed",
+    "peak_acceleration", "displacement_max", "displacement_min", "acceleration_max", "hits",
+    "impact_speed_max",
+)  # fmt: skip
+"""Quantities that matter most, which the contact sheet shows in this order; the files hold all."""
+
+ON_TERMINAL = (
+    "displacement_std", "collision_rate", "impact_speed_rate", "clearance", "three_sigma",
+    "expected_hits", "hit", "passage", "impact_speed", "peak_acceleration", "displacement_max",
+    "displacement_min", "hits", "impact_speed_max",
+)  # fmt: skip
+"""Those of them that the table on the terminal shows."""
+
+MOST_PANELS, PANEL = 12, (3.6, 2.9)
+"""Largest number of pictures on a contact sheet, and the size of one, inches."""
+
+PAGE_UNITS = {"m": (MM, "mm"), "m/s^2": (G, "g")}
+"""Units of pictures where they are not those of SI: factor and name."""
+
+EVENT_NAMES = {
+    "clearance": "clearance per side",
+    "three_sigma": "3 sigma",
+    "expected_hits": "expected hits",
+    "hit": "chance of any hit",
+    "passage": "chance of a passage",
+    "impact_speed": "chance of too fast a hit",
+    "peak_acceleration": "chance of too sharp a hit",
+    "displacement_max": "largest displacement",
+    "displacement_min": "smallest displacement",
+    "acceleration_max": "largest acceleration",
+    "impact_speed_max": "largest impact speed",
+}
+"""Quantities of sizings, reliabilities and replays in words."""
+
+UNITS = {**QUANTITY_UNITS, **SUMMARY_UNITS}
+"""Units of all quantities of a sweep."""
 
 KEY_UNITS = {
     "lower": "m",
     "upper": "m",
+    "clearance": "m",
     "play": "m",
     "mass": "kg",
     "damping": "N s/m",
@@ -45,9 +103,13 @@ KEY_UNITS = {
 """Units of keys that have one unit wherever they stand in a scene file."""
 
 
+UNIT_ENDINGS = ("_hz", "_db", "_kmh")
+"""Endings of keys that state their unit themselves."""
+
+
 def quantities(table: pd.DataFrame) -> list[str]:
     """Columns of a table that are quantities, in its order."""
-    return [str(name) for name in table if f"{name} {ERROR}" in table]
+    return [str(name) for name in table if f"{name}.{ERROR}" in table]
 
 
 def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
@@ -58,18 +120,20 @@ def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
 
     found = table[list(keys)].copy()
     for quantity in quantities(table):
-        if quantity.rsplit(".", 1)[1] in GOVERNED:
-            pairs = zip(table[quantity], table[f"{quantity} {ERROR}"], strict=True)
+        if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
+            pairs = zip(table[quantity], table[f"{quantity}.{ERROR}"], strict=True)
             found[_named(table, quantity)] = [cell(value, error) for value, error in pairs]
     return found.assign(seconds=table["seconds"])
 
 
-def _named(table: pd.DataFrame, quantity: str) -> str:
+def _named(table: pd.DataFrame, quantity: str, unit: str | None = None) -> str:
     """The name of a quantity with its unit, and with its owner where there are several owners."""
     owner, name = quantity.rsplit(".", 1)
     several = sum(other.endswith(f".{name}") for other in quantities(table)) > 1
     whose = f"{owner}: " if several else ""
-    return f"{whose}{QUANTITY_NAMES[name]} ({QUANTITY_UNITS[name]})"
+    words = EVENT_NAMES.get(name) or QUANTITY_NAMES.get(name) or name.replace("_", " ")
+    unit = unit or UNITS.get(name, "1")
+    return f"{whose}{words}" if unit == "1" else f"{whose}{words} ({unit})"
 
 
 def changes(table: pd.DataFrame, quantity: str) -> bool:
@@ -80,33 +144,93 @@ def changes(table: pd.DataFrame, quantity: str) -> bool:
     return bool(table[quantity].max() - table[quantity].min() > NEGLIGIBLE * scale)
 
 
-def draw_sweep(table: pd.DataFrame, keys: Sequence[str], quantity: str, title: str = "") -> Axes:
+def draw_sweep(
+    table: pd.DataFrame, keys: Sequence[str], quantity: str, title: str = "", ax: Axes | None = None
+) -> Axes:
     """Draw a quantity against the first key, with one line for each combination of the others.
 
-    Bars are 95 % intervals of the statistical error alone.
+    Lengths are in mm and accelerations in g. Bars are 95 % intervals of the statistical error
+    alone.
     """
-    ax = axes_or_new(None, SIZE)
+    alone, ax = ax is None, axes_or_new(ax, SIZE)
+    name = quantity.rsplit(".", 1)[1]
+    factor, unit = PAGE_UNITS.get(UNITS.get(name, "1"), (1.0, None))
+    key_factor, key_label = _key_scale(keys[0])
     groups = table.groupby(list(keys[1:]), sort=True) if keys[1:] else [((), table)]
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.88, len(groups)))
     for colour, (values, group) in zip(colours, groups, strict=True):
         pairs = zip(keys[1:], values, strict=True)
         label = ", ".join(f"{_last(key)} {value:.4g}" for key, value in pairs)
         ax.errorbar(
-            group[keys[0]], group[quantity], GAUSSIAN_95 * group[f"{quantity} {ERROR}"],
+            key_factor * group[keys[0]], factor * group[quantity],
+            factor * GAUSSIAN_95 * group[f"{quantity}.{ERROR}"],
             fmt="o-", markersize=4, capsize=2, color=colour, label=label,
         )  # fmt: skip
     if 1 < len(groups) <= MOST_IN_A_LEGEND:
         ax.legend(frameon=False, fontsize="small")
-    unit = KEY_UNITS.get(_last(keys[0]).rsplit(".", 1)[-1])
-    ax.set_xlabel(f"{keys[0]} ({unit})" if unit else keys[0])
-    ax.set_ylabel(_named(table, quantity))
-    how = ", ".join(dict.fromkeys(table["method"]))
-    if (table[f"{quantity} {ERROR}"] > 0.0).any():
-        how += "; bars: 95 % intervals"
-    ax.set_title(f"{title}\n{how}" if title else how, fontsize="medium")
+    ax.set_xlabel(key_label)
+    ax.set_ylabel(_named(table, quantity, unit))
+    if UNITS.get(name) == "1" and name in SUMMARY_UNITS and (table[quantity] > 0.0).all():
+        ax.set_yscale("log")
+    if alone:
+        ax.set_title(_title(table, [quantity], title), fontsize="medium")
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     return ax
+
+
+def _span(values: pd.Series) -> tuple[float, float]:
+    """Ends of an axis that holds these values, the same in all pictures of a sheet."""
+    low, high = float(values.min()), float(values.max())
+    margin = 0.06 * (high - low) or 0.5 * abs(high) or 0.5
+    return low - margin, high + margin
+
+
+def _title(table: pd.DataFrame, drawn: Sequence[str], title: str) -> str:
+    """The title of a sweep, its method, and what bars mean where there are any."""
+    how = ", ".join(dict.fromkeys(table["method"]))
+    if any((table[f"{quantity}.{ERROR}"] > 0.0).any() for quantity in drawn):
+        how += "; bars: 95 % intervals"
+    return f"{title}\n{how}" if title else how
+
+
+def _key_scale(key: str) -> tuple[float, str]:
+    """The factor from the unit of a key to that of its axis, and the label of the axis."""
+    unit = _unit_of_key(key)
+    factor, name = PAGE_UNITS.get(unit or "", (1.0, unit))
+    return factor, f"{_last(key)} ({name})" if name else _last(key)
+
+
+def _unit_of_key(key: str) -> str | None:
+    return KEY_UNITS.get(_last(key).rsplit(".", 1)[-1])
+
+
+def draw_sheet(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Axes:
+    """The quantities that matter most and that change, each in a small picture of one sheet."""
+    chosen = [
+        quantity
+        for name in GOVERNED
+        for quantity in quantities(table)
+        if quantity.rsplit(".", 1)[1] == name and changes(table, quantity)
+    ][:MOST_PANELS]
+    if not chosen:
+        chosen = quantities(table)[:1]
+    columns = min(len(chosen), 3)
+    rows = -(-len(chosen) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, squeeze=False, layout="constrained",
+        figsize=(max(columns, 2) * PANEL[0], rows * PANEL[1]),
+    )  # fmt: skip
+    for ax, quantity in zip(axes.ravel(), chosen, strict=False):
+        draw_sweep(table, keys, quantity, ax=ax)
+        if (legend := ax.get_legend()) is not None and ax is not axes[0, 0]:
+            legend.remove()
+        ax.set_xlim(*_span(_key_scale(keys[0])[0] * table[keys[0]]))
+    for ax in axes.ravel()[len(chosen) :]:
+        ax.set_visible(False)
+    figure.suptitle(_title(table, chosen, title), fontsize="medium")
+    first: Axes = axes[0, 0]
+    return first
 
 
 def _last(key: str) -> str:
@@ -118,11 +242,27 @@ def _last(key: str) -> str:
 def write_sweep(
     table: pd.DataFrame, keys: Sequence[str], folder: str | Path, title: str = ""
 ) -> None:
-    """Write `sweep.csv`, `sweep.parquet` where pyarrow is installed, and a picture of each quantity
-    that changes."""
+    """Write `sweep.csv`, `sweep.parquet` where pyarrow is installed, and the contact sheet
+    `sweep.png`; the units stand in the names of the columns."""
     folder = Path(folder)
-    write_table(table, folder / "sweep.csv")
-    write_parquet(table, folder / "sweep.parquet")
-    for quantity, name in file_names(quantities(table), ".png").items():
-        if changes(table, quantity):
-            try_picture(partial(draw_sweep, table, keys, quantity, title), folder / name)
+    written = with_units(table, keys)
+    write_table(written, folder / "sweep.csv")
+    if importlib.util.find_spec("pyarrow") is not None:
+        memory = io.BytesIO()
+        written.to_parquet(memory, index=False)
+        write_bytes(memory.getvalue(), folder / "sweep.parquet")
+    if quantities(table):
+        try_picture(partial(draw_sheet, table, keys, title), folder / "sweep.png")
+
+
+def with_units(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+    """The table with units in the names of its columns: "stops.collision_rate_per_s", and its
+    "stops.collision_rate_per_s.standard_error"; spaces, as of a pair's name, become "_"."""
+    names = {
+        key: key if key.endswith(UNIT_ENDINGS) else with_unit(key, _unit_of_key(key) or "")
+        for key in keys
+    }
+    for quantity in quantities(table):
+        named = with_unit(quantity, UNITS.get(quantity.rsplit(".", 1)[1], "1"))
+        names |= {f"{quantity}{end}": f"{named}{end}" for end in ("", f".{ERROR}", f".{BIAS}")}
+    return table.rename(columns={old: "_".join(new.split()) for old, new in names.items()})

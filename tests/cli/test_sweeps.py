@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 import stochvi.methods.monte_carlo
 from stochvi.cli import main
+from stochvi.isolators import size
 from stochvi.methods.closed_form import exact
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
@@ -20,11 +21,12 @@ from stochvi.results.estimates import format_with_error
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
-from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.scene import ImpactPair, Scene, load_scene
 from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.statistics.reliability import reliability
 from stochvi.sweeps import changed_scene, sweep, values_of
 from stochvi.views.sweep import changes, draw_sweep, quantities, terminal_table
-from support.commands import ELASTIC, refused
+from support.commands import ELASTIC, Run, refused
 
 R = "impact_pair.0.law.coefficient"
 GAP = "impact_pair.0.upper"
@@ -73,8 +75,8 @@ def test_methods_agree_within_their_errors() -> None:
     simulated = sweep(oscillator(), vary, rel_error=0.01, seed=2)
     solved = sweep(oscillator(), vary, method="fokker-planck", rtol=1e-4)
     for name in ("x.displacement_std", "stops.impact_speed_rate"):
-        error = simulated[f"{name} standard_error"]
-        bias = simulated[f"{name} bias"] + solved[f"{name} bias"]
+        error = simulated[f"{name}.standard_error"]
+        bias = simulated[f"{name}.bias"] + solved[f"{name}.bias"]
         assert (error > 0.0).all()
         assert ((simulated[name] - solved[name]).abs() <= 4.5 * error + bias).all()
         # the control: rows in the wrong order do not agree
@@ -96,7 +98,7 @@ def test_random_numbers_are_common_or_each_row_has_its_own() -> None:
     more = sweep(oscillator(), {GAP: [0.9, 1.0, 1.01]}, common=False, **asked)
     assert more["seed"].tolist()[1:] == independent["seed"].tolist()
     name = "x.displacement_mean_square"
-    error = np.hypot(*independent[f"{name} standard_error"])
+    error = np.hypot(*independent[f"{name}.standard_error"])
     assert abs(common[name].diff().iloc[1]) < error  # of two runs of their own
 
 
@@ -211,12 +213,89 @@ def test_a_line_for_each_combination_of_the_other_keys() -> None:
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ["structure.damping 0.1", "structure.damping 0.4"]
     assert ax.get_ylabel() == "hits, all stops (1/s)"
-    assert ax.get_xlabel() == f"{GAP} (m)" and ax.get_title() == "exact"
+    assert ax.get_xlabel() == "impact_pair.upper (mm)" and ax.get_title() == "exact"
+
+
+TRUCK = """
+[structure]
+kind = "isolator"
+frequency_hz = 12.0
+Q = 5.0
+mass = 2.0
+[[impact_pair]]
+clearance = 0.006
+law = { kind = "restitution", coefficient = 0.5 }
+[[excitation]]
+kind = "white"
+density = 0.01
+unit = "g2/Hz"
+"""
+
+
+def test_a_sizing_for_each_row(stochvi: Run, tmp_path: Path) -> None:
+    """Each row is the answer of `size`; one sheet holds the pictures, and kept rows are read."""
+    scene = tmp_path / "truck.toml"
+    scene.write_text(TRUCK)
+    asked = {"probability": 0.05, "mission": 600.0, "rel_error": 0.3, "threads": 1}
+    vary = {"structure.Q": [4.0, 5.0]}
+    table = sweep(scene, vary, method="size", out=tmp_path / "out", **asked)
+    own = size(changed_scene(load_scene(scene).document(), (("structure.Q", 4.0),)), **asked)
+    assert table["size.clearance"][0] == own.clearance.value
+    assert table["size.expected_hits"][0] == own.expected_hits()
+    again = sweep(scene, vary, method="size", out=tmp_path / "out", **asked)
+    pd.testing.assert_frame_equal(again, table)
+    done = stochvi(
+        "sweep", scene, "--vary", "structure.Q=4,5", "--method", "size", "--probability", "0.05",
+        "--mission", "10min", "--rel-error", "0.3", "--threads", "1", "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert done.code == 0 and "clearance per side (m)" in done.out
+    written = pd.read_csv(tmp_path / "out" / "sweep.csv")
+    assert written["size.clearance_m"].tolist() == table["size.clearance"].tolist()
+    assert [path.name for path in (tmp_path / "out").glob("*.png")] == ["sweep.png"]
+
+
+def test_a_reliability_for_each_row(tmp_path: Path) -> None:
+    asked = {"mission": 20.0, "rel_error": 0.3, "threads": 1, "budget": 5.0}
+    table = sweep(oscillator(0.5), {GAP: [2.0, 3.0]}, method="reliability", **asked)
+    own = reliability(oscillator(0.5, 2.0), **asked)
+    assert table["mission.hit"][0] == own.chances["hit"].estimate.value
+    assert own.hits is not None and table["mission.expected_hits"][0] == own.hits.value
+    assert table["mission.expected_hits"][1] < table["mission.expected_hits"][0]
+
+
+def test_a_record_is_replayed_for_each_row(tmp_path: Path) -> None:
+    t = np.arange(4000) / 400.0
+    record = np.column_stack([t, 10.0 * np.sin(2.0 * np.pi * 3.0 * t)])
+    np.savetxt(tmp_path / "record.csv", record, delimiter=",", header="time (s),a (m/s^2)")
+    scene = tmp_path / "recorded.toml"
+    text = TRUCK[: TRUCK.index("[[excitation]]")]
+    scene.write_text(text + '[[excitation]]\nkind = "record"\nfile = "record.csv"\nunit = "m/s2"\n')
+    table = sweep(scene, {"impact_pair.0.clearance": [0.001, 0.05]}, method="replay")
+    assert set(table["note"]) == {""}, table["note"].tolist()
+    assert table["stops.hits"][0] > 10.0 and table["stops.hits"][1] == 0.0
+    assert table["x.displacement_max"][0] == pytest.approx(0.001, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--method", "size"), "needs exactly one of --probability"),
+        (("--method", "reliability"), "needs --mission"),
+        (("--method", "replay", "--mission", "10h"), "--mission is for --method size or reliab"),
+        (("--probability", "0.1"), "--probability is for --method size alone"),
+    ],
+)
+def test_options_of_other_methods_are_refused(
+    stochvi: Run, tmp_path: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    (tmp_path / "truck.toml").write_text(TRUCK)
+    done = stochvi("sweep", tmp_path / "truck.toml", "--vary", "structure.Q=4,5", *arguments)
+    assert done.code == 2 and said in done.err
 
 
 def test_a_table_and_a_picture_tell_the_errors(tmp_path: Path) -> None:
     table = sweep(oscillator(), {GAP: [0.5, 1.0]}, paths=64, duration=20.0, threads=1)
-    value, error = (table[f"stops.collision_rate{end}"][0] for end in ("", " standard_error"))
+    value, error = (table[f"stops.collision_rate{end}"][0] for end in ("", ".standard_error"))
     assert terminal_table(table, [GAP])["hits, all stops (1/s)"][0] == format_with_error(
         value, error
     )
@@ -242,8 +321,11 @@ def test_the_command_writes_a_table_and_pictures(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, [*ask, "--method", "exact"])
     assert done.exit_code == 0, done.output
     table = pd.read_csv(tmp_path / "out" / "sweep.csv")
-    assert len(table) == 2 and (tmp_path / "out" / "stops.collision_rate.png").exists()
-    assert {f"{name} bias" for name in quantities(table)} <= set(table)
+    assert len(table) == 2 and (tmp_path / "out" / "sweep.png").exists()
+    assert not any(" " in name for name in table)
+    named = {f"{GAP}_m", "x.displacement_std_m.standard_error", "stops.collision_rate_per_s.bias"}
+    assert named <= set(table)
+    assert {f"{name}.bias" for name in quantities(table)} <= set(table)
     (kept, _) = (tmp_path / "out" / "rows").glob("*.json")
     assert json.loads(kept.read_text())["method"] == "exact"
     done = CliRunner().invoke(main, [*ask, "--vary", f"{R}=0.5", "--method", "exact"])
