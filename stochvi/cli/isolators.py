@@ -8,6 +8,7 @@ import click
 
 from stochvi.cli.options import (
     BUDGET,
+    CHANCE,
     SPEED,
     TIME,
     Common,
@@ -89,7 +90,9 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 
 @main.command()
 @click.argument("scene")
-@click.option("--probability", type=float, metavar="P", help="Chance of any hit in the mission.")
+@click.option(
+    "--probability", type=CHANCE, metavar="P", help="Chance of any hit in the mission: 0.01 or 1%."
+)
 @click.option("--rate", type=float, metavar="F", help="Or: hits per second on all stops.")
 @click.option(
     "--impact-speed",
@@ -104,7 +107,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 )
 @click.option(
     "--exceedance",
-    type=float,
+    type=CHANCE,
     default=0.01,
     show_default=True,
     metavar="P",

@@ -164,7 +164,24 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]
             raise ValueError(f"{param.opts[0]} {error}") from None
 
 
-TIME, SPEED = Quantity("time"), Quantity("speed")
+class Chance(click.ParamType):  # type: ignore[type-arg]
+    """A probability, as 0.01 or as 1%."""
+
+    name = "chance"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if isinstance(value, int | float):
+            return float(value)
+        number = value.strip().removesuffix("%")
+        try:
+            return float(number) / (100.0 if number != value.strip() else 1.0)
+        except ValueError:
+            raise ValueError(
+                f"{param.opts[0]} must be a chance such as 0.01 or 1%, got {value!r}"
+            ) from None
+
+
+TIME, SPEED, CHANCE = Quantity("time"), Quantity("speed"), Chance()
 
 OPTIONS = {
     "json": click.option(

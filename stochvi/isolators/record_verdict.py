@@ -340,12 +340,12 @@ def _verdict(
     if unlikely < limit:
         reasons.append(
             f"through the mount it moves {1e3 * largest:.4g} mm or {largest / sigma:.3g} sigma, "
-            f"where Gaussian noise would move {expected:.3g} sigma (p = {unlikely:.1g})"
+            f"where Gaussian noise would move {expected:.3g} sigma ({p_value_in_words(unlikely)})"
         )
     if shape is not None and shape < limit:
         reasons.append(
             f"the kurtosis of the response is {kurtosis:.3g}, where Gaussian noise would have "
-            f"3 +- {math.sqrt(24.0 * law.memory / duration):.2g} (p = {shape:.1g})"
+            f"3 +- {math.sqrt(24.0 * law.memory / duration):.2g} ({p_value_in_words(shape)})"
         )
     if clipped:
         reasons.append(
@@ -366,6 +366,11 @@ def _verdict(
         crossings=tuple(_crossings(centred, sigma, level, duration, law) for level in LEVELS),
         clipped=clipped,
     )
+
+
+def p_value_in_words(value: float) -> str:
+    """A p value in words; one that no floating-point number resolves is below that resolution."""
+    return f"p = {value:.1g}" if value > np.finfo(float).eps else "p below 1e-15"
 
 
 def _crossings(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any
 
@@ -18,6 +19,7 @@ from pydantic import (
     ValidationError,
 )
 
+from stochvi.mathematics.units import Unit, unit
 from stochvi.results.errors import SceneError
 
 
@@ -186,7 +188,7 @@ def _sentence(detail: Any) -> str:
         case "less_than_equal":
             return f"must be at most {limits['le']:g}, got {got}"
         case "float_type" | "finite_number":
-            return f"must be a finite number, got {got}"
+            return f"must be a finite number, got {got}{_as_number(detail.get('input'))}"
         case "int_type":
             return f"must be a whole number, got {got}"
         case "bool_type":
@@ -211,6 +213,23 @@ def _sentence(detail: Any) -> str:
             return str(limits["error"])
         case _:
             return f"is not valid ({detail['msg']}), got {got}"
+
+
+def _as_number(value: Any) -> str:
+    """What to write instead of a text of a number, as "6mm": lengths are in metres in every key."""
+    found = (
+        re.fullmatch(r"\s*([-+]?\d[\d.,]*)\s*(\D.*)?", value) if isinstance(value, str) else None
+    )
+    if found is None:
+        return ""
+    try:
+        known = unit(found[2]) if found[2] else Unit("", 1.0, "length")
+        size = float(found[1].replace(",", ".")) * known.factor
+    except ValueError:
+        return "; write a plain number, without quotes and unit"
+    if known.quantity != "length":
+        return "; write a plain number in the unit of the key, without quotes"
+    return f"; write {size:.12g}{' (m)' if found[2] else ''}, without quotes"
 
 
 def given(part: BaseModel, *names: str) -> str:

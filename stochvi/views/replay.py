@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from stochvi.views.axes import COLOURS, OWNERS, add_grid, axes_or_new, length_unit, thinned
@@ -18,6 +19,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.methods.replay import Replay, ReplayAt
+
+MOST_ON_LINEAR_AXIS = 50
+"""Number of hits up to which single ones can be read off a linear axis."""
+
+HEADROOM = 1.08
+"""Top of an axis over its largest value, so that no marker is cut."""
 
 ROWS = {
     "displacement_max": ("largest displacement (mm)", MM),
@@ -122,8 +129,12 @@ def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
         [np.nan if p.impact_speed_max is None else float(p.impact_speed_max) for p in pairs]
     )
     (left,) = ax.plot(places[order] / unit, hits[order], "o-", color=OWNERS[0], label="hits")
-    ax.set_yscale("symlog", linthresh=1.0)
-    ax.set_ylim(bottom=0.0)
+    if hits.max() > MOST_ON_LINEAR_AXIS:
+        ax.set_yscale("symlog", linthresh=1.0)
+        ax.set_ylim(0.0, 2.0 * hits.max())
+    else:
+        ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.set_ylim(0.0, HEADROOM * max(hits.max(), 1.0))
     ax.set_xlabel(f"clearance ({name})")
     ax.set_ylabel("hits in the record")
     add_grid(ax)
@@ -131,7 +142,8 @@ def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
     (right,) = other.plot(
         places[order] / unit, speeds[order], "s--", color=OWNERS[1], label="largest impact speed"
     )
-    other.set_ylim(bottom=0.0)
+    fastest = np.nan_to_num(speeds).max()
+    other.set_ylim(0.0, HEADROOM * fastest if fastest > 0.0 else 1.0)
     other.set_ylabel("largest impact speed (m/s)")
     ax.legend(handles=[left, right], frameon=False, fontsize="small", loc="lower center",
               bbox_to_anchor=(0.5, 1.0), ncols=2)  # fmt: skip

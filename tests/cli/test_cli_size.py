@@ -121,7 +121,9 @@ def test_the_picture_holds_rice_three_sigma_and_the_answer() -> None:
     ("arguments", "sentence"),
     [
         ((), "give exactly one of probability, rate, impact_speed, peak_acceleration"),
-        (("--probability", "2"), "probability must be in"),
+        (("--probability", "2"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
+        (("--probability", "one"), "--probability must be a chance such as 0.01 or 1%, got 'one'"),
+        (("--probability", "100%"), "probability must be in (0, 0.999], got 1"),
         (
             ("--peak-acceleration", "30 apples"),
             "must be a number with a unit of acceleration (g, m/s2)",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from stochvi.cli.options import SPEED, TIME, acceleration, barriers, lengths
+from stochvi.cli.options import CHANCE, SPEED, TIME, acceleration, barriers, lengths
 from support.commands import ISOLATOR, Run, one_document, refused
 
 
@@ -13,6 +13,11 @@ from support.commands import ISOLATOR, Run, one_document, refused
 )  # fmt: skip
 def test_times(text: str | float, seconds: float) -> None:
     assert TIME.convert(text, None, None) == pytest.approx(seconds, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["0.025", "2.5%", "2.5 %", 0.025])
+def test_chances(text: str | float) -> None:
+    assert CHANCE.convert(text, None, None) == pytest.approx(0.025, rel=1e-15)
 
 
 @pytest.mark.parametrize("text", ["10 parsec", "10 m", "h", "", "nan", "1e999", "10h 5", "10 Hz"])

@@ -12,7 +12,12 @@ from scipy.io import savemat
 from scipy.stats import binom
 
 from stochvi import ImpactPair, Isolator, RecordedNoise, Restitution, Scene, replay, screen
-from stochvi.isolators.record_verdict import cut_off, kurtosis_p_value, record_verdict
+from stochvi.isolators.record_verdict import (
+    cut_off,
+    kurtosis_p_value,
+    p_value_in_words,
+    record_verdict,
+)
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from support.commands import Run, one_document
 
@@ -127,6 +132,11 @@ def test_law_of_the_kurtosis() -> None:
         assert abs(np.mean(p < level) - level) < 4.5 * error
     assert kurtosis_p_value(3.0, 5.0) is None
     assert kurtosis_p_value(-50.0, 30.0) == 0.0
+
+
+def test_a_p_value_is_never_stated_as_zero() -> None:
+    assert p_value_in_words(0.0) == p_value_in_words(1e-20) == "p below 1e-15"
+    assert p_value_in_words(2e-7) == "p = 2e-07"
 
 
 def test_commands_say_it_first_and_end_with_1(tmp_path: Path, stochvi: Run) -> None:

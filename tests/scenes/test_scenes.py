@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from stochvi.model.model import model_of
 from stochvi.results.errors import SceneError
 from stochvi.scenes.datasets import data_folder
-from stochvi.scenes.excitations import ConstantLoad, TabulatedNoise, WhiteNoise
+from stochvi.scenes.excitations import ConstantLoad, RoadNoise, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
@@ -228,6 +228,19 @@ def test_a_bad_table_file_gives_a_sentence_with_the_key_and_its_name(tmp_path, c
         (lambda: Restitution(coefficient=1.2), "coefficient must be in [0, 1], got 1.2"),
         (lambda: Restitution(), "coefficient is missing"),
         (lambda: Restitution(coefficient=True), "coefficient must be a finite number, got True"),
+        (
+            lambda: ImpactPair(clearance="6,5 mm", law=Restitution(coefficient=0.5)),
+            "clearance must be a finite number, got '6,5 mm'; write 0.0065 (m), without quotes",
+        ),
+        (
+            lambda: RoadNoise(road="C", speed_kmh="60 km/h"),
+            "speed_kmh must be a finite number, got '60 km/h'; write a plain number "
+            "in the unit of the key, without quotes",
+        ),
+        (
+            lambda: Restitution(coefficient="0.5"),
+            "coefficient must be a finite number, got '0.5'; write 0.5, without quotes",
+        ),
         (
             lambda: Restitution(coefficient=np.bool_(True)),
             "coefficient must be a finite number, got True",

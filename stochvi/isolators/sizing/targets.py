@@ -42,7 +42,8 @@ def target_of(
     assert value is not None
     if not 0.0 < value <= (CERTAIN if name == "probability" else LARGEST_NUMBER):
         span = f"in (0, {CERTAIN:g}]" if name == "probability" else "positive"
-        raise ValueError(f"{name} must be {span}, got {value:g}")
+        percent = "; 1 % is 0.01" if name == "probability" and value >= 1.0 else ""
+        raise ValueError(f"{name} must be {span}, got {value:g}{percent}")
     if not 0.0 < exceedance < 1.0:
         raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
     limited = name in ("impact_speed", "peak_acceleration")

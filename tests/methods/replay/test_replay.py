@@ -7,6 +7,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from stochvi.methods.replay import Replay
 from stochvi.methods.replay.march import Shaking, march
 from stochvi.model.model import model_of
 from stochvi.scenes.impact_laws import CompliantLaw, Law
+from stochvi.views.replay import plot_clearances
 from support.commands import Run, one_document, refused
 
 Vector = NDArray[np.float64]
@@ -324,6 +326,22 @@ def test_clearances_are_places_of_the_stops(tmp_path: Path) -> None:
     pushed = one["impact_pairs"]["stops"]["peak_force"]["value"] / MASS
     assert peak == pytest.approx(pushed, rel=0.5)
     assert peak > 2.0 * float(found.clearances[2].coordinates["x"].acceleration_max)
+
+
+@pytest.mark.parametrize(
+    ("narrowest", "scale"), [(1e-5, "symlog"), (3e-3, "linear"), (0.4, "linear")]
+)
+def test_no_marker_of_the_picture_over_clearances_is_cut(
+    tmp_path: Path, narrowest: float, scale: str
+) -> None:
+    scene = scene_of(tmp_path, shaken(), Restitution(coefficient=0.5))
+    hits = plot_clearances(replay(scene, [narrowest, 0.5]))
+    assert hits.get_yscale() == scale
+    (speeds,) = [ax for ax in hits.figure.axes if ax is not hits]
+    for ax in (hits, speeds):
+        top, values = ax.get_ylim()[1], np.asarray(ax.get_lines()[0].get_ydata(), dtype=float)
+        assert ax.get_ylim()[0] == 0.0 and top > 1.05 * np.nan_to_num(values).max()
+    plt.close("all")
 
 
 def test_what_cannot_be_replayed_is_refused(tmp_path: Path) -> None:
