@@ -146,13 +146,13 @@ def size(
     stated = _stated_tolerances(tolerances)
     Tolerances.of(loaded, **stated)  # wrong ones are refused before the work
     deadline = Deadline.after(options.budget)
-    more = sensitivity or options.out is not None
     fell_short: list[str] = []
     judged: list[RecordVerdict | None] = []
 
     def found() -> Sizing:
         # a sizing takes what it needs, changed cases and the report what is left
-        sampling = options.sampling | {"budget": deadline.part(FIRST if more else 1.0)}
+        share = FIRST if sensitivity else BEFORE_REPORT if options.out is not None else 1.0
+        sampling = options.sampling | {"budget": deadline.part(share)}
         with options.progress("sizing") as report:
             return solve(
                 loaded, peak_acceleration=acceleration(peak_acceleration), progress=report,
@@ -194,8 +194,9 @@ def size(
         stop(f"{len(fell_short)} cases of --sensitivity fell short: {fell_short[0]}", FAILED)
 
 
-FIRST = 0.5
-"""Share of the budget that the sizing itself may take where changed cases or a report follow."""
+FIRST, BEFORE_REPORT = 0.5, 0.7
+"""Shares of the budget that the sizing itself may take where changed cases, or only a report,
+follow."""
 
 TOLERANCE_UNITS = {
     "frequency": ("%", 0.01), "damping": ("%", 0.01), "level": ("dB", 1.0), "stiffness": ("%", 0.01)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     help="Distances of the stops from the position of rest, with commas: 2mm,3mm (or in m) "
     "[the stops of the scene].",
 )  # fmt: skip
-@common("threads", "json", "out", "quiet")
+@common("threads", "json", "out", "force", "quiet")
 def replay(options: Common, scene: str, clearances: str | None) -> None:
     """A measured record itself through the mount and its stops: hits, speeds, x(t).
 
@@ -47,3 +47,11 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
             write_table(found.histories.to_frame(), options.out / "histories.csv")
     if found.single is None or found.histories is not None:
         options.draw("replay", picture)
+    if options.out is not None:
+        from stochvi.isolators.record_verdict import record_verdict
+        from stochvi.views.report import write_replay_report
+
+        write_replay_report(
+            found, loaded, record_verdict(loaded), options.out,
+            options.origin(scene, found.provenance),
+        )  # fmt: skip

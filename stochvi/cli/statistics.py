@@ -150,7 +150,7 @@ def history(
 @click.option(
     "--rel-error", type=float, default=0.05, show_default=True, help="Relative standard error."
 )
-@common("budget", "seed", "threads", "json", "out", "quiet")
+@common("budget", "seed", "threads", "json", "out", "force", "quiet")
 def reliability(
     options: Common, scene: str, barrier: str | None, peak_acceleration: str | None,
     way: str | None, **asked: Any,
@@ -191,6 +191,11 @@ def reliability(
     def show(answer: Reliability) -> None:
         judged = {} if record is None else {"record": record.to_dict()}
         options.show(answer, tell, "reliability", answer.to_dict() | judged)
+        if options.out is not None:
+            from stochvi.views.report import write_reliability_report
+
+            origin = options.origin(scene, answer.provenance)
+            write_reliability_report(answer, loaded, record, options.out, origin)
 
     shown(found, show)
     fail_if_contradicted(record)

@@ -1,0 +1,286 @@
+"""Pages of a reliability and of a replay: chances of a mission, and what a record itself does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.results.base import plain
+from stochvi.results.origin import Origin, origin_of
+from stochvi.views.axes import COLOURS, PAGE, axes_or_new, label_for_page
+from stochvi.views.replay import ROWS, plot_clearances, plot_history
+from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
+from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits
+
+if TYPE_CHECKING:
+    from stochvi.isolators.record_verdict import RecordVerdict
+    from stochvi.methods.replay import Replay
+    from stochvi.methods.replay.answer import CoordinateReplay
+    from stochvi.scenes.scene import Scene
+    from stochvi.statistics.reliability import Chance, Reliability
+
+EVENTS = {
+    "hit": "any hit",
+    "passage": "any passage of the barrier",
+    "impact_speed": "a hit faster than",
+    "peak_acceleration": "a peak acceleration above",
+}
+"""Events of a mission in words."""
+
+
+# Reliability ------------------------------------------------------------------------------
+
+
+def write_reliability_report(
+    found: Reliability,
+    scene: Scene,
+    record: RecordVerdict | None,
+    folder: str | Path,
+    origin: Origin | None = None,
+) -> Path:
+    """Write `report.html` and `reliability.json`, its numbers; returns the path of the page."""
+    page = reliability_page(found, scene, record, origin or origin_of(found.provenance))
+    document = found.to_dict() | ({} if record is None else {"record": plain(record)})
+    return write_page(page, document, "reliability", Path(folder))
+
+
+def reliability_page(
+    found: Reliability, scene: Scene, record: RecordVerdict | None, origin: Origin
+) -> Page:
+    """The page of the chances of a mission."""
+    mission = spoken_mission(found.mission)
+    chances = list(found.chances.values())
+    sentences = [f"{_event(each)}: {_chance(each)}" for each in chances]
+    missing = [f"{name.replace('_', ' ')}: not found, {why}" for name, why in found.missing.items()]
+    contradicted = record is not None and record.contradicts
+    first = f"{record.sentence()}. " if record is not None and contradicted else ""
+    return Page(
+        title=scene.title or "Reliability of a mission",
+        subtitle=f"Chances in a mission of {mission}, {_start(found)}",
+        verdict=f"{first}Chance in {mission} of " + "; of ".join([*sentences, *missing]) + ".",
+        alarm=contradicted or bool(found.missing),
+        statements=[] if found.hits is None else [f"Expected hits in {mission}: {_hits(found)}."],
+        cards=[
+            *(Fact(f"Chance of {_event(each)}", _value(each), _interval(each)) for each in chances),
+            Fact("Expected hits", UNKNOWN if found.hits is None else _hits(found), f"in {mission}"),
+        ],
+        warnings=list(found.warnings),
+        sections=[
+            Section(
+                title="Chances",
+                lead=f"Intervals at {100.0 * found.confidence:g} % hold the statistical errors "
+                "alone; a chance that was never seen has an upper limit.",
+                grids=[_chances_grid(found)],
+                pictures=[shown(plot_chances(found), f"Chances in {mission}, with intervals.")]
+                if chances
+                else [],
+                notes=[f"{_event(each)}: {each.why}" for each in chances],
+            ),
+            _scene_section(scene),
+            Section(
+                title="Limits",
+                lead="What this report takes for granted.",
+                notes=[f"{text[0].upper()}{text[1:]}." for text in found.assumptions],
+            ),
+        ],
+        origin=origin,
+        footer=[f"{found.cost.wall_time:.3g} s on {found.cost.threads} threads"],
+    )
+
+
+def _start(found: Reliability) -> str:
+    return "from rest" if found.start == "rest" else "from the stationary motion"
+
+
+def _event(chance: Chance) -> str:
+    words = EVENTS[chance.event]
+    if chance.limit is None:
+        return words
+    if chance.event == "peak_acceleration":
+        return f"{words} {G * chance.limit:.4g} g"
+    return f"{words} {chance.limit:.4g} m/s"
+
+
+def _value(chance: Chance) -> str:
+    if chance.estimate.value > 0.0:
+        return spoken_percent(chance.estimate.value)
+    return f"below {spoken_percent(chance.upper)}"
+
+
+def _interval(chance: Chance) -> str:
+    low = spoken_percent(chance.lower) if chance.lower > 0.0 else "0"
+    return f"{low} to {spoken_percent(chance.upper)}, {100.0 * chance.confidence:g} %"
+
+
+def _chance(chance: Chance) -> str:
+    return f"{_value(chance)} ({_interval(chance)})"
+
+
+def _hits(found: Reliability) -> str:
+    assert found.hits is not None
+    if found.hits_interval is None:
+        return count_of(found.hits.value)
+    low, high = found.hits_interval
+    return f"{count_of(found.hits.value)} ({count_of(low)} to {count_of(high)})"
+
+
+def _chances_grid(found: Reliability) -> Grid:
+    return Grid(
+        caption="How each chance was found",
+        headings=["event", "way", "chance", "interval", "trials", "CPU s"],
+        rows=[
+            [
+                _event(each),
+                each.way,
+                _value(each),
+                _interval(each),
+                count_of(float(each.trials)),
+                f"{each.seconds:.2g}",
+            ]
+            for each in found.chances.values()
+        ],
+        words=2,
+    )
+
+
+def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
+    """Each chance with its interval on a logarithmic axis; an upper limit as an arrow."""
+    ax = axes_or_new(ax, PAGE)
+    for place, chance in enumerate(found.chances.values()):
+        value, low, high = chance.estimate.value, chance.lower, chance.upper
+        if value > 0.0:
+            bars = [[value - low], [max(high - value, 0.0)]]
+            ax.errorbar([value], [place], xerr=bars, fmt="o", capsize=4, color=COLOURS["simulate"])
+        else:
+            ax.plot([high], [place], marker="<", markersize=9, color=COLOURS["simulate"])
+        ax.annotate(
+            f"{_event(chance)}: {_value(chance)}", (value or high, place), xytext=(0, 9),
+            textcoords="offset points", fontsize="small", ha="center",
+        )  # fmt: skip
+    ax.set_xscale("log")
+    ax.margins(x=0.4)
+    ax.set_ylim(-0.6, len(found.chances) - 0.2)
+    ax.set_yticks([])
+    label_for_page(ax, f"chance in {spoken_mission(found.mission)}", "", legend=False)
+    return ax
+
+
+def _scene_section(scene: Scene) -> Section:
+    facts = []
+    for pair in scene.impact_pairs:
+        for side, law in pair.stops():
+            place = f"{MM * getattr(pair, side):+.4g} mm"
+            facts.append(Fact(f"Stop {pair.name!r}, {side}", place, law.phrase()))
+    facts += [Fact("Effect", effect) for effect in scene.effects()]
+    lead = "Stops are measured from the position of the unloaded spring." if facts else ""
+    return Section(title="Scene", lead=lead, facts=facts)
+
+
+# Replay -----------------------------------------------------------------------------------
+
+
+def write_replay_report(
+    found: Replay,
+    scene: Scene,
+    record: RecordVerdict | None,
+    folder: str | Path,
+    origin: Origin | None = None,
+) -> Path:
+    """Write `report.html` and `replay.json`, its numbers; returns the path of the page."""
+    page = replay_page(found, scene, record, origin or origin_of(found.provenance))
+    document = found.to_dict() | ({} if record is None else {"record": plain(record)})
+    return write_page(page, document, "replay", Path(folder))
+
+
+def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origin: Origin) -> Page:
+    """The page of what a record does to a structure between its stops."""
+    summary = found.summary()
+    return Page(
+        title=scene.title or "Replay of a record",
+        subtitle=f"The record itself through the structure and its stops, {found.duration:.4g} s",
+        verdict=f"{summary[0].upper()}{summary[1:]}.",
+        statements=[] if record is None else [f"{record.sentence()}."],
+        alarm=record is not None and record.contradicts,
+        cards=_replay_cards(found),
+        warnings=list(found.warnings),
+        sections=[
+            Section(
+                title="Motion and hits",
+                lead="One record, one answer: nothing is sampled, every impact is located in time.",
+                grids=[_replay_grid(found)],
+                pictures=_replay_pictures(found),
+            ),
+            _scene_section(scene),
+            Section(
+                title="Limits",
+                lead="What this report takes for granted.",
+                notes=[
+                    *(f"{text[0].upper()}{text[1:]}." for text in found.assumptions),
+                    "Another record of the same kind does something else: the peaks of one record "
+                    "are no chance.",
+                ],
+            ),
+        ],
+        origin=origin,
+        footer=[f"{found.cost.wall_time:.3g} s"],
+    )
+
+
+def _replay_cards(found: Replay) -> list[Fact]:
+    if found.single is None:
+        return []
+    cards = [
+        Fact(f"Largest motion of {name}", f"{four_digits(MM * _largest(each))} mm", "either side")
+        for name, each in found.coordinates.items()
+    ]
+    cards += [
+        Fact(f"Hits on {name}", f"{float(each.hits):.0f}", f"in {found.duration:.4g} s")
+        for name, each in found.impact_pairs.items()
+    ]
+    return cards
+
+
+def _largest(each: CoordinateReplay) -> float:
+    return float(np.max(np.abs([float(each.displacement_max), float(each.displacement_min)])))
+
+
+def _replay_grid(found: Replay) -> Grid:
+    """A row per quantity, a column per clearance."""
+    rows = []
+    first = found.clearances[0]
+    for group in ("coordinates", "impact_pairs"):
+        for owner, quantities in getattr(first, group).items():
+            for name, _ in quantities.items():
+                if name not in ROWS:
+                    continue
+                words, factor = ROWS[name]
+                values = [getattr(each, group)[owner][name] for each in found.clearances]
+                texts = [UNKNOWN if v is None else f"{factor * float(v):.4g}" for v in values]
+                rows.append([f"{owner}: {words}", *texts])
+    headings = [
+        "as in the scene" if each.clearance is None else f"at {four_digits(MM * each.clearance)} mm"
+        for each in found.clearances
+    ]
+    return Grid(caption="The record itself", headings=["", *headings], rows=rows)
+
+
+def _replay_pictures(found: Replay) -> list[Picture]:
+    if found.single is None:
+        return [
+            shown(
+                plot_clearances(found, axes_or_new(None, PAGE)),
+                "Hits and the largest speed against clearance.",
+            )
+        ]
+    if found.histories is None:
+        return []
+    return [
+        shown(
+            plot_history(found.single, axes_or_new(None, PAGE)),
+            "The motion with its stops and hits.",
+        )
+    ]
