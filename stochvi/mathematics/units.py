@@ -93,7 +93,7 @@ SPELLINGS = frozenset(
     prefix + name
     for name in itertools.chain(*map(_names, WORDS))
     for prefix in ("", *itertools.chain(*map(_names, PREFIXES)))
-) | {"sqrt", "per"}
+) | {"sqrt", "per", "rms", "RMS"}
 """Words of which a spelling may consist."""
 
 DIMENSIONS = {
@@ -214,6 +214,7 @@ def _parsed(text: str) -> tuple[float, str]:
     for sign, digit in (("²", "2"), ("³", "3"), ("⁴", "4"), ("·", "*"), ("⋅", "*"), ("^", "**")):
         text = text.replace(sign, digit)
     text = re.sub(r"\bper\b", "/", text)
+    text = re.sub(r"(?<=[A-Za-z0-9²)])[ _]rms\b", "", text, flags=re.I)
     text = re.sub(r"√\s*\(?(\w+)\)?|sqrt\((\w+)\)", r"(\1\2)**0.5", text)
     text = re.sub(r"(?<=[A-Za-z)])(-?\d)(?!\d)", r"**\1", text.replace("g0", "g"))
     if not re.fullmatch(r"(?:[A-Za-zµμ_]+|\*\*-?\d(?:\.5)?|[\s()/*]|\b1\b)+", text):

@@ -23,6 +23,10 @@ LARGEST_DATA_FILE = 200_000_000
 UFF_SUFFIXES = (".uff", ".unv", ".ufb", ".uf")
 MATLAB_SUFFIXES = (".mat",)
 
+SLOWEST_UNSTATED = 1.0
+"""Interval between the times of a record, from which their unit must be stated: they may be
+milliseconds, or numbers of samples."""
+
 TIME_RESPONSE, SPECTRAL_DENSITY = 1, 9
 """Function types of UFF dataset 58, record 6, field 1."""
 
@@ -99,35 +103,42 @@ def _read_text(
     table = read_text_table(path, names, LARGEST_DATA_FILE if record else None)
     quantity = "time" if record else "frequency"
     count = len(table.headings)
-    running = _running_column(table, quantity)
-    first = table.headings[running]
     chosen = None if column is None else table.column_called(column)
-    if len(names) == 1 and (count == 1 or chosen == 0 or not _holds_times(table)):
+    x = _column_of(table, quantity, chosen, needed=len(names) > 1)
+    if x is None:
         if chosen is None and count > 1:
             raise table.choose()
-        place, x = chosen or 0, None
+        place = chosen or 0
     else:
         _check_first_column(path, table, names)
         if chosen is None and count > 2:
             raise table.choose()
         place = 1 if chosen is None else chosen
-        x = running
     if place == x:
         raise SceneError(
-            [("column", f"is number {x + 1} of {path}, which holds the {quantity}; name another")]
+            [
+                (
+                    "column",
+                    f"is number {place + 1} of {path}, which holds the {quantity}; name another",
+                )
+            ]
         )
     found = table.columns(*((place,) if x is None else (x, place)))
     known, line = table.headings[place].unit, table.headings[place].line
     if known is None and not record:
         known, line = table.stated, table.stated_line
     times = found[0] if x is not None else None
-    if times is not None and not table.is_stamp(running) and first.unit is not None:
-        if first.unit.quantity != quantity:
+    if times is not None and x is not None and not table.is_stamp(x):
+        heading = table.headings[x]
+        if heading.unit is not None and heading.unit.quantity != quantity:
             raise SceneError(
-                f"{path}, line {first.line}: the first column is in {first.unit.name}, expected "
-                f"{quantity}; put the column of {quantity} first"
+                f"{path}, line {heading.line}: the first column is in {heading.unit.name}, "
+                f"expected {quantity}; put the column of {quantity} first"
             )
-        times = first.unit.to_si(times)
+        if heading.unit is not None:
+            times = heading.unit.to_si(times)
+        elif record and len(names) > 1:
+            _check_seconds(path, times)
     return Columns(
         x=times, y=found[-1], unit=known, stated_in=f"line {line} of {path}",
         heading=" ".join(table.headings[place].cells),
@@ -135,14 +146,58 @@ def _read_text(
     )  # fmt: skip
 
 
-def _running_column(table: TextTable, quantity: str) -> int:
-    """Place of the times or frequencies: the first column, unless that counts the rows and the
-    heading of one other alone says that it holds them."""
-    first = table.headings[0]
-    if len(table.headings) == 2 or table.is_stamp(0) or first.unit or first.is_of(quantity):
+def _column_of(table: TextTable, quantity: str, chosen: int | None, *, needed: bool) -> int | None:
+    """Place of the column of times or frequencies: the first, or the only one whose heading says
+    that it holds them; None where the file need not have one and seems to have none.
+
+    Raises
+    ------
+    SceneError
+        Where the first column seems to hold something else that rises, such as numbers of rows.
+    """
+    first, count = table.headings[0], len(table.headings)
+    naming = [place for place, each in enumerate(table.headings) if each.is_of(quantity)]
+    if len(naming) == 1 and naming[0] > 0 and first.unit is None and not table.is_stamp(0):
+        if count > 2:
+            return naming[0]
+        raise SceneError(
+            f"{table.path} has the {quantity} in its second column, by the heading "
+            f"{table.headings[1].name!r}; put the column of {quantity} first"
+        )
+    if not needed:
+        if count == 1 or chosen == 0 or first.counts or not _holds_times(table):
+            return None
         return 0
-    named = [place for place, each in enumerate(table.headings) if each.is_of(quantity)]
-    return named[0] if len(named) == 1 else 0
+    if count > 1 and not table.is_stamp(0) and (first.counts or _counts_rows(table, chosen)):
+        found = repr(first.name) if first.name else "the numbers of rows"
+        remedy = " for a record without times give fs, and column;" if quantity == "time" else ""
+        raise SceneError(
+            f"{table.path} has {found} in its first column, expected the {quantity};{remedy} put "
+            f"the column of {quantity} first, or write a heading that names it"
+        )
+    return 0
+
+
+def _counts_rows(table: TextTable, chosen: int | None) -> bool:
+    """Whether the first of several columns without headings numbers the rows, and another rises."""
+    if len(table.headings) < 3 or any(each.cells for each in table.headings):
+        return False
+    first, *others = table.columns(*range(len(table.headings)))
+    rise = [bool(np.all(np.diff(each) > 0.0)) for each in others]
+    if chosen:
+        rise.pop(chosen - 1)
+    return bool(np.all(np.diff(first) == 1.0)) and any(rise)
+
+
+def _check_seconds(path: Path, times: Vector) -> None:
+    """Refuse times without a unit which say that no more than one sample was taken in a second."""
+    interval = float(np.nanmedian(np.diff(times)))
+    if interval >= SLOWEST_UNSTATED:
+        raise SceneError(
+            f"{path} has a time every {interval:.6g} in its first column, in no stated unit; "
+            "expected seconds, of which a record of vibration has less between samples; write the "
+            "unit into the heading (time (s), time (ms)), or take numbers of rows out and give fs"
+        )
 
 
 def _holds_times(table: TextTable) -> bool:

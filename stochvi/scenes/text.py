@@ -76,12 +76,21 @@ MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--", "---", "
 
 ABSCISSAE = {
     "time": r"t|time\w*|zeit\w*|temps|date\w*|datum",
-    "frequency": r"f|freq\w*|fréquence",
+    "frequency": r"f|freq\w*|frequenz|fréquence|k?hz",
 }
 """Quantity of the column that runs -> words by which headings call it."""
 
-NAMED_UNIT = re.compile(r"(?:acc\w*?|force|density|psd|asd|time|frequency|freq|level)_(\w+)", re.I)
-"""A name such as acceleration_g or density_g2_per_hz, and the unit in it."""
+NAMED_UNIT = re.compile(
+    r"(?:acc\w*?|a|beschleunigung|force|density|psd|asd|time|t|zeit|frequency|freq|f|level)"
+    r"(?:_| in | )(\w+)", re.I,
+)  # fmt: skip
+"""A name such as acceleration_g, density_g2_per_hz or "Time ms", and the unit in it."""
+
+COUNTING = re.compile(
+    r"(?:#|no|nr|n|i|index|idx|sample\w*|point\w*|row|line|count\w*|scan\w*|rpm|order|period)\b"
+    r"|#", re.I,
+)  # fmt: skip
+"""What the heading of a column starts with that holds neither times nor frequencies, but rises."""
 
 
 def read_text(path: Path, largest: int | None = None) -> str:
@@ -147,6 +156,11 @@ class Heading:
         """Whether the heading says that the column holds times, or frequencies."""
         named = re.match(rf"(?:{ABSCISSAE[quantity]})\b", self.name, re.I)
         return self.unit.quantity == quantity if self.unit else named is not None
+
+    @property
+    def counts(self) -> bool:
+        """Whether the heading says that the column numbers the rows, or holds rpm or orders."""
+        return self.unit is None and COUNTING.match(self.name) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -385,6 +399,7 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     above = [(number, line) for number, line in lines if number < rows[0][0]]
     some = [_cells(line, delimiter) for _, line in rows[:SAMPLE]]
     stated, stated_line = _stated_density(above)
+    _check_thousands(path, rows, delimiter)
     return TextTable(
         path=path, lines=rows, delimiter=delimiter, stated=stated, stated_line=stated_line,
         headings=_headings(above, delimiter, count, bool(STAMP.fullmatch(some[0][0]))),
@@ -417,6 +432,22 @@ def _iso_stamp(found: re.Match[str]) -> str:
     quote, day, month, year, time, point, comma = found.groups()
     fraction = point or comma
     return f"{quote}{year}-{month:0>2}-{day:0>2}T{time}" + (f".{fraction}" if fraction else "")
+
+
+def _check_thousands(path: Path, rows: Sequence[tuple[int, str]], delimiter: str | None) -> None:
+    """Refuse numbers of which nothing says whether their commas are decimal or part thousands."""
+    example = ""
+    for line, row in rows[:SAMPLE]:
+        for cell in filter(_number, _cells(row, delimiter)):
+            if re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell):
+                example = example or f"{path}, line {line}: {cell!r}"
+            elif not cell.lstrip("+-").isdigit():
+                return
+    if example:
+        raise SceneError(
+            f"{example} may be a number with a decimal comma or thousands; expected one that can "
+            "be read in one way only; write decimal points, and no sign between thousands"
+        )
 
 
 def _wrong_row(path: Path, line: int, text: str, count: int, where: str) -> SceneError:

@@ -353,3 +353,32 @@ def test_gaps_are_refused_or_split_and_never_bridged(tmp_path: Path, kind: str) 
     bridged = Record(values=found.values, fs=FS).density(0.4).table.density[2:]
     with pytest.raises(AssertionError):
         assert_agrees(Estimate(value=float(bridged.mean()), standard_error=1.5 * error), DENSITY)
+
+
+@pytest.mark.parametrize(
+    ("heading", "words"),
+    [
+        ("time,acc (g)\n", "in no stated unit; expected seconds"),
+        ("Sample,acc (g)\n", "has 'Sample' in its first column, expected the time"),
+        ("", "in no stated unit"),
+    ],
+)
+def test_numbers_of_samples_and_milliseconds_are_not_read_as_seconds(
+    tmp_path: Path, heading: str, words: str
+) -> None:
+    values = white_record(10.0).values
+    count = [str(row) for row in range(len(values))]
+    path = write_rows(tmp_path / "run.csv", count, values, heading=heading)
+    with pytest.raises(SceneError, match=words):
+        RecordedNoise(file=path, unit="g")
+    stated = write_rows(tmp_path / "s.csv", count, values, heading="t (s),acc (g)\n")
+    assert RecordedNoise(file=stated).record.fs == pytest.approx(1.0)
+
+
+def test_times_are_read_from_the_column_that_says_so(tmp_path: Path) -> None:
+    values = white_record(10.0).values
+    rows = [f"{row},{row / FS:.4f}" for row in range(len(values))]
+    path = write_rows(tmp_path / "run.csv", rows, values, heading="Sample,Time (s),acc (g)\n")
+    assert RecordedNoise(file=path, column="acc").record.fs == pytest.approx(FS)
+    with pytest.raises(SceneError, match="which holds the time"):
+        RecordedNoise(file=path, column=2)

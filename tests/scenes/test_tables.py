@@ -76,6 +76,12 @@ def test_the_unit_of_the_heading_is_taken_and_explained(
         ("f;PSD (g2/Hz)", {"unit": "dB re 1 g2/Hz"}, "take out the one that is wrong"),
         ("PSD (g2/Hz);f (Hz)", {}, "put the column of frequency first"),
         ("f;PSD", {"unit": "dB"}, "dB re 1 g2/Hz"),
+        ("PSD;Frequency", {"unit": "g2/Hz"}, "has the frequency in its second column"),
+        ("rpm;PSD (g2/Hz)", {}, "has 'rpm' in its first column, expected the frequency"),
+        ("f;Level in dB", {"unit": "g2/Hz"}, "must say what 0 dB stands for"),
+        ("f;two-sided PSD (g2/Hz)", {}, "expected a one-sided density"),
+        ("f;PSD (mV2/Hz)", {"unit": "g2/Hz"}, "expected no mV"),
+        ("f;a (g rms)", {"unit": "g2/Hz"}, "says 'g'"),
         ("f;PSD", {"unit": "g"}, "is no unit of this"),
     ],
 )
@@ -200,3 +206,13 @@ def test_the_column_is_chosen_where_there_are_several(tmp_path: Path) -> None:
         assert failure.value.problems[0][0] == "column"
     with pytest.raises(SceneError, match="has column without a file"):
         TabulatedNoise(profile="navmat-p-9492", column=2)
+
+
+@pytest.mark.parametrize("heading", ["row;f;PSD (g2/Hz)", ";Freq;PSD (g2/Hz)", ""])
+def test_numbers_of_rows_are_not_read_as_frequencies(tmp_path: Path, heading: str) -> None:
+    text = "\n".join([heading, *(f"{n};{row}" for n, row in enumerate(ROWS, start=1))])
+    if heading:
+        assert_same(noise(tmp_path, text, column=3))
+    else:
+        with pytest.raises(SceneError, match="has the numbers of rows in its first column"):
+            noise(tmp_path, text, column=3, unit="g2/Hz")

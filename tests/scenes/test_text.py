@@ -164,6 +164,10 @@ def test_whole_numbers_with_commas_between_them_are_two_columns(tmp_path: Path) 
         ("density_g2_per_hz", "g2/Hz"),
         ("acceleration_g", "g"),
         ("time_ms", "ms"),
+        ("t_ms", "ms"),
+        ("Zeit in ms", "ms"),
+        ("Acc g", "g"),
+        ("Accel (g rms)", "g"),
         ("Hz", "Hz"),
         ("Frequency [rad/s]", "rad/s"),
         ("G", None),
@@ -215,3 +219,12 @@ def test_columns_in_another_order_than_their_heading_says_are_refused(tmp_path: 
     file.write_text("frequency_hz density\n10 0.01\n100 0.02\n")
     frequency, _ = read_table(file)
     assert frequency.tolist() == [10.0, 100.0]
+
+
+def test_commas_that_may_be_decimal_or_part_thousands_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("f;G\n1,000;2\n2,000;3,500\n")
+    with pytest.raises(SceneError, match=r"line 2: '1,000' may be .* decimal comma or thousands"):
+        read_table(path)
+    path.write_text("f;G\n1,000;0,200\n2,000;3,500\n")  # a zero in front: decimal commas
+    assert read_table(path)[0].tolist() == [1.0, 2.0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Self
@@ -170,6 +171,13 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
         neither says one.
     """
     stated = columns.unit
+    if stated is None:
+        _check_heading(columns.heading, unit(name) if name else None)
+    if re.search(TWO_SIDED, columns.heading, re.I) and quantities == DENSITIES:
+        raise SceneError(
+            [("file", f"has the heading {columns.heading!r} above its values, expected a one-sided "
+              "density; double the values at positive frequencies, and say so in the heading")]
+        )  # fmt: skip
     if stated is not None and name is not None and not stated.same(unit(name)):
         raise SceneError(
             [("unit", f"is {name!r}, but {columns.stated_in} says {stated.name!r}; take out the "
@@ -184,6 +192,28 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
         above = f"; above the values stands {columns.heading!r}" if columns.heading else ""
         raise ValueError(f"needs unit, one of {listed_units(*quantities)}, got none{above}")
     return stated or unit(name or "")
+
+
+def _check_heading(heading: str, named: Unit | None) -> None:
+    """Refuse a heading whose words, which are no unit here, contradict the unit of the scene."""
+    if re.search(r"\bdB\b", heading, re.I) and not (named and named.decibels):
+        raise SceneError(
+            [("unit", f"must say what 0 dB stands for, as in 'dB re 1 g2/Hz': above the values "
+              f"stands {heading!r}")]
+        )  # fmt: skip
+    other = re.search(OTHER_UNITS, heading)
+    if other:
+        raise SceneError(
+            [("file", f"has the heading {heading!r} above its values, expected no {other[1]}; "
+              "multiply the values by the sensitivity of the sensor, and mend the heading")]
+        )  # fmt: skip
+
+
+TWO_SIDED = r"(?:two|double|2)[- ]?sided"
+"""Of a density that also holds negative frequencies."""
+
+OTHER_UNITS = r"[\[(]([mµu]?V|[np]C|[cC]ounts?|LSB|[Dd]igits?)(?:(?:\^?2|²)?/Hz)?[\])]"
+"""Units, in brackets, of what a logger takes from a sensor before it is scaled."""
 
 
 @contextlib.contextmanager
