@@ -115,7 +115,7 @@ def test_an_option_out_of_range_is_one_sentence(
         (("impacts", "--duration", "0"), "duration must be a positive number of seconds"),
         (("impacts", "--speed-threshold", "-1"), "speed_threshold must be at least 0"),
         (("spectrum", "--highest", "0"), "highest must be a positive number"),
-        (("spectrum", "--segment", "nan"), "segment must be a positive number"),
+        (("spectrum", "--segment", "nan"), "--segment must be a number"),
         (("spectrum", "--segment", "1e-3"), "segment must be at least"),
     ],
     ids=lambda words: " ".join(words) if isinstance(words, tuple) else "",

@@ -11,7 +11,7 @@ from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.scene import Scene
 from stochvi.views.absorbers import draw_design, draw_levels, verdict
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
-from stochvi.views.words import UNKNOWN, four_digits, with_error, with_interval
+from stochvi.views.words import MM, UNKNOWN, G, millimetres, with_error, with_interval
 
 
 def write_absorber_report(
@@ -95,23 +95,23 @@ def design_page(found: Design, origin: Origin) -> Page:
     return Page(
         title=found.scene.title or "Design of an impact absorber",
         subtitle=f"The best box for {found.mass:.4g} kg in all",
-        verdict=f"{units}, restitution {found.restitution:g}, total play {best.play:.4g} m: rms "
-        f"displacement {100.0 * best.ratio.value:.1f} % of that without absorber.",
+        verdict=f"{units}, restitution {found.restitution:g}, total play {millimetres(best.play)}: "
+        f"rms displacement {100.0 * best.ratio.value:.1f} % of that without absorber.",
         cards=[
             Fact(
                 "Total play, wall to wall",
-                f"{four_digits(best.play)} m",
+                millimetres(best.play),
                 f"{best.play / found.sigma:.2f} times the rms displacement without absorber",
             ),
             Fact(
                 "As good within its error",
-                f"{best.low:.3g} to {best.high:.3g} m",
+                f"{MM * best.low:.3g} to {MM * best.high:.3g} mm",
                 "the optimum is broad: the box need be no more exact",
             ),
             Fact("rms displacement", f"{100.0 * best.ratio.value:.1f} %", "of that without"),
             Fact(
                 f"For levels of ± {found.level_range_db:g} dB",
-                f"{four_digits(robust.play)} m",
+                millimetres(robust.play),
                 f"at worst {100.0 * robust.ratio.value:.1f} % of that without",
             ),
         ],
@@ -143,7 +143,7 @@ def _scene(scene: Scene) -> Section:
     ]
     for pair in scene.impact_pairs:
         stops = ", ".join(
-            f"{side} wall at {getattr(pair, side):+.4g} m, restitution {law.restitution:g}"
+            f"{side} wall at {MM * getattr(pair, side):+.4g} mm, restitution {law.restitution:g}"
             for side, law in pair.stops()
         )
         facts.append(Fact(f"Box {pair.name!r}", stops, "relative displacement in the box"))
@@ -153,26 +153,26 @@ def _scene(scene: Scene) -> Section:
 
 def _motion(found: AbsorberReport) -> Grid:
     accelerated = any(each.acceleration_std is not None for each in found.performances)
-    headings = ["level", "ratio", "rms with (m)", "rms without (m)", "peak factor", "without"]
+    headings = ["level", "ratio", "rms with (mm)", "rms without (mm)", "peak factor", "without"]
     rows = []
     for each in found.performances:
         low, high = each.interval()
         row = [
             f"{each.level_db:+g} dB",
             f"{each.ratio.value:.3f}\n{low:.3f} to {high:.3f}",
-            with_interval(each.displacement_std, 1.0),
-            f"{each.displacement_std_without:.4g}",
+            with_interval(each.displacement_std, MM),
+            f"{MM * each.displacement_std_without:.4g}",
             with_interval(each.peak_factor, 1.0),
             with_interval(each.peak_factor_without, 1.0),
         ]
         if accelerated:
             row += [
-                with_interval(each.acceleration_std, 1.0),
-                f"{each.acceleration_std_without:.4g}",
+                with_interval(each.acceleration_std, G),
+                f"{G * (each.acceleration_std_without or 0.0):.4g}",
             ]
         rows.append(row)
     if accelerated:
-        headings += ["abs. acceleration rms (m/s²)", "without"]
+        headings += ["abs. acceleration (g rms)", "without"]
     return Grid(caption="by level of the excitation", headings=headings, rows=rows)
 
 
@@ -197,14 +197,14 @@ def _boxes(best: BestBox, robust: BestBox, range_db: float) -> Grid:
     def row(name: str, box: BestBox) -> list[str]:
         return [
             name,
-            f"{box.play:.4g}\n{box.play_low:.4g} to {box.play_high:.4g}",
+            f"{MM * box.play:.4g}\n{MM * box.play_low:.4g} to {MM * box.play_high:.4g}",
             with_interval(box.ratio, 1.0),
-            f"{box.low:.4g} to {box.high:.4g}",
+            f"{MM * box.low:.4g} to {MM * box.high:.4g}",
         ]
 
     return Grid(
         caption="Best boxes, with 95 % intervals",
-        headings=["for", "play (m)", "rms ratio", "as good (m)"],
+        headings=["for", "play (mm)", "rms ratio", "as good (mm)"],
         rows=[row("this level", best), row(f"the worst of ± {range_db:g} dB", robust)],
     )
 
@@ -214,14 +214,14 @@ def _candidates(found: Design) -> Grid:
         [
             f"{each['restitution']:g}",
             f"{each['units']:g}",
-            f"{each['play']:.4g}",
+            f"{MM * each['play']:.4g}",
             with_error(Estimate(value=each["rms_ratio"], standard_error=each["rms_ratio_error"])),
         ]
         for each in found.candidates.to_dict("records")
     ]
     return Grid(
         caption="Candidates, best first",
-        headings=["restitution", "units", "play (m)", "rms ratio"],
+        headings=["restitution", "units", "play (mm)", "rms ratio"],
         rows=rows,
         words=0,
     )
