@@ -54,6 +54,10 @@ RATES_AGREE = 1e-3
 """Largest relative difference of two sampling rates that counts as one: it moves the spectrum by a
 hundredth of the bandwidth of a mount with a damping ratio of 0.05."""
 
+RATES_EQUAL = 1e-6
+"""Relative difference of a fitted sampling rate from the true one that is rounding alone: it must
+not move the length of a segment to the next one."""
+
 GAPS_LISTED = 3
 """Number of gaps that a sentence lists."""
 
@@ -167,7 +171,8 @@ class Record:
         from scipy.fft import next_fast_len
 
         longest = max(map(len, self.segments))
-        length = next_fast_len(min(math.ceil(self.fs / resolution_hz), longest), True)
+        wanted = math.ceil((1.0 - RATES_EQUAL) * self.fs / resolution_hz)
+        length = next_fast_len(min(wanted, longest), True)
         return _welch(self, min(length, longest))
 
 

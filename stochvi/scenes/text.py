@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import difflib
 import math
 import re
 from array import array
@@ -123,7 +124,21 @@ def check_file(path: Path, largest: int) -> None:
 
 
 def _unreadable(path: Path, error: OSError) -> SceneError:
-    return SceneError(f"{path} cannot be read: {(error.strerror or str(error)).lower()}")
+    reason = (error.strerror or str(error)).lower()
+    near = _alike(path) if isinstance(error, FileNotFoundError) else ""
+    return SceneError(f"{path} cannot be read: {reason}{near}")
+
+
+def _alike(path: Path) -> str:
+    """A file in the folder of a missing one with nearly its name, or that there is no folder."""
+    if not path.parent.is_dir():
+        return f"; there is no folder {path.parent}"
+    try:
+        names = {each.name.lower(): each.name for each in path.parent.iterdir() if each.is_file()}
+    except OSError:
+        return ""
+    near = [names[name] for name in difflib.get_close_matches(path.name.lower(), names, n=1)]
+    return f"; did you mean {path.with_name(near[0])}?" if near and near[0].isprintable() else ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.averaging import unmet as unmet_by_averaging
 from stochvi.methods.closed_form import unmet as unmet_by_closed_form
 from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
@@ -17,6 +19,7 @@ from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import provenance
+from stochvi.scenes.excitations import BASE, RecordedNoise, TabulatedNoise
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -102,11 +105,24 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         effects=effects,
         absent=scene.absent_effects(),
         methods=methods,
-        assumptions=scene.assumptions(),
+        assumptions=(*_environments(scene), *scene.assumptions()),
         notes=() if beyond_one_oscillator(model) else tuple(scene_notes(model)),
         simulation=simulation,
         provenance=provenance(scene.document()),
     )
+
+
+def _environments(scene: Scene) -> list[str]:
+    """What was read of each table and record, and its rms value, to compare with its source."""
+    found = []
+    for each in scene.excitations:
+        if isinstance(each, TabulatedNoise | RecordedNoise):
+            where = scene.place(each)
+            name, source, extent = each.facts(where, each.numbers())[0]
+            rms = math.sqrt(each.table.mean_square())
+            size = f"{rms / STANDARD_GRAVITY:.4g} g" if where == BASE else f"{rms:.4g} N"
+            found.append(f"{name[0].lower()}{name[1:]}: {source}, {extent}, {size} rms")
+    return found
 
 
 def _conditions(reason: NotApplicable | NotConverged) -> str:

@@ -49,6 +49,15 @@ def test_the_area_of_the_density_is_the_mean_square() -> None:
     assert_agrees(Estimate(value=area, standard_error=error, bias=2.0 * lost * truth), truth)
 
 
+def test_a_fitted_rate_that_is_off_by_rounding_gives_the_same_segments() -> None:
+    values = np.random.default_rng(3).normal(size=8000)
+    exact = Record(values=values, fs=200.0).density(0.4)
+    for factor in (1.0 - 1e-9, 1.0 + 1e-9):
+        fitted = Record(values=values, fs=200.0 * factor).density(0.4)
+        assert fitted.segments == exact.segments == 31
+        np.testing.assert_allclose(fitted.table.density, exact.table.density, rtol=1e-6)
+
+
 def test_the_mean_density_is_the_true_one_and_twice_it_is_refused() -> None:
     estimate = white_record(120.0, seed=2).density(0.5)
     values = estimate.table.density[:-1]

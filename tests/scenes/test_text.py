@@ -52,6 +52,17 @@ def test_a_table_is_read_in_every_usual_encoding(tmp_path: Path, encoding: str) 
     assert known is not None and known.name == "g2/Hz"
 
 
+def test_a_missing_file_is_answered_with_one_of_nearly_its_name(tmp_path: Path) -> None:
+    (tmp_path / "Messung_Floor.csv").write_text("1,1\n2,2\n")
+    for name in ("messung_floor.csv", "Messung Floor.csv"):
+        with pytest.raises(SceneError, match=r"did you mean \S+/Messung_Floor\.csv\?$"):
+            read_table(tmp_path / name)
+    with pytest.raises(SceneError, match=r"no such file or directory$"):
+        read_table(tmp_path / "wheel.uff")
+    with pytest.raises(SceneError, match=r"there is no folder \S+/run$"):
+        read_table(tmp_path / "run" / "floor.csv")
+
+
 def test_binary_data_is_no_text(tmp_path: Path) -> None:
     (tmp_path / "table.txt").write_bytes(np.linspace(0.0, 1.0, 99).tobytes())
     with pytest.raises(SceneError, match="is not text: expected UTF-8, UTF-16 or Latin-1"):

@@ -1,10 +1,11 @@
 """`explain`: effects present and absent, methods, and a price that comes true."""
 
 import json
+from pathlib import Path
 
 import pytest
 
-from stochvi import Isolator, Scene, TabulatedNoise, WhiteNoise, explain, simulate
+from stochvi import Isolator, Oscillator, Scene, TabulatedNoise, WhiteNoise, explain, simulate
 from stochvi.verification import zoo
 from support.known import oscillator
 
@@ -78,6 +79,20 @@ def test_white_noise_beside_a_table_reaches_the_resonance() -> None:
         excitations=[TabulatedNoise(profile="navmat-p-9492"), WhiteNoise(intensity=1.0)],
     )
     assert "outside the table" not in " ".join(explain(mixed).notes)
+
+
+def test_how_much_of_a_table_was_taken_is_said(tmp_path: Path) -> None:
+    (tmp_path / "floor.csv").write_text("0 0\n10 0.02\n60 0.02\n")
+    table = TabulatedNoise(file=str(tmp_path / "floor.csv"), unit="g2/Hz", level_db=6.0)
+    mount = Isolator(frequency_hz=12.0, zeta=0.1)
+    # 0.02 g^2/Hz over 50 Hz, raised by 6 dB
+    assert explain(Scene(structure=mount, excitations=[table])).assumptions[0] == (
+        "tabulated noise on base: floor.csv, raised by +6 dB, 2 points in g2/Hz, 10 to 60 Hz, "
+        "1.995 g rms"
+    )
+    force = TabulatedNoise(frequency_hz=[1.0, 3.0], density=[8.0, 8.0], unit="N2/Hz", on="x")
+    fixed = Oscillator(mass=1.0, damping=0.5, stiffness=99.0)
+    assert "4 N rms" in explain(Scene(structure=fixed, excitations=[force])).assumptions[0]
 
 
 @pytest.mark.parametrize("lower", [-1.0, None])
