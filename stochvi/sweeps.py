@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.mathematics.units import plain_number
+from stochvi.mathematics.units import MEASURED, measured_in, plain_number
 from stochvi.results.base import plain
 from stochvi.results.errors import (
     CheckpointError,
@@ -33,6 +33,8 @@ from stochvi.results.errors import (
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import Response
+from stochvi.scenes.impact_laws.rubber import DAMPING, OF_RUBBER, PAD
+from stochvi.scenes.key_units import key_unit
 from stochvi.scenes.scene import Scene, load_scene, scene_from
 from stochvi.views.files import folder_in, to_json, write_text
 
@@ -125,7 +127,8 @@ def sweep(
 
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    document = (scene if isinstance(scene, Scene) else load_scene(scene)).document()
+    loaded = scene if isinstance(scene, Scene) else load_scene(scene)
+    document = loaded.document(as_written=True)
     _check_seed(seed)
     if own := sorted({"checkpoint", "resume"} & arguments.keys()):
         raise ValueError(f"{own[0]} is not for a sweep, which keeps its rows in the folder out")
@@ -488,6 +491,26 @@ def changed_scene(document: Mapping[str, Any], change: Change) -> Scene:
 
 def _set(document: Any, key: str, value: float) -> None:
     """Set a key that is there, or one that its part of the scene knows but leaves out."""
+    part, last = _holder(document, key)
+    way = key.split(".")
+    if last == "clearance" and way[:1] == ["impact_pair"] and isinstance(part, dict):
+        _set_clearance(part, key, value)
+    elif (
+        isinstance(part, dict)
+        and part.get("kind") in OF_RUBBER
+        and last in (*DAMPING, *PAD, "stiffness")
+    ):
+        _set_rubber(part, last, value)
+    elif isinstance(part, list) and _is_place(last) and int(last) < len(part):
+        part[int(last)] = value
+    elif isinstance(part, dict) and not isinstance(part.get(last), dict | list | str):
+        part[last] = value
+    else:
+        raise _unknown(document, key)
+
+
+def _holder(document: Any, key: str) -> tuple[Any, str]:
+    """The part of a document that holds a key, and the last word of the key."""
     *way, last = key.split(".")
     part = document
     for word in way:
@@ -497,14 +520,22 @@ def _set(document: Any, key: str, value: float) -> None:
             part = part[word]
         else:
             raise _unknown(document, key)
-    if last == "clearance" and way[:1] == ["impact_pair"] and isinstance(part, dict):
-        _set_clearance(part, key, value)
-    elif isinstance(part, list) and _is_place(last) and int(last) < len(part):
-        part[int(last)] = value
-    elif isinstance(part, dict) and not isinstance(part.get(last), dict | list | str):
-        part[last] = value
-    else:
-        raise _unknown(document, key)
+    return part, last
+
+
+def _set_rubber(law: dict[str, Any], name: str, value: float) -> None:
+    """Set a key of a law instead of the others that would give the same number of it."""
+    others: tuple[str, ...] = (*DAMPING, "at_speed")
+    match name:
+        case "restitution":
+            others = DAMPING
+        case "stiffness":
+            others = PAD
+        case _ if name in PAD:
+            others = ("stiffness",)
+    for other in others:
+        law.pop(other, None)
+    law[name] = value
 
 
 def _set_clearance(pair: Any, key: str, value: float) -> None:
@@ -542,36 +573,77 @@ def _numbers(part: Any, key: str = "") -> Iterator[tuple[str, float]]:
         yield key, part
 
 
-def values_of(text: str) -> tuple[str, list[float]]:
+def values_of(text: str, document: Mapping[str, Any]) -> tuple[str, list[float]]:
     """A key and its values from "key=0.3:1:8" (eight values from 0.3 to 1), "key=1:100:5:log"
     (five values with equal ratios) or "key=0.3,0.5,1".
 
+    A value may bear a unit: "impact_pair.0.upper=3mm:6mm:4". Those of the keys follow from the
+    document of the scene.
+
     Examples
     --------
-    >>> values_of("structure.damping=0.1:0.4:4")[1]
+    >>> document = {"structure": {"damping": 0.1, "frequency_hz": 1.0}}
+    >>> values_of("structure.damping=0.1:0.4:4", document)[1]
     [0.1, 0.2, 0.3, 0.4]
-    >>> values_of("structure.damping=1:100:3:log")
+    >>> values_of("structure.damping=1:100:3:log", document)
     ('structure.damping', [1.0, 10.0, 100.0])
+    >>> values_of("structure.frequency_hz=10Hz,0.1kHz", document)[1]
+    [10.0, 100.0]
     """
-    key, equals, words = text.partition("=")
+    key, equals, listed = text.partition("=")
     key = _written(key)
+    wrong = ValueError(
+        "--vary must be KEY=FIRST:LAST:NUMBER, KEY=FIRST:LAST:NUMBER:log or "
+        f"KEY=VALUE,VALUE,..., got {text!r}"
+    )
+    words, spacing = listed.split(","), list[str]()
+    if ":" in listed:
+        first, last, *spacing = listed.split(":")
+        words = [first, last]
+    if not key or not equals or not all(map(_is_measured, words)):
+        raise wrong
+    values = [_value(key, word, document) for word in words]
+    if ":" not in listed:
+        return key, values
+    start, stop = values
+    number, *log = spacing or [""]
     try:
-        if not key or not equals:
-            raise ValueError
-        if ":" not in words:
-            return key, [float(word) for word in words.split(",")]
-        first, last, number, *spacing = words.split(":")
-        start, stop, count = float(first), float(last), int(number)
-        if spacing not in ([], ["log"]) or count < 1 or (spacing and min(start, stop) <= 0.0):
-            raise ValueError
-        if not math.isfinite(stop - start):
-            raise ValueError
+        count = int(number)
     except ValueError:
-        raise ValueError(
-            "--vary must be KEY=FIRST:LAST:NUMBER, KEY=FIRST:LAST:NUMBER:log or "
-            f"KEY=VALUE,VALUE,..., got {text!r}"
-        ) from None
+        raise wrong from None
+    if log not in ([], ["log"]) or count < 1 or (log and min(values) <= 0.0):
+        raise wrong
+    if not math.isfinite(stop - start):
+        raise wrong
     _check_size({key: count})
-    spaced = np.geomspace(start, stop, count) if spacing else np.linspace(start, stop, count)
+    spaced = np.geomspace(start, stop, count) if log else np.linspace(start, stop, count)
     # 0.1, 0.2, 0.3: what is written, not what is left of it after a sum
     return key, [float(f"{value:.12g}") for value in spaced]
+
+
+def _is_measured(word: str) -> bool:
+    """Whether a word is a number, alone or with something behind it."""
+    try:
+        float(word)
+    except ValueError:
+        return MEASURED.fullmatch(word) is not None
+    return True
+
+
+def _value(key: str, word: str, document: Mapping[str, Any]) -> float:
+    """A value of a key, in the unit that the scene has it in."""
+    try:
+        return float(word)
+    except ValueError:
+        pass
+    words = key.split(".")
+    while _is_place(words[-1]):
+        words.pop()
+    part, name = _holder(document, ".".join(words))
+    unit = key_unit(document, part, name) if isinstance(part, dict) else ""
+    if not unit and (not isinstance(part, dict) or name not in part):
+        raise _unknown(document, key)
+    try:
+        return measured_in(word, unit)
+    except ValueError as error:
+        raise ValueError(f"vary: {key} {error}") from None

@@ -49,7 +49,9 @@ def absorber(
 
     def performance() -> AbsorberReport:
         with options.progress("absorber") as report:
-            return perform(loaded, levels_db=numbers("--levels", levels), progress=report, **asked)
+            return perform(
+                loaded, levels_db=numbers("--levels", levels, "dB"), progress=report, **asked
+            )
 
     def design() -> Design:
         assert mass_budget is not None

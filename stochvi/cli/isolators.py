@@ -235,7 +235,7 @@ JOLT_COLUMNS = {
 @click.argument("scene")
 @click.option(
     "--speeds", required=True, metavar="LIST",
-    help="Jolts: changes of the relative velocity, m/s, with commas.",
+    help="Jolts: changes of the relative velocity, with commas: 0.1,0.2 (m/s) or 10mm/s.",
 )  # fmt: skip
 @click.option("--paths", type=int, default=64, show_default=True, help="For each jolt.")
 @click.option("--duration", type=TIME, help="Seconds after a jolt [1000 periods].")
@@ -245,7 +245,7 @@ def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
     from stochvi.isolators.jolt_response import jolts
     from stochvi.scenes.scene import load_scene
 
-    found = jolts(load_scene(scene), numbers("--speeds", speeds), seed=options.seed, **asked)
+    found = jolts(load_scene(scene), numbers("--speeds", speeds, "m/s"), seed=options.seed, **asked)
     options.show(found, _print_jolts, "jolts")
 
 

@@ -84,7 +84,7 @@ def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
     "--barrier", metavar="B|LO,HI",
     help="Metres from the unloaded spring; leave one empty for none. Default: the stops.",
 )  # fmt: skip
-@click.option("--times", metavar="LIST", help="Seconds, with commas ...")
+@click.option("--times", metavar="LIST", help="Times, with commas: 10,20 (s) or 1min ...")
 @click.option("--mission", type=TIME, metavar="TIME", help="... or a duration, and parts of it.")
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
@@ -104,7 +104,7 @@ def first_passage(
     if (times is None) == (mission is None):
         raise ValueError("give --times or --mission, one of them")
     if mission is None:
-        moments = numbers("--times", times or "")
+        moments = numbers("--times", times or "", "s")
     else:
         moments = [part * mission for part in MISSION_PARTS]
     lower, upper = barriers(barrier)

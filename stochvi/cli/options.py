@@ -265,12 +265,15 @@ def shown(solve: Callable[[], Found], show: Callable[[Found], None]) -> None:
     show(found)
 
 
-def numbers(option: str, text: str) -> list[float]:
-    """A list of numbers with commas between them."""
+def numbers(option: str, text: str, unit: str = "") -> list[float]:
+    """A list of numbers with commas between them, in a unit, which each may bear: "2m/s"."""
+    from stochvi.mathematics.units import measured_in
+
     try:
-        return [float(word) for word in text.split(",")]
+        return [measured_in(word, unit) for word in text.split(",")]
     except ValueError:
-        raise ValueError(f"{option} must be numbers with commas, got {text!r}") from None
+        own = f"; each is in {unit}, or bears its unit" if unit else ""
+        raise ValueError(f"{option} must be numbers with commas, got {text!r}{own}") from None
 
 
 def acceleration(text: str | None) -> float | None:

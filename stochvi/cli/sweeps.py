@@ -43,8 +43,8 @@ def _check_options(method: str, given: Mapping[str, Any]) -> None:
 @click.argument("scene")
 @click.option(
     "--vary", required=True, multiple=True, metavar="KEY=FIRST:LAST:NUMBER",
-    help="As impact_pair.0.law.coefficient=0.3:1:8; also ...:log, or KEY=VALUE,VALUE. Several: "
-    "all combinations.",
+    help="As impact_pair.0.law.coefficient=0.3:1:8; also ...:log, or KEY=VALUE,VALUE; a value may "
+    "bear a unit: clearance=3mm:6mm:4. Several: all combinations.",
 )  # fmt: skip
 @click.option(
     "--method", default="simulate", show_default=True,
@@ -89,10 +89,11 @@ def sweep(
     from stochvi.views.sweep import terminal_table, write_sweep
     from stochvi.views.tables import LAST_DIGITS, print_frame
 
-    ranges = dict(once([values_of(text) for text in vary]))
     given = {"threads": options.threads, "dask": dask} | asked
     given = {name: value for name, value in given.items() if value is not None}
     loaded = load_scene(scene)
+    document = loaded.document(as_written=True)
+    ranges = dict(once([values_of(text, document) for text in vary]))
     _check_options(method, given)
     given.pop("dask", None)
     if "peak_acceleration" in given:

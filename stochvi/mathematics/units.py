@@ -239,6 +239,48 @@ def _registry() -> pint.UnitRegistry[float]:
     return registry
 
 
+MEASURED = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?")
+"""A number and what follows it."""
+
+
+def measured_in(text: str, name: str) -> float:
+    """A number in the unit `name`, from one that bears its own unit or none.
+
+    `name` is that of a unit, "dB" for a level, or empty for a number that has no unit.
+
+    Raises
+    ------
+    ValueError
+        If it is not a number, or its unit is not one of the same quantity.
+
+    Examples
+    --------
+    >>> measured_in("4mm", "m"), measured_in("10 m/s", "km/h"), measured_in("3 dB", "dB")
+    (0.004, 36.0, 3.0)
+    >>> measured_in("4", "km/h"), measured_in("0.5", "")
+    (4.0, 0.5)
+    """
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    found = MEASURED.fullmatch(text)
+    try:
+        if not found or not found[2] or not name:
+            raise ValueError
+        number, spelling = float(found[1]), found[2].strip()
+        if spelling == name:
+            return number
+        of, wanted = unit(spelling), unit(name)
+        if (of.quantity, of.decibels) != (wanted.quantity, False) or wanted.decibels:
+            raise ValueError
+    except ValueError:
+        with_unit = f", plain or with a unit such as {name}" if name else " without a unit"
+        raise ValueError(f"must be a number{with_unit}, got {text!r}") from None
+    # 36 km/h, and not what is left of it after two roundings
+    return float(f"{number * of.factor / wanted.factor:.15g}")
+
+
 def measured(text: str, quantity: str, plain: float = 1.0) -> float:
     """A number with its unit, in SI units; without one, the number times `plain`.
 
@@ -252,7 +294,7 @@ def measured(text: str, quantity: str, plain: float = 1.0) -> float:
     >>> measured("30 min", "time"), measured("4mm", "length"), measured("2", "acceleration")
     (1800.0, 0.004, 2.0)
     """
-    found = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", text)
+    found = MEASURED.fullmatch(text)
     try:
         if not found:
             raise ValueError

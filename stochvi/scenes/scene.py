@@ -26,6 +26,7 @@ from stochvi.scenes.excitations import (
     check_unit,
 )
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
+from stochvi.scenes.impact_laws.rubber import AS_WRITTEN
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.text import read_text
 from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
@@ -451,9 +452,14 @@ class Scene(Checked):
         raised = tuple(excitation.louder(level_db) for excitation in self.excitations)
         return self.model_copy(update={"excitations": raised}) if level_db else self
 
-    def document(self) -> dict[str, Any]:
-        """The scene as plain types, in the keys of a scene file; functions by their names."""
-        return self.model_dump(mode="json", by_alias=True, exclude_none=True)
+    def document(self, *, as_written: bool = False) -> dict[str, Any]:
+        """The scene as plain types, in the keys of a scene file; functions by their names.
+
+        With `as_written`, laws of rubber keep the keys that they were given by, such as a loss
+        factor, instead of the numbers that these come to.
+        """
+        context = AS_WRITTEN if as_written else None
+        return self.model_dump(mode="json", by_alias=True, exclude_none=True, context=context)
 
 
 UNLOADED = "displacements are measured from the position of the unloaded spring"

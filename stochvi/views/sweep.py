@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from stochvi.results.estimates import format_with_error
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import QUANTITY_UNITS
+from stochvi.scenes.key_units import KEY_UNITS
 from stochvi.views.axes import axes_or_new
 from stochvi.views.column_units import with_unit
 from stochvi.views.files import try_picture, write_bytes, write_table
@@ -87,20 +88,6 @@ EVENT_NAMES = {
 
 UNITS = {**QUANTITY_UNITS, **SUMMARY_UNITS}
 """Units of all quantities of a sweep."""
-
-KEY_UNITS = {
-    "lower": "m",
-    "upper": "m",
-    "clearance": "m",
-    "play": "m",
-    "mass": "kg",
-    "damping": "N s/m",
-    "stiffness": "N/m",
-    "frequency_hz": "Hz",
-    "level_db": "dB",
-    "speed_kmh": "km/h",
-}
-"""Units of keys that have one unit wherever they stand in a scene file."""
 
 
 UNIT_ENDINGS = ("_hz", "_db", "_kmh")

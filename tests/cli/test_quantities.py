@@ -2,7 +2,7 @@
 
 import pytest
 
-from stochvi.cli.options import CHANCE, SPEED, TIME, acceleration, barriers, lengths
+from stochvi.cli.options import CHANCE, SPEED, TIME, acceleration, barriers, lengths, numbers
 from support.commands import ISOLATOR, Run, one_document, refused
 
 
@@ -48,6 +48,8 @@ def test_lengths_speeds_and_accelerations() -> None:
     )
     assert barriers("4mm") == (-4e-3, 4e-3) and barriers("-0.003,") == (-3e-3, None)
     assert SPEED.convert("50 cm/s", None, None) == 0.5
+    assert numbers("--speeds", "0.1, 50 mm/s", "m/s") == [0.1, 0.05]
+    assert numbers("--levels", "-3dB,0,3 dB", "dB") == [-3.0, 0.0, 3.0]
     assert acceleration("40g") == acceleration("40 G") == pytest.approx(40.0 * 9.80665)
     assert acceleration("150") == acceleration("150 m/s^2") == 150.0 and acceleration(None) is None
 
@@ -59,3 +61,9 @@ def test_lengths_speeds_and_accelerations() -> None:
 def test_a_unit_of_another_quantity_is_refused(wrong) -> None:
     with pytest.raises(ValueError, match=r"^--\S+ must be a number with a unit of"):
         wrong()
+
+
+@pytest.mark.parametrize(("text", "unit"), [("1mm", "m/s"), ("3 Hz", "dB"), ("0.5m", "")])
+def test_a_list_refuses_a_unit_of_another_quantity(text: str, unit: str) -> None:
+    with pytest.raises(ValueError, match=r"^--list must be numbers with commas"):
+        numbers("--list", f"1,{text}", unit)

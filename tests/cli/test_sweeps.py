@@ -20,8 +20,8 @@ from stochvi.results.errors import Interrupted, SceneError
 from stochvi.results.estimates import format_with_error
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
-from stochvi.scenes.impact_laws import Restitution
-from stochvi.scenes.scene import ImpactPair, Scene, load_scene
+from stochvi.scenes.impact_laws import Restitution, Viscoelastic
+from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.reliability import reliability
 from stochvi.sweeps import changed_scene, sweep, values_of
@@ -203,7 +203,107 @@ def test_what_a_method_does_not_cover_is_noted() -> None:
 @pytest.mark.parametrize("text", ["a", "a=", "a=1:2", "a=1:2:x", "a=1:2:0", "a=0:2:3:log", "=1"])
 def test_bad_ranges_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="KEY=FIRST:LAST:NUMBER"):
-        values_of(text)
+        values_of(text, {})
+
+
+STOPPED = {
+    "structure": {"kind": "isolator", "frequency_hz": 12.0, "zeta": 0.1},
+    "impact_pair": [{"lower": -0.01, "upper": 0.01, "law": {"kind": "hertz", "coefficient": 1e6}}],
+    "excitation": [
+        {"kind": "white", "density": 0.01, "unit": "g2/Hz"},
+        {"kind": "sine", "amplitude": 1.0, "frequency_hz": 20.0},
+        {"kind": "sine", "amplitude": 1.0, "frequency_hz": 20.0, "on": "x"},
+        {"kind": "road", "speed_kmh": 80.0, "band_hz": [1.0, 50.0]},
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("impact_pair.0.clearance=3mm:6mm:4", [0.003, 0.004, 0.005, 0.006]),
+        ("impact_pair.0.upper=0.3 cm,4e-3", [0.003, 0.004]),
+        ("structure.frequency_hz=10Hz,0.012kHz,14", [10.0, 12.0, 14.0]),
+        ("excitation.0.density=0.01 g^2/Hz,0.02", [0.01, 0.02]),
+        ("excitation.0.level_db=-3dB:3 dB:3", [-3.0, 0.0, 3.0]),
+        ("excitation.1.amplitude=1g", [9.80665]),
+        ("excitation.2.amplitude=2N", [2.0]),
+        ("excitation.3.speed_kmh=10m/s,50 km/h", [36.0, 50.0]),
+        ("excitation.3.band_hz.1=0.1kHz", [100.0]),
+        ("impact_pair.0.law.coefficient=1e6 N/m^1.5", [1e6]),
+    ],
+)
+def test_values_bear_units(text: str, values: list[float]) -> None:
+    key, _, _ = text.partition("=")
+    assert values_of(text, STOPPED) == (key, values)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("impact_pair.0.clearance=3Hz:6Hz:4", "m"),
+        ("structure.frequency_hz=10mm", "Hz"),
+        ("excitation.0.density=1 N2/Hz", "g2/Hz"),
+        ("excitation.1.amplitude=1N", "m/s2"),
+        ("excitation.2.amplitude=1g", "N"),
+        ("excitation.0.level_db=3 Hz", "dB"),
+    ],
+)
+def test_a_value_of_another_quantity_is_refused(text: str, unit: str) -> None:
+    key, _, _ = text.partition("=")
+    with pytest.raises(ValueError, match=rf"vary: {key} must be a number.* such as {unit}, got"):
+        values_of(text, STOPPED)
+
+
+def test_a_unit_of_a_number_that_has_none_is_refused(stochvi: Run) -> None:
+    sentence = refused(stochvi("sweep", ELASTIC, "--vary", "structure.damping_rate=1mm"))
+    assert "structure.damping_rate is not a number of the scene" in sentence
+    with pytest.raises(ValueError, match=r"structure\.zeta must be a number without a unit, got"):
+        values_of("structure.zeta=1mm", STOPPED)
+
+
+@pytest.mark.parametrize(
+    ("keys", "varied", "instead"),
+    [
+        ({"stiffness": 2.0, "loss_factor": 0.2}, {"loss_factor": 0.3}, {}),
+        ({"stiffness": 2.0, "damping_ratio": 0.2}, {"loss_factor": 0.3}, {"damping_ratio": None}),
+        (
+            {"stiffness": 2.0, "restitution": 0.5, "at_speed": 1.0},
+            {"damping_ratio": 0.3},
+            {"restitution": None, "at_speed": None},
+        ),
+        ({"stiffness": 2.0, "restitution": 0.5, "at_speed": 1.0}, {"restitution": 0.6}, {}),
+        (
+            {"shore_a": 60.0, "area": 1e-4, "thickness": 0.01, "loss_factor": 0.1},
+            {"shore_a": 50.0, "thickness": 0.02},
+            {},
+        ),
+        (
+            {"shore_a": 60.0, "area": 1e-4, "thickness": 0.01, "loss_factor": 0.1},
+            {"stiffness": 5.0},
+            {"shore_a": None, "area": None, "thickness": None},
+        ),
+    ],
+)
+def test_the_keys_of_rubber_vary_as_they_are_written(keys, varied, instead) -> None:
+    def scene(**law: float) -> Scene:
+        pair = ImpactPair(lower=-1.0, upper=1.0, law=Viscoelastic(**law))
+        return oscillator().model_copy(update={"impact_pairs": (pair,)})
+
+    change = tuple((f"impact_pair.0.law.{key}", value) for key, value in varied.items())
+    changed = changed_scene(scene(**keys).document(as_written=True), change)
+    expected = {key: value for key, value in (keys | instead | varied).items() if value is not None}
+    assert changed == scene(**expected) != scene(**keys)
+    # it states where its numbers come from, and not where the others came from
+    assert changed.impact_pairs[0].law.source == scene(**expected).impact_pairs[0].law.source
+
+
+def test_a_law_with_another_number_is_no_more_as_it_was_written() -> None:
+    law = Viscoelastic(stiffness=2.0, loss_factor=0.2)
+    stiffer = law.model_copy(update={"stiffness": 3.0})
+    pair = ImpactPair(lower=-1.0, upper=1.0, law=stiffer)
+    scene = oscillator().model_copy(update={"impact_pairs": (pair,)})
+    assert scene_from(scene.document(as_written=True)).impact_pairs[0].law.stiffness == 3.0
 
 
 def test_a_line_for_each_combination_of_the_other_keys() -> None:
@@ -408,14 +508,13 @@ def test_numbers_of_numpy_are_the_same_rows(tmp_path: Path) -> None:
     assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "rows").iterdir()}
 
 
-def test_the_command_refuses_a_key_twice_and_folders_without_a_name(tmp_path: Path) -> None:
-    scene = str(tmp_path / "scene.toml")
+def test_the_command_refuses_a_key_twice_and_folders_without_a_name() -> None:
     for ask, said in (
         (["--vary", f"{GAP}=1", "--vary", "impact_pair.00.upper=2"], "is given twice"),
         (["--vary", f"{GAP}=1", "--out", ""], "--out must name a folder, got ''"),
         (["--vary", f"{GAP}=1:inf:3"], "--vary must be"),
     ):
-        done = CliRunner().invoke(main, ["sweep", scene, *ask])
+        done = CliRunner().invoke(main, ["sweep", ELASTIC, *ask])
         assert done.exit_code == 2 and done.stderr.count("\n") == 1 and said in done.stderr
 
 

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import model_validator
 
 from stochvi.mathematics.kelvin_voigt import Impact, half_contact, kelvin_voigt
-from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
-from stochvi.scenes.impact_laws.rubber import with_damping_ratio, with_stiffness
+from stochvi.scenes.impact_laws.base import Form, inside
+from stochvi.scenes.impact_laws.rubber import RubberLaw, with_damping_ratio, with_stiffness
 from stochvi.scenes.validation import NonNegative, Positive
 
 Vector = NDArray[np.float64]
 
 
-class Elastic(CompliantLaw):
+class Elastic(RubberLaw):
     """A linear spring, force = stiffness * y.
 
     Parameters
@@ -43,10 +43,9 @@ class Elastic(CompliantLaw):
     stiffness: Positive
     source: str | None = None
 
-    @model_validator(mode="before")
     @classmethod
-    def _converted(cls, keys: Any) -> Any:
-        return with_stiffness(keys) if isinstance(keys, dict) else keys
+    def converted(cls, keys: Mapping[str, Any]) -> dict[str, Any]:
+        return with_stiffness(keys)
 
     def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
         return self.stiffness * inside(deflection)
@@ -79,7 +78,7 @@ class Elastic(CompliantLaw):
         return Form("pieces", np.array([[0.0, 0.0, self.stiffness]]))
 
 
-class Viscoelastic(CompliantLaw):
+class Viscoelastic(RubberLaw):
     """A spring and a damper side by side that can only push (Kelvin-Voigt, B App. I).
 
     force = max(K y + c y', 0), c = 2 z sqrt(K M), z the damping ratio and M the mass (of a pair:
@@ -112,10 +111,9 @@ class Viscoelastic(CompliantLaw):
     damping_ratio: NonNegative
     source: str | None = None
 
-    @model_validator(mode="before")
     @classmethod
-    def _converted(cls, keys: Any) -> Any:
-        return with_damping_ratio(with_stiffness(keys)) if isinstance(keys, dict) else keys
+    def converted(cls, keys: Mapping[str, Any]) -> dict[str, Any]:
+        return with_damping_ratio(with_stiffness(keys))
 
     @property
     def conservative(self) -> bool:

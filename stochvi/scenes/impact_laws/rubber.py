@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
+
+from pydantic import (
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from stochvi.mathematics.kelvin_voigt import damping_ratio_of
 from stochvi.results.errors import SceneError
+from stochvi.scenes.impact_laws.base import CompliantLaw
 
 SOFTEST, HARDEST = 20.0, 80.0
 """Shore A hardness between which Gent's relation is used: beyond, durometers resolve little."""
@@ -17,6 +28,51 @@ PAD = ("shore_a", "area", "thickness")
 
 DAMPING = ("damping_ratio", "loss_factor", "restitution")
 """Keys that say how much a stop loses, of which one is given."""
+
+OF_RUBBER = ("elastic", "viscoelastic")
+"""Kinds of laws whose numbers may be given by what is known of their rubber."""
+
+AS_WRITTEN = {"as_written": True}
+"""Context of a dump in which a law of rubber has the keys that it was given by."""
+
+
+class RubberLaw(CompliantLaw):
+    """A linear law whose numbers may be given by what is known of its rubber.
+
+    It is the law of these numbers, and remembers the keys from which they come.
+    """
+
+    _written: dict[str, Any] | None = PrivateAttr(default=None)
+
+    @classmethod
+    @abstractmethod
+    def converted(cls, keys: Mapping[str, Any]) -> dict[str, Any]:
+        """The keys of the law with its own numbers instead of those of rubber."""
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _from_rubber(cls, keys: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        if not isinstance(keys, dict):
+            return handler(keys)
+        numbers = cls.converted(keys)
+        law = handler(numbers)
+        if numbers != keys:
+            law._written = {name: value for name, value in keys.items() if value is not None}
+        return law
+
+    @model_serializer(mode="wrap")
+    def _keys(
+        self, handler: SerializerFunctionWrapHandler, info: SerializationInfo
+    ) -> dict[str, Any]:
+        found: dict[str, Any] = handler(self)
+        # a copy with another stiffness is no more what was written
+        if info.context == AS_WRITTEN and self._written and type(self)(**self._written) == self:
+            return {"kind": found["kind"]} | self._written
+        return found
+
+    def __eq__(self, other: object) -> bool:
+        """Two laws of the same numbers are the same, whatever they were given by."""
+        return type(other) is type(self) and other.__dict__ == self.__dict__
 
 
 def youngs_modulus(shore_a: float) -> float:

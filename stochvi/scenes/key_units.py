@@ -1,0 +1,58 @@
+"""Units in which the keys of a scene file hold their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+KEY_UNITS = {
+    "lower": "m",
+    "upper": "m",
+    "clearance": "m",
+    "play": "m",
+    "deflection": "m",
+    "thickness": "m",
+    "area": "m2",
+    "mass": "kg",
+    "body_mass": "kg",
+    "wheel_mass": "kg",
+    "damping": "N s/m",
+    "suspension_damping": "N s/m",
+    "tyre_damping": "N s/m",
+    "stiffness": "N/m",
+    "suspension_stiffness": "N/m",
+    "tyre_stiffness": "N/m",
+    "force": "N",
+    "acceleration": "m/s2",
+    "frequency_hz": "Hz",
+    "band_hz": "Hz",
+    "resolution_hz": "Hz",
+    "fs": "Hz",
+    "level_db": "dB",
+    "speed": "m/s",
+    "at_speed": "m/s",
+    "speed_kmh": "km/h",
+    "roughness": "m3",
+}
+"""Units of keys that have one unit wherever they stand in a scene file."""
+
+
+def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) -> str:
+    """The unit of the key `name` of a part of a scene; empty for a number without a unit.
+
+    Examples
+    --------
+    >>> key_unit({}, {"kind": "isolator"}, "frequency_hz")
+    'Hz'
+    >>> key_unit({}, {"kind": "white", "unit": "g2/Hz"}, "density")
+    'g2/Hz'
+    """
+    match part.get("kind"), name:
+        case _, "density":
+            return str(part.get("unit", ""))
+        case "hertz", "coefficient":
+            return "N/m^1.5"
+        case "sine", "amplitude":
+            on_mount = document["structure"]["kind"] == "isolator"
+            return "m/s2" if part.get("on", "base" if on_mount else "") == "base" else "N"
+    return KEY_UNITS.get(name, "")
