@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from stochvi.mathematics.spectra import Table, squared_gain
 from stochvi.mathematics.state_space import transition
@@ -294,7 +293,7 @@ def kurtosis_p_value(kurtosis: float, number: float) -> float | None:
     z = (1.0 - 2.0 / (9.0 * a) - ((1.0 - 2.0 / a) / below) ** (1.0 / 3.0)) / math.sqrt(
         2.0 / (9.0 * a)
     )
-    return float(2.0 * norm.sf(abs(z)))
+    return math.erfc(abs(z) / math.sqrt(2.0))
 
 
 def expected_peak(duration: float, law: ResponseLaw) -> float:

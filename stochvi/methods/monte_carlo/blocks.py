@@ -70,8 +70,8 @@ MOST_ATTEMPTS = 4
 repeat lost blocks themselves as well."""
 
 LANES = 16
-"""Number of paths in the smallest piece of a block: the loops of the kernels over paths fill
-vectors of 8 numbers."""
+"""Pieces of a block with more paths than this have a multiple of it: the loops of the kernels over
+paths fill vectors of 8 numbers."""
 
 FEWEST_AT_ONCE = 2
 """Number of paths in the first piece of a block, whose time says how large the next one may be: the
@@ -84,9 +84,6 @@ further trial is longer."""
 PRICE_SHARE, PRICE_SECONDS = 0.02, 0.05
 """A trial decides that paths take too long once it has taken this share of the time that is left,
 and this many seconds."""
-
-GRACE_SECONDS = 1.0
-"""Seconds by which the first paths may be expected to overrun a budget; above, they are refused."""
 
 PIECE_SECONDS = 0.25
 """Largest expected time in seconds of a piece of a block, so that a budget is overrun by no
@@ -205,7 +202,7 @@ def check_price(plans: Sequence[Plan], seed: int, deadline: Deadline) -> None:
     seconds = 0.0
     for plan in plans:
         seconds += seconds_of_first_paths(plan, seed, deadline)
-        if seconds > deadline.left + GRACE_SECONDS:
+        if seconds > deadline.left + PIECE_SECONDS:
             raise NotConverged(
                 f"the budget of {deadline.budget:g} s is too short for {FEWEST_AT_ONCE} paths, "
                 f"which take at least {seconds:.2g} s; raise budget, or shorten the paths "
@@ -233,7 +230,8 @@ def in_pieces(
         each = max((time.perf_counter() - began) / size, SHORTEST_BLOCK)
         made += size
         left = min(PIECE_SECONDS, deadline.left)
-        size = LANES * max(1, int(left / each / LANES))
+        size = max(FEWEST_AT_ONCE, int(left / each))
+        size -= size % LANES if size > LANES else 0
     return done
 
 
