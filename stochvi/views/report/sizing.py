@@ -415,7 +415,7 @@ def _risk(review: Review) -> Section:
         title="Required clearance",
         lead="The chance of any hit depends on the motion without stops alone: nothing has been "
         "hit before the first hit. Intervals are those of the calculation; they do not hold what "
-        "is unknown of the mount and the environment (see sensitivity).",
+        "is unknown of the mount and the environment (see Tolerances).",
         grids=[grid],
         pictures=pictures,
     )
