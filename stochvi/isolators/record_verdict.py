@@ -43,9 +43,18 @@ off by less than this to the power 4 over 384, 3e-7 of the response."""
 POINTS_IN_BANDWIDTH = 16
 """Frequencies in the half-power bandwidth of the mount on which its response density is summed."""
 
-BAND = 8.0
-"""Highest frequency of that density, in natural frequencies: above it lies less than 1e-3 of the
-mean square displacement of a mount on a flat input."""
+BAND, OUTSIDE = 8.0, 1e-3
+"""Highest frequency of that density, in natural frequencies: above it lies less than this share of
+the mean square displacement of a mount on a flat input. Where the record lies higher, the density
+is summed up to a frequency above which no more than this share lies."""
+
+MOST_POINTS = 2**20
+"""Largest number of these frequencies."""
+
+FASTER, START_LEFT = 1.5, 0.05
+"""Where a mount moves more than so many times faster than at its natural frequency, the motion with
+which it starts from rest is larger than the stationary one; it is left out of the judgement until
+it has died out to this share of the stationary one."""
 
 CLIPPED_SAMPLES, CLIPPED_BAND, CLIPPED_RATIO = 8, 0.02, 2.0
 """A record is cut off where at least this many samples lie at its largest value (or smallest), and
@@ -78,14 +87,16 @@ class RecordVerdict:
         Of the response to the record, m.
     peak_in_sigma, expected_peak_in_sigma
         The largest distance over the standard deviation, and the median of it for a Gaussian
-        process (Vanmarcke 1975).
+        process (Vanmarcke 1975); without the start, where that is left out.
     kurtosis, kurtosis_error
-        Of the response, and the standard error that it has for a Gaussian process.
+        Of the response, without the start where that is left out, and the standard error that it
+        has for a Gaussian process.
     clearance
         The smallest distance of stops from the position of rest that the record does not reach, m;
         of the sides on which the scene has stops.
     p_values
-        Chance of a Gaussian process to be as far off, either way: "peak", "kurtosis".
+        Chance of a Gaussian process to be as far off, either way: "peak", "kurtosis"; None where
+        the record is too short to tell.
     crossings
         Crossings of levels.
     clipped
@@ -118,6 +129,12 @@ class RecordVerdict:
                 "THE RECORD CONTRADICTS THE GAUSSIAN MODEL: "
                 f"{'; '.join(self.reasons)}; {needs}, and what follows of Gaussian noise does not "
                 "hold for it"
+            )
+        if self.p_values["peak"] is None:
+            return (
+                "whether the record agrees with Gaussian noise of its spectrum cannot be said: the "
+                "motion with which the mount starts from rest takes more than half of the record "
+                f"to die out; {needs}"
             )
         return (
             f"the record agrees with Gaussian noise of its spectrum: through the mount it moves "
@@ -153,17 +170,25 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
         free_response(each.forces[:, 0] / mass, each.step, model.omega, model.damping_rate)
         for each in shaking_of(scene, model)
     ]
-    x = np.concatenate([each.displacement for each in responses])
     above = max(each.highest for each in responses)
     below = -min(each.lowest for each in responses)
     records = [each.record for each in scene.excitations if isinstance(each, RecordedNoise)]
+    law = response_law(model.acceleration_tables, model.omega, model.damping_rate)
+    start = math.ceil(records[0].fs * settling_time(law, model.omega, model.damping_rate))
+    whole = np.concatenate([each.displacement for each in responses])
+    settled = np.concatenate([each.displacement[start:] for each in responses])
+    judged = 2 * len(settled) >= len(whole)
+    x = settled if judged else whole
     sides = {stop.side for stop in model.stops} or {-1, 1}
     return _verdict(
         x,
-        duration=records[0].duration,
+        duration=len(x) / records[0].fs,
         largest=max(above, below),
+        whole=float(whole.std()),
+        settled=float(np.max(np.abs(x))) if judged and start else max(above, below),
+        judged=judged,
         clearance=BEYOND * max(above if 1 in sides else 0.0, below if -1 in sides else 0.0),
-        law=response_law(model.acceleration_tables, model.omega, model.damping_rate),
+        law=law,
         clipped=any(cut_off(each.values) for each in records),
     )
 
@@ -250,7 +275,15 @@ def response_law(tables: Sequence[Table], omega: float, damping_rate: float) -> 
     """The law of the displacement of an oscillator under noise of these densities."""
     natural = omega / (2.0 * math.pi)
     step = min(damping_rate / (2.0 * math.pi), natural) / POINTS_IN_BANDWIDTH
-    f = step * np.arange(1, math.ceil(BAND * natural / step))
+    top = max(float(table.frequency_hz[-1]) for table in tables)
+    coarse = np.geomspace(0.1 * min(natural, top), top, 2000)
+    below = np.cumsum(coarse * squared_gain(coarse, omega, damping_rate) * sum(
+        table(coarse) for table in tables
+    ))  # fmt: skip
+    reached = float(coarse[np.searchsorted(below, (1.0 - OUTSIDE) * below[-1])])
+    highest = max(BAND * natural, min(top, 1.01 * reached))
+    step = max(step, highest / MOST_POINTS)
+    f = step * np.arange(1, math.ceil(highest / step))
     density = squared_gain(f, omega, damping_rate) * sum(table(f) for table in tables)
     zero, one, two = (float(np.sum(density * f**power)) for power in range(3))
     # density and its convolution with itself: int rho^4 dtau = sum of |F(rho^2)|^2, by Parseval
@@ -262,6 +295,17 @@ def response_law(tables: Sequence[Table], omega: float, damping_rate: float) -> 
         bandwidth=math.sqrt(max(1.0 - one**2 / (zero * two), 1e-12)),
         memory=float(np.sum(rho**4) * lag),
     )
+
+
+def settling_time(law: ResponseLaw, omega: float, damping_rate: float) -> float:
+    """Seconds after which the motion with which an oscillator starts from rest no longer counts; 0
+    where it never exceeds the stationary motion (see `FASTER`)."""
+    faster = 2.0 * math.pi * law.crossing_rate / omega
+    if faster <= FASTER:
+        return 0.0
+    half = 0.5 * damping_rate
+    slowest = half if half <= omega else omega**2 / (half + math.sqrt(half**2 - omega**2))
+    return math.log(faster / START_LEFT) / slowest
 
 
 def peak_probability(largest: float, duration: float, law: ResponseLaw) -> float:
@@ -321,24 +365,26 @@ def cut_off(values: Vector) -> bool:
 
 
 def _verdict(
-    x: Vector, *, duration: float, largest: float, clearance: float, law: ResponseLaw,
-    clipped: bool,
+    x: Vector, *, duration: float, largest: float, whole: float, settled: float, judged: bool,
+    clearance: float, law: ResponseLaw, clipped: bool,
 ) -> RecordVerdict:  # fmt: skip
-    """The verdict on a response x (m, from rest)."""
+    """The verdict on a response x (m, from rest), whose largest distance is `settled`;
+    `largest` and `whole` are the largest distance and the standard deviation with the start.
+    Nothing is tested without `judged`."""
     centred = x - x.mean()
     square = float(np.mean(centred**2))
     sigma = math.sqrt(square)
     kurtosis = float(np.mean(centred**4)) / square**2
-    below = peak_probability(largest / sigma, duration, law)
-    unlikely = 2.0 * min(below, 1.0 - below)
-    shape = kurtosis_p_value(kurtosis, duration / law.memory)
+    below = peak_probability(settled / sigma, duration, law)
+    unlikely = 2.0 * min(below, 1.0 - below) if judged else None
+    shape = kurtosis_p_value(kurtosis, duration / law.memory) if judged else None
     p_values = {"peak": unlikely, "kurtosis": shape}
     expected = expected_peak(duration, law)
     limit = FALSE_ALARMS / len(p_values)
     reasons = []
-    if unlikely < limit:
+    if unlikely is not None and unlikely < limit:
         reasons.append(
-            f"through the mount it moves {1e3 * largest:.4g} mm or {largest / sigma:.3g} sigma, "
+            f"through the mount it moves {1e3 * settled:.4g} mm or {settled / sigma:.3g} sigma, "
             f"where Gaussian noise would move {expected:.3g} sigma ({p_value_in_words(unlikely)})"
         )
     if shape is not None and shape < limit:
@@ -355,8 +401,8 @@ def _verdict(
         contradicts=bool(reasons),
         reasons=tuple(reasons),
         displacement_max=largest,
-        displacement_std=sigma,
-        peak_in_sigma=largest / sigma,
+        displacement_std=whole,
+        peak_in_sigma=settled / sigma,
         expected_peak_in_sigma=expected,
         kurtosis=kurtosis,
         kurtosis_error=math.sqrt(24.0 * law.memory / duration),

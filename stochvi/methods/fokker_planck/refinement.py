@@ -102,7 +102,10 @@ def refine(
 
 
 def _field(scaled: ScaledMotion, strips: tuple[Strip, ...], slowest: float) -> StripDensity:
-    """The density on some strips; LinAlgError if there is none of finite numbers."""
+    """The density on some strips; LinAlgError if there is none of finite numbers, or if a strip is
+    so narrow that rounding leaves it no length."""
+    if not all(strip.length > 0.0 for strip in strips):
+        raise np.linalg.LinAlgError(UNSOLVED)
     solved = solve_strips(scaled, strips)
     if not all(np.isfinite(q).all() for q in solved.q):
         raise np.linalg.LinAlgError(UNSOLVED)

@@ -43,7 +43,9 @@ from stochvi.methods.fokker_planck import (
     strips,
 )
 from stochvi.methods.fokker_planck.basis import VelocityCells, returned_flux, transmitted_flux
+from stochvi.methods.fokker_planck.refinement import _field
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
+from stochvi.methods.fokker_planck.strips import Strip
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
 from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, oscillator, values
@@ -590,3 +592,10 @@ def test_a_mass_is_in_contact_where_a_table_does_not_push_yet() -> None:
     truth = exact(scene).impact_pairs["stops"]["contact_probability"]
     assert isinstance(found, Estimate) and isinstance(truth, Estimate)
     agrees(found, truth)
+
+
+def test_a_strip_that_rounding_leaves_no_length_is_no_mesh() -> None:
+    """As beside a stop whose damper is so stiff that the mass hardly enters it."""
+    strip = Strip(anchor=1.0, near=0.0, far=0.0, degree=2, cells=VelocityCells((-1.0, 0.0, 1.0), 3))
+    with pytest.raises(np.linalg.LinAlgError, match="scales"):
+        _field(None, (strip,), 1.0)  # type: ignore[arg-type]
