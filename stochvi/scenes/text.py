@@ -316,7 +316,12 @@ def read_table(
     Raises `SceneError` for anything that is not that many numbers, and for a heading that names the
     columns in another order.
     """
-    table = read_text_table(path, names)
+    return all_columns(read_text_table(path, names), names)
+
+
+def all_columns(table: TextTable, names: Sequence[str]) -> tuple[Vector, ...]:
+    """All columns of a table that has one for each of `names`; errors as for `read_table`."""
+    path = table.path
     if len(table.headings) != len(names):
         line, text = table.lines[0]
         raise SceneError(

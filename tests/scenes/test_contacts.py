@@ -217,6 +217,23 @@ def test_a_bumper_from_a_file_is_the_same_as_its_numbers(tmp_path, unit, factor)
     assert law.per_unit_mass(2.0).force == (0.0, 20.0, 200.0)
 
 
+@pytest.mark.parametrize(
+    ("heading", "unit", "factors"),
+    [
+        ("deflection (mm);force (kN)", None, (1e-3, 1e3)),
+        ("deflection (mm);force (N)", "mm,N", (1e-3, 1.0)),
+        ("Weg [cm];Kraft [N]", None, (1e-2, 1.0)),
+        ("deflection;force (N)", "mm,N", (1e-3, 1.0)),
+    ],
+)
+def test_the_headings_of_a_bumper_state_its_units(tmp_path, heading, unit, factors):
+    (tmp_path / "bumper.csv").write_text(f"{heading}\n0;0\n2;40\n5;400\n")
+    keys = {} if unit is None else {"unit": unit}
+    law = ForceTable(file=str(tmp_path / "bumper.csv"), **keys)
+    assert law.deflection == pytest.approx(np.array([0.0, 2.0, 5.0]) * factors[0], rel=1e-15)
+    assert law.force == pytest.approx(np.array([0.0, 40.0, 400.0]) * factors[1], rel=1e-15)
+
+
 def test_a_bumper_is_looked_for_beside_its_scene(tmp_path):
     (tmp_path / "bumper.csv").write_text("0 0\n2 40\n")
     law = '{ kind = "table", file = "bumper.csv", unit = "mm,N" }'
@@ -234,7 +251,17 @@ def test_a_bumper_is_looked_for_beside_its_scene(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "content", "key", "words"),
     [
-        ({}, "0 0\n2 40\n", "unit", "must be 'm,N' or 'mm,N' for the columns of file, got None"),
+        ({}, "0 0\n2 40\n", "unit", "must be 'm,N' or 'mm,N', got none, and no unit stands above"),
+        (
+            {"unit": "m,N"},
+            "deflection (mm),force (N)\n0,0\n2,4\n",
+            "unit",
+            "is 'm,N', but above column 1",
+        ),
+        ({"unit": "mm,N"}, "y (mm),F (kN)\n0,0\n2,4\n", "unit", "stands 'kN'"),
+        ({}, "force (N),deflection (mm)\n0,0\n2,4\n", "file", "expected one of length (m, mm"),
+        ({}, "deflection (mm),force\n0,0\n2,4\n", "unit", "no unit stands above column 2"),
+        ({"unit": ["m", "N"]}, "0 0\n2 40\n", "unit", "got ['m', 'N']"),
         ({"unit": "in,lbf"}, "0 0\n2 40\n", "unit", "got 'in,lbf'"),
         ({"unit": "m,N"}, "", "file", "holds no rows of two numbers (deflection, force)"),
         ({"unit": "m,N"}, "0 0\n2 x\n", "file", "line 2: expected a number in column 2, got 'x'"),

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
 from stochvi.mathematics.kelvin_voigt import Impact
+from stochvi.mathematics.units import listed_units, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
-from stochvi.scenes.text import read_table
+from stochvi.scenes.text import TextTable, all_columns, read_text_table
 from stochvi.scenes.validation import NonNegatives
 
 Vector = NDArray[np.float64]
@@ -33,7 +34,8 @@ class ForceTable(CompliantLaw):
     force
         Never decreasing, N, 0 at the deflection 0.
     file, unit
-        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N".
+        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N", which may also
+        stand in the headings of the columns, in any spelling.
     source
         Where the numbers come from; the name of the file, if they were read.
 
@@ -64,20 +66,25 @@ class ForceTable(CompliantLaw):
         given = [name for name in ("deflection", "force") if keys.get(name) is not None]
         if given:
             raise ValueError(f"takes file, or deflection and force, got file and {given[0]}")
-        unit = keys.get("unit")
-        if not isinstance(unit, str) or unit not in DEFLECTION_UNITS:
-            choices = " or ".join(repr(name) for name in DEFLECTION_UNITS)
-            raise SceneError([("unit", f"must be {choices} for the columns of file, got {unit!r}")])
+        given_unit = keys.get("unit")
+        if given_unit is not None and given_unit not in tuple(COLUMN_UNITS):
+            raise SceneError([("unit", f"must be {CHOICES}, got {given_unit!r}")])
+        names = ("deflection", "force")
         try:
-            deflection, force = read_table(Path(keys["file"]), ("deflection", "force"))
+            table = read_text_table(Path(keys["file"]), names)
+            columns = all_columns(table, names)
         except SceneError as error:
             raise SceneError([("file", str(error))]) from None
+        factors = _factors(table, given_unit)
+        deflection, force = (
+            values * factor for values, factor in zip(columns, factors, strict=True)
+        )
         kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}
         return (
             {"source": Path(keys["file"]).name}
             | kept
             | {
-                "deflection": (deflection * DEFLECTION_UNITS[unit]).tolist(),
+                "deflection": deflection.tolist(),
                 "force": force.tolist(),
             }
         )
@@ -197,5 +204,33 @@ class ForceTable(CompliantLaw):
         return self.force[-1] if self.pieces[2, -1] == 0.0 else math.inf
 
 
-DEFLECTION_UNITS = {"m,N": 1.0, "mm,N": 1e-3}
-"""Units of the columns of a file of forces: unit -> factor of the deflection to m."""
+COLUMN_UNITS = {"m,N": ("m", "N"), "mm,N": ("mm", "N")}
+"""Units of the columns of a file of forces, deflection and force, by the name of both."""
+
+CHOICES = " or ".join(repr(name) for name in COLUMN_UNITS)
+
+
+def _factors(table: TextTable, given: str | None) -> list[float]:
+    """Factors to m and N of the columns, whose units the scene or their headings state."""
+    names = COLUMN_UNITS[given] if given else (None, None)
+    found = []
+    for place, (quantity, name) in enumerate(zip(("length", "force"), names, strict=True)):
+        stated = table.headings[place].unit
+        column = f"column {place + 1} of {table.path}"
+        if stated is None and name is None:
+            raise SceneError(
+                [("unit", f"must be {CHOICES}, got none, and no unit stands above {column}")]
+            )
+        if stated is not None and stated.quantity != quantity:
+            usual = listed_units(quantity)
+            raise SceneError(
+                [("file", f"states the unit {stated.name!r} above {column}, expected one of "
+                  f"{quantity} ({usual})")]
+            )  # fmt: skip
+        if stated is not None and name is not None and not stated.same(unit(name)):
+            raise SceneError(
+                [("unit", f"is {given!r}, but above {column} stands {stated.name!r}; take out the "
+                  "one that is wrong")]
+            )  # fmt: skip
+        found.append((stated or unit(str(name))).factor)
+    return found
