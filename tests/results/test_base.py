@@ -6,8 +6,10 @@ import importlib
 import json
 import math
 import pkgutil
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -44,6 +46,15 @@ def calmed() -> Result:
     return stochvi.absorber(tower, levels_db=[0.0], rel_error=0.2, threads=1)
 
 
+def replayed() -> Result:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "record.txt"
+        np.savetxt(file, np.sin(0.1 * np.arange(400)))
+        noise = stochvi.RecordedNoise(file=str(file), unit="m/s2", fs=100.0)
+        mount = stochvi.Isolator(frequency_hz=2.0, zeta=0.1)
+        return stochvi.replay(Scene(structure=mount, excitations=[noise]))
+
+
 ANSWERS: dict[str, Callable[[], Result]] = {
     "Response": lambda: stochvi.fokker_planck(lossy()),
     "Check": lambda: stochvi.check(lossy(), rel_error=0.1, threads=1),
@@ -63,6 +74,8 @@ ANSWERS: dict[str, Callable[[], Result]] = {
     ),
     "ResponseSpectrum": lambda: spectrum(oscillator(), paths=16, threads=1),
     "AbsorberReport": calmed,
+    "History": lambda: stochvi.history(lossy(), duration=2.0),
+    "Replay": replayed,
 }  # fmt: skip
 """A small answer of each kind. The best box and jolts take long, see their own tests."""
 

@@ -219,7 +219,7 @@ def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origi
                 title="Limits",
                 lead="What this report takes for granted.",
                 notes=[
-                    *(f"{text[0].upper()}{text[1:]}." for text in found.assumptions),
+                    *(f"{text[0].upper()}{text[1:].rstrip('.')}." for text in found.assumptions),
                     "Another record of the same kind does something else: the peaks of one record "
                     "are no chance.",
                 ],
