@@ -62,7 +62,9 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
 
     `limit_in_g` is the limit of the acceleration as the user gave it, where that was in g.
     """
-    title = f"in a mission of {found.mission:g} s from {STARTS[found.start]}"
+    from stochvi.isolators.sizing.answer import spoken_mission
+
+    title = f"in a mission of {spoken_mission(found.mission)} from {STARTS[found.start]}"
     percent = f"{100.0 * found.confidence:g} % interval"
     table = new_table(
         title, ["event", "probability", percent, "rel. bias", "way", "CPU s", "crude"]

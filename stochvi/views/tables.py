@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -135,11 +136,18 @@ def print_first_passage(console: Console, found: FirstPassage) -> None:
     print_line(console, f"cost: {found.cost.wall_time:.3g} s")
 
 
+NO_VALUE = "-"
+"""Cell of a table for a number that there is none of."""
+
+
 def print_frame(
     console: Console, frame: pd.DataFrame, title: str, formats: Mapping[str, str] | None = None
 ) -> None:
-    """A table of numbers, one format per column (default: 4 significant digits)."""
-    numeric = {str(name): frame[name].dtype.kind in "fiu" for name in frame.columns}
+    """A table of numbers, one format per column (default: 4 significant digits).
+
+    Numbers stand to the right, also those that are text already; "-" stands for what is not known.
+    """
+    numeric = {str(name): all(map(_is_number, frame[name])) for name in frame.columns}
     table = new_table(title, list(numeric), [name for name in numeric if not numeric[name]])
     for _, row in frame.iterrows():
         cells = (formatted_cell(row[name], (formats or {}).get(name, ".4g")) for name in numeric)
@@ -243,4 +251,14 @@ def relative_bias(estimate: Estimate) -> str:
 
 
 def formatted_cell(value: object, form: str) -> str:
-    return value if isinstance(value, str) else format(value, form)
+    if isinstance(value, str):
+        return value
+    return NO_VALUE if isinstance(value, float) and math.isnan(value) else format(value, form)
+
+
+def _is_number(cell: object) -> bool:
+    try:
+        float(str(cell))
+    except ValueError:
+        return cell == NO_VALUE
+    return True
