@@ -281,8 +281,32 @@ def measured_in(text: str, name: str) -> float:
     return float(f"{number * of.factor / wanted.factor:.15g}")
 
 
+CLOCK = re.compile(r"\s*(\d+):([0-5]\d):([0-5]\d(?:\.\d*)?)\s*")
+"""A duration as hours, minutes and seconds: 1:30:00."""
+
+PARTS = re.compile(r"(?:\s*(?:\d+\.?\d*|\.\d+)\s*[A-Za-zµμ]+){2,}\s*")
+"""A duration of several parts, each with its unit: 1h 5min."""
+
+
+def _seconds(text: str) -> float | None:
+    """Seconds of a duration of several parts with smaller and smaller units; None for another."""
+    if clock := CLOCK.fullmatch(text):
+        hours, minutes, seconds = map(float, clock.groups())
+        return 3600.0 * hours + 60.0 * minutes + seconds
+    if not PARTS.fullmatch(text):
+        return None
+    parts = [(float(number), unit(word)) for number, word in re.findall(r"([\d.]+)\s*(\D+)", text)]
+    units = [of for _, of in parts]
+    falling = all(one.factor > two.factor for one, two in itertools.pairwise(units))
+    if any(of.quantity != "time" or of.decibels for of in units) or not falling:
+        raise ValueError
+    return sum(number * of.factor for number, of in parts)
+
+
 def measured(text: str, quantity: str, plain: float = 1.0) -> float:
     """A number with its unit, in SI units; without one, the number times `plain`.
+
+    A time may have several parts: "1h 5min" or "1:30:00", hours, minutes and seconds.
 
     Raises
     ------
@@ -293,9 +317,15 @@ def measured(text: str, quantity: str, plain: float = 1.0) -> float:
     --------
     >>> measured("30 min", "time"), measured("4mm", "length"), measured("2", "acceleration")
     (1800.0, 0.004, 2.0)
+    >>> measured("1h 5min", "time"), measured("1:30:00", "time")
+    (3900.0, 5400.0)
     """
     found = MEASURED.fullmatch(text)
     try:
+        if quantity == "time" and (seconds := _seconds(text)) is not None:
+            if not math.isfinite(seconds):
+                raise ValueError
+            return seconds
         if not found:
             raise ValueError
         of = unit(found[2]) if found[2] else Unit("", plain, quantity)
@@ -303,8 +333,10 @@ def measured(text: str, quantity: str, plain: float = 1.0) -> float:
         if of.quantity != quantity or of.decibels or not math.isfinite(value):
             raise ValueError
     except ValueError:
+        usual = listed_units(quantity)
+        usual += "; 1h 5min; 1:30:00" if quantity == "time" else ""
         raise ValueError(
-            f"must be a number with a unit of {quantity} ({listed_units(quantity)}), got {text!r}"
+            f"must be a number with a unit of {quantity} ({usual}), got {text!r}"
         ) from None
     return value
 

@@ -267,7 +267,8 @@ def test_exact_names_the_restitution_that_it_does_not_cover(stochvi: Run):
         (("--duration", "0"), "duration must be a positive number of seconds, got 0.0"),
         (
             ("--duration", "nan"),
-            "--duration must be a number with a unit of time (s, ms, min, h), got 'nan'",
+            "--duration must be a number with a unit of time (s, ms, min, h; 1h 5min; 1:30:00), "
+            "got 'nan'",
         ),
         (("--seed", "-1"), "seed must be in [0, 2^63), got -1"),
         (("--seed", str(2**63)), f"seed must be in [0, 2^63), got {2**63}"),

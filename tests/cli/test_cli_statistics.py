@@ -164,7 +164,7 @@ def test_a_history_is_a_document_tables_a_picture_and_an_animation(
     [
         (("--duration", "10s", "--animate"), "--out"),
         (("--duration", "ten"), "--duration must be a number with a unit of time"),
-        (("--duration", "5 parsecs"), "(s, ms, min, h)"),
+        (("--duration", "5 parsecs"), "(s, ms, min, h;"),
         (("--duration", "-1"), "duration must be a positive number"),
     ],
 )

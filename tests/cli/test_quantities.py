@@ -9,7 +9,9 @@ from support.commands import ISOLATOR, Run, one_document, refused
 @pytest.mark.parametrize(
     ("text", "seconds"),
     [("90", 90.0), ("90s", 90.0), ("30 min", 1800.0), ("10h", 36000.0), ("250ms", 0.25),
-     ("1.5e3", 1500.0), ("2 d", 172800.0), (60.0, 60.0)],
+     ("1.5e3", 1500.0), ("2 d", 172800.0), (60.0, 60.0),
+     ("1h 5min", 3900.0), ("1h5min2.5s", 3902.5),
+     ("1 d 2 hours", 93600.0), ("1:30:00", 5400.0), ("100:00:01.5", 360001.5)],
 )  # fmt: skip
 def test_times(text: str | float, seconds: float) -> None:
     assert TIME.convert(text, None, None) == pytest.approx(seconds, rel=1e-15)
@@ -20,11 +22,31 @@ def test_chances(text: str | float) -> None:
     assert CHANCE.convert(text, None, None) == pytest.approx(0.025, rel=1e-15)
 
 
-@pytest.mark.parametrize("text", ["10 parsec", "10 m", "h", "", "nan", "1e999", "10h 5", "10 Hz"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "10 parsec",
+        "10 m",
+        "h",
+        "",
+        "nan",
+        "1e999",
+        "10h 5",
+        "10 Hz",
+        "5min 1h",
+        "1h 2h",
+        "1h 5mm",
+        "5:30",
+        "1:60:00",
+        "1h -5min",
+        "1h 5Hz",
+        "9" * 400 + "h 1min",
+    ],
+)
 def test_what_is_no_time_is_refused(stochvi: Run, text: str) -> None:
     sentence = refused(stochvi("reliability", ISOLATOR, "--mission", text))
     assert sentence.startswith(
-        "--mission must be a number with a unit of time (s, ms, min, h), got"
+        "--mission must be a number with a unit of time (s, ms, min, h; 1h 5min; 1:30:00), got"
     )
     assert repr(text) in sentence
 
