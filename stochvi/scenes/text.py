@@ -37,6 +37,9 @@ SAMPLE = 1000
 LAST_HEADINGS = 3
 """Number of lines above the numbers that may name the columns and their units."""
 
+DAY = 86_400.0
+"""Length of a day, s."""
+
 GLUE = "\0"
 """Stands for a blank at which a line is not split; decoded text holds none."""
 
@@ -47,7 +50,13 @@ COLUMNS_LISTED = 20
 """Number of columns that a sentence lists."""
 
 NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?")
-STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d\S*")
+CLOCK = re.compile(r"\d\d:\d\d:\d\d(?:[.,]\d+)?")
+"""A time of day without a date."""
+
+STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d\S*|" + CLOCK.pattern)
+SLASHED = re.compile(r'^("?\d{4})/(\d\d)/(\d\d)(?=[T ;,|\t]+\d\d:\d\d)', re.M)
+"""A date with slashes at the start of a line, year first, 2024/05/01 before a time of day."""
+
 SPLIT_STAMP = re.compile(r'^("?\d{4}-\d\d-\d\d)[ ;,|\t]+(?=\d\d:\d\d)', re.M)
 DAY_FIRST = re.compile(
     r'^("?)(\d\d?)\.(\d\d?)\.(\d{4})[ ;|\t]+(\d\d:\d\d:\d\d)(?:\.(\d+)|,(\d+)(?=[;|\s"]))?', re.M
@@ -260,7 +269,13 @@ class TextTable:
                     raise self._no_number(line, place, cells[place])
                 if is_stamp:
                     stamp = self._stamp(line, place, cells[place])
-                    values.append((stamp - first.setdefault(place, stamp)).total_seconds())
+                    elapsed = (stamp - first.setdefault(place, stamp)).total_seconds()
+                    # a clock that falls by more than half a day has passed midnight
+                    while (
+                        CLOCK.fullmatch(cells[place]) and values and elapsed < values[-1] - DAY / 2
+                    ):
+                        elapsed += DAY
+                    values.append(elapsed)
                 else:
                     values.append(self._value(line, place, cells[place]))
         columns = [np.frombuffer(values, dtype=float).copy() for values in found]
@@ -282,7 +297,8 @@ class TextTable:
 
     def _stamp(self, line: int, place: int, cell: str) -> datetime:
         try:
-            found = datetime.fromisoformat(cell)
+            clock = CLOCK.fullmatch(cell)
+            found = datetime.fromisoformat(f"1970-01-01T{cell}" if clock else cell)
         except ValueError:
             raise SceneError(
                 f"{self.path}, line {line}: expected a time stamp (2024-05-01T12:00:00.000Z) in "
@@ -443,6 +459,8 @@ def _plainly_written(text: str) -> str:
         text = POWER_OF_TEN.sub(
             lambda found: "e" + (found[1] or found[2] or found[3]).translate(PLAIN), text
         )
+    if SLASHED.search(text):
+        text = SLASHED.sub(r"\1-\2-\3", text)
     if DAY_FIRST.search(text):
         text = DAY_FIRST.sub(_iso_stamp, text)
     return SPLIT_STAMP.sub(r"\1T", text) if SPLIT_STAMP.search(text) else text

@@ -144,6 +144,31 @@ def test_german_time_stamps(tmp_path: Path, rows: str) -> None:
     assert time.tolist() == [0.0, 1.0] and values.tolist() == [0.5, 0.25]
 
 
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "2024/12/31 23:59:59.750,0.5\n2025/01/01 00:00:00.250,-0.7\n",
+        "2024/12/31;23:59:59,750;0,5\n2025/01/01;00:00:00,250;-0,7\n",
+        "23:59:59.750,0.5\n00:00:00.250,-0.7\n",
+        "23:59:59,750;0,5\n00:00:00,250;-0,7\n",
+    ],
+)
+def test_time_stamps_of_loggers_across_midnight(tmp_path: Path, rows: str) -> None:
+    (tmp_path / "run.csv").write_text("Time;Az [g]\n" + rows)
+    time, values = read_text_table(tmp_path / "run.csv", ("time", "a")).columns(0, 1)
+    assert time.tolist() == [0.0, 0.5] and values.tolist() == [0.5, -0.7]
+
+
+def test_a_clock_goes_on_over_days_and_does_not_take_a_step_back_for_one(tmp_path: Path) -> None:
+    clock = ["12:00:00", "20:00:00", "04:00:00", "12:00:00", "23:00:00", "02:00:00", "01:59:59"]
+    (tmp_path / "run.csv").write_text("".join(f"{time},0.5\n" for time in clock))
+    (time,) = read_text_table(tmp_path / "run.csv", ("time", "a")).columns(0)
+    assert (time / 3600.0 == [0.0, 8.0, 16.0, 24.0, 35.0, 38.0, 38.0 - 1.0 / 3600.0]).all()
+    (tmp_path / "run.csv").write_text("12:00:00,0.5\n25:00:00,0.5\n")
+    with pytest.raises(SceneError, match="line 2: expected a time stamp"):
+        read_text_table(tmp_path / "run.csv", ("time", "a")).columns(0)
+
+
 def test_a_date_that_may_be_read_two_ways_is_refused_with_what_to_write(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text("Time;Az\n03/04/2025 08:15:02;0.1\n03/04/2025 08:15:03;0.2\n")
     with pytest.raises(SceneError, match=r"write times in seconds or as \d{4}-"):
