@@ -355,7 +355,7 @@ def test_a_sizing_for_each_row(stochvi: Run, tmp_path: Path) -> None:
 
 
 def test_a_reliability_for_each_row(tmp_path: Path) -> None:
-    asked = {"mission": 20.0, "rel_error": 0.3, "threads": 1, "budget": 5.0}
+    asked = {"mission": 20.0, "rel_error": 0.3, "threads": 1, "budget": 60.0}
     table = sweep(oscillator(0.5), {GAP: [2.0, 3.0]}, method="reliability", **asked)
     own = reliability(oscillator(0.5, 2.0), **asked)
     assert table["mission.hit"][0] == own.chances["hit"].estimate.value
