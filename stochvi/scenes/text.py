@@ -419,7 +419,8 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         values = _values(cells)
         if len(cells) == count and (values == count if full else values >= needed):
             break
-        _check_heading(path, number, line, cells, count)
+        if not _is_count(line, content[begin + 1 :], delimiter, count):
+            _check_heading(path, number, line, cells, count)
         begin += 1
     if not count or begin == len(content):
         for number, line in content:
@@ -554,6 +555,16 @@ def _decimal_fractions(lines: Sequence[str]) -> bool:
     pairs = [cells for line in lines if len(cells := _cells(line, ",")) == 2]
     whole = all((cell.lstrip("+-") or "0").isdigit() for cells in pairs for cell in cells)
     return whole and any(re.fullmatch(r"0\d+", cells[1]) for cells in pairs)
+
+
+def _is_count(
+    line: str, below: Sequence[tuple[int, str]], delimiter: str | None, count: int
+) -> bool:
+    """Whether a line holds nothing but the number of rows below it, as some analysers write it."""
+    alone = line.strip()
+    if count < 2 or not re.fullmatch(r"[0-9]{1,9}", alone):
+        return False
+    return int(alone) == sum(_values(_cells(row, delimiter)) >= count for _, row in below)
 
 
 def _check_heading(path: Path, number: int, line: str, cells: Sequence[str], count: int) -> None:

@@ -264,3 +264,16 @@ def test_commas_that_may_be_decimal_or_part_thousands_are_refused(tmp_path: Path
         read_table(path)
     path.write_text("f;G\n1,000;0,200\n2,000;3,500\n")  # a zero in front: decimal commas
     assert read_table(path)[0].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    "text", ["3\n5,1\n10,2\n20,3\n", "3\nHz,g2/Hz\n5,1\n10,2\n20,3\n", "3\n5 1\n10 2\n20 3\n"]
+)
+def test_a_line_that_counts_the_rows_below_is_no_row(tmp_path: Path, text: str) -> None:
+    names = ("frequency_hz", "density")
+    (tmp_path / "run.csv").write_text(text)
+    frequency, density = read_text_table(tmp_path / "run.csv", names).columns(0, 1)
+    assert frequency.tolist() == [5.0, 10.0, 20.0] and density.tolist() == [1.0, 2.0, 3.0]
+    (tmp_path / "run.csv").write_text(text.replace("3", "4", 1))
+    with pytest.raises(SceneError, match="line 1: expected two numbers as in the lines below"):
+        read_text_table(tmp_path / "run.csv", names)
