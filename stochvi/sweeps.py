@@ -57,7 +57,7 @@ METHODS = (
 MOST_ROWS = 10_000
 """Largest number of rows of a sweep, whose table takes some 10 kB for each row while it grows."""
 
-ERROR, BIAS = "standard_error", "bias"
+ERROR, BIAS, LIMIT = "standard_error", "bias", "upper_95"
 """Endings of the columns of a table that hold the errors of a quantity."""
 
 
@@ -76,7 +76,8 @@ def sweep(
     """Answer for each combination of values of some keys of a scene: one row for each scene.
 
     The columns are the keys; then for each quantity ("stops.collision_rate", in SI units) its
-    value, "stops.collision_rate.standard_error" and "stops.collision_rate.bias"; the method, the
+    value, "stops.collision_rate.standard_error" and "stops.collision_rate.bias", and where a row
+    saw no such event "stops.collision_rate.upper_95", the upper 95 % limit; the method, the
     seed, the number of paths, and the seconds that the row took. A column "note" says why a row
     holds no answer, or not the accuracy that was asked for.
 
@@ -334,6 +335,8 @@ class Job:
             found[f"{owner}.{name}"] = estimate.value
             found[f"{owner}.{name}.{ERROR}"] = estimate.standard_error
             found[f"{owner}.{name}.{BIAS}"] = estimate.bias
+            if estimate.upper_95 is not None:
+                found[f"{owner}.{name}.{LIMIT}"] = estimate.upper_95
         return found | {
             "method": self.method,
             "seed": self.seed if self.method in SAMPLING else None,

@@ -29,7 +29,7 @@ SIZE = (7.2, 4.4)
 MOST_IN_A_LEGEND = 12
 """Largest number of lines of a picture that a legend names; more would cover the picture."""
 
-ERROR, BIAS = "standard_error", "bias"
+ERROR, BIAS, LIMIT = "standard_error", "bias", "upper_95"
 """Endings of the columns of a table that hold the errors of a quantity."""
 
 SUMMARY_UNITS = {
@@ -102,14 +102,17 @@ def quantities(table: pd.DataFrame) -> list[str]:
 def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     """The table as a terminal shows it: keys, main quantities with standard errors, seconds."""
 
-    def cell(value: float, error: float) -> str:
+    def cell(value: float, error: float, limit: float) -> str:
+        if pd.notna(limit):
+            return f"0 (< {limit:.2g})"
         return "-" if pd.isna(value) else format_with_error(value, error)
 
     found = table[list(keys)].copy()
     for quantity in quantities(table):
         if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
-            pairs = zip(table[quantity], table[f"{quantity}.{ERROR}"], strict=True)
-            found[_named(table, quantity)] = [cell(value, error) for value, error in pairs]
+            ends = (quantity, f"{quantity}.{ERROR}", f"{quantity}.{LIMIT}")
+            columns = table.reindex(columns=ends).itertuples(index=False, name=None)
+            found[_named(table, quantity)] = [cell(*numbers) for numbers in columns]
     return found.assign(seconds=table["seconds"])
 
 
@@ -153,6 +156,12 @@ def draw_sweep(
             factor * GAUSSIAN_95 * group[f"{quantity}.{ERROR}"],
             fmt="o-", markersize=4, capsize=2, color=colour, label=label,
         )  # fmt: skip
+        if (limit := f"{quantity}.{LIMIT}") in group:
+            unseen = group[group[limit].notna()]
+            ax.plot(
+                key_factor * unseen[keys[0]], factor * unseen[limit], "v", color=colour,
+                label="_never seen",
+            )  # fmt: skip
     if 1 < len(groups) <= MOST_IN_A_LEGEND:
         ax.legend(frameon=False, fontsize="small")
     ax.set_xlabel(key_label)
@@ -242,6 +251,10 @@ def write_sweep(
         try_picture(partial(draw_sheet, table, keys, title), folder / "sweep.png")
 
 
+ENDS = ("", f".{ERROR}", f".{BIAS}", f".{LIMIT}")
+"""What follows the name of a quantity in the names of its columns."""
+
+
 def with_units(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     """The table with units in the names of its columns: "stops.collision_rate_per_s", and its
     "stops.collision_rate_per_s.standard_error"; spaces, as of a pair's name, become "_"."""
@@ -251,5 +264,5 @@ def with_units(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     }
     for quantity in quantities(table):
         named = with_unit(quantity, UNITS.get(quantity.rsplit(".", 1)[1], "1"))
-        names |= {f"{quantity}{end}": f"{named}{end}" for end in ("", f".{ERROR}", f".{BIAS}")}
+        names |= {f"{quantity}{end}": f"{named}{end}" for end in ENDS}
     return table.rename(columns={old: "_".join(new.split()) for old, new in names.items()})

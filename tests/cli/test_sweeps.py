@@ -25,7 +25,7 @@ from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.reliability import reliability
 from stochvi.sweeps import changed_scene, sweep, values_of
-from stochvi.views.sweep import changes, draw_sweep, quantities, terminal_table
+from stochvi.views.sweep import changes, draw_sweep, quantities, terminal_table, write_sweep
 from support.commands import ELASTIC, Run, refused
 
 R = "impact_pair.0.law.coefficient"
@@ -51,6 +51,25 @@ def test_a_row_is_what_the_method_says_of_its_scene() -> None:
     rate = exact(scene).impact_pairs["stops"]["collision_rate"]
     assert table["stops.collision_rate"].iloc[3] == rate.value
     assert set(table["note"]) == {""}
+
+
+def test_a_rate_that_was_never_seen_has_an_upper_limit_in_the_table(tmp_path: Path) -> None:
+    table = sweep(oscillator(), {"impact_pair.0.upper": [1.0, 40.0]}, paths=8, duration=20.0)
+    upper = "stops.collision_rate_upper"
+    seen, unseen = table[f"{upper}.upper_95"]
+    assert np.isnan(seen) and unseen > 0.0 == table[upper].iloc[1]
+    write_sweep(table, [GAP], tmp_path)
+    assert "stops.collision_rate_upper_per_s.upper_95" in pd.read_csv(tmp_path / "sweep.csv")
+
+
+def test_the_terminal_shows_the_limit_of_what_was_never_seen() -> None:
+    far = oscillator().model_copy(
+        update={"impact_pairs": (ImpactPair(clearance=40.0, law=Restitution(coefficient=0.5)),)}
+    )
+    table = sweep(far, {"structure.damping": [0.1]}, paths=8, duration=20.0)
+    shown = terminal_table(table, ["structure.damping"])
+    limit = table["stops.collision_rate.upper_95"].iloc[0]
+    assert f"0 (< {limit:.2g})" in shown.iloc[0].tolist()
 
 
 def test_a_clearance_moves_both_stops() -> None:
