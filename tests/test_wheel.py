@@ -14,7 +14,11 @@ import stochvi, stochvi.scenes.datasets as d
 print(stochvi.__file__)
 print(len(d.profiles()), d.shipped_scene("isolator-truck").is_file(), d.data_folder())
 from stochvi.views.report.pages import Page
-page = Page(title="t", subtitle="s", verdict="v", cards=[], sections=[])
+from stochvi.results.origin import Origin
+page = Page(
+    title="t", subtitle="s", verdict="v", cards=[], sections=[],
+    origin=Origin(time="2000-01-01", version="0"),
+)
 print("<html" in page.html(), len(d.scene_files("isolator-bumper")))
 """
 

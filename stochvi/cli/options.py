@@ -91,6 +91,10 @@ class Common:
         """Where tables go: standard output, or standard error if JSON has that to itself."""
         return console_for(self.json_file)
 
+    def __post_init__(self) -> None:
+        if self.budget is not None and not self.budget > 0.0:
+            raise ValueError(f"budget must be a positive number of seconds, got {self.budget}")
+
     @property
     def sampling(self) -> dict[str, Any]:
         """Arguments of every calculation that samples: seed, threads and budget."""

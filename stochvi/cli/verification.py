@@ -53,7 +53,7 @@ def check(
     if twice:
         raise ValueError(f"check needs each scene once, got {twice[0]} twice; leave one out")
     loaded = {name: load_scene(name) for name in scenes} | (shipped() if zoo else {})
-    asked = options.sampling | {"budget": budget or BUDGET * len(loaded)}
+    asked = options.sampling | {"budget": BUDGET * len(loaded) if budget is None else budget}
     failed: list[str] = []
 
     def judged() -> Check | Checks:

@@ -16,6 +16,7 @@ from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
@@ -195,6 +196,7 @@ def clearance_curve(
     """
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
+    check_arguments(rel_error, None, None, seed, None, budget, threads)
     if any(not 0.0 < clearance < math.inf for clearance in clearances):
         raise ValueError(f"clearances must be positive, got {list(clearances)} m")
     linear = screen(scene)

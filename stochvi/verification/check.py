@@ -13,6 +13,7 @@ from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.results.base import COMMON, Result, total_cost
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
@@ -195,6 +196,7 @@ def check(
     >>> check(scene, rel_error=0.01).passed
     True
     """
+    check_arguments(rel_error, None, None, seed, None, budget, threads)
     deadline = Deadline.after(budget)
     with heeding_ctrl_c():
         found = answers(

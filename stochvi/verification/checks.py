@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.results.base import Result, total_cost
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.intervals import normal_quantile
@@ -222,6 +223,7 @@ def check_many(
     >>> found.passed, len(found.checks)
     (True, 2)
     """
+    check_arguments(rel_error, None, None, seed, None, budget, threads)
     seeds = dict(zip(scenes, seeds_of(seed, len(scenes)), strict=True))
     found: dict[str, MethodResponses] = {}
     deadline = Deadline.after(budget)

@@ -286,6 +286,25 @@ def test_an_option_of_simulate_out_of_range_is_one_sentence(stochvi: Run, argume
 
 
 @pytest.mark.parametrize(
+    "command",
+    [
+        ("size", "--probability", "0.01"),
+        ("clearance",),
+        ("absorber",),
+        ("reliability",),
+        ("impacts",),
+    ],
+    ids=lambda words: words[0],
+)
+def test_no_command_takes_a_budget_of_nothing(stochvi: Run, command: tuple[str, ...]):
+    name, *more = command
+    mission = ("--mission", "60") if name == "reliability" else ()
+    truck = shipped_scene("isolator-truck")
+    sentence = refused(stochvi(name, truck, *more, *mission, "--budget", "0"))
+    assert sentence == "budget must be a positive number of seconds, got 0.0"
+
+
+@pytest.mark.parametrize(
     "arguments", [("--rel-error", "nan"), ("--seed", "-1"), ("--threads", "0"), ("--budget", "0")]
 )
 def test_an_option_of_check_out_of_range_is_one_sentence(stochvi: Run, arguments):

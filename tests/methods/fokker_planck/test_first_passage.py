@@ -564,7 +564,7 @@ def test_barriers_on_the_command_line_are_those_of_python(stochvi) -> None:
         (("--mission", "1", "--barrier", ","), "--barrier must be B, or LO,HI with at least"),
         (("--mission", "1", "--barrier", "-3,3"), "barriers must not lie beyond a stop"),
         (("--mission", "1", "--barrier", ",0.5"), "got lower left out and a stop at -1 m"),
-        (("--mission", "nan"), "times must be finite and at least 0 s"),
+        (("--mission", "nan"), "--mission must be a number with a unit of time"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )

@@ -373,7 +373,9 @@ def test_the_command(tmp_path: Path, stochvi: Run) -> None:
     assert document["coordinates"]["x"]["displacement_max"]["value"] == pytest.approx(5e-3)
     assert document["impact_pairs"]["stops"]["hits"]["value"] > 0
     written = {each.name for each in (tmp_path / "out").iterdir()}
-    assert written == {"replay.csv", "impacts.csv", "histories.csv", "replay.png"}
+    assert written == {
+        "replay.csv", "impacts.csv", "histories.csv", "replay.png", "replay.json", "report.html",
+    }  # fmt: skip
     run = stochvi("replay", str(file), "--clearances", "4mm, 0.006", "--json", "-")
     assert [each["clearance"] for each in one_document(run.out)["clearances"]] == [4e-3, 6e-3]
     assert "--clearances must be" in refused(
