@@ -134,9 +134,9 @@ def size(
     tolerances: str | None, **asked: Any,
 ) -> None:  # fmt: skip
     """The clearance that is really needed, with a stated risk."""
+    from stochvi.isolators.sizing.changes import Tolerances
     from stochvi.isolators.sizing.method import size as solve
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
-    from stochvi.isolators.sizing.worst_case import Tolerances
     from stochvi.results.base import plain
     from stochvi.results.deadline import Deadline
     from stochvi.scenes.scene import load_scene

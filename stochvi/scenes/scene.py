@@ -429,7 +429,7 @@ class Scene(Checked):
         return (*found, *self._reaction())
 
     def _reaction(self) -> tuple[str, ...]:
-        """What neglecting the action of the mount on the vehicle rests on."""
+        """The assumption that the vehicle does not feel the mount, with their ratio of masses."""
         if self.vehicle is None:
             return ()
         known = isinstance(self.structure, Matrices) or self.structure.mass is not None

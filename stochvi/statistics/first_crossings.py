@@ -199,7 +199,7 @@ class FirstCrossings:
         return np.asarray(np.einsum("sl,islp->ilp", self.rice_rates, integrals))
 
     def _integrals(self, ages: Vector, mission: float) -> Vector:
-        """The three of `_path_means` for crossings of these ages, over nu."""
+        """The three integrals of `_path_means`, divided by nu, for crossings of these ages."""
         first, last = self.horizon / 2.0, self.horizon
         late = np.maximum(ages - first, 0.0)
         # int_first^last min(age, t) dt

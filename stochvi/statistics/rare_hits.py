@@ -242,7 +242,8 @@ class Kind(ABC):
 
     @abstractmethod
     def bias(self, scored: float, mission: float) -> float:
-        """Relative bias of the risk by bursts that meet, and by those at the ends of a mission."""
+        """Relative bias of the risk, from bursts that overlap and from those that the start or the
+        end of a mission cuts."""
 
     @abstractmethod
     def unfinished(self, exceeded: float, late: float, scored: float) -> float:

@@ -26,7 +26,7 @@ MOST_PLACES = 5
 
 
 def millimetres(metres: float) -> str:
-    """Four digits, zeros among them.
+    """A length in millimetres with four significant digits; zeros at the end are kept.
 
     >>> millimetres(0.0059712), millimetres(0.012), millimetres(1.2345)
     ('5.971 mm', '12.00 mm', '1234 mm')

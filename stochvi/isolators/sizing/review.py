@@ -13,10 +13,11 @@ from stochvi.isolators.environment import Environment, environment
 from stochvi.isolators.screening import Screening, predicted_rates
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.chances import probability_at, two_sided
+from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.clatter import clatter
 from stochvi.isolators.sizing.exceedances import exceedances
 from stochvi.isolators.sizing.motion import MotionBetweenStops, PathSettings, motion_between_stops
-from stochvi.isolators.sizing.worst_case import Tolerances, worst_case
+from stochvi.isolators.sizing.worst_case import worst_case
 from stochvi.model.model import model_of
 from stochvi.results.base import plain
 from stochvi.results.deadline import NEVER, Deadline

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import gammaln, roots_genlaguerre
 
+from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
 from stochvi.isolators.sizing.method import risk_curve, size
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.spectra import Table
@@ -18,7 +19,7 @@ from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
-from stochvi.scenes.impact_laws import Law, Restitution
+from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -27,10 +28,6 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
 
 Vector = NDArray[np.float64]
-
-FREQUENCY_SHARE, DAMPING_SHARE, LEVEL_DB = 0.1, 0.3, 3.0
-"""Relative tolerances of natural frequency and damping ratio where the isolator states none, and
-the tolerance of the level in dB: usual values of elastomer mounts and of vibration tests."""
 
 RESTITUTION_STEP, STIFFNESS_FACTOR = 0.1, 2.0
 """Change of the restitution and factor on the stiffness of the stops that are tried."""
@@ -113,13 +110,8 @@ def sensitivity(
         for number, (change, scene) in enumerate(cases):
             if progress:
                 progress(number / len(cases), change)
-            share = deadline.part(1.0 / (len(cases) - number))
-            try:
-                if deadline.passed():
-                    raise deadline.fell_short("before this case", "raise budget")
-                rows.append(changed_row(change, scene, sizing, seed, threads, share))
-            except (StochviError, Interrupted, ValueError) as reason:
-                rows.append(row_of(change, sizing, math.nan, math.nan, math.nan, str(reason)))
+            share = 1.0 / (len(cases) - number)
+            rows.append(row_in_time(change, scene, sizing, seed, threads, deadline, share))
         if sizing.target.name == "probability" and not deadline.passed():
             rows += _not_gaussian(sizing, seed, threads)
     return pd.DataFrame(rows)
@@ -128,19 +120,31 @@ def sensitivity(
 def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
     """The changed scenes, each with its change in words."""
     scene = sizing.scene
-    frequency = getattr(scene.structure, "frequency_tolerance", None) or FREQUENCY_SHARE
-    damping = getattr(scene.structure, "damping_tolerance", None) or DAMPING_SHARE
     yield "none", scene
-    for sign in (-1.0, 1.0):
-        share = sign * frequency
-        yield f"natural frequency {100.0 * share:+.3g} %", changed_mount(scene, 1.0 + share, 1.0)
-    for sign in (-1.0, 1.0):
-        share = sign * damping
-        yield f"damping ratio {100.0 * share:+.3g} %", changed_mount(scene, 1.0, 1.0 + share)
-    for sign in (-1.0, 1.0):
-        yield f"level {sign * LEVEL_DB:+.0f} dB", scene.at_level(sign * LEVEL_DB)
+    for change in ends_of(Tolerances.of(scene)):
+        yield change.words, change.applied(scene)
     if sizing.target.name != "probability":
         yield from _other_laws(scene)
+
+
+def row_in_time(
+    change: str,
+    scene: Scene,
+    sizing: Sizing,
+    seed: int,
+    threads: int | None,
+    deadline: Deadline,
+    share: float,
+    rel_error: float = ROUGH_ERROR,
+) -> dict[str, Any]:
+    """The row of a changed scene in a share (0 to 1) of the time that is left; where the scene
+    cannot be sized, or no time is left, a row whose note says why."""
+    try:
+        if deadline.passed():
+            raise deadline.fell_short("before this case", "raise budget")
+        return changed_row(change, scene, sizing, seed, threads, deadline.part(share), rel_error)
+    except (StochviError, Interrupted, ValueError) as reason:
+        return row_of(change, sizing, math.nan, math.nan, math.nan, str(reason))
 
 
 def changed_row(
@@ -150,7 +154,7 @@ def changed_row(
     seed: int,
     threads: int | None,
     budget: float | None,
-    rel_error: float = ROUGH_ERROR,
+    rel_error: float,
 ) -> dict[str, Any]:
     """A row of the table: the changed scene sized for the same target, in its share of the time."""
     target, deadline, note = sizing.target, Deadline.after(budget), ""
@@ -197,22 +201,6 @@ def row_of(
     }
 
 
-def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:
-    """The scene with its natural frequency and damping ratio multiplied by two factors."""
-    structure = scene.structure
-    given: Mapping[str, Any] = structure.model_dump(exclude_none=True)
-    if "frequency_hz" in given:
-        changed = {"frequency_hz": given["frequency_hz"] * frequency}
-        changed |= {"zeta": given["zeta"] * damping} if "zeta" in given else {}
-        changed |= {"Q": given["Q"] / damping} if "Q" in given else {}
-    else:
-        changed = {
-            "stiffness": given["stiffness"] * frequency**2,
-            "damping": given["damping"] * frequency * damping,
-        }
-    return scene.model_copy(update={"structure": type(structure)(**(dict(given) | changed))})
-
-
 def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
     """Scenes whose stops lose less and more energy, or are softer and stiffer."""
     pair = scene.impact_pairs[0]
@@ -228,24 +216,6 @@ def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
         ]
     for change, amount in changes:
         yield change, changed_stops(scene, amount)
-
-
-def changed_stops(scene: Scene, amount: float) -> Scene:
-    """The scene whose stops are so many times as stiff, or have a restitution larger by it."""
-    pair = scene.impact_pairs[0]
-    laws = {
-        name: _changed_law(law, amount)
-        for name in ("law", "lower_law", "upper_law")
-        if (law := getattr(pair, name)) is not None
-    }
-    return scene.model_copy(update={"impact_pairs": (pair.model_copy(update=laws),)})
-
-
-def _changed_law(law: Law, amount: float) -> Law:
-    if isinstance(law, Restitution):
-        return Restitution(coefficient=min(max(law.coefficient + amount, 0.0), 1.0))
-    # a force law of more stiffness is that of a mass which is smaller by as much
-    return law.per_unit_mass(1.0 / amount)
 
 
 def _not_gaussian(sizing: Sizing, seed: int, threads: int | None) -> list[dict[str, Any]]:

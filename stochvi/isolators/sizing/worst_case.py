@@ -5,20 +5,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from stochvi.isolators.screening import Screening, screen
 from stochvi.isolators.sizing.chances import probability_at
-from stochvi.isolators.sizing.sensitivity import (
-    changed_mount,
-    changed_row,
-    changed_stops,
-    row_of,
-)
+from stochvi.isolators.sizing.changes import Change, Tolerances, ends_of, ends_of_stops
+from stochvi.isolators.sizing.sensitivity import row_in_time, row_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
-from stochvi.results.errors import Interrupted, StochviError
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -35,85 +28,6 @@ COMBINED = "worst combination"
 
 FIRST_SHARE = 0.3
 """Share of the time for the worst combination; the single changes share the rest evenly."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Tolerances:
-    """How far the mount, the level and the stops may be from what the scene states.
-
-    Parameters
-    ----------
-    frequency, damping
-        Relative tolerances of natural frequency and damping ratio. The defaults are usual of
-        elastomer mounts; `structure.frequency_tolerance` and `damping_tolerance` take their place.
-    level_db
-        Tolerance of the level, dB up and down: the usual one of vibration tests.
-    stiffness
-        Relative tolerance of the stiffness of the stops: that of rubber within 5 degrees Shore A.
-    """
-
-    frequency: float = 0.1
-    damping: float = 0.3
-    level_db: float = 3.0
-    stiffness: float = 0.2
-
-    def __post_init__(self) -> None:
-        for name in ("frequency", "damping", "stiffness"):
-            if not 0.0 <= getattr(self, name) < 1.0:
-                raise ValueError(
-                    f"the tolerance of {name} must be in [0, 1) (0 to 100 %), "
-                    f"got {getattr(self, name):g}"
-                )
-        if not 0.0 <= self.level_db < 60.0:
-            raise ValueError(f"the tolerance of level must be in [0, 60) dB, got {self.level_db:g}")
-
-    @classmethod
-    def of(cls, scene: Scene, **stated: float) -> Tolerances:
-        """The tolerances of a scene: those that are stated here, its own, else the defaults."""
-        own = {
-            name: value
-            for name in ("frequency", "damping")
-            if (value := getattr(scene.structure, f"{name}_tolerance", None)) is not None
-        }
-        return cls(**(own | stated))
-
-
-class _Change(NamedTuple):
-    """One quantity at one end of its tolerance."""
-
-    words: str
-    quantity: str
-    sign: float
-    amount: float
-
-    def applied(self, scene: Scene) -> Scene:
-        match self.quantity:
-            case "frequency":
-                return changed_mount(scene, 1.0 + self.amount, 1.0)
-            case "damping":
-                return changed_mount(scene, 1.0, 1.0 + self.amount)
-            case "level":
-                return scene.at_level(self.amount)
-        return changed_stops(scene, 1.0 + self.amount)
-
-
-def _changes(scene: Scene, target: str, tolerances: Tolerances) -> Iterator[_Change]:
-    """Both ends of every tolerance that is not zero and that the target depends on."""
-    shares = {
-        "frequency": ("natural frequency", tolerances.frequency),
-        "damping": ("damping ratio", tolerances.damping),
-    }
-    give_way = scene.impact_pairs and not any(
-        law.rigid for pair in scene.impact_pairs for _, law in pair.stops()
-    )
-    if target != "probability" and give_way:
-        shares["stiffness"] = ("stiffness of the stops", tolerances.stiffness)
-    for quantity, (words, share) in shares.items():
-        for sign in (-1.0, 1.0) if share else ():
-            yield _Change(f"{words} {100.0 * sign * share:+.3g} %", quantity, sign, sign * share)
-    for sign in (-1.0, 1.0) if tolerances.level_db else ():
-        amount = sign * tolerances.level_db
-        yield _Change(f"level {amount:+.3g} dB", "level", sign, amount)
 
 
 def worst_case(
@@ -158,7 +72,10 @@ def worst_case(
     import pandas as pd
 
     scene, deadline = sizing.scene, Deadline.after(budget)
-    changes = list(_changes(scene, sizing.target.name, tolerances or Tolerances.of(scene)))
+    tolerances = tolerances or Tolerances.of(scene)
+    changes = list(ends_of(tolerances))
+    if sizing.target.name != "probability":
+        changes += ends_of_stops(scene, tolerances)
     combination = _combination(sizing, changes)
     nominal = sizing.clearance.value
     chance = probability_at(sizing, nominal)
@@ -169,14 +86,7 @@ def worst_case(
         return pd.DataFrame(rows)
 
     def sized(words: str, changed: Scene, share: float) -> dict[str, Any]:
-        try:
-            if deadline.passed():
-                raise deadline.fell_short("before this case", "raise budget")
-            return changed_row(
-                words, changed, sizing, sizing.seed, threads, deadline.part(share), REL_ERROR
-            )
-        except (StochviError, Interrupted, ValueError) as reason:
-            return row_of(words, sizing, math.nan, math.nan, math.nan, str(reason))
+        return row_in_time(words, changed, sizing, sizing.seed, threads, deadline, share, REL_ERROR)
 
     with heeding_ctrl_c():
         words = f"{COMBINED}: {', '.join(change.words for change in combination)}"
@@ -186,13 +96,13 @@ def worst_case(
     return pd.DataFrame([*rows, worst])
 
 
-def _all(changes: list[_Change], scene: Scene) -> Scene:
+def _all(changes: list[Change], scene: Scene) -> Scene:
     for change in changes:
         scene = change.applied(scene)
     return scene
 
 
-def _combination(sizing: Sizing, changes: list[_Change]) -> list[_Change]:
+def _combination(sizing: Sizing, changes: list[Change]) -> list[Change]:
     """The ends of the tolerances that together ask for the largest clearance."""
     linear = [change for change in changes if change.quantity != "stiffness"]
     stiff = [change for change in changes if change.quantity == "stiffness" and change.sign > 0.0]

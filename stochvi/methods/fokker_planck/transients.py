@@ -84,7 +84,7 @@ class Moments(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Transient(Result):
-    """A density in time.
+    """Averages of displacement and velocity while their density approaches the stationary one.
 
     Attributes
     ----------

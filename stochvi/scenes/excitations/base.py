@@ -127,7 +127,8 @@ class DensityNoise(Disturbance):
         return ()
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
-        """What of it should be known before a response of that oscillator is believed."""
+        """Sentences that warn of what makes the response of an oscillator doubtful, which has this
+        omega (rad/s) and damping rate (1/s)."""
         return ()
 
     def louder(self, level_db: float) -> Self:

@@ -148,7 +148,8 @@ class RecordedNoise(DensityNoise):
         )
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
-        """What a record leaves uncertain of the response of an oscillator (zeros: of none)."""
+        """Sentences on what the record leaves uncertain: of the response of an oscillator with this
+        omega (rad/s) and damping rate (1/s); where one of them is 0, of itself alone."""
         record, found = self._record, []
         kurtosis, doubt = record.kurtosis()
         if kurtosis - 3.0 > SEEN * doubt:

@@ -17,7 +17,34 @@ from stochvi.scenes.validation import NonNegative, Positive
 Vector = NDArray[np.float64]
 
 
-class Elastic(RubberLaw):
+class LinearLaw(RubberLaw):
+    """A stop whose force at rest is that of a linear spring, stiffness * y."""
+
+    kind: Literal["elastic", "viscoelastic"]
+    stiffness: Positive
+
+    def potential_at(self, deflection: ArrayLike) -> Vector:
+        """Energy in the spring alone, J."""
+        return 0.5 * self.stiffness * inside(deflection) ** 2
+
+    def slope_at(self, deflection: ArrayLike) -> Vector:
+        """Stiffness of the spring alone, N/m."""
+        return np.where(inside(deflection) > 0.0, self.stiffness, 0.0)
+
+    def deflection_at(self, force: ArrayLike) -> Vector:
+        return inside(force) / self.stiffness
+
+    def per_unit_mass(self, mass: float) -> Self:
+        return self.model_copy(update={"stiffness": self.stiffness / mass})
+
+    def scaled(self, length: float, time: float) -> Self:
+        return self.model_copy(update={"stiffness": self.stiffness * time**2})
+
+    def strengths(self) -> tuple[float, ...]:
+        return (self.stiffness,)
+
+
+class Elastic(LinearLaw):
     """A linear spring, force = stiffness * y.
 
     Parameters
@@ -40,7 +67,6 @@ class Elastic(RubberLaw):
     word: ClassVar[str] = "elastic"
 
     kind: Literal["elastic"] = "elastic"
-    stiffness: Positive
     source: str | None = None
 
     @classmethod
@@ -50,26 +76,8 @@ class Elastic(RubberLaw):
     def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
         return self.stiffness * inside(deflection)
 
-    def potential_at(self, deflection: ArrayLike) -> Vector:
-        return 0.5 * self.stiffness * inside(deflection) ** 2
-
-    def slope_at(self, deflection: ArrayLike) -> Vector:
-        return np.where(inside(deflection) > 0.0, self.stiffness, 0.0)
-
-    def deflection_at(self, force: ArrayLike) -> Vector:
-        return inside(force) / self.stiffness
-
     def impact(self, speed: float, mass: float) -> Impact:
         return kelvin_voigt(self.stiffness, 0.0, speed, mass)
-
-    def per_unit_mass(self, mass: float) -> Self:
-        return self.model_copy(update={"stiffness": self.stiffness / mass})
-
-    def strengths(self) -> tuple[float, ...]:
-        return (self.stiffness,)
-
-    def scaled(self, length: float, time: float) -> Self:
-        return self.model_copy(update={"stiffness": self.stiffness * time**2})
 
     def phrase(self) -> str:
         return f"{self.word}, stiffness {self.stiffness:.4g} N/m"
@@ -78,7 +86,7 @@ class Elastic(RubberLaw):
         return Form("pieces", np.array([[0.0, 0.0, self.stiffness]]))
 
 
-class Viscoelastic(RubberLaw):
+class Viscoelastic(LinearLaw):
     """A spring and a damper side by side that can only push (Kelvin-Voigt, B App. I).
 
     force = max(K y + c y', 0), c = 2 z sqrt(K M), z the damping ratio and M the mass (of a pair:
@@ -107,7 +115,6 @@ class Viscoelastic(RubberLaw):
     word: ClassVar[str] = "viscoelastic"
 
     kind: Literal["viscoelastic"] = "viscoelastic"
-    stiffness: Positive
     damping_ratio: NonNegative
     source: str | None = None
 
@@ -134,28 +141,8 @@ class Viscoelastic(RubberLaw):
         push = self.stiffness * y + self.damping(mass) * np.asarray(rate, dtype=float)
         return np.where(y > 0.0, np.maximum(push, 0.0), 0.0)
 
-    def potential_at(self, deflection: ArrayLike) -> Vector:
-        """Energy in the spring alone, J."""
-        return 0.5 * self.stiffness * inside(deflection) ** 2
-
-    def slope_at(self, deflection: ArrayLike) -> Vector:
-        """Stiffness of the spring alone, N/m."""
-        return np.where(inside(deflection) > 0.0, self.stiffness, 0.0)
-
-    def deflection_at(self, force: ArrayLike) -> Vector:
-        return inside(force) / self.stiffness
-
     def impact(self, speed: float, mass: float) -> Impact:
         return kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)
-
-    def per_unit_mass(self, mass: float) -> Self:
-        return self.model_copy(update={"stiffness": self.stiffness / mass})
-
-    def strengths(self) -> tuple[float, ...]:
-        return (self.stiffness,)
-
-    def scaled(self, length: float, time: float) -> Self:
-        return self.model_copy(update={"stiffness": self.stiffness * time**2})
 
     def phrase(self) -> str:
         numbers = f"stiffness {self.stiffness:.4g} N/m, damping ratio {self.damping_ratio:.4g}"

@@ -239,8 +239,8 @@ def _shares_from_rest(problem: Problem) -> dict[str, float]:
 
 
 def _start(measured: Sequence[Measured]) -> Iterator[str]:
-    """A hint on a start from rest that was counted: the energy that is then missing from the
-    balance is the one that the motion has when it is stationary, over the duration."""
+    """A hint where the start from rest was not left out: the balance of power then lacks the energy
+    of the stationary motion, divided by the duration."""
     for each in measured:
         own, truths = each.problem, each.truths
         needed = ("displacement_mean", "displacement_std", "velocity_std")

@@ -321,7 +321,7 @@ def _impact_rates(
 
 
 def _record(problem: Problem, name: str, entry: Any) -> NDArray[np.float64]:
-    """(paths, samples), or (samples,) of a single path."""
+    """A record as an array (paths, samples); that of a single path may be (samples,)."""
     record = _numbers(name, entry)
     shape = record.shape
     if record.ndim == 1 and record.size >= BATCHES:

@@ -1,0 +1,131 @@
+"""Changes of a scene within the tolerances of its mount, its level and its stops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from stochvi.scenes.impact_laws import Law, Restitution
+from stochvi.scenes.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerances:
+    """How far the mount, the level and the stops may be from what the scene states.
+
+    Parameters
+    ----------
+    frequency, damping
+        Relative tolerances of natural frequency and damping ratio. The defaults are usual of
+        elastomer mounts; `structure.frequency_tolerance` and `damping_tolerance` take their place.
+    level_db
+        Tolerance of the level, dB up and down: the usual one of vibration tests.
+    stiffness
+        Relative tolerance of the stiffness of the stops: that of rubber within 5 degrees Shore A.
+    """
+
+    frequency: float = 0.1
+    damping: float = 0.3
+    level_db: float = 3.0
+    stiffness: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ("frequency", "damping", "stiffness"):
+            if not 0.0 <= getattr(self, name) < 1.0:
+                raise ValueError(
+                    f"the tolerance of {name} must be in [0, 1) (0 to 100 %), "
+                    f"got {getattr(self, name):g}"
+                )
+        if not 0.0 <= self.level_db < 60.0:
+            raise ValueError(f"the tolerance of level must be in [0, 60) dB, got {self.level_db:g}")
+
+    @classmethod
+    def of(cls, scene: Scene, **stated: float) -> Tolerances:
+        """The tolerances of a scene: those that are stated here, its own, else the defaults."""
+        own = {
+            name: value
+            for name in ("frequency", "damping")
+            if (value := getattr(scene.structure, f"{name}_tolerance", None)) is not None
+        }
+        return cls(**(own | stated))
+
+
+class Change(NamedTuple):
+    """One quantity at one end of its tolerance."""
+
+    words: str
+    quantity: str
+    sign: float
+    amount: float
+
+    def applied(self, scene: Scene) -> Scene:
+        """The scene with this change."""
+        match self.quantity:
+            case "frequency":
+                return changed_mount(scene, 1.0 + self.amount, 1.0)
+            case "damping":
+                return changed_mount(scene, 1.0, 1.0 + self.amount)
+            case "level":
+                return scene.at_level(self.amount)
+        return changed_stops(scene, 1.0 + self.amount)
+
+
+def ends_of(tolerances: Tolerances) -> Iterator[Change]:
+    """Both ends of every tolerance of the mount and of the level that is not zero."""
+    for quantity, words, share in (
+        ("frequency", "natural frequency", tolerances.frequency),
+        ("damping", "damping ratio", tolerances.damping),
+    ):
+        yield from _both_ends(quantity, words, share)
+    for sign in (-1.0, 1.0) if tolerances.level_db else ():
+        amount = sign * tolerances.level_db
+        yield Change(f"level {amount:+.3g} dB", "level", sign, amount)
+
+
+def ends_of_stops(scene: Scene, tolerances: Tolerances) -> Iterator[Change]:
+    """Both ends of the stiffness of the stops, where all of them give way."""
+    if scene.impact_pairs and not any(
+        law.rigid for pair in scene.impact_pairs for _, law in pair.stops()
+    ):
+        yield from _both_ends("stiffness", "stiffness of the stops", tolerances.stiffness)
+
+
+def _both_ends(quantity: str, words: str, share: float) -> Iterator[Change]:
+    for sign in (-1.0, 1.0) if share else ():
+        yield Change(f"{words} {100.0 * sign * share:+.3g} %", quantity, sign, sign * share)
+
+
+def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:
+    """The scene with its natural frequency and damping ratio multiplied by two factors."""
+    structure = scene.structure
+    given: Mapping[str, Any] = structure.model_dump(exclude_none=True)
+    if "frequency_hz" in given:
+        changed = {"frequency_hz": given["frequency_hz"] * frequency}
+        changed |= {"zeta": given["zeta"] * damping} if "zeta" in given else {}
+        changed |= {"Q": given["Q"] / damping} if "Q" in given else {}
+    else:
+        changed = {
+            "stiffness": given["stiffness"] * frequency**2,
+            "damping": given["damping"] * frequency * damping,
+        }
+    return scene.model_copy(update={"structure": type(structure)(**(dict(given) | changed))})
+
+
+def changed_stops(scene: Scene, amount: float) -> Scene:
+    """The scene with the stiffness of its stops multiplied by `amount`, or, where a stop is rigid,
+    with `amount` added to its restitution."""
+    pair = scene.impact_pairs[0]
+    laws = {
+        name: _changed_law(law, amount)
+        for name in ("law", "lower_law", "upper_law")
+        if (law := getattr(pair, name)) is not None
+    }
+    return scene.model_copy(update={"impact_pairs": (pair.model_copy(update=laws),)})
+
+
+def _changed_law(law: Law, amount: float) -> Law:
+    if isinstance(law, Restitution):
+        return Restitution(coefficient=min(max(law.coefficient + amount, 0.0), 1.0))
+    # a force law of more stiffness is that of a mass which is smaller by as much
+    return law.per_unit_mass(1.0 / amount)
