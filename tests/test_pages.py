@@ -1,0 +1,150 @@
+"""What the README and the manual show works as printed, from an empty folder.
+
+Commands and scenes of every page, and the program of the README, are run here; the programs of the
+manual are `{code-cell}` blocks, which `make docs` runs.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from stochvi.scenes.scene import scene_from
+from support import CHECKOUT
+from support.commands import Run
+
+README = CHECKOUT / "README.md"
+MANUAL = sorted(
+    page for page in (CHECKOUT / "docs").rglob("*.md") if "_build" not in page.parts
+)  # fmt: skip
+FENCE = re.compile(r"^(```+)([^\n`]*)\n(.*?)^\1$", flags=re.DOTALL | re.MULTILINE)
+
+LESS = {
+    "size": ["--rel-error", "0.2"],
+    "clearance": ["--rel-error", "0.2"],
+    "reliability": ["--rel-error", "0.5"],
+    "check": ["--rel-error", "0.1"],
+    "cost": ["--budget", "0.5"],
+    "simulate": ["--rel-error", "0.1"],
+    "simulate, so many paths": ["--paths", "64", "--duration", "6"],
+    "spectrum": ["--rel-error", "0.3"],
+    "impacts": ["--paths", "64"],
+    "sweep, simulated": ["--rel-error", "0.2"],
+}
+"""Options after those of a command, where the later of two counts, that ask for less work."""
+
+FRAME = {
+    "structure": {"kind": "isolator", "mass": 1.0, "frequency_hz": 12.0, "zeta": 0.1},
+    "excitation": [{"kind": "white", "intensity": 1.0}],
+}
+"""What a scene has beside the part that a block of a page shows."""
+
+SHOWN_ONLY = {"text", ""}
+"""Languages of blocks that hold nothing to run: what a program prints, a page by reference."""
+
+
+class Block(NamedTuple):
+    """A fenced block: its page, what stands behind the fence, and its text."""
+
+    page: Path
+    language: str
+    text: str
+
+
+def blocks(*languages: str) -> Iterator[Block]:
+    for page in (README, *MANUAL):
+        for _, language, text in FENCE.findall(page.read_text(encoding="utf-8")):
+            if not languages or language in languages:
+                yield Block(page, language, text)
+
+
+def commands() -> list[list[str]]:
+    """Every command line of the pages once, in their order, the README first."""
+    lines = [line for block in blocks("sh") for line in block.text.splitlines() if line]
+    assert len(lines) > 15
+    return [shlex.split(line) for line in dict.fromkeys(lines)]
+
+
+def shortened(arguments: list[str]) -> list[str]:
+    name = arguments[0]
+    if "--resume" in arguments:
+        return arguments
+    if "--paths" in arguments:
+        name = "simulate, so many paths"
+    if name == "sweep" and "--rel-error" in arguments:
+        name = "sweep, simulated"
+    return [*arguments, *LESS.get(name, [])]
+
+
+def files_are_there(folder: Path) -> bool:
+    pictures = {"response.csv", "response.json", "overview.png"}
+    found = {path.name for path in (folder / "out").iterdir()}
+    return (folder / "answer.json").is_file() and pictures <= found
+
+
+def test_the_program_of_the_readme_prints_what_the_readme_says(tmp_path: Path) -> None:
+    script = "\n".join(block.text for block in blocks("python"))
+    assert "simulate" in script
+    printed = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path
+    ).stdout
+    text = README.read_text(encoding="utf-8")
+    for number in ("1.99 mm", "3.22"):
+        assert number in printed
+        assert number in text
+
+
+def test_commands_run_with_less_work(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for program, *arguments in commands():
+        assert program in ("stochvi", "make")
+        if program == "stochvi":
+            done = stochvi(*shortened(arguments))
+            assert done.code == 0, (arguments, done.err)
+    assert files_are_there(tmp_path)
+
+
+@pytest.mark.verify
+def test_commands_run_as_printed(tmp_path: Path) -> None:
+    environment = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    }
+    for command in commands():
+        if command[0] == "stochvi":
+            subprocess.run(command, capture_output=True, check=True, cwd=tmp_path, env=environment)
+    assert files_are_there(tmp_path)
+
+
+@pytest.mark.parametrize("block", list(blocks("toml")), ids=lambda block: block.page.stem)
+def test_scenes_and_parts_of_scenes_are_valid(block: Block) -> None:
+    scene_from(FRAME | tomllib.loads(block.text))
+
+
+def test_every_block_of_a_page_is_run() -> None:
+    """Here, or when the manual is built; the README has its own program, as no build runs that."""
+    for block in blocks():
+        run_here = {"sh", "toml"} | ({"python"} if block.page == README else set())
+        directive = block.language.startswith("{")
+        assert directive or block.language in run_here | SHOWN_ONLY, block
+
+
+def test_the_readme_is_short_and_what_it_names_exists() -> None:
+    text = README.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 150
+    for target in re.findall(r"\]\(([^)]+)\)", text):
+        assert (CHECKOUT / target).exists(), target
+    makefile = (CHECKOUT / "Makefile").read_text(encoding="utf-8")
+    for rule in ("demo", "test", "docs"):
+        assert f"make {rule}" in text
+        assert re.search(rf"^{rule}:", makefile, flags=re.MULTILINE)
