@@ -29,6 +29,7 @@ from .scenes.impact_laws import (
     SpeedRestitution,
     Viscoelastic,
 )
+from .scenes.rigid_body import Mount, RigidBody
 from .scenes.scene import ImpactPair, Scene, load_scene
 from .scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 from .scenes.vehicles import QuarterCar
@@ -55,6 +56,7 @@ __all__ = [
     "Interrupted",
     "Isolator",
     "Matrices",
+    "Mount",
     "NonlinearOscillator",
     "NotApplicable",
     "NotConverged",
@@ -63,6 +65,7 @@ __all__ = [
     "RecordedNoise",
     "Response",
     "Restitution",
+    "RigidBody",
     "RoadNoise",
     "Scene",
     "SceneError",

@@ -15,6 +15,7 @@ KINDS = {
     "vehicle": "isolator-vehicle",
     "record": "isolator-record",
     "absorber": "absorber-on-a-tower",
+    "rigid-body": "rigid-box",
 }
 """Shipped scenes that `new` copies, by the kind that --kind names."""
 
@@ -32,6 +33,7 @@ zeta = 0.1
 # several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],
 # damping = .., stiffness = ..; then say on = or between = in every entry below, on = "base" for
 # an acceleration of the base
+# a box of six degrees of freedom on its mounts: stochvi new --kind rigid-body
 
 [[impact_pair]]              # leave the section out for no stops
 lower = -0.004               # m from the position of the unloaded spring; leave out for none
@@ -94,7 +96,8 @@ def profiles() -> None:
 @click.option(
     "--kind", type=click.Choice(["any", *KINDS]), default="any",
     show_default=True,
-    help="A scene with every key, an isolator of this kind with its tables, or an absorber.",
+    help="A scene with every key, an isolator of this kind with its tables, an absorber, or a box "
+    "of six degrees of freedom on its mounts.",
 )  # fmt: skip
 def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
@@ -112,7 +115,9 @@ def new(file: Path, kind: str) -> None:
     for table in tables:
         shutil.copy(table, file.parent)
     written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))
-    try_it = {"any": f"check {file}", "absorber": f"absorber {file} --out out"}.get(
-        kind, f"size {file} --probability 0.01 --out out"
-    )
+    try_it = {
+        "any": f"check {file}",
+        "absorber": f"absorber {file} --out out",
+        "rigid-body": f"explain {file}",
+    }.get(kind, f"size {file} --probability 0.01 --out out")
     click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)

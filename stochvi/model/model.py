@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import weakref
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import assert_never
 
@@ -31,8 +31,9 @@ from stochvi.scenes.impact_laws import (
     Viscoelastic,
     not_rigid,
 )
+from stochvi.scenes.rigid_body import AXES, RigidBody, rows_at
 from stochvi.scenes.scene import ImpactPair, Scene
-from stochvi.scenes.structures import Isolator, NonlinearOscillator, Oscillator
+from stochvi.scenes.structures import Isolator, NonlinearOscillator, Oscillator, Structure
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -192,6 +193,11 @@ class Model:
         The impact pairs.
     moving_base
         Whether displacements are relative to a base that moves.
+    base
+        Accelerations of the coordinates (n,) if they follow that of the base, by the axis of the
+        base; the axis is empty where the base has one only.
+    points
+        Rows (n,) by name: displacements row . q that are reported besides the coordinates.
     rates
         omega (rad/s) and b (1/s) of one oscillator; None of several coordinates.
     cautions
@@ -223,6 +229,8 @@ class Model:
     tables: tuple[tuple[Table, Vector], ...]
     pairs: tuple[Pair, ...]
     moving_base: bool = False
+    base: Mapping[str, Vector] = field(default_factory=dict)
+    points: Mapping[str, Vector] = field(default_factory=dict)
     rates: tuple[float, float] | None = None
     cautions: tuple[str, ...] = ()
     restoring: PerUnitMass | None = None
@@ -249,6 +257,17 @@ class Model:
         for magnitude, direction in self.constants:
             total += magnitude * direction
         return total
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of all reported displacements: the coordinates, then the points."""
+        return (*self.coordinates, *self.points)
+
+    @cached_property
+    def output_rows(self) -> Matrix:
+        """Rows (outputs, n): the reported displacements are output_rows q."""
+        rows = [*np.eye(len(self.coordinates)), *self.points.values()]
+        return np.array(rows).reshape(-1, len(self.coordinates))
 
     @property
     def single(self) -> bool:
@@ -462,6 +481,8 @@ def _lowered(scene: Scene) -> Model:
         pairs=tuple(_pair(scene, pair, mass) for pair in scene.impact_pairs),
         moving_base=isinstance(structure, Isolator)
         or any(scene.place(excitation) == BASE for excitation in scene.excitations),
+        base=_base(structure),
+        points=_points(structure),
         rates=rates,
         cautions=tuple(
             sentence
@@ -496,6 +517,8 @@ def _constants(
     """Gravity, as an acceleration of the base, and constant loads: size and direction of each."""
     if isinstance(scene.structure, Oscillator) and scene.structure.gravity_load:
         yield -scene.structure.gravity_load, -mass.sum(axis=1)
+    if isinstance(scene.structure, RigidBody) and scene.structure.gravity:
+        yield 1.0, mass @ scene.structure.load_of_gravity
     for excitation, direction in shaken:
         if isinstance(excitation, ConstantLoad):
             yield excitation.magnitude, direction
@@ -505,7 +528,7 @@ def _direction(scene: Scene, excitation: Excitation, mass: Matrix) -> Vector:
     """Forces on the coordinates, per newton or per m/s^2 of the base."""
     place = scene.place(excitation)
     if place == BASE:
-        inertia: Vector = -mass.sum(axis=1)
+        inertia: Vector = -(mass * _base(scene.structure)[excitation.axis or ""]).sum(axis=1)
         return inertia
     return _unit(scene, place)
 
@@ -514,8 +537,28 @@ def _unit(scene: Scene, coordinate: str) -> Vector:
     return np.array([float(name == coordinate) for name in scene.structure.coordinates])
 
 
+def _base(structure: Structure) -> dict[str, Vector]:
+    """Accelerations of the coordinates that follow the base, by its axes."""
+    if isinstance(structure, RigidBody):
+        return dict(zip(AXES, np.eye(6), strict=False))
+    return {"": np.ones(len(structure.coordinates))}
+
+
+def _points(structure: Structure) -> dict[str, Vector]:
+    """Rows of the displacements of named points of a rigid body along each axis."""
+    points = structure.points if isinstance(structure, RigidBody) else None
+    return {
+        f"{name}.{axis}": row
+        for name, place in (points or {}).items()
+        for axis, row in zip(AXES, rows_at(place), strict=True)
+    }
+
+
 def _pair(scene: Scene, pair: ImpactPair, mass: Matrix) -> Pair:
-    if pair.between is not None:
+    if pair.at is not None and pair.direction is not None:
+        along = np.array(pair.direction)
+        direction = along @ rows_at(pair.at) / float(np.linalg.norm(along))
+    elif pair.between is not None:
         direction = _unit(scene, pair.between[0]) - _unit(scene, pair.between[1])
     else:
         direction = _unit(scene, pair.on or scene.structure.coordinates[0])

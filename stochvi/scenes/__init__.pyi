@@ -11,6 +11,7 @@ from .excitations import (
 )
 from .impact_laws import Elastic, ForceTable, Hertz, Restitution, SpeedRestitution, Viscoelastic
 from .records import Record, read_record
+from .rigid_body import Mount, RigidBody
 from .scene import ImpactPair, Scene, load_scene
 from .structures import Isolator, Matrices, NonlinearOscillator, Oscillator
 from .vehicles import QuarterCar
@@ -25,6 +26,7 @@ __all__ = [
     "ImpactPair",
     "Isolator",
     "Matrices",
+    "Mount",
     "NonlinearOscillator",
     "Oscillator",
     "Profile",
@@ -32,6 +34,7 @@ __all__ = [
     "Record",
     "RecordedNoise",
     "Restitution",
+    "RigidBody",
     "RoadNoise",
     "Scene",
     "Sine",

@@ -9,6 +9,8 @@ KEY_UNITS = {
     "lower": "m",
     "upper": "m",
     "clearance": "m",
+    "at": "m",
+    "inertia": "kg m2",
     "play": "m",
     "deflection": "m",
     "thickness": "m",

@@ -27,6 +27,7 @@ from stochvi.scenes.excitations import (
 )
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
 from stochvi.scenes.impact_laws.rubber import AS_WRITTEN
+from stochvi.scenes.rigid_body import AXES, RigidBody, Triple
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.text import read_text
 from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
@@ -46,6 +47,9 @@ class ImpactPair(Checked):
     on, between
         The coordinate that hits (left out where there is one), or the first and the second of
         two, whose difference does.
+    at, direction
+        Of a rigid body: the place that hits, m from the centre of mass, and the direction in which
+        its displacement counts as positive; of any length above 0, it is divided by its length.
     law, lower_law, upper_law
         The impact law of both stops, or of one where they differ.
 
@@ -60,6 +64,8 @@ class ImpactPair(Checked):
     name: str = "stops"
     on: str | None = None
     between: tuple[str, str] | None = None
+    at: Triple | None = None
+    direction: Triple | None = None
     lower: Number | None = None
     upper: Number | None = None
     clearance: Positive | None = Field(default=None, exclude=True)
@@ -76,6 +82,10 @@ class ImpactPair(Checked):
     def _stops(self) -> Self:
         if self.on is not None and self.between is not None:
             raise ValueError("takes on or between, got both")
+        if self.direction is not None and not any(self.direction):
+            raise SceneError(
+                [("direction", "must have a length above 0, as [0, 0, 1], got [0, 0, 0]")]
+            )
         if self.clearance is not None:
             if given(self, "lower", "upper") != "none":
                 raise ValueError(
@@ -218,6 +228,20 @@ class Scene(Checked):
     def _misplaced(self, pair: ImpactPair) -> str:
         """What is wrong with the coordinates of an impact pair; empty if nothing is."""
         known = self.structure.coordinates
+        places = given(pair, "at", "direction")
+        if isinstance(self.structure, RigidBody):
+            named = given(pair, "on", "between")
+            if named != "none" or None in (pair.at, pair.direction):
+                return (
+                    "needs at (m from the centre of mass) and direction on a rigid body, got "
+                    f"{', '.join(each for each in (places, named) if each != 'none') or 'none'}"
+                )
+            return ""
+        if places != "none":
+            return (
+                f"takes {places} with structure.kind = 'rigid-body' only, got "
+                f"{self.structure.kind!r}"
+            )
         names = pair.between or (() if pair.on is None else (pair.on,))
         for name in names:
             if name not in known:
@@ -259,6 +283,11 @@ class Scene(Checked):
     def _unknown_absorbers(self) -> list[tuple[str, str]]:
         known = self.structure.coordinates
         names = self.absorber.mass_on if isinstance(self.absorber, Absorber) else ()
+        if names and isinstance(self.structure, RigidBody):
+            return [
+                ("absorber.mass_on", "names coordinates of a structure of kind 'matrices', got "
+                 "structure.kind = 'rigid-body'")
+            ]  # fmt: skip
         unknown = [
             ("absorber.mass_on", f"must name {_one_of(known)}, got {name!r}")
             for name in names
@@ -282,7 +311,7 @@ class Scene(Checked):
         """Numbers whose products and squares would not fit a floating-point number."""
         numbers: list[tuple[str, str, float | None]] = []
         mass = 1.0
-        if isinstance(self.structure, Matrices):
+        if isinstance(self.structure, Matrices | RigidBody):
             names = ("the mass (kg)", "the damping (N s/m)", "the stiffness (N/m)")
             for name, matrix in zip(names, self.structure.matrices, strict=True):
                 numbers += [("structure", name, float(entry)) for entry in matrix.ravel()]
@@ -322,7 +351,7 @@ class Scene(Checked):
             yield "structure", "the damping per unit mass (1/s)", structure.damping_rate
         for excitation in self.excitations:
             mass = 1.0
-            if self.place(excitation) != BASE and not isinstance(structure, Matrices):
+            if self.place(excitation) != BASE and isinstance(structure, Oscillator):
                 mass = structure.mass or 1.0
             match excitation:
                 case WhiteNoise() | FilteredNoise():
@@ -339,12 +368,24 @@ class Scene(Checked):
 
     def _misfit(self, excitation: Excitation) -> str:
         """What is wrong with the place of an excitation; empty if nothing is."""
-        known = self.structure.coordinates
+        rigid = isinstance(self.structure, RigidBody)
+        known = AXES if rigid else self.structure.coordinates
         where = self.place(excitation)
-        if where == BASE and not isinstance(self.structure, Isolator | Matrices):
+        if where == BASE and not isinstance(self.structure, Isolator | Matrices | RigidBody):
             return (
-                "acts on the base, which needs structure.kind = 'isolator' or 'matrices', "
-                f"got {self.structure.kind!r}"
+                "acts on the base, which needs structure.kind = 'isolator', 'matrices' or "
+                f"'rigid-body', got {self.structure.kind!r}"
+            )
+        if excitation.axis is not None and not (rigid and where == BASE):
+            got = f"on = {where!r}" if rigid else f"structure.kind = {self.structure.kind!r}"
+            return (
+                "takes axis for the base of structure.kind = 'rigid-body' only, got axis with "
+                f"{got}"
+            )
+        if rigid and where in ("", BASE) and excitation.axis is None:
+            return (
+                "needs axis = 'x', 'y' or 'z' to say along which axis it moves the base, or on = "
+                f"{_one_of(known)} for a force on the centre of mass, got none"
             )
         if not where:
             return f"needs on = {_one_of((*known, BASE))} to say where it acts, got none"
@@ -367,6 +408,8 @@ class Scene(Checked):
         the structure's; empty where that does not say."""
         if excitation.on is not None:
             return excitation.on
+        if isinstance(self.structure, RigidBody):
+            return "" if excitation.axis is None else BASE
         if isinstance(excitation, ConstantLoad) and not isinstance(self.structure, Matrices):
             return BASE if excitation.acceleration is not None else "x"
         if isinstance(self.structure, Isolator):
@@ -374,12 +417,17 @@ class Scene(Checked):
         coordinates = self.structure.coordinates
         return coordinates[0] if len(coordinates) == 1 else ""
 
+    def place_in_words(self, excitation: Excitation) -> str:
+        """Where an excitation acts: a coordinate or "base", with the axis along which it moves."""
+        along = f" along {excitation.axis}" if excitation.axis else ""
+        return self.place(excitation) + along
+
     def effects(self) -> tuple[str, ...]:
         """The effects this scene calls for; nothing else is simulated."""
         if self._short_absorbers:
             return self.expanded.effects()
         found = [
-            f"{excitation.effect_word} on {self.place(excitation)}"
+            f"{excitation.effect_word} on {self.place_in_words(excitation)}"
             for excitation in self.excitations
         ]
         if getattr(self.structure, "gravity", False):
@@ -408,6 +456,8 @@ class Scene(Checked):
         if self.structure.mass is None:
             found.append("mass is not given: 1 kg, which only forces and energies depend on")
         words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}
+        if isinstance(self.structure, RigidBody):
+            found += self.structure.assumptions()
         if "rigid" in words:
             which = "stops are rigid" if words == {"rigid"} else "the rigid stop does not give way"
             found.append(f"{which}; an impact is instantaneous (Newton's restitution)")
@@ -433,7 +483,9 @@ class Scene(Checked):
         if self.vehicle is None:
             return ()
         known = isinstance(self.structure, Matrices) or self.structure.mass is not None
-        mass = float(self.expanded.structure.matrices[0].sum()) if known else None
+        mass = self.structure.mass if isinstance(self.structure, RigidBody) else None
+        if known and mass is None:
+            mass = float(self.expanded.structure.matrices[0].sum())
         return (self.vehicle.reaction(mass),)
 
     def table_of(self, excitation: DensityNoise) -> Table:

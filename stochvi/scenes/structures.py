@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.scenes.rigid_body import RigidBody
 from stochvi.scenes.validation import (
     Checked,
     Count,
@@ -401,5 +402,5 @@ def _panel(function: Function, starts: Vector, stops: Vector) -> tuple[Vector, V
     return np.asarray(half * (values @ WEIGHTS)), np.abs(values).max(axis=1)
 
 
-Structure = Oscillator | Isolator | Matrices | NonlinearOscillator
+Structure = Oscillator | Isolator | Matrices | RigidBody | NonlinearOscillator
 """A structure that a scene may hold, of any kind."""

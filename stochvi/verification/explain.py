@@ -16,6 +16,7 @@ from stochvi.methods.monte_carlo import Prospect, prospect
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
+from stochvi.model.natural_modes import NaturalMode, RestingGap, at_rest, natural_modes
 from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import provenance
@@ -33,6 +34,9 @@ class Explanation(Result):
     """The effects in a scene, and the methods that cover it.
 
     `methods` maps each method to "applies", or to the conditions that the scene does not meet.
+    `natural_frequency_hz` and `modes` are those of the structure without stops. Under constant
+    loads `rest` holds the displacements of rest (m, of rotations rad), and `rest_of_gaps` where
+    each gap rests and how far that is from its stops, m.
     """
 
     not_in_document = COMMON
@@ -42,6 +46,10 @@ class Explanation(Result):
     methods: Mapping[str, str]
     assumptions: Sequence[str]
     notes: Sequence[str]
+    natural_frequency_hz: Sequence[float]
+    modes: Sequence[NaturalMode]
+    rest: Mapping[str, float]
+    rest_of_gaps: Mapping[str, RestingGap]
     simulation: Prospect | None
 
     def summary(self) -> str:
@@ -101,12 +109,18 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         methods["simulate"] = APPLIES
     except NotApplicable as reason:
         methods["simulate"] = _conditions(reason)
+    modes = natural_modes(model)
+    rest, rest_of_gaps = at_rest(model)
     return Explanation(
         effects=effects,
         absent=scene.absent_effects(),
         methods=methods,
         assumptions=(*_environments(scene), *scene.assumptions()),
         notes=() if beyond_one_oscillator(model) else tuple(scene_notes(model)),
+        natural_frequency_hz=[mode.frequency_hz for mode in modes],
+        modes=modes,
+        rest=rest,
+        rest_of_gaps=rest_of_gaps,
         simulation=simulation,
         provenance=provenance(scene.document()),
     )
@@ -118,7 +132,8 @@ def _environments(scene: Scene) -> list[str]:
     for each in scene.excitations:
         if isinstance(each, TabulatedNoise | RecordedNoise):
             where = scene.place(each)
-            name, source, extent = each.facts(where, each.numbers())[0]
+            words = scene.place_in_words(each)
+            name, source, extent = each.facts(words, each.numbers())[0]
             rms = math.sqrt(each.table.mean_square())
             size = f"{rms / STANDARD_GRAVITY:.4g} g" if where == BASE else f"{rms:.4g} N"
             found.append(f"{name[0].lower()}{name[1:]}: {source}, {extent}, {size} rms")

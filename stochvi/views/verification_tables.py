@@ -149,6 +149,7 @@ def print_explanation(console: Console, explanation: Explanation) -> None:
     """Print which effects would be simulated, by which method, and the expected cost."""
     console.print("simulated:     " + "; ".join(explanation.effects), highlight=False)
     console.print("not simulated: " + ("; ".join(explanation.absent) or "-"), highlight=False)
+    _print_modes(console, explanation)
     for method, verdict in explanation.methods.items():
         console.print(f"{method}: {verdict}", highlight=False)
     plan = explanation.simulation
@@ -170,6 +171,39 @@ def print_explanation(console: Console, explanation: Explanation) -> None:
     print_line(console, f"assumptions: {'; '.join(explanation.assumptions)}")
     for note in explanation.notes:
         console.print(f"note: {note}", style="yellow", highlight=False)
+
+
+def _print_modes(console: Console, explanation: Explanation) -> None:
+    """Print the modes of a structure of several coordinates, and where it rests under loads."""
+    if len(explanation.modes) > 1:
+        axes = list(explanation.modes[0].effective_mass)
+        titles = [f"along {axis} (kg)" if axis else "eff. mass (kg)" for axis in axes]
+        table = new_table(
+            "natural modes without stops, and the mass that each moves with the base",
+            ["mode", "Hz", "zeta", *titles, "motion"],
+        )
+        for number, mode in enumerate(explanation.modes, start=1):
+            zeta = "-" if mode.damping_ratio is None else f"{mode.damping_ratio:.3g}"
+            moved = [f"{mode.effective_mass[axis]:.3g}" for axis in axes]
+            table.add_row(str(number), f"{mode.frequency_hz:.4g}", zeta, *moved, mode.motion)
+        console.print(table)
+    if explanation.rest:
+        listed = ", ".join(
+            f"{name} {1e3 * value:.3g} {'mrad' if name in ROTATIONS else 'mm'}"
+            for name, value in explanation.rest.items()
+        )
+        print_line(console, f"at rest under constant loads: {listed}")
+    for name, gap in explanation.rest_of_gaps.items():
+        left = [
+            f"{1e3 * distance:.3g} mm from its {side} stop"
+            for side, distance in (("lower", gap.to_lower), ("upper", gap.to_upper))
+            if distance is not None
+        ]
+        print_line(console, f"{name} rests at {1e3 * gap.position:.3g} mm, {' and '.join(left)}")
+
+
+ROTATIONS = ("rx", "ry", "rz")
+"""Coordinates of a rigid body whose displacements are angles, rad."""
 
 
 def print_cost(console: Console, found: WorkPrecision) -> None:

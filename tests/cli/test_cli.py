@@ -383,7 +383,12 @@ def test_new_refuses_to_overwrite(stochvi: Run, tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("kind", "tables"),
-    [("bumper", {"bumper.csv"}), ("road", set()), ("record", {"truck-bed.csv"})],
+    [
+        ("bumper", {"bumper.csv"}),
+        ("road", set()),
+        ("record", {"truck-bed.csv"}),
+        ("rigid-body", set()),
+    ],
 )
 def test_new_writes_an_isolator_of_a_kind_with_its_tables(tmp_path, stochvi, kind, tables):
     file = tmp_path / "desk" / "mine.toml"

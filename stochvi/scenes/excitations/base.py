@@ -6,7 +6,7 @@ import contextlib
 import re
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, PrivateAttr, model_validator
 
@@ -60,8 +60,11 @@ def check_unit(name: str, on: str) -> None:
 class Disturbance(Checked):
     """Something that shakes; the base of every excitation.
 
-    An excitation that leaves out an abstract method cannot be made.
+    An excitation that leaves out an abstract method cannot be made. `axis` says along which axis it
+    moves the base of a rigid body.
     """
+
+    axis: Literal["x", "y", "z"] | None = None
 
     effect_word: ClassVar[str]
     """Its name in the effects of a scene."""

@@ -1,0 +1,370 @@
+"""A rigid box on its mounts: six coordinates, small angles.
+
+The point at p (m from the centre of mass) moves by u = r + theta x p, r = (x, y, z) the motion of
+the centre of mass relative to the base and theta = (rx, ry, rz) its rotation. A mount at p with the
+stiffnesses k along x, y, z stores u'diag(k)u / 2, so that with u = B q
+
+    M = diag(mass, mass, mass, inertia),   K = sum B' diag(k) B,   C = sum B' diag(c) B
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.results.errors import SceneError
+from stochvi.scenes.validation import Checked, NonNegative, Number, Positive, given
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+"""Axes of the base, along which it moves, and of the box, which turns by small angles only."""
+
+MOTIONS = {
+    "x": ("surge", "surges"),
+    "y": ("sway", "sways"),
+    "z": ("bounce", "bounces"),
+    "rx": ("roll", "rolls"),
+    "ry": ("pitch", "pitches"),
+    "rz": ("yaw", "yaws"),
+}
+"""Coordinates of a rigid body, and the usual words for its motion along or about an axis."""
+
+SYMMETRY = 1e-9
+"""Largest relative difference of numbers that counts as rounding where a tensor is checked."""
+
+HELD = 1e-12
+"""Smallest eigenvalue of the stiffness, relative to the largest, of a body that is held: both are
+squares of angular frequencies, with the mass."""
+
+
+def _plain(values: object) -> object:
+    return values.tolist() if hasattr(values, "tolist") else values
+
+
+Triple = Annotated[tuple[Number, Number, Number], BeforeValidator(_plain)]
+"""Three numbers, along x, y and z."""
+
+NonNegativeTriple = Annotated[tuple[NonNegative, NonNegative, NonNegative], BeforeValidator(_plain)]
+"""Three numbers from 0 on, along x, y and z."""
+
+
+class Mount(Checked):
+    """A mount between the base and a rigid body.
+
+    Parameters
+    ----------
+    at
+        Place where the mount holds the body, m from its centre of mass.
+    stiffness
+        Stiffness along x, y and z, N/m.
+    frequency_hz
+        Instead of the stiffness: the frequency of the body on all mounts together along z, to which
+        each mount contributes the same stiffness, which is that along x and y as well.
+    damping
+        Damping along x, y and z, N s/m.
+    zeta, loss_factor
+        Instead of the damping: the damping ratio that the mount gives to a mode whose whole energy
+        it stores, or its loss factor, which is twice that.
+
+    Examples
+    --------
+    >>> mount = Mount(at=[0.2, 0.15, -0.05], stiffness=[2e4, 2e4, 4e4], loss_factor=0.2)
+    >>> mount.ratio
+    0.1
+    """
+
+    at: Triple
+    stiffness: NonNegativeTriple | None = None
+    frequency_hz: Positive | None = None
+    damping: NonNegativeTriple | None = None
+    zeta: NonNegative | None = None
+    loss_factor: NonNegative | None = None
+
+    @model_validator(mode="after")
+    def _one_description(self) -> Self:
+        if (self.stiffness is None) == (self.frequency_hz is None):
+            raise ValueError(
+                "needs exactly one of stiffness (N/m along x, y, z) and frequency_hz (of all "
+                f"mounts together along z), got {given(self, 'stiffness', 'frequency_hz')}"
+            )
+        damped = [each for each in (self.damping, self.zeta, self.loss_factor) if each is not None]
+        if len(damped) != 1:
+            raise ValueError(
+                "needs exactly one of damping (N s/m along x, y, z), zeta and loss_factor, got "
+                f"{given(self, 'damping', 'zeta', 'loss_factor')}"
+            )
+        return self
+
+    @property
+    def ratio(self) -> float | None:
+        """Damping ratio of a mode that this mount alone holds; None where dampers are given."""
+        return self.zeta if self.loss_factor is None else 0.5 * self.loss_factor
+
+    @property
+    def rows(self) -> Matrix:
+        """Displacement (3, 6) of the mount per unit of each coordinate."""
+        return rows_at(self.at)
+
+
+class RigidBody(Checked):
+    """A rigid box on mounts, on a base that moves along x, y and z.
+
+    The coordinates are those of the centre of mass relative to the base: x, y, z (m) and the small
+    angles rx, ry, rz (rad).
+
+    Parameters
+    ----------
+    mass
+        Mass, kg.
+    inertia
+        Moments of inertia about the centre of mass, kg m^2: three principal ones about x, y and z,
+        or the symmetric tensor, 3 x 3, with -int x y dm beside its diagonal.
+    mounts
+        The mounts; `[[structure.mount]]` in a scene file.
+    gravity
+        Where gravity pulls to, as "-z": the box then hangs below its unloaded mounts, from which
+        stops are measured. Leave it out where clearances are measured from where the box hangs.
+    points
+        Places by name, m from the centre of mass, whose motion is reported.
+
+    Raises
+    ------
+    SceneError
+        If no body has this inertia, or if the mounts leave a motion free.
+
+    Examples
+    --------
+    >>> corners = [(x, y, -0.05) for x in (-0.2, 0.2) for y in (-0.15, 0.15)]
+    >>> box = RigidBody(
+    ...     mass=12.0, inertia=[0.20, 0.25, 0.15], gravity="-z",
+    ...     mounts=[Mount(at=at, stiffness=[2e4, 2e4, 4e4], zeta=0.1) for at in corners],
+    ... )
+    >>> box.natural_frequency_hz.round(2).tolist()
+    [12.48, 12.73, 18.38, 22.24, 25.99, 29.06]
+    """
+
+    kind: Literal["rigid-body"] = "rigid-body"
+    mass: Positive
+    inertia: Annotated[
+        tuple[Number, Number, Number] | tuple[Triple, Triple, Triple], BeforeValidator(_plain)
+    ]
+    mounts: tuple[Mount, ...] = Field(alias="mount")
+    gravity: Literal["x", "+x", "-x", "y", "+y", "-y", "z", "+z", "-z"] | None = None
+    points: dict[str, Triple] | None = None
+
+    @field_validator("inertia", mode="before")
+    @classmethod
+    def _three_or_nine(cls, value: object) -> object:
+        value = _plain(value)
+        if not isinstance(value, list | tuple) or len(value) != 3:
+            raise ValueError(
+                "must be three moments of inertia (kg m^2) or a matrix of three rows, got "
+                f"{str(value)[:60]}"
+            )
+        return tuple(tuple(row) if isinstance(row, list) else row for row in value)
+
+    @model_validator(mode="after")
+    def _is_a_body_that_is_held(self) -> Self:
+        problems = [("inertia", sentence) for sentence in _impossible(self.tensor)]
+        if not self.mounts:
+            problems.append(("mount", "needs at least one [[structure.mount]], got none"))
+        frequencies = {mount.frequency_hz for mount in self.mounts}
+        if len(frequencies) > 1:
+            listed = ", ".join("none" if f is None else f"{f:g}" for f in frequencies)
+            problems.append(
+                ("mount", "needs one frequency_hz, that of all mounts together along z, at every "
+                 f"mount, or at none of them, got {listed}")
+            )  # fmt: skip
+        for name in self.points or {}:
+            if not name or not name.replace("_", "").replace("-", "").replace(" ", "").isalnum():
+                problems.append(
+                    ("points", f"needs names of letters, digits, blanks, - and _, got {name!r}")
+                )
+        if not problems and (free := self._free_motion()):
+            problems.append(("mount", f"leaves a motion of the body free: {free}; add stiffness"))
+        if problems:
+            raise SceneError(problems)
+        return self
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The displacements and rotations of the centre of mass."""
+        return tuple(MOTIONS)
+
+    @property
+    def tensor(self) -> Matrix:
+        """Inertia about the centre of mass (3, 3), kg m^2."""
+        given_ = np.array(self.inertia, dtype=float)
+        return np.diag(given_) if given_.ndim == 1 else given_
+
+    @property
+    def matrices(self) -> tuple[Matrix, ...]:
+        """Mass, damping and stiffness (6, 6)."""
+        mass = self._mass
+        stiffness = sum(self._stiffnesses, start=np.zeros((6, 6)))
+        return mass, self._damping(mass, stiffness), stiffness
+
+    @property
+    def natural_frequency_hz(self) -> Vector:
+        """Undamped natural frequencies in rising order (6,), Hz."""
+        mass, _, stiffness = self.matrices
+        return np.asarray(np.sqrt(modes_of(mass, stiffness)[0]) / (2.0 * math.pi))
+
+    @property
+    def load_of_gravity(self) -> Vector:
+        """Acceleration of each coordinate (6,) by gravity, m/s^2; zeros where it is left out."""
+        pull = np.zeros(6)
+        if self.gravity is not None:
+            sign = -1.0 if self.gravity[0] == "-" else 1.0
+            pull[AXES.index(self.gravity[-1])] = sign * STANDARD_GRAVITY
+        return pull
+
+    def assumptions(self) -> list[str]:
+        """What is taken for granted of the body and its mounts, in words."""
+        found = [
+            "the box is rigid and turns by small angles; mounts push along x, y and z where they "
+            "hold it, and do not resist its rotation there"
+        ]
+        if any(mount.ratio for mount in self.mounts):
+            found.append(
+                "damping by zeta or loss_factor is stated as viscous at the natural frequency of "
+                "each mode"
+            )
+        if any(mount.frequency_hz for mount in self.mounts):
+            found.append(
+                "mounts given by frequency_hz are equally stiff along x, y and z, and equal to "
+                "each other"
+            )
+        if self.gravity:
+            found.append(
+                "gravity moves the box to where it hangs; its own small stiffness against tilting, "
+                "weight times the height of the centre of mass, is left out"
+            )
+        return found
+
+    def mount_stiffness(self, mount: Mount) -> Vector:
+        """Stiffness of a mount along x, y and z (3,), N/m."""
+        if mount.stiffness is not None:
+            return np.array(mount.stiffness)
+        assert mount.frequency_hz is not None
+        whole = self.mass * (2.0 * math.pi * mount.frequency_hz) ** 2
+        return np.full(3, whole / len(self.mounts))
+
+    @property
+    def _mass(self) -> Matrix:
+        mass = np.diag([self.mass] * 3 + [0.0] * 3)
+        mass[3:, 3:] = self.tensor
+        return mass
+
+    @property
+    def _stiffnesses(self) -> list[Matrix]:
+        """Contribution of each mount to the stiffness (6, 6)."""
+        return [(mount.rows.T * self.mount_stiffness(mount)) @ mount.rows for mount in self.mounts]
+
+    def _damping(self, mass: Matrix, stiffness: Matrix) -> Matrix:
+        """Dampers, and damping ratios as viscous at each mode.
+
+        A mount of the ratio zeta with the part K_i of the stiffness damps the modes phi of the
+        frequencies w by 2 zeta phi_r'K_i phi_s / sqrt(w_r w_s): each mode gets the mean of the
+        ratios, weighted by the energy that each mount stores.
+        """
+        total = np.zeros((6, 6))
+        squares, shapes = modes_of(mass, stiffness)
+        reach = mass @ shapes / squares**0.25
+        for mount, own in zip(self.mounts, self._stiffnesses, strict=True):
+            if mount.damping is not None:
+                total += (mount.rows.T * np.array(mount.damping)) @ mount.rows
+            elif mount.ratio:
+                total += 2.0 * mount.ratio * reach @ (shapes.T @ own @ shapes) @ reach.T
+        return total
+
+    def _free_motion(self) -> str:
+        """A motion that no mount resists, in words; empty if there is none."""
+        stiffness = sum(self._stiffnesses, start=np.zeros((6, 6)))
+        squares, shapes = modes_of(self._mass, stiffness)
+        if squares[0] > HELD * squares[-1]:
+            return ""
+        return motion_in_words(shapes[:, 0], self._mass)
+
+
+def rows_at(place: tuple[float, float, float]) -> Matrix:
+    """Displacement (3, 6) of the point `place` (m) of a body per unit of each of its coordinates.
+
+    Examples
+    --------
+    >>> rows_at((0.0, 0.0, 2.0))[0].tolist()
+    [1.0, 0.0, 0.0, 0.0, 2.0, -0.0]
+    """
+    x, y, z = place
+    turned = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    return np.hstack([np.eye(3), turned])
+
+
+def modes_of(mass: Matrix, stiffness: Matrix) -> tuple[Vector, Matrix]:
+    """Squares of the angular frequencies (n,) in rising order, and shapes (n, n) by columns with
+    Phi'M Phi = 1, of M q'' + K q = 0."""
+    inverse = np.linalg.inv(np.linalg.cholesky(mass))
+    squares, turned = np.linalg.eigh(inverse @ stiffness @ inverse.T)
+    return squares, inverse.T @ turned
+
+
+def motion_in_words(shape: Vector, mass: Matrix) -> str:
+    """A mode shape of a rigid body in words, the coordinates by their shares of the energy.
+
+    Parameters
+    ----------
+    shape
+        Displacements and rotations (6,) of the coordinates.
+    mass
+        Mass matrix (6, 6).
+
+    Examples
+    --------
+    >>> motion_in_words(np.array([0.0, 0.0, 1.0, 0.0, 0.8, 0.0]), np.eye(6))
+    'z with ry: the box bounces and pitches'
+    """
+    shares = energy_shares(shape, mass)
+    order = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] >= LEAST_SHARE]
+    names = [tuple(MOTIONS)[k] for k in order]
+    verbs = [MOTIONS[name][1] for name in names]
+    doing = verbs[0] if len(verbs) == 1 else f"{', '.join(verbs[:-1])} and {verbs[-1]}"
+    with_ = f" with {', '.join(names[1:])}" if names[1:] else ""
+    return f"{names[0]}{with_}: the box {doing}"
+
+
+LEAST_SHARE = 0.03
+"""Smallest share of a mode's kinetic energy with which a coordinate is named in its description."""
+
+
+def energy_shares(shape: Vector, mass: Matrix) -> Vector:
+    """Share of each coordinate in the kinetic energy of a mode (n,), without what products of
+    inertia add to it."""
+    own = shape**2 * np.diag(mass)
+    return np.asarray(own / own.sum())
+
+
+def _impossible(inertia: Matrix) -> list[str]:
+    """Why no body has this inertia."""
+    size = float(np.abs(inertia).max())
+    if float(np.abs(inertia - inertia.T).max()) > SYMMETRY * size:
+        return [f"must be a symmetric matrix (kg m^2), got {inertia.tolist()}"]
+    principal = np.linalg.eigvalsh(inertia)
+    listed = ", ".join(f"{each:.4g}" for each in principal)
+    if not principal[0] > SYMMETRY * size:
+        return [
+            "must be positive definite: every moment of inertia of a body is above 0, got the "
+            f"principal moments {listed} kg m^2"
+        ]
+    if principal[2] > (1.0 + SYMMETRY) * (principal[0] + principal[1]):
+        return [
+            "is that of no body: the largest principal moment of inertia is at most the sum of the "
+            f"other two, got {listed} kg m^2"
+        ]
+    return []
