@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from stochvi.absorbers.performance import linear_rms, without_absorber
+from stochvi.absorbers.tuned_damper import TunedDamper, tuned_damper
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.simulate import compile_kernels
@@ -87,6 +88,8 @@ class Design(Result):
         Every simulated point: restitution, units, play, play_in_sigma, rms_ratio, its error.
     candidates
         The best play and ratio of each restitution and number of units.
+    tuned_damper
+        The same mass on a tuned spring and dashpot, to compare with.
     """
 
     not_in_document = ("provenance",)
@@ -101,6 +104,7 @@ class Design(Result):
     level_range_db: float
     curve: pd.DataFrame
     candidates: pd.DataFrame
+    tuned_damper: TunedDamper | None
 
     def to_frame(self) -> pd.DataFrame:
         """One row per candidate, the best one first."""
@@ -235,6 +239,7 @@ def design_absorber(
         level_range_db=reach,
         curve=pd.DataFrame(search.rows),
         candidates=candidates,
+        tuned_damper=tuned_damper(structure, "x", mass_budget),
         cost=total_cost(search.costs),
         provenance=provenance(structure.document(), seed),
         warnings=[f"plays that were not simulated as accurately as asked for: {search.short}"]

@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from stochvi.absorbers.tuned_damper import TunedDamper, tuned_damper
 from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.simulate import compile_kernels
 from stochvi.model.modal import linear_law
-from stochvi.model.model import Model, Pair, model_of
+from stochvi.model.model import Model, Pair, Stop, model_of
 from stochvi.results.base import Result, total_cost
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -23,8 +25,11 @@ from stochvi.results.estimates import Estimate, format_with_error, provenance
 from stochvi.results.intervals import mean_and_error
 from stochvi.results.response import Response
 from stochvi.scenes.excitations import BASE, ConstantLoad, Excitation
+from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
+
+Vector = NDArray[np.float64]
 
 PEAK_PERIODS = 100
 """Length of a window whose largest displacement is a peak, periods of the structure."""
@@ -65,6 +70,13 @@ class Performance:
         Mean over time of the magnitude of the forces on all walls, N.
     impulse
         Mean impulse of an impact faster than the threshold, N s.
+    wall_force_peak
+        Mean over all contacts of the largest force in each, N; None where a wall is rigid, as a
+        restitution does not know the force of an impact.
+    wall_force_largest, wall_acceleration_largest
+        Mean over windows of `PEAK_PERIODS` periods of the largest force on a wall, N, and of the
+        largest acceleration that such a force gives the carrier, m/s^2; None likewise. Each
+        contact is taken for that of a free mass of the same impact speed.
     absorbed_share
         Share of the supplied power that impacts take; of walls that give way, the share that brief
         contacts would take.
@@ -84,6 +96,9 @@ class Performance:
     impacts_per_period: Estimate
     wall_force: Estimate
     impulse: Estimate | None
+    wall_force_peak: Estimate | None
+    wall_force_largest: Estimate | None
+    wall_acceleration_largest: Estimate | None
     absorbed_share: Estimate | None
     response: Response
 
@@ -93,11 +108,31 @@ class Performance:
         return self.ratio.value - half, self.ratio.value + half
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlayRatio:
+    """The rms ratio that a box of another play would have under the excitation of the scene.
+
+    `play_factor` is its play over that of the scene; `play` its play, m, None where the boxes of
+    the scene differ or have one wall; `low` and `high` bound `ratio` with 95 % confidence.
+    """
+
+    play_factor: float
+    play: float | None
+    ratio: Estimate
+    low: float
+    high: float
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class AbsorberReport(Result):
     """An absorber over levels of the excitation: one `Performance` each, and what it cost.
 
-    `warnings` are those of the level nearest to the scene's own.
+    `warnings` are those of the level nearest to the scene's own. `play_curve` holds the rms ratio
+    against the play of the boxes, by rising play. It needs no simulation of its own: without a
+    length but that of the boxes the motion scales, and a level raised by 20 lg r decibels acts
+    like a play r times smaller. It is empty where a load, or a wall whose stiffness depends on its
+    deflection, brings another length. `tuned_damper` is the same mass on a tuned spring and
+    dashpot, None where none is known (several coordinates under a sine).
     """
 
     not_in_document = ("scene", "provenance")  # each response holds them
@@ -107,6 +142,8 @@ class AbsorberReport(Result):
     masses: Sequence[str]
     mass_ratio: float
     performances: Sequence[Performance]
+    play_curve: Sequence[PlayRatio]
+    tuned_damper: TunedDamper | None
 
     @property
     def central(self) -> Performance:
@@ -249,12 +286,15 @@ def absorber(
         raise deadline.fell_short("before any level was simulated", "raise budget")
     mass = np.diag(full.structure.matrices[0])
     light = np.array([name in masses for name in full.structure.coordinates])
+    alone = without_absorber(scene)
     answer = AbsorberReport(
         scene=scene,
         carrier=carrier,
         masses=masses,
         mass_ratio=float(mass[light].sum() / mass[~light].sum()),
         performances=found,
+        play_curve=_play_curve(model_of(scene), found),
+        tuned_damper=tuned_damper(alone, own_name(alone, carrier), float(mass[light].sum())),
         warnings=[
             *([f"levels that were not simulated: {unreached[1]}"] if missing else []),
             *([f"levels that did not reach {rel_error:g}: {unreached[0]}"] if short else []),
@@ -337,16 +377,14 @@ def _performance(
     scene: Scene, carrier: str, level: float, response: Response, seed: int, deadline: Deadline
 ) -> Performance:
     alone = without_absorber(scene)
-    # an absorber of mass, play and law gives the coordinate of its oscillator another name
-    names = alone.structure.coordinates
-    own_name = carrier if carrier in names else names[0]
-    rms, speed = (group[own_name] for group in linear_rms(alone))
+    name = own_name(alone, carrier)
+    rms, speed = (group[name] for group in linear_rms(alone))
     moving = response.coordinates[carrier]
     deviation, velocity = moving["displacement_std"], moving["velocity_std"]
     assert deviation is not None and velocity is not None
     period = 2.0 * math.pi * rms / speed
     with_it = _windows(scene.expanded, carrier, period, seed, deadline)
-    without = _windows(alone, own_name, period, seed, deadline)
+    without = _windows(alone, name, period, seed, deadline)
     model = model_of(scene)
     pairs = [response.impact_pairs[pair.name] for pair in model.pairs]
     rate = _sum(pair["collision_rate"] for pair in pairs)
@@ -371,24 +409,71 @@ def _performance(
         impacts_per_period=rate * own_period,
         wall_force=pushes,
         impulse=pushes * (1.0 / rate.value) if rate.value > 0.0 else None,
+        wall_force_peak=_mean_peak(pairs),
+        wall_force_largest=with_it.wall_force,
+        wall_acceleration_largest=with_it.wall_acceleration,
         absorbed_share=_absorbed(model, response),
         response=response,
     )
 
 
+def own_name(alone: Scene, carrier: str) -> str:
+    """The name that the carrier has in the structure alone: an absorber of mass, play and law gives
+    the coordinate of its oscillator another one."""
+    names = alone.structure.coordinates
+    return carrier if carrier in names else names[0]
+
+
+def _play_curve(model: Model, found: Sequence[Performance]) -> list[PlayRatio]:
+    """The rms ratio against play, from the levels; empty where the motion does not scale."""
+    stops = [stop for pair in model.pairs for stop in pair.stops]
+    if np.any(model.constant_force) or not all(map(_scales, stops)):
+        return []
+    plays = {
+        pair.upper.position - pair.lower.position if pair.upper and pair.lower else None
+        for pair in model.pairs
+    }
+    play = plays.pop() if len(plays) == 1 else None
+    curve = []
+    for each in sorted(found, key=lambda each: -each.level_db):
+        factor = 10.0 ** (-each.level_db / 20.0)
+        low, high = each.interval()
+        curve.append(
+            PlayRatio(
+                play_factor=factor, play=None if play is None else factor * play,
+                ratio=each.ratio, low=low, high=high,
+            )
+        )  # fmt: skip
+    return curve
+
+
+def _scales(stop: Stop) -> bool:
+    """Whether the law of a stop is the same for a motion of any size."""
+    if isinstance(stop.law, CompliantLaw):
+        return stop.law.scaled(2.0, 1.0) == stop.law
+    return stop.coefficient is not None
+
+
 @dataclass(frozen=True)
 class _Windows:
-    """Peaks of the carrier's displacement and its absolute acceleration, from recorded paths."""
+    """Peaks of the carrier's displacement, its absolute acceleration, and the largest forces of
+    walls that give way with the accelerations that these give the carrier, from recorded paths."""
 
     peak: Estimate
     acceleration: Estimate | None
+    wall_force: Estimate | None
+    wall_acceleration: Estimate | None
 
 
 def _windows(scene: Scene, carrier: str, period: float, seed: int, deadline: Deadline) -> _Windows:
     """Record paths until `PEAK_WINDOWS` windows have been seen, or the deadline has passed; errors
     from the paths, of which there are two at least."""
+    model = model_of(scene)
+    soft = bool(model.pairs) and all(not stop.rigid for p in model.pairs for stop in p.stops)
+    row = model.coordinates.index(carrier)
     peaks: list[float] = []
     squares: list[float] = []
+    walls: list[Vector] = []
     while len(peaks) < 2 or not (WINDOWS_OF_PATH * len(peaks) >= PEAK_WINDOWS or deadline.passed()):
         settling, records = record_paths(
             scene, duration=WINDOWS_OF_PATH * PEAK_PERIODS * period, paths=RECORDED_TOGETHER,
@@ -401,6 +486,8 @@ def _windows(scene: Scene, carrier: str, period: float, seed: int, deadline: Dea
             parts = np.array_split(offset, WINDOWS_OF_PATH)
             peaks.append(float(np.mean([part.max() for part in parts])))
             squares.append(float(np.mean(_absolute_acceleration(scene, carrier, settled) ** 2)))
+            if soft:
+                walls.append(_wall_peaks(model, row, settled))
     how = f"{WINDOWS_OF_PATH * len(peaks)} windows of {PEAK_PERIODS} periods on {len(peaks)} paths"
 
     def estimate(values: list[float], power: float = 1.0) -> Estimate:
@@ -412,7 +499,26 @@ def _windows(scene: Scene, carrier: str, period: float, seed: int, deadline: Dea
     return _Windows(
         peak=estimate(peaks),
         acceleration=estimate(squares, 0.5) if _shaken_by_base(scene) else None,
+        wall_force=estimate([force for force, _ in walls]) if soft else None,
+        wall_acceleration=estimate([pushed for _, pushed in walls]) if soft else None,
     )
+
+
+def _wall_peaks(model: Model, row: int, record: pd.DataFrame) -> Vector:
+    """Means over windows of the largest force on a wall (N), and of the largest acceleration
+    (m/s^2) that such a force gives a coordinate, of a path (2,)."""
+    largest = np.zeros((2, WINDOWS_OF_PATH))
+    for pair in model.pairs:
+        moved = abs(float(np.linalg.solve(model.mass, pair.direction)[row]))
+        speeds = record[f"impact_speed of {pair.name}"].to_numpy()
+        for stop in pair.stops:
+            assert isinstance(stop.law, CompliantLaw)
+            for number, window in enumerate(np.array_split(stop.side * speeds, WINDOWS_OF_PATH)):
+                speed = float(window.max())
+                # the force of a contact grows with its impact speed
+                force = stop.law.impact(speed, pair.mass).peak_force if speed > 0.0 else 0.0
+                largest[:, number] = np.maximum(largest[:, number], (force, moved * force))
+    return np.asarray(largest.mean(axis=1))
 
 
 def _shaken_by_base(scene: Scene) -> bool:
@@ -472,6 +578,15 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
         bias=((loss.bias or 0.0) + share * (damped.bias or 0.0)) / supplied,
         how=loss.how,
     )
+
+
+def _mean_peak(found: Sequence[Mapping[str, Estimate | float | None]]) -> Estimate | None:
+    """Mean over the contacts of all pairs of the largest force in each, N; None of rigid walls."""
+    peaks = [each["peak_force"] for each in found]
+    rates = [_known(each["collision_rate"]).value for each in found]
+    if any(peak is None for peak in peaks) or not sum(rates):
+        return None
+    return _sum(_known(peak) * (rate / sum(rates)) for peak, rate in zip(peaks, rates, strict=True))
 
 
 def _pushes(pair: Pair, found: Mapping[str, Estimate | float | None]) -> list[Estimate]:

@@ -69,11 +69,13 @@ def absorber(
 
 
 def _show_performance(options: Common, scene: str, found: AbsorberReport) -> None:
-    from stochvi.views.absorbers import draw_levels, print_absorber
+    from stochvi.views.absorbers import draw_levels, draw_plays, print_absorber
     from stochvi.views.report.absorber import write_absorber_report
 
     options.show(found, print_absorber, "absorber")
     options.draw("absorber", lambda: draw_levels(found))
+    if found.play_curve:
+        options.draw("absorber-play", lambda: draw_plays(found))
     if options.out is not None:
         write_absorber_report(found, options.out, options.origin(scene, found.provenance))
 

@@ -11,13 +11,14 @@ from matplotlib.axes import Axes
 
 from stochvi.views.axes import COLOURS, axes_or_new, length_unit
 from stochvi.views.tables import print_frame
-from stochvi.views.words import with_error
+from stochvi.views.words import MM, G, millimetres, with_error
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.absorbers.design import Design
     from stochvi.absorbers.performance import AbsorberReport, Performance
+    from stochvi.absorbers.tuned_damper import TunedDamper
 
 SURE = 4.0
 """Standard errors by which a ratio must exceed 1 for the verdict that an absorber does harm."""
@@ -35,6 +36,8 @@ def print_absorber(console: Console, found: AbsorberReport) -> None:
     print_frame(console, pd.DataFrame(rows), f"motion of {found.carrier!r}, by level")
     rows = [_impact_row(each) for each in found.performances]
     print_frame(console, pd.DataFrame(rows), "what the impacts do")
+    if found.tuned_damper is not None:
+        console.print(tuned_sentence(found.tuned_damper), highlight=False)
     for line in (
         "ratio: rms displacement with the absorber over that without, which is exact; its 95 % "
         "interval holds the bias of the step",
@@ -42,6 +45,8 @@ def print_absorber(console: Console, found: AbsorberReport) -> None:
         "0.43774(94) is 0.43774 with a standard error of 0.00094",
         "hits: of all units together; wall force: mean over time of its magnitude, all walls; "
         "absorbed: share of the supplied power that impacts take",
+        "peak force: mean over contacts of the largest force in each; largest: of 100 periods, as "
+        "a force and as the acceleration that it gives the structure; rigid walls have neither",
     ):
         console.print(line, style="dim", highlight=False)
     for warning in found.warnings:
@@ -71,31 +76,46 @@ def verdict(found: AbsorberReport) -> str:
     )
 
 
+def tuned_sentence(found: TunedDamper) -> str:
+    """What the same mass does as a tuned damper, with its tuning."""
+    return (
+        f"The same mass on a tuned spring and dashpot ({found.tuning}: {found.frequency_hz:.4g} "
+        f"Hz, damping ratio {found.zeta:.3g}) would leave {found.ratio:.3f} of the rms "
+        f"displacement, at every level; it would move {millimetres(found.stroke_std)} rms relative "
+        "to the structure."
+    )
+
+
 def _level_row(each: Performance) -> dict[str, str]:
     low, high = each.interval()
     row = {
         "level (dB)": f"{each.level_db:+g}",
         "ratio": f"{each.ratio.value:.3f}",
         "95 % interval": f"{low:.3f} to {high:.3f}",
-        "rms (m)": with_error(each.displacement_std),
-        "without": f"{each.displacement_std_without:.4g}",
+        "rms (mm)": with_error(each.displacement_std * MM),
+        "without": f"{MM * each.displacement_std_without:.4g}",
         "peak factor": with_error(each.peak_factor),
         "without ": with_error(each.peak_factor_without),
     }
     if each.acceleration_std is not None:
-        row["abs. acc. (m/s^2)"] = with_error(each.acceleration_std)
-        row[" without"] = f"{each.acceleration_std_without:.3g}"
+        row["abs. acc. (g)"] = with_error(each.acceleration_std * G)
+        row[" without"] = f"{G * (each.acceleration_std_without or 0.0):.3g}"
     return row
 
 
 def _impact_row(each: Performance) -> dict[str, str]:
-    return {
+    row = {
         "level (dB)": f"{each.level_db:+g}",
         "hits per period": with_error(each.impacts_per_period),
         "wall force (N)": with_error(each.wall_force),
         "impulse (N s)": with_error(each.impulse),
         "absorbed": with_error(each.absorbed_share),
     }
+    if each.wall_force_peak and each.wall_force_largest and each.wall_acceleration_largest:
+        row["peak force (N)"] = with_error(each.wall_force_peak)
+        row["largest (N)"] = with_error(each.wall_force_largest)
+        row["largest (g)"] = with_error(each.wall_acceleration_largest * G)
+    return row
 
 
 def print_design(console: Console, found: Design) -> None:
@@ -103,28 +123,34 @@ def print_design(console: Console, found: Design) -> None:
     best, robust = found.best, found.robust
     units = "one unit" if found.units == 1 else f"{found.units} units"
     console.print(
-        f"best: {units}, restitution {found.restitution:g}, play {best.play:.4g} m "
-        f"(95 % interval {best.play_low:.4g} to {best.play_high:.4g}; as good within its error: "
-        f"{best.low:.4g} to {best.high:.4g}), rms ratio {with_error(best.ratio)}",
+        f"best: {units}, restitution {found.restitution:g}, play {millimetres(best.play)} "
+        f"(95 % interval {MM * best.play_low:.4g} to {MM * best.play_high:.4g}; as good within its "
+        f"error: {MM * best.low:.4g} to {MM * best.high:.4g}), rms ratio {with_error(best.ratio)}",
         style="bold",
         highlight=False,
     )
     console.print(
         f"for levels from -{found.level_range_db:g} to +{found.level_range_db:g} dB: play "
-        f"{robust.play:.4g} m, rms ratio at worst {with_error(robust.ratio)}",
+        f"{millimetres(robust.play)}, rms ratio at worst {with_error(robust.ratio)}",
         highlight=False,
     )
+    if found.tuned_damper is not None:
+        console.print(tuned_sentence(found.tuned_damper), highlight=False)
     columns = {
         "restitution": "restitution",
         "units": "units",
-        "play": "play (m)",
+        "play_mm": "play (mm)",
         "play_in_sigma": "play/sigma",
         "rms_ratio": "rms ratio",
         "rms_ratio_error": "its error",
     }
-    print_frame(console, found.candidates.rename(columns=columns), "candidates, best first")
+    candidates = found.candidates.assign(play_mm=MM * found.candidates["play"])
+    print_frame(
+        console, candidates[list(columns)].rename(columns=columns), "candidates, best first"
+    )
     console.print(
-        f"sigma = {found.sigma:.4g} m, rms displacement without absorber; total play, wall to wall",
+        f"sigma = {millimetres(found.sigma)}, rms displacement without absorber; total play, wall "
+        "to wall",
         style="dim",
         highlight=False,
     )
@@ -145,8 +171,47 @@ def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:
     ax.set_xlabel("level of the excitation (dB)")
     ax.set_ylabel(RATIO_LABEL)
     ax.set_ylim(0.0, max(1.1, 1.05 * float(high.max())))
+    _draw_tuned(ax, found.tuned_damper)
     ax.set_title(f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass")
     return ax
+
+
+def draw_plays(found: AbsorberReport, ax: Axes | None = None) -> Axes:
+    """rms ratio against the total play of the box, with 95 % intervals; the scene's own play and
+    the tuned damper of the same mass are marked."""
+    ax = axes_or_new(ax, SIZE)
+    curve = found.play_curve
+    known = [each.play for each in curve if each.play is not None]
+    unit, name = length_unit(max(known)) if known else (1.0, "")
+    plays = np.array(known) / unit if known else np.array([each.play_factor for each in curve])
+    own = float(np.interp(1.0, [each.play_factor for each in curve], plays))
+    ratios = np.array([each.ratio.value for each in curve])
+    low, high = np.array([(each.low, each.high) for each in curve]).T
+    ax.errorbar(
+        plays, ratios, yerr=[ratios - low, high - ratios], fmt="o-", capsize=3,
+        color=COLOURS["simulate"],
+    )  # fmt: skip
+    ax.axvline(own, color=COLOURS["stop"], linestyle=":", linewidth=1.0)
+    ax.text(own, 0.02, " this box", color=COLOURS["stop"])
+    ax.axhline(1.0, color=COLOURS["stop"], linestyle="--", linewidth=1.0)
+    ax.text(plays[0], 1.0, "no absorber", va="bottom", color=COLOURS["stop"])
+    ax.set_xlabel(f"total play of the box ({name})" if known else "play over that of the scene")
+    ax.set_ylabel(RATIO_LABEL)
+    ax.set_ylim(0.0, max(1.1, 1.05 * float(high.max())))
+    _draw_tuned(ax, found.tuned_damper)
+    ax.set_title(f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass")
+    return ax
+
+
+def _draw_tuned(ax: Axes, found: TunedDamper | None) -> None:
+    """The ratio of the tuned damper of the same mass, a line across."""
+    if found is not None:
+        ax.axhline(found.ratio, color=COLOURS["exact"], linestyle="-.", linewidth=1.0)
+        ax.annotate(
+            "tuned damper of the same mass", (1.0, found.ratio), (-4.0, -3.0),
+            xycoords=("axes fraction", "data"), textcoords="offset points", ha="right", va="top",
+            color=COLOURS["exact"],
+        )  # fmt: skip
 
 
 def draw_design(found: Design, ax: Axes | None = None) -> Axes:
@@ -176,5 +241,6 @@ def draw_design(found: Design, ax: Axes | None = None) -> Axes:
     ax.set_xlabel(f"total play of the box ({name})")
     ax.set_ylabel(RATIO_LABEL)
     ax.set_ylim(0.0, 1.05)
+    _draw_tuned(ax, found.tuned_damper)
     ax.legend(frameon=False)
     return ax

@@ -32,12 +32,22 @@ from stochvi import (
 )
 from stochvi.absorbers import design, design_absorber, performance
 from stochvi.absorbers.design import GRID, _best_box, alone
-from stochvi.absorbers.performance import _absorbed, linear_rms, without_absorber
+from stochvi.absorbers.performance import (
+    _absorbed,
+    _mean_peak,
+    _play_curve,
+    _windows,
+    linear_rms,
+    without_absorber,
+)
 from stochvi.cli import main
+from stochvi.methods.monte_carlo import record_paths
 from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Cost
 from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise
+from stochvi.scenes.impact_laws import Hertz
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
 from stochvi.verification.testing.agreement import Z
@@ -374,6 +384,50 @@ def test_rubber_walls_take_what_white_noise_supplies() -> None:
         assert_agrees(twice, 0.02)
 
 
+def test_peaks_of_walls_that_give_way() -> None:
+    """Contacts that are integrated agree with the formula of a free mass; the largest of a long
+    time exceed the mean, and the structure gets force over mass."""
+    rubber = Viscoelastic(stiffness=1e2, damping_ratio=0.2)
+    scene = Scene(
+        structure=LIGHTLY_DAMPED,
+        absorber=Absorber(mass=0.1, play=3.0, law=rubber),
+        excitations=[UNIT_RMS],
+    )
+    settling, records = record_paths(scene.expanded, duration=500.0, paths=4, seed=7)
+    means = []
+    for record in records:
+        speeds = np.abs(record["impact_speed of box"][record["time"] > settling])
+        met = speeds[speeds > 0.0]
+        means.append(np.mean([rubber.impact(speed, 0.1 / 1.1).peak_force for speed in met]))
+    free = Estimate(value=float(np.mean(means)), standard_error=float(np.std(means, ddof=1)) / 2.0)
+    response = simulate(scene.expanded, paths=16, duration=200.0)
+    peak = _mean_peak([response.impact_pairs["box"]])
+    error = math.hypot(free.standard_error, peak.standard_error)
+    assert_agrees(replace(peak, standard_error=error), free.value)
+    elastic = math.sqrt(1e2 * 0.1 / 1.1) * float(met.mean())
+    with pytest.raises(AssertionError):  # without the damper of the wall
+        assert_agrees(replace(peak, standard_error=error), elastic)
+    largest = _windows(scene.expanded, "structure", 2.0 * math.pi, 0, Deadline.after(0.0))
+    assert largest.wall_force.value > 2.0 * peak.value
+    assert largest.wall_acceleration.value == pytest.approx(largest.wall_force.value / 1.0)
+
+
+def test_play_follows_from_the_levels_only_where_the_motion_scales() -> None:
+    def curve(law: Any, **more: Any) -> list[float]:
+        box = Absorber(mass=0.1, play=3.0, law=law)
+        model = model_of(Scene(structure=LIGHTLY_DAMPED, absorber=box, **more))
+        level = SimpleNamespace(level_db=6.0, ratio=None, interval=lambda: (0.0, 1.0))
+        return [each.play for each in _play_curve(model, [level])]
+
+    noise = {"excitations": [UNIT_RMS]}
+    half = [pytest.approx(3.0 * 10.0**-0.3)]
+    assert curve(Restitution(coefficient=0.5), **noise) == half
+    assert curve(Viscoelastic(stiffness=1e2, damping_ratio=0.2), **noise) == half
+    assert curve(Hertz(coefficient=1e2), **noise) == []
+    loaded = {"excitations": [UNIT_RMS, ConstantLoad(force=0.1)]}
+    assert curve(Restitution(coefficient=0.5), **loaded) == []
+
+
 def random_absorber(number: int) -> Scene:
     random = np.random.default_rng(number)
     units = int(random.integers(1, 4))
@@ -638,5 +692,14 @@ def test_the_command_tells_the_verdict_first(tmp_path) -> None:
     result = runner.invoke(main, ["absorber", str(file), *common, "--json", "-"])
     document = json.loads(result.stdout)
     assert document["method"] == "absorber" and len(document["levels"]) == 2
+    half, own = document["play_curve"]
+    assert own["play"] == 3.0 and own["ratio"] == document["levels"][0]["ratio"]
+    assert half["play_factor"] == pytest.approx(10.0 ** (-3.0 / 20.0))
+    assert half["play"] == pytest.approx(3.0 * half["play_factor"])
+    assert half["low"] < half["ratio"]["value"] < half["high"]
+    assert document["tuned_damper"]["mass"] == 0.1
+    assert 0.0 < document["tuned_damper"]["ratio"] < own["ratio"]["value"]
+    assert document["levels"][0]["wall_force_peak"] is None
+    assert "Tuned damper of the same mass" in page
     result = runner.invoke(main, ["absorber", str(file), "--levels", "a"])
     assert result.exit_code == 2 and "--levels must be numbers" in result.output

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from stochvi.absorbers.design import BestBox, Design
 from stochvi.absorbers.performance import AbsorberReport, Performance
+from stochvi.absorbers.tuned_damper import TunedDamper
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.scene import Scene
-from stochvi.views.absorbers import draw_design, draw_levels, verdict
+from stochvi.views.absorbers import draw_design, draw_levels, draw_plays, tuned_sentence, verdict
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.words import MM, UNKNOWN, G, millimetres, with_error, with_interval
 
@@ -41,6 +42,7 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
                 f"{100.0 * central.ratio.value:.1f} %",
                 f"of that without absorber; {100.0 * low:.1f} to {100.0 * high:.1f} % (95 %)",
             ),
+            _tuned_card(found.tuned_damper),
             Fact("Mass", f"{100.0 * found.mass_ratio:.3g} %", "absorber over structure"),
             Fact(
                 "Impacts",
@@ -69,16 +71,21 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
                     shown(draw_levels(found), "The same over the level of the excitation, 95 %.")
                 ],
             ),
+            _plays(found),
+            _tuned(found.tuned_damper),
             Section(
                 title="Impacts",
                 lead="Rates count impacts faster than the threshold that the warnings name; forces "
                 "and powers count all. The wall force is the mean over time of its magnitude, all "
-                "walls together.",
-                grids=[_impacts(found)],
+                "walls together. The peak of a contact is the mean over contacts of the largest "
+                "force in each; the largest is that of 100 periods, as a force and as the "
+                "acceleration that it alone gives the structure.",
+                grids=[_impacts(found), *_wall_peaks(found)],
             ),
             _verification(found),
             _limits(
-                "A rigid wall knows no peak force: that needs its stiffness.",
+                "Stationary values of a linear structure.",
+                "The peak force on a rigid wall is not known: it needs the wall's stiffness.",
                 "The absorber is taken to move already: from exact rest in a wide box a mass lies "
                 "idle until the structure first reaches it.",
             ),
@@ -109,6 +116,7 @@ def design_page(found: Design, origin: Origin) -> Page:
                 "the optimum is broad: the box need be no more exact",
             ),
             Fact("rms displacement", f"{100.0 * best.ratio.value:.1f} %", "of that without"),
+            _tuned_card(found.tuned_damper),
             Fact(
                 f"For levels of ± {found.level_range_db:g} dB",
                 millimetres(robust.play),
@@ -126,7 +134,11 @@ def design_page(found: Design, origin: Origin) -> Page:
                 grids=[_boxes(best, robust, found.level_range_db), _candidates(found)],
                 pictures=[shown(draw_design(found), "rms ratio over play; bars: two errors.")],
             ),
-            _limits("Rigid walls, no friction, no gravity."),
+            _tuned(found.tuned_damper),
+            _limits(
+                "Stationary values of a linear structure and rigid walls, without friction and "
+                "gravity."
+            ),
         ],
         origin=origin,
         footer=_footer(found.cost),
@@ -143,7 +155,7 @@ def _scene(scene: Scene) -> Section:
     ]
     for pair in scene.impact_pairs:
         stops = ", ".join(
-            f"{side} wall at {MM * getattr(pair, side):+.4g} mm, restitution {law.restitution:g}"
+            f"{side} wall at {MM * getattr(pair, side):+.4g} mm, {law.phrase()}"
             for side, law in pair.stops()
         )
         facts.append(Fact(f"Box {pair.name!r}", stops, "relative displacement in the box"))
@@ -190,6 +202,81 @@ def _impacts(found: AbsorberReport) -> Grid:
         caption="by level of the excitation",
         headings=["level", "impacts per period", "wall force (N)", "impulse (N s)", "absorbed"],
         rows=[row(each) for each in found.performances],
+    )
+
+
+def _wall_peaks(found: AbsorberReport) -> list[Grid]:
+    """Peaks of walls that give way, by level; nothing of rigid walls."""
+    rows = [
+        [
+            f"{each.level_db:+g} dB",
+            with_interval(each.wall_force_peak, 1.0),
+            with_interval(each.wall_force_largest, 1.0),
+            with_interval(each.wall_acceleration_largest, G),
+        ]
+        for each in found.performances
+        if each.wall_force_largest is not None
+    ]
+    headings = ["level", "peak of a contact (N)", "largest (N)", "largest (g of the structure)"]
+    grid = Grid(caption="peaks at the walls", headings=headings, rows=rows)
+    return [grid] if rows else []
+
+
+def _plays(found: AbsorberReport) -> Section:
+    """The rms ratio against play."""
+    title = "Play of the box"
+    if not found.play_curve:
+        return Section(
+            title=title,
+            lead="The ratio at other plays does not follow from the levels, as a load, or a wall "
+            "whose stiffness depends on its deflection, brings a length of its own: `stochvi sweep "
+            "--vary absorber.play=...` simulates other plays.",
+        )
+    rows = [
+        [
+            UNKNOWN if each.play is None else f"{MM * each.play:.4g}",
+            f"{each.play_factor:.3g}",
+            f"{each.ratio.value:.3f}\n{each.low:.3f} to {each.high:.3f}",
+        ]
+        for each in found.play_curve
+    ]
+    return Section(
+        title=title,
+        lead="The motion scales: a level raised by 6 dB acts like half the play, so that the "
+        "levels above also say what boxes of other plays do at the level of the scene.",
+        grids=[
+            Grid(
+                caption="at the level of the scene",
+                headings=["play (mm)", "over this box's", "ratio"],
+                rows=rows,
+            )
+        ],
+        pictures=[shown(draw_plays(found), "rms ratio over the play of the box, 95 %.")],
+    )
+
+
+def _tuned_card(found: TunedDamper | None) -> Fact:
+    """The ratio that a tuned damper of the same mass leaves."""
+    if found is None:
+        return Fact("Tuned damper", UNKNOWN, "of several coordinates under a sine")
+    return Fact("Tuned damper", f"{100.0 * found.ratio:.1f} %", "of the same mass, instead")
+
+
+def _tuned(found: TunedDamper | None) -> Section:
+    """The tuned damper of the same mass."""
+    title = "Tuned damper of the same mass"
+    if found is None:
+        return Section(title=title)
+    return Section(
+        title=title,
+        lead=f"{tuned_sentence(found)} It is linear: it works at every level, but only at the "
+        "frequency that it is tuned to.",
+        facts=[
+            Fact("Mass", f"{found.mass:.4g} kg"),
+            Fact("Spring", f"{found.stiffness:.4g} N/m", f"{found.frequency_hz:.4g} Hz"),
+            Fact("Dashpot", f"{found.damping:.4g} N s/m", f"damping ratio {found.zeta:.3g}"),
+            Fact("Stroke", f"{millimetres(found.stroke_std)} rms", "relative to the structure"),
+        ],
     )
 
 
@@ -244,10 +331,8 @@ def _sentence(text: str) -> str:
     return f"{text[0].upper()}{text[1:]}."
 
 
-def _limits(*own: str) -> Section:
-    return Section(
-        title="Limits", notes=[*own, "Stationary values of a linear structure and rigid walls."]
-    )
+def _limits(*notes: str) -> Section:
+    return Section(title="Limits", notes=notes)
 
 
 def _footer(cost: Cost) -> list[str]:

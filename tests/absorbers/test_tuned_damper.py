@@ -1,0 +1,92 @@
+"""The tuned damper that an absorber is compared with."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_lyapunov
+
+from stochvi import Isolator, Oscillator, Scene, Sine, TabulatedNoise, WhiteNoise
+from stochvi.absorbers.tuned_damper import den_hartog_tuning, tuned_damper, white_noise_tuning
+
+
+def rms_with_damper(
+    mass_ratio: float, frequency: float, zeta: float, own_zeta: float, moving_base: bool
+) -> float:
+    """rms displacement of a unit mass on a unit spring with a damper, in white noise of intensity 1
+    on the mass or on the base, from the Lyapunov equation of its four states."""
+    m, k = mass_ratio, mass_ratio * frequency**2
+    c = 2.0 * zeta * math.sqrt(k * m)
+    mass = np.diag([1.0, m])
+    stiffness = np.array([[1.0 + k, -k], [-k, k]])
+    damping = np.array([[2.0 * own_zeta + c, -c], [-c, c]])
+    force = mass @ np.ones(2) if moving_base else np.array([1.0, 0.0])
+    pulls = [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]
+    a = np.block([[np.zeros((2, 2)), np.eye(2)], pulls])
+    b = np.concatenate([np.zeros(2), np.linalg.solve(mass, force)])
+    return math.sqrt(solve_continuous_lyapunov(a, -np.outer(b, b))[0, 0])
+
+
+@pytest.mark.parametrize("moving_base", [False, True])
+@pytest.mark.parametrize("mass_ratio", [0.01, 0.1, 0.4])
+def test_the_search_finds_warburtons_damper_where_the_carrier_has_no_damping(
+    mass_ratio: float, moving_base: bool
+) -> None:
+    kind = Isolator if moving_base else Oscillator
+    noise = WhiteNoise(intensity=3.0)
+    scene = Scene(structure=kind(mass=2.0, damping=2e-5, stiffness=50.0), excitations=[noise])
+    found = tuned_damper(scene, "x", 2.0 * mass_ratio)
+    frequency, zeta = white_noise_tuning(mass_ratio, moving_base)
+    assert found.frequency_hz == pytest.approx(frequency * 5.0 / (2.0 * math.pi), rel=1e-3)
+    assert found.zeta == pytest.approx(zeta, rel=1e-3)
+    best = rms_with_damper(mass_ratio, frequency, zeta, 0.0, moving_base)
+    for change in (0.97, 1.03):  # the formulas themselves, by brute force
+        assert rms_with_damper(mass_ratio, change * frequency, zeta, 0.0, moving_base) > best
+        assert rms_with_damper(mass_ratio, frequency, change * zeta, 0.0, moving_base) > best
+    # negative control: the tuning for the other place of the noise is not the best
+    other = white_noise_tuning(mass_ratio, not moving_base)
+    assert rms_with_damper(mass_ratio, *other, 0.0, moving_base) > best
+
+
+def test_a_damped_carrier_has_a_better_damper_than_the_formula() -> None:
+    structure = Oscillator(mass=1.0, damping=0.1, stiffness=1.0)
+    scene = Scene(structure=structure, excitations=[WhiteNoise(intensity=0.2)])
+    found = tuned_damper(scene, "x", 0.1)
+    alone = 1.0 / math.sqrt(2.0 * 0.1)  # rms in noise of intensity 1
+    frequency = 2.0 * math.pi * found.frequency_hz
+    left = rms_with_damper(0.1, frequency, found.zeta, 0.05, moving_base=False)
+    assert found.ratio == pytest.approx(left / alone, rel=1e-9)
+    assert found.displacement_std == pytest.approx(found.ratio, rel=1e-12)
+    formula = white_noise_tuning(0.1, moving_base=False)
+    assert left < rms_with_damper(0.1, *formula, 0.05, moving_base=False)
+    assert found.damping == pytest.approx(2.0 * found.zeta * math.sqrt(0.1 * found.stiffness))
+    assert found.stroke_std > found.displacement_std
+
+
+def test_an_environment_tunes_the_damper_to_itself() -> None:
+    truck = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    scene = Scene(structure=Isolator(mass=2.3, frequency_hz=18.0, Q=5.0), excitations=[truck])
+    found = tuned_damper(scene, "x", 0.23)
+    assert 0.5 < found.ratio < 1.0 and found.tuning == "least rms displacement"
+    louder = tuned_damper(scene.at_level(6.0), "x", 0.23)
+    assert louder.ratio == pytest.approx(found.ratio, rel=1e-6)
+
+
+def test_a_sine_takes_den_hartogs_tuning() -> None:
+    """With it the amplification nowhere exceeds that of the fixed points, sqrt(1 + 2 / m), by more
+    than the 1 % that the approximate damping costs."""
+    mass_ratio = 0.05
+    _, zeta = den_hartog_tuning(mass_ratio)
+    steps = np.linspace(0.7, 1.2, 101)
+    structure = Oscillator(mass=1.0, damping=1e-6, stiffness=1.0)
+    ratios = []
+    for omega in steps:
+        sine = Sine(amplitude=1.0, frequency_hz=omega / (2.0 * math.pi))
+        scene = Scene(structure=structure, excitations=[sine])
+        found = tuned_damper(scene, "x", mass_ratio)
+        ratios.append(found.displacement_std * math.sqrt(2.0))  # amplification of a unit force
+    assert found.tuning == "Den Hartog" and found.zeta == pytest.approx(zeta)
+    fixed = math.sqrt(1.0 + 2.0 / mass_ratio)
+    assert 1.0 <= max(ratios) / fixed < 1.01
