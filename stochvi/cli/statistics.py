@@ -139,6 +139,7 @@ def history(
     "--peak-acceleration", metavar="A|Ag",
     help="No contact must bring more: m/s^2, or g (80g); stops that give way.",
 )  # fmt: skip
+@click.option("--pair", metavar="NAME", help="Of several pairs: hits of this one alone.")
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="stationary", show_default=True,
     help="At rest, or in the stationary motion.",

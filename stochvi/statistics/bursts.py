@@ -28,12 +28,8 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.first_crossings import (
-    FEWEST_PATHS,
-    MEMORY_RELAXATIONS,
-    Records,
-    crossing_plan,
-)
+from stochvi.statistics.crossing_ages import FEWEST_PATHS
+from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, Records, crossing_plan
 
 Vector = NDArray[np.float64]
 

@@ -32,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
-from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
@@ -287,13 +286,11 @@ class AfterCrossings(Kind):
     def _ages(self, trials: Trials) -> Vector:
         """(trials,): seconds without a hit before the crossing, up to the horizon."""
         count, ages = self.records.count, np.empty((1, len(trials.side), 1))
-        shape = np.ascontiguousarray(self.records.shape[: count + 1])
         for number in range(len(self.sides)):
             (which,) = np.nonzero(trials.side == number)
-            found = np.empty((1, len(which), 1))
-            outcrossing_ages(
+            found = self.records.ages_before(
                 trials.records[which], np.array([count + 1]), self._slopes(trials)[which, None],
-                shape, self.plan.step, 1, self.near[[number]], self.far[[number]], found,
+                1, self.near[[number]], self.far[[number]],
             )  # fmt: skip
             ages[:, which] = found
         return np.asarray(ages[0, :, 0])

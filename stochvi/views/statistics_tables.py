@@ -57,6 +57,21 @@ def chance_in_words(value: float, error: float, lower: float) -> str:
     return f"over {math.floor(1000.0 * lower) / 1000.0:g}"
 
 
+def _print_pairs(console: Console, found: Reliability) -> None:
+    """Print what each of several pairs risks."""
+    table = new_table("pair by pair", ["pair", "hit, if it alone had stops", "of first hits"])
+    for name, risk in found.pairs.items():
+        chance = risk.probability
+        table.add_row(
+            name,
+            chance_in_words(
+                chance.value, chance.standard_error, chance.value - chance.half_width_95()
+            ),
+            f"{100.0 * risk.share_of_first_hits:.3g} %",
+        )
+    print_table(console, table)
+
+
 def print_reliability(console: Console, found: Reliability, limit_in_g: str | None = None) -> None:
     """Print the chances with their intervals, how each was found, and the price.
 
@@ -92,6 +107,8 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
         if name != "expected_hits" and name not in found.chances:
             table.add_row(name.replace("_", " "), "not found", "", "", "", "", "")
     print_table(console, table)
+    if found.pairs:
+        _print_pairs(console, found)
     if "expected_hits" in found.missing:
         console.print("expected hits not found", highlight=False)
     if found.hits is not None and found.hits_interval is not None:

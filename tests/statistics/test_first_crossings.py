@@ -24,15 +24,13 @@ from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
+from stochvi.statistics.crossing_ages import FEWEST_PATHS, PILOT, largest_error
 from stochvi.statistics.first_crossings import (
-    FEWEST_PATHS,
-    PILOT,
     FirstCrossings,
     Records,
     crossing_plan,
     deviations,
     first_crossings,
-    largest_error,
 )
 from stochvi.testing import assert_agrees
 
@@ -81,31 +79,15 @@ def test_neither_rice_nor_the_first_half_of_a_horizon_passes_for_it(unit: FirstC
     with pytest.raises(AssertionError):
         assert_agrees(rice, LIMITING_RATES[3.0])
     # survivors of a tenth of the memory have not settled yet
-    young = FirstCrossings(
-        lower=unit.lower,
-        upper=unit.upper,
-        displacement_std=unit.displacement_std,
-        velocity_std=unit.velocity_std,
-        horizon=unit.horizon / 40.0,
-        interval=unit.interval,
-        rice_rates=unit.rice_rates,
-        ages=np.minimum(unit.ages, unit.horizon / 40.0),
-    )
+    tenth = unit.horizon / 40.0
+    young = replace(unit, horizon=tenth, ages=np.minimum(unit.ages, tenth))
     with pytest.raises(AssertionError):
         assert_agrees(young.first_rate()[1], LIMITING_RATES[3.0])
 
 
 def test_half_the_horizon_gives_the_same_rate(unit: FirstCrossings) -> None:
-    half = FirstCrossings(
-        lower=unit.lower,
-        upper=unit.upper,
-        displacement_std=unit.displacement_std,
-        velocity_std=unit.velocity_std,
-        horizon=unit.horizon / 2.0,
-        interval=unit.interval,
-        rice_rates=unit.rice_rates,
-        ages=np.minimum(unit.ages, unit.horizon / 2.0),
-    )
+    memory = unit.horizon / 2.0
+    half = replace(unit, horizon=memory, ages=np.minimum(unit.ages, memory))
     for estimate, level in zip(half.first_rate(), LIMITING_RATES, strict=True):
         assert_agrees(estimate, LIMITING_RATES[level])
 
@@ -284,9 +266,7 @@ def test_where_no_crossing_was_a_first_one_the_chance_is_not_called_known(
 
 def test_a_long_block_is_timed_before_more_are_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = count()
-    monkeypatch.setattr(
-        "stochvi.statistics.first_crossings.time.time", lambda: float(next(seconds))
-    )
+    monkeypatch.setattr("stochvi.statistics.crossing_ages.time.time", lambda: float(next(seconds)))
     found = first_crossings(UNIT, [2.0], mission=10.0, rel_error=1e-5, budget=0.5, threads=1)
     assert found.ages.shape[3] == crossing_plan(UNIT).block < FEWEST_PATHS
 

@@ -32,7 +32,8 @@ from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import FAR, UNFINISHED, bursts
-from stochvi.statistics.first_crossings import deviations, first_crossings, largest_error
+from stochvi.statistics.crossing_ages import largest_error
+from stochvi.statistics.first_crossings import deviations, first_crossings
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -71,13 +71,30 @@ class Chance:
         return known | {"crude_seconds": self.crude_seconds}
 
 
+@dataclass(frozen=True, kw_only=True)
+class PairRisk:
+    """What one of several pairs risks in a mission.
+
+    Parameters
+    ----------
+    probability
+        Chance that it is hit, as if it alone had stops.
+    share_of_first_hits
+        Which part of the first hits of a mission is on it. Where two pairs reach their stops at the
+        same time, the earlier one of the scene counts.
+    """
+
+    probability: Estimate
+    share_of_first_hits: float
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Reliability(Result):
     """What a mission risks: `chances` by event, and `hits`, the expected number of impacts.
 
     `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says why
     something was not found, or not as accurately as asked for: then the answer comes with a
-    `NotConverged`.
+    `NotConverged`. `pairs` holds, by name, what each of several pairs risks; then `hits` is None.
     """
 
     mission: float
@@ -88,6 +105,7 @@ class Reliability(Result):
     confidence: float
     assumptions: Sequence[str]
     missing: Mapping[str, str] = field(default_factory=dict)
+    pairs: Mapping[str, PairRisk] = field(default_factory=dict)
     method: str = "reliability"
 
     @property
@@ -129,6 +147,8 @@ class Reliability(Result):
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
+        if not self.pairs:
+            del found["pairs"]
         expected = {
             "expected_hits": found.pop("hits"),
             "expected_hits_interval": found.pop("hits_interval"),
@@ -147,6 +167,11 @@ class Reliability(Result):
         ]
         if self.hits is not None:
             lines.append(f"  expected hits = {self.hits!r}")
+        lines += [
+            f"  {name} alone: {risk.probability.value:.4g}, "
+            f"{100.0 * risk.share_of_first_hits:.3g} % of first hits"
+            for name, risk in self.pairs.items()
+        ]
         lines += [
             f"  {name}: {'not accurate' if name in self.chances else 'not found'}: {why}"
             for name, why in self.missing.items()

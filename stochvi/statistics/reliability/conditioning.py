@@ -6,6 +6,8 @@ import math
 import time
 from dataclasses import replace
 
+import numpy as np
+
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.model.model import model_of
@@ -16,8 +18,9 @@ from stochvi.results.intervals import logarithmic_interval, normal_quantile
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import bursts
 from stochvi.statistics.first_crossings import first_crossings
+from stochvi.statistics.pair_crossings import own_distances, pair_crossings
 from stochvi.statistics.rare_hits import Windows, rare_hits
-from stochvi.statistics.reliability.answer import Chance
+from stochvi.statistics.reliability.answer import Chance, PairRisk
 from stochvi.statistics.reliability.choice import Hits, Jobs
 
 Ends = tuple[float | None, float | None]
@@ -51,12 +54,45 @@ def first_hit(
     (estimate,) = crossings.probability(mission)
     if not surely and not 0.0 < estimate.value < SMALL:
         return None
-    paths = crossings.ages.shape[-2]
+    event = "hit" if scene.impact_pairs else "passage"
+    return _from_crossings(event, estimate, crossings.ages.shape[-2], jobs, started)
+
+
+def first_hits_of_pairs(
+    scene: Scene, pair: str | None, mission: float, jobs: Jobs
+) -> tuple[Chance, dict[str, PairRisk]]:
+    """P(any pair is hit) in the stationary motion, or that of one `pair` as if it alone had stops;
+    and what each pair risks."""
+    started = time.process_time()
+    model = model_of(scene)
+    below, above = own_distances(model)
+    names = [each.name for each in model.pairs]
+    kept = [[True] * len(names), *np.eye(len(names), dtype=bool)]
+    if pair is not None:
+        kept = [kept[1 + names.index(pair)]]
+    crossings = as_far_as_it_got(
+        pair_crossings, scene, lower=np.where(kept, below, np.inf),
+        upper=np.where(kept, above, np.inf), mission=mission, rel_error=jobs.rel_error,
+        **jobs.sampling,
+    )  # fmt: skip
+    estimate, *alone = crossings.probability(mission)
+    shares = crossings.shares(mission)[0]
+    risks = {
+        name: PairRisk(probability=chance, share_of_first_hits=float(share))
+        for name, chance, share in zip(names, alone, shares, strict=False)
+    }
+    return _from_crossings("hit", estimate, crossings.ages.shape[-2], jobs, started), risks
+
+
+def _from_crossings(
+    event: str, estimate: Estimate, paths: int, jobs: Jobs, started: float
+) -> Chance:
+    """The chance of a first hit, which first crossings found since CPU second `started`."""
     lower, upper = logarithmic_interval(
         estimate.value, estimate.standard_error, paths - 1, jobs.confidence
     )
     return Chance(
-        event="hit" if scene.impact_pairs else "passage",
+        event=event,
         limit=None,
         estimate=estimate,
         lower=lower,

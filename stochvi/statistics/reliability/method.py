@@ -38,10 +38,12 @@ from stochvi.statistics.first_crossings import deviations
 from stochvi.statistics.reliability.answer import Chance, Reliability
 from stochvi.statistics.reliability.choice import MISSED, Hits, Jobs, Way
 from stochvi.statistics.reliability.conditioning import (
+    SMALL,
     Ends,
     by_conditioning,
     exceedance,
     first_hit,
+    first_hits_of_pairs,
 )
 
 AT_ONCE = 0.05
@@ -55,6 +57,7 @@ def reliability(
     barrier: float | Ends | None = None,
     impact_speed: float | None = None,
     peak_acceleration: float | None = None,
+    pair: str | None = None,
     start: Start = "stationary",
     way: Way | None = None,
     rel_error: float = 0.05,
@@ -70,8 +73,9 @@ def reliability(
     Parameters
     ----------
     scene
-        One oscillator. Under white noise with any rigid stops, or stops that give way. Under any
-        Gaussian noise with stops, from a stationary start.
+        One oscillator: under white noise with any rigid stops, or stops that give way; under any
+        Gaussian noise with stops, from a stationary start. Or a linear structure of several
+        coordinates or pairs, for the chance of any hit under Gaussian noise, from that start.
     mission
         Duration, s.
     barrier
@@ -80,6 +84,9 @@ def reliability(
     impact_speed, peak_acceleration
         Limits for the incident speed of any impact (m/s) and for the absolute acceleration in any
         contact (m/s^2), of stops that give way.
+    pair
+        Name of the one of several pairs whose chance of a hit is asked after, as if it alone had
+        stops; by default that any pair is hit.
     start
         "rest", where spring and load balance; or "stationary". For a hit or a passage that is the
         law without stops and barriers, beyond which it has happened at once; for all else the law
@@ -124,6 +131,15 @@ def reliability(
     check_arguments(None, None, None, seed, None, budget, threads)
     started = time.perf_counter()
     model = model_of(scene)
+    check_pair(model, pair)
+    if not model.single:
+        _check_several(model, barrier, impact_speed, peak_acceleration, start, way)
+        with crew_of(executor, threads) as crew:
+            jobs = Jobs(
+                crew=crew, seed=seed, rel_error=rel_error, confidence=confidence,
+                deadline=Deadline.after(budget), progress=progress,
+            )  # fmt: skip
+            return _of_pairs(scene, pair, mission, jobs, started)
     ends = _barriers(model, barrier)
     coloured = _is_coloured(scene, model, start, way)
     outside = _outside(model, ends)
@@ -181,6 +197,74 @@ def reliability(
     if jobs.cut_short:
         where = f"before the relative error of {', '.join(jobs.cut_short)} was {rel_error:g}"
         raise jobs.deadline.fell_short(where, "raise budget or rel_error", found)
+    return found
+
+
+def check_pair(model: Model, pair: str | None) -> None:
+    """ValueError unless a pair that is asked after is one of the scene."""
+    names = [each.name for each in model.pairs]
+    if pair is not None and pair not in names:
+        raise ValueError(f"pair must be one of {', '.join(names) or '(none)'}, got {pair!r}")
+
+
+def _check_several(
+    model: Model, barrier: float | Ends | None, impact_speed: float | None,
+    peak_acceleration: float | None, start: str, way: str | None,
+) -> None:  # fmt: skip
+    """Raise what cannot be answered where there are several coordinates or pairs."""
+    several = "where there are several coordinates or pairs"
+    unmet = []
+    if barrier is not None or not model.pairs:
+        unmet.append(f"the scene needs an impact_pair for every gap, instead of barrier, {several}")
+    for name, value in (("impact_speed", impact_speed), ("peak_acceleration", peak_acceleration)):
+        if value is not None:
+            unmet.append(
+                f"{name} must be left out {several}: the chance of any hit is found there, and "
+                "simulate finds the rates and speeds of hits"
+            )
+    if start == "rest":
+        unmet.append(f"start must be 'stationary' {several}, got 'rest'")
+    if way not in (None, "first crossings"):
+        unmet.append(f"way must be 'first crossings' or left out {several}, got {way!r}")
+    if unmet:
+        raise NotApplicable("reliability", unmet)
+
+
+def _of_pairs(
+    scene: Scene, pair: str | None, mission: float, jobs: Jobs, started: float
+) -> Reliability:
+    """The chance that any pair is hit, and what each of them risks."""
+    try:
+        chance, risks = first_hits_of_pairs(scene, pair, mission, jobs)
+    except NotApplicable as reason:
+        raise NotApplicable("reliability", reason.conditions) from reason
+    chances = {"hit": chance}
+    # first crossings end where the chances below SMALL are known
+    missing = _inaccurate(chances, jobs) if chance.estimate.value < SMALL else {}
+    found = Reliability(
+        mission=mission,
+        start="stationary",
+        chances=chances,
+        hits=None,
+        hits_interval=None,
+        confidence=jobs.confidence,
+        assumptions=[
+            *_assumptions(scene, "stationary"),
+            "expected hits are not calculated where there are several coordinates or pairs; "
+            "simulate finds their rates",
+            *([] if pair is None else [f"the chance is that of {pair}, as if it alone had stops"]),
+        ],
+        missing=missing,
+        pairs=risks,
+        cost=Cost(
+            wall_time=time.perf_counter() - started, paths=chance.trials, threads=jobs.crew.workers
+        ),
+        provenance=provenance(scene.document(), jobs.seed),
+    )
+    if jobs.deadline.interrupted:
+        raise jobs.deadline.fell_short("before its errors were small enough", "", found)
+    if missing:
+        raise NotConverged("; ".join(f"{name}: {why}" for name, why in missing.items()), found)
     return found
 
 

@@ -74,7 +74,7 @@ def reliability_page(
                 title="Chances",
                 lead=f"Intervals at {100.0 * found.confidence:g} % hold the statistical errors "
                 "alone; a chance that was never seen has an upper limit.",
-                grids=[_chances_grid(found)],
+                grids=[_chances_grid(found), *([_pairs_grid(found)] if found.pairs else [])],
                 pictures=[shown(plot_chances(found), f"Chances in {mission}, with intervals.")]
                 if chances
                 else [],
@@ -144,6 +144,19 @@ def _chances_grid(found: Reliability) -> Grid:
             for each in found.chances.values()
         ],
         words=2,
+    )
+
+
+def _pairs_grid(found: Reliability) -> Grid:
+    return Grid(
+        caption="Pair by pair: the chance of a hit if this pair alone had stops, and its share of "
+        "the first hits of a mission",
+        headings=["pair", "chance alone", "of first hits"],
+        rows=[
+            [name, spoken_percent(risk.probability.value), spoken_percent(risk.share_of_first_hits)]
+            for name, risk in found.pairs.items()
+        ],
+        words=1,
     )
 
 

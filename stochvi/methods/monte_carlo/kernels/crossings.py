@@ -1,20 +1,26 @@
 """Time since the last exceedance before an outcrossing of a stationary Gaussian process.
 
-Given an outcrossing of the level u at t = 0 with the slope p, the process is (D. Slepian 1963)
+Given that the gap y_c crosses the level u upwards at t = 0 with the slope p, the gaps y_j of a
+stationary Gaussian vector process are (D. Slepian 1963)
 
-    x(t) = u rho(t) + p eta(t) + z(t),    rho = r(t) / r(0),    eta = r'(t) / r''(0)
+    y_j(t) = u rho_j(t) + p eta_j(t) + z_j(t),
+    rho_j = E[y_j(t) y_c(0)] / E y_c^2,    eta_j = E[y_j(t) y_c'(0)] / E y_c'^2
 
-with r the correlation function. The residual z does not depend on u and p: it is any record y of
-the process less its regression on y(0) and y'(0), z(t) = y(t) - y(0) rho(t) - y'(0) eta(t). Between
-the samples x is the cubic through values and slopes.
+The residual z does not depend on u and p: it is any record x of the process less its regression on
+x_c(0) and x_c'(0), z_j(t) = x_j(t) - x_c(0) rho_j(t) - x_c'(0) eta_j(t). Between the samples a gap
+is the cubic through values and slopes. A crossing of a lower stop is that of an upper one by the
+process with the opposite sign, which has the same law: its stops change sides.
 
-Symbols: shape holds rho, rho', eta, eta' at 0, span, 2 span, ...; rho and eta' are even in t.
+Symbols: shape holds rho, rho', eta, eta' at 0, -span, -2 span, ...
 """
 
 import numba
 import numpy as np
 
 from stochvi.methods.monte_carlo.kernels.compliant_response import cubic_maximum
+
+TIE = 1e-9
+"""Relative distance from a stop up to which two gaps reach their stops at the same time."""
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -32,41 +38,80 @@ def exceeds(x0, v0, x1, v1, span, near, far, newest):
     return False
 
 
+@numba.njit(cache=True, error_model="numpy")
+def is_outside(x, near, far, before):
+    """Whether another gap is beyond a stop at the moment of the crossing.
+
+    Of gaps that reach their stops at the same time, the first one counts as the one that crosses:
+    `before` says whether this gap comes before the one that crosses.
+    """
+    shift = -TIE if before else TIE
+    return x >= near * (1.0 + shift) or x <= -far * (1.0 + shift)
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def outcrossing_ages(records, starts, slopes, shape, span, stride, near, far, ages):
-    """Time in s from the end of the last exceedance of near[j] or -far[j] to an outcrossing.
+def outcrossing_ages(
+    records, starts, slopes, shape, crossing, span, stride, near, far, ages
+):  # fmt: skip
+    """Time in s from the end of the last exceedance of any stop to an outcrossing of near[:, c].
 
     Parameters
     ----------
-    records : (paths, samples, 2), x and x' of stationary records, periodic in time.
-    starts : (starts,), the samples at which the outcrossings of near[j] are placed.
+    records : (paths, samples, 2 gaps), each x_j followed by x_j', of stationary records that are
+        periodic in time.
+    starts : (starts,), the samples at which the outcrossings are placed.
     slopes : (paths, starts), slopes p > 0 of the crossings.
-    shape : (n + 1, 4), as above; `stride` divides n.
+    shape : (n + 1, gaps, 4), as above; `stride` divides n.
+    crossing : number c of the gap that crosses its stop.
     span, stride : sampling interval in s, and number of intervals that one cubic spans.
-    near, far : (levels,), distances of the stop that is crossed and of the other one.
-    ages : (levels, paths, starts), replaced; n span where there was no exceedance.
+    near, far : (levels, gaps), distances of the stops on the side that is crossed and on the other
+        one; infinite for none.
+    ages : (levels, paths, starts), replaced; n span where there was no exceedance, 0 where another
+        gap is beyond a stop at the crossing, or where the gap that crosses has no such stop.
     """
-    samples, count = records.shape[1], shape.shape[0] - 1
-    x, v = np.empty(count + 1), np.empty(count + 1)
+    samples, count, gaps = records.shape[1], shape.shape[0] - 1, shape.shape[1]
+    x, v = np.empty((count + 1, gaps)), np.empty((count + 1, gaps))
+    stopped = np.empty(gaps, np.int64)
     for path in range(records.shape[0]):
         for i in range(starts.shape[0]):
             record = records[path]
-            away = -record[starts[i], 0]
-            change = slopes[path, i] - record[starts[i], 1]
+            away = -record[starts[i], 2 * crossing]
+            change = slopes[path, i] - record[starts[i], 2 * crossing + 1]
             for k in range(0, count + 1, stride):
                 sample = (starts[i] - k) % samples
-                x[k] = record[sample, 0] + away * shape[k, 0] - change * shape[k, 2]
-                v[k] = record[sample, 1] - away * shape[k, 1] + change * shape[k, 3]
-            for j in range(near.shape[0]):
-                age = count * span
-                u = near[j]
+                for j in range(gaps):
+                    row = shape[k, j]
+                    x[k, j] = record[sample, 2 * j] + away * row[0] + change * row[2]
+                    v[k, j] = record[sample, 2 * j + 1] + away * row[1] + change * row[3]
+            for level in range(near.shape[0]):
+                u = near[level, crossing]
+                found, age = False, count * span
+                active = 0
+                for j in range(gaps):
+                    upper, lower = near[level, j], far[level, j]
+                    if np.isfinite(upper) or np.isfinite(lower):
+                        stopped[active] = j
+                        active += 1
+                        if j != crossing and np.isfinite(u):
+                            here = x[0, j] + u * shape[0, j, 0]
+                            found |= is_outside(here, upper, lower, j < crossing)
+                if found or not np.isfinite(u):
+                    ages[level, path, i] = 0.0
+                    continue
                 for k in range(0, count, stride):
                     older = k + stride
-                    if exceeds(
-                        x[older] + u * shape[older, 0], v[older] - u * shape[older, 1],
-                        x[k] + u * shape[k, 0], v[k] - u * shape[k, 1],
-                        stride * span, u, far[j], k == 0,
-                    ):  # fmt: skip
+                    for a in range(active):
+                        j = stopped[a]
+                        if exceeds(
+                            x[older, j] + u * shape[older, j, 0],
+                            v[older, j] + u * shape[older, j, 1],
+                            x[k, j] + u * shape[k, j, 0], v[k, j] + u * shape[k, j, 1],
+                            stride * span, near[level, j], far[level, j],
+                            k == 0 and j == crossing,
+                        ):  # fmt: skip
+                            found = True
+                            break
+                    if found:
                         age = (k + 0.5 * stride) * span
                         break
-                ages[j, path, i] = age
+                ages[level, path, i] = age

@@ -1,0 +1,220 @@
+"""Gaps of a linear structure under Gaussian noise, as they move where nothing is hit.
+
+The response is a sum over bins of frequency, as in `modal_tables`; white and filtered noise become
+tables, so that all of it is synthesised, and no step is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import ifft
+
+from stochvi.mathematics.frequency_response import (
+    Tables,
+    Waves,
+    beyond,
+    bin_amplitudes,
+    eigenvalues,
+)
+from stochvi.mathematics.spectra import Table
+from stochvi.mathematics.units import density_from_intensity
+from stochvi.methods.monte_carlo.kernels.modes import fill_modal_spectrum
+from stochvi.methods.monte_carlo.modal_tables import _block_length, _streams
+from stochvi.methods.monte_carlo.tabulated import (
+    BLOCK_RELAXATIONS,
+    BLOCK_SAMPLES,
+    FOLD_FROM,
+    LARGEST_BLOCK,
+    LARGEST_LOSS,
+    LOWEST_FREQUENCY,
+    MOST_SAMPLES,
+    SAMPLES_PER_PERIOD,
+    WHITE_LOSS,
+    _even_fast_length,
+    _filtered,
+)
+from stochvi.model.free_motion import free_motion
+from stochvi.model.modal import ModalForm
+from stochvi.model.model import Model
+from stochvi.results.errors import NotApplicable
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+CARRIES = 0.01
+"""Share of the velocity variance of a gap from which a mode counts among those that move it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapResponse:
+    """Synthesis of the gaps of a structure without stops, from their mean positions (SI units).
+
+    Parameters
+    ----------
+    modes
+        The structure, with one row of `gaps` for each gap.
+    tables
+        One-sided densities of all noises, with the modal forces per unit of what they describe.
+    velocities
+        (gaps,): exact velocity variances, m^2/s^2.
+    relaxation
+        Time constant of the slowest mode, s.
+    fastest
+        Frequency of the fastest mode that moves a gap, rad/s.
+    samples, block_length
+        Number of samples of a record, which repeats itself, and its length, s.
+    """
+
+    modes: ModalForm
+    tables: Tables
+    velocities: Vector
+    relaxation: float
+    fastest: float
+    samples: int
+    block_length: float
+
+    @property
+    def gaps(self) -> int:
+        """Number of gaps."""
+        return len(self.modes.gaps)
+
+    @property
+    def step(self) -> float:
+        """Sampling interval, s."""
+        return self.block_length / self.samples
+
+    @property
+    def block(self) -> int:
+        """Number of paths that are synthesised together: a power of two with a few megabytes of
+        samples."""
+        fitting = max(1, min(LARGEST_BLOCK, BLOCK_SAMPLES // (self.samples * self.gaps)))
+        return 1 << (fitting.bit_length() - 1)
+
+    def with_step(self, step: float) -> GapResponse:
+        """The same at a chosen sampling interval, s."""
+        return replace(self, samples=_even_fast_length(self.block_length / step))
+
+    def with_block(self, length: float) -> GapResponse:
+        """Records of a chosen length, s, at about the same sampling interval."""
+        return replace(self, block_length=length).with_step(self.step)
+
+    @cached_property
+    def amplitudes(self) -> Waves:
+        """Complex amplitudes of each bin, (bins, gaps, tables); the last quarter is scaled up, so
+        that the velocity variance beyond the bins is not lost."""
+        count = self.samples // 2
+        matrices = np.diag(self.modes.squares), self.modes.damping
+        found = [
+            bin_amplitudes(table, force, *matrices, self.block_length, count)[0]
+            for table, force in self.tables
+        ]
+        waves: Waves = np.einsum("tbm,gm->bgt", np.array(found), self.modes.gaps)
+        omega2 = (2.0 * np.pi / self.block_length * np.arange(1, count)) ** 2
+        velocities = omega2[:, None] * np.sum(np.abs(waves) ** 2, axis=2)
+        missing = self.velocities - velocities.sum(axis=0)
+        last = int(FOLD_FROM * (count - 1))
+        top = velocities[last:].sum(axis=0)
+        grown = np.divide(missing, top, out=np.zeros_like(top), where=(top > 0.0) & (missing > 0.0))
+        waves[last:] *= np.sqrt(1.0 + grown)[:, None]
+        return waves
+
+    def records(self, seed: int, first_path: int, paths: int) -> NDArray[np.float64]:
+        """(paths, samples, 2 gaps): each gap (m) and its rate (m/s), in turn."""
+        waves, scale = self.amplitudes, self.fastest
+        relative = 2.0 * np.pi / self.block_length / scale * np.arange(1, len(waves) + 1)
+        spectrum = np.empty((self.samples, self.gaps, paths), complex)
+        streams = _streams(seed, first_path, paths, 0)
+        real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
+        fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
+        free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        found = np.empty((paths, self.samples, 2 * self.gaps))
+        found[:, :, 0::2] = free.real.transpose(2, 0, 1)
+        found[:, :, 1::2] = scale * free.imag.transpose(2, 0, 1)
+        return found
+
+    @cached_property
+    def correlations(self) -> NDArray[np.float64]:
+        """Of the records: E[y_j(t) y_k(0)] and its first and second derivative by t at every sample
+        of a block, (3, samples, gaps j, gaps k)."""
+        waves = self.amplitudes
+        omega = 2.0 * np.pi / self.block_length * np.arange(1, len(waves) + 1)
+        cross = np.einsum("bjt,bkt->bjk", waves, waves.conj())
+        found = np.empty((3, self.samples, self.gaps, self.gaps))
+        for order in range(3):
+            spectrum = np.zeros((self.samples, self.gaps, self.gaps), complex)
+            spectrum[1 : len(waves) + 1] = (1j * omega[:, None, None]) ** order * cross
+            found[order] = ifft(spectrum, axis=0, norm="forward", overwrite_x=True).real
+        return found
+
+
+def plan_gaps(model: Model, directions: Matrix) -> GapResponse:
+    """Choose sampling and lengths for the gaps `directions` . q (gaps, n) of a structure.
+
+    Raises
+    ------
+    NotApplicable
+        Where the motion without stops is not a stationary Gaussian process, or where its times lie
+        too far apart.
+    """
+    modes = model.modal._replace(gaps=directions @ model.modal.shapes)
+    law = free_motion(model).law
+    n = modes.size
+    moving = law.covariance[n : 2 * n, n : 2 * n]
+    velocities = np.einsum("gm,mk,gk->g", modes.gaps, moving, modes.gaps)
+    shares = modes.gaps**2 * np.diag(moving)
+    carrying = np.any(shares >= CARRIES * velocities[:, None], axis=0)
+    fastest = math.sqrt(float(np.max(modes.squares[carrying])))
+    damped = eigenvalues(np.diag(modes.squares), modes.damping)
+    relaxation = float(np.max(-1.0 / damped.real))
+    tables = _all_tables(model, modes)
+    modes = modes._replace(tables=tables)
+    length = _block_length(modes, BLOCK_RELAXATIONS * max(relaxation, 1.0 / fastest))
+    rate = SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi)
+    frequency, left = beyond(tables, np.diag(modes.squares), modes.damping, modes.gaps)
+    enough = np.flatnonzero(np.all(left <= LARGEST_LOSS * left[0], axis=1))
+    cut = float(frequency[enough[0]] if len(enough) else frequency[-1])
+    needed = max(rate, 2.0 * cut) * length
+    if needed * len(modes.gaps) > MOST_SAMPLES:
+        raise NotApplicable(
+            "first_crossings",
+            [
+                f"a record of {len(modes.gaps)} gaps needs {needed:.2g} samples, at most "
+                f"{MOST_SAMPLES // len(modes.gaps)} are made: the fastest motion and the slowest "
+                "decay are too far apart"
+            ],
+        )
+    return GapResponse(
+        modes=modes,
+        tables=tables,
+        velocities=velocities,
+        relaxation=relaxation,
+        fastest=fastest,
+        samples=_even_fast_length(needed + 2.0),
+        block_length=length,
+    )
+
+
+def _all_tables(model: Model, modes: ModalForm) -> Tables:
+    """Every noise as a density, with its modal forces: white noise up to where hardly any of its
+    velocity variance is left."""
+    tables = list(modes.tables)
+    natural = np.sqrt(modes.squares[modes.squares > 0.0])
+    slowest, fastest = float(np.min(natural)), float(np.max(natural))
+    for signal in model.signals:
+        tables.append((_filtered(signal, slowest), modes.shapes.T @ signal.direction))
+    widest = float(np.max(np.diag(modes.damping)))
+    highest = max(
+        widest / (math.pi**2 * WHITE_LOSS), SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi)
+    )
+    for intensity, direction in model.whites:
+        flat = Table(
+            frequency_hz=np.array([LOWEST_FREQUENCY * slowest / (2.0 * math.pi), highest]),
+            density=np.full(2, density_from_intensity(intensity)),
+        )
+        tables.append((flat, modes.shapes.T @ direction))
+    return tuple(tables)

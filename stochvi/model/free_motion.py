@@ -1,0 +1,62 @@
+"""Stationary motion of a linear structure where nothing is hit: exact standard deviations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.model.coverage import functions
+from stochvi.model.modal import LinearLaw, ModalForm, linear_law
+from stochvi.model.model import Model
+from stochvi.results.errors import NotApplicable
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+AT_REST = 1e-20
+"""Share of the largest modal velocity variance, over that of a gap of the same size, below which
+the motion of a gap is rounding error."""
+
+
+class FreeMotion(NamedTuple):
+    """Modes of a structure and the stationary law of its motion without stops."""
+
+    modes: ModalForm
+    law: LinearLaw
+
+    def deviations(self, directions: Matrix) -> tuple[Vector, Vector]:
+        """Standard deviations of displacements (m) and velocities (m/s) along `directions`
+        (rows, n); 0 where nothing but rounding error moves."""
+        n, rows = self.modes.size, directions @ self.modes.shapes
+        places, speeds = (
+            np.einsum("gm,mk,gk->g", rows, self.law.covariance[part, part], rows)
+            for part in (slice(0, n), slice(n, 2 * n))
+        )
+        most = np.sum(rows**2, axis=1) * np.max(np.diag(self.law.covariance)[n : 2 * n])
+        moves = speeds > AT_REST * most
+        return np.sqrt(np.where(moves, places, 0.0)), np.sqrt(np.where(moves, speeds, 0.0))
+
+
+def free_motion(model: Model) -> FreeMotion:
+    """The stationary motion of a structure under Gaussian noise, its stops left out.
+
+    Raises
+    ------
+    NotApplicable
+        If there is none, or it is not Gaussian: a sine, no noise, a spring that is a function, a
+        coordinate that nothing holds or damps.
+    """
+    unmet = [condition for condition in functions(model) if condition.startswith("structure")]
+    if model.sines:
+        unmet.append("excitation must be noise or constant, got sine")
+    if not model.noisy:
+        unmet.append("excitation must contain noise")
+    law = None if unmet else linear_law(model.modal)
+    if law is None:
+        raise NotApplicable(
+            "linear motion",
+            unmet or ["stiffness and damping must hold every coordinate where nothing is hit"],
+        )
+    return FreeMotion(model.modal, law)

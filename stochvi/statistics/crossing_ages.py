@@ -1,0 +1,275 @@
+"""Ages of outcrossings: the chance of a first hit, and its rate, from times without an exceedance.
+
+With nu_s the rate of outcrossings of stop s (S. O. Rice 1944) and G_s(t) the chance that none of
+the stops was exceeded in a time t before one of them, a stationary process has
+
+    P(hit before T) = P(beyond a stop at 0) + sum_s nu_s integral_0^T G_s(t) dt
+
+exactly. Beyond the memory of the process (`horizon`) the survivors are hit at a constant rate, the
+limiting decay rate
+
+    lambda = sum_s nu_s G_s(t) / P(no hit before t)
+
+which thus needs no record as long as the mission. One process between two stops is the case of
+`first_crossings`, the gaps of several pairs that of `pair_crossings`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
+from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.results.deadline import Deadline
+from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import jackknife_error
+
+Vector = NDArray[np.float64]
+
+FEWEST_PATHS = 64
+"""For a standard error between paths; each holds some 20 crossings."""
+
+PILOT = 2**32
+"""Number of the first path of a pilot, which tells how many paths an answer needs and is no part of
+it: of what ends as soon as its error looks small that error is too small, by some 5 %."""
+
+MARGIN = 1.1
+"""More paths than the pilot asks for."""
+
+MISSED = 1.3
+"""Times the error asked for, from which on paths are added: it ends for its error hardly ever."""
+
+LEAST_PATHS = 8
+"""Where not even the fewest fit into the budget."""
+
+FEWEST_SURVIVORS = 0.05
+"""Share of motions that must outlast the horizon for a limiting rate: beyond the noise of 64 paths.
+Where fewer do, they are taken for so many, which changes the chance of a hit by less than this."""
+
+STRIDES = (1, 2)
+"""Every sample, and every second one: what the cubics between samples may miss."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CrossingAges:
+    """Ages of outcrossings at several levels: what is known of first hits.
+
+    Parameters
+    ----------
+    outside
+        (levels,): chance to be beyond a stop at the start.
+    horizon, interval
+        How far the records look back, and their sampling interval, s.
+    rice_rates
+        (sides, levels): outcrossings per second of each stop (Rice); of a lower and an upper one
+        together, in one row, where they are alike.
+    ages
+        (strides, sides, levels, paths, records): how long before such an outcrossing the last
+        exceedance of any stop ended, s, at most `horizon`.
+    """
+
+    outside: Vector
+    horizon: float
+    interval: float
+    rice_rates: Vector
+    ages: NDArray[np.float32]
+
+    @cached_property
+    def rice_rate(self) -> Vector:
+        """(levels,): outcrossings per second of all stops (S. O. Rice 1944)."""
+        return np.asarray(self.rice_rates.sum(axis=0))
+
+    def first_rate(self) -> list[Estimate]:
+        """Limiting rate of first hits, lambda, at each level, 1/s."""
+        return self._estimates(self._rate)
+
+    def probability(self, mission: float) -> list[Estimate]:
+        """Chance of any hit in the first `mission` seconds of the stationary motion.
+
+        Where hardly any motion outlasts the memory it is a lower limit, and the bias reaches to 1.
+        """
+        if not 0.0 < mission < math.inf:
+            raise ValueError(f"mission must be a positive number of seconds, got {mission}")
+
+        def chance(sums: Vector) -> Vector:
+            return self._probability(sums, mission)
+
+        limits = self._few(self._path_means(0, mission).mean(axis=-1), mission)
+        return [
+            replace(found, bias=max(found.bias or 0.0, 1.0 - found.value)) if limit else found
+            for found, limit in zip(self._estimates(chance, mission), limits, strict=True)
+        ]
+
+    def _few(self, means: Vector, mission: float) -> NDArray[np.bool_]:
+        """(levels,): where survivors are taken for more than are left by such sums."""
+        half = self.horizon / 2.0
+        few = self.outside + means[0] > 1.0 - FEWEST_SURVIVORS
+        if mission > self.horizon:
+            few |= (1.0 - self.outside - means[1]) * half - means[2] < FEWEST_SURVIVORS * half
+        return np.asarray(few)
+
+    def _held(self, means: Vector) -> Vector:
+        """Sums that leave as many survivors at least as they are taken for."""
+        half, left = self.horizon / 2.0, 1.0 - self.outside
+        early = np.minimum(means[0], left - FEWEST_SURVIVORS)
+        area = np.minimum(means[2], (left - means[1] - FEWEST_SURVIVORS) * half)
+        return np.stack([early, means[1], area])
+
+    def _estimates(
+        self, statistic: Callable[[Vector], Vector], mission: float = math.inf
+    ) -> list[Estimate]:
+        """A statistic of every level: jackknife over paths, and what half the sampling changes."""
+        fine, coarse = (self._path_means(stride, mission) for stride in range(len(STRIDES)))
+        paths = fine.shape[-1]
+        values = statistic(fine.mean(axis=-1))
+        left_out = statistic((fine.sum(axis=-1, keepdims=True) - fine) / (paths - 1))
+        errors = jackknife_error(left_out)
+        # where every crossing was a first one, that the next is not is still as likely as this
+        crossings = paths * self.ages.shape[-1]
+        errors = np.maximum(errors, values / crossings)
+        # and where hardly any was a first one, that the next is one
+        first = self._integrals(np.full((1, 1), self.horizon), mission)[:, 0] * self.rice_rate
+        seen = fine.mean(axis=-1)
+        errors = np.maximum(errors, np.abs(statistic(seen + (first - seen) / crossings) - values))
+        # survivors that are taken for more than were seen do not vary with those seen
+        error = fine.std(axis=-1, ddof=1) / math.sqrt(paths)
+        fewer = np.abs(statistic(self._held(seen) - error) - values)
+        errors = np.where(self._few(seen + error, mission), np.maximum(errors, fewer), errors)
+        # a cubic between samples misses peaks at an order of 2 at least
+        bias = np.abs(statistic(coarse.mean(axis=-1)) - values) / 3.0
+        how = f"{paths} paths of {self.ages.shape[-1]} crossings; bias from half the sampling"
+        return [
+            Estimate(value=float(v), standard_error=float(e), bias=float(b), how=how)
+            for v, e, b in zip(values, errors, bias, strict=True)
+        ]
+
+    def _path_means(self, stride: int, mission: float) -> Vector:
+        """(3, levels, paths): nu times the integrals of G from 0 to min(horizon, mission) and over
+        the second half of the horizon, and of the first of these over the second half."""
+        integrals = self._integrals(self.ages[stride].astype(float), mission).mean(axis=-1)
+        return np.asarray(np.einsum("sl,islp->ilp", self.rice_rates, integrals))
+
+    def _integrals(self, ages: Vector, mission: float) -> Vector:
+        """The three integrals of `_path_means`, divided by nu, for crossings of these ages."""
+        first, last = self.horizon / 2.0, self.horizon
+        late = np.maximum(ages - first, 0.0)
+        # int_first^last min(age, t) dt
+        area = np.minimum(ages, first) * (last - first) + late * (last - first) - 0.5 * late**2
+        return np.stack([np.minimum(ages, mission), late, area])
+
+    def _rate(self, means: Vector) -> Vector:
+        first, last = self.horizon / 2.0, self.horizon
+        half = last - first
+        exposure = (1.0 - _columns(self.outside, means[1])) * half - means[2]
+        fewest = FEWEST_SURVIVORS * half
+        # where hardly any survive, they are lost as fast as those before them at least
+        lost = np.where(exposure < fewest, -math.log(FEWEST_SURVIVORS) / last, 0.0)
+        return np.asarray(np.maximum(means[1] / np.maximum(exposure, fewest), lost))
+
+    def _probability(self, means: Vector, mission: float) -> Vector:
+        early = np.minimum(_columns(self.outside, means[0]) + means[0], 1.0 - FEWEST_SURVIVORS)
+        later = max(mission - self.horizon, 0.0)
+        return np.asarray(-np.expm1(np.log1p(-early) - self._rate(means) * later))
+
+
+def _columns(levels: Vector, like: Vector) -> Vector:
+    """(levels,) as a column where there are several paths."""
+    return levels if like.ndim == 1 else levels[:, None]
+
+
+Ages_co = TypeVar("Ages_co", bound=CrossingAges, covariant=True)
+
+
+class Plan(Protocol):
+    """How records are made: so many paths together."""
+
+    @property
+    def block(self) -> int:
+        """Number of paths that are made together."""
+
+
+class Source(Protocol[Ages_co]):
+    """Records with crossings put into them, a block of paths at a time."""
+
+    @property
+    def plan(self) -> Plan:
+        """Synthesis of the records."""
+
+    def ages(self, first_path: int) -> NDArray[np.float32]:
+        """Of the crossings in one block of paths, (strides, sides, levels, paths, records)."""
+
+    def found(self, ages: NDArray[np.float32]) -> Ages_co:
+        """What the crossings so far say."""
+
+
+def until_accurate(
+    records: Source[Ages_co],
+    mission: float,
+    rel_error: float,
+    threads: int | None,
+    executor: Executor | None,
+    budget: float | None,
+    progress: Progress | None,
+) -> Ages_co:
+    """As many paths as a pilot finds necessary for `rel_error`, see `first_crossings`."""
+    block = records.plan.block
+    with crew_of(executor, threads) as crew:
+        pilot = [records.ages(PILOT)]
+        started, deadline = time.time(), Deadline.after(budget)  # compilation is over
+
+        def fly(first: int, ages: list[NDArray[np.float32]], paths: int) -> Ages_co:
+            """So many paths, or those that the budget allows, from the first on."""
+
+            def late() -> bool:
+                few = len(ages) * block < LEAST_PATHS
+                return deadline.passed() and not few
+
+            left = blocks_between(first + len(ages) * block, first + paths, block)
+            for some in crew.results(partial(_ages, records), [*left], deadline, late):
+                ages.append(some)
+            return records.found(np.concatenate(ages, axis=3))
+
+        found, ages = fly(PILOT, pilot, FEWEST_PATHS), pilot
+        answer: list[NDArray[np.float32]] = []
+        while True:
+            error, done, now = (
+                largest_error(found, mission),
+                len(ages) * block,
+                time.time() - started,
+            )
+            if progress:
+                progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{done} paths")
+            enough = ages is answer and error <= MISSED * rel_error
+            if enough or deadline.passed() or (budget is not None and now > 0.5 * budget):
+                break
+            growth = min(MARGIN * (error / rel_error) ** 2, 4.0)
+            if budget is not None and now > 0.0:
+                # in the time that is left, and the time that is there now is what there will be
+                growth = min(growth, max(budget / now, 1.25))
+            ages = answer
+            found = fly(0, answer, max(math.ceil(growth * done), FEWEST_PATHS))
+    if deadline.interrupted:
+        raise deadline.fell_short(f"after {done} paths", "", found)
+    return found
+
+
+def _ages(
+    records: Source[CrossingAges], first_path: int, _paths: int, _deadline: Deadline
+) -> NDArray[np.float32]:
+    """The work on a block of paths, which are always as many as the records hold."""
+    return records.ages(first_path)
+
+
+def largest_error(found: CrossingAges, mission: float) -> float:
+    """Largest relative standard error of what `rel_error` governs in `first_crossings`."""
+    chances = [chance for chance in found.probability(mission) if 0.0 < chance.value < 0.5]
+    return max((chance.standard_error / chance.value for chance in chances), default=0.0)

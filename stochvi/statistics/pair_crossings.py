@@ -1,0 +1,323 @@
+"""Chance that any of several impact pairs is hit at all: first crossings of a Gaussian vector.
+
+Before the first contact the gaps of a linear structure are a stationary Gaussian process.
+A first hit of any pair is its first outcrossing of the region in which no gap is beyond a stop.
+Every stop has its own outcrossings, with the rate of Rice; around one of them all gaps are
+Gaussian, with the cross-correlations of the process (`monte_carlo.kernels.crossings`). Looked back
+from it, the last exceedance of any stop of any pair says for how long it would have been the first
+hit (`crossing_ages`), so that pairs which move together are counted together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
+
+from stochvi.methods.monte_carlo.gap_response import GapResponse, plan_gaps
+from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
+from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.methods.monte_carlo.tabulated import MOST_SAMPLES
+from stochvi.model.free_motion import free_motion
+from stochvi.model.model import Model, model_of
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Estimate
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.crossing_ages import STRIDES, CrossingAges, until_accurate
+from stochvi.statistics.first_crossings import (
+    MEMORY_CORRELATIONS,
+    MEMORY_RELAXATIONS,
+    SAMPLES_PER_PERIOD,
+    SLOPES,
+)
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+STARTS = 4096
+"""Number of gaps beyond each stop that are drawn for the chance to be beyond any stop at the start:
+its standard error is then below 1 %."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PairCrossings(CrossingAges):
+    """Ages of outcrossings of the stops of several pairs: what is known of first hits of any.
+
+    Parameters
+    ----------
+    pairs
+        Names of the pairs.
+    lower, upper
+        (levels, pairs): distances of the stops from the mean gaps, m; infinite for none.
+    displacement_std, velocity_std
+        (pairs,): of the gaps, m and m/s.
+    crossing
+        (sides,): number of the pair that each row of `rice_rates` belongs to.
+    outside_error
+        (levels,): standard error of `outside`.
+    """
+
+    pairs: tuple[str, ...]
+    lower: Matrix
+    upper: Matrix
+    displacement_std: Vector
+    velocity_std: Vector
+    crossing: NDArray[np.int64]
+    outside_error: Vector
+
+    def probability(self, mission: float) -> list[Estimate]:
+        """Chance that any pair is hit in the first `mission` seconds of the stationary motion.
+
+        Where hardly any motion outlasts the memory it is a lower limit, and the bias reaches to 1.
+        """
+        return [
+            replace(found, standard_error=math.hypot(found.standard_error, error))
+            for found, error in zip(super().probability(mission), self.outside_error, strict=True)
+        ]
+
+    def shares(self, mission: float) -> Matrix:
+        """(levels, pairs): which part of the first hits of a mission is on each pair; one that
+        reaches its stop together with an earlier pair has none of these."""
+        known = np.minimum(self.ages[0].astype(float), mission).mean(axis=(-2, -1))
+        found = np.zeros_like(self.lower)
+        np.add.at(found.T, self.crossing, self.rice_rates * known)
+        total = found.sum(axis=1, keepdims=True)
+        return np.asarray(np.divide(found, total, out=np.zeros_like(found), where=total > 0.0))
+
+
+def pair_crossings(
+    scene: Scene,
+    *,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    mission: float = 3600.0,
+    rel_error: float = 0.05,
+    seed: int = 0,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    budget: float | None = 60.0,
+    progress: Progress | None = None,
+) -> PairCrossings:
+    """First hits of any of the impact pairs of a scene, at many levels from one set of records.
+
+    Parameters
+    ----------
+    scene
+        A linear structure of any kind, with impact pairs, under Gaussian noise (white, filtered,
+        tabulated, roads, any sum) and constant loads.
+    lower, upper
+        (levels, pairs): distances of the stops from the mean gaps, m, infinite for none; by
+        default those of the scene, at one level.
+    rel_error
+        Relative standard error of the chance of a hit in `mission` seconds to reach at every
+        level where that chance is below 1/2.
+    budget
+        Seconds after which it ends with larger errors.
+    threads, executor, progress
+        The same arguments as those of `simulate`.
+
+    Raises
+    ------
+    NotApplicable
+        If the motion without stops is not a stationary Gaussian process.
+
+    Examples
+    --------
+    Two rods between the same two masses are hit together, and count once.
+
+    >>> from stochvi import ImpactPair, Matrices, Restitution, WhiteNoise
+    >>> stops = {"lower": -3.0, "upper": 3.0, "law": Restitution(coefficient=0.5)}
+    >>> scene = Scene(
+    ...     structure=Matrices(
+    ...         coordinates=("x", "z"), mass=[[1, 0], [0, 1]],
+    ...         damping=[[0.1, 0], [0, 0.1]], stiffness=[[1, 0], [0, 1]],
+    ...     ),
+    ...     impact_pairs=[ImpactPair(name=name, on="x", **stops) for name in ("left", "right")],
+    ...     excitations=[WhiteNoise(intensity=0.2, on="x")],
+    ... )
+    >>> rate = pair_crossings(scene).first_rate()[0]
+    >>> abs(rate.value - 0.0018091405) < 4.5 * rate.standard_error + rate.bias
+    True
+    """
+    model = model_of(scene)
+    below, above = own_distances(model)
+    levels = max(
+        (len(np.atleast_2d(each)) for each in (lower, upper) if each is not None), default=1
+    )
+    below, above = (
+        np.broadcast_to(own if each is None else np.asarray(each, float), (levels, len(own)))
+        for each, own in ((lower, below), (upper, above))
+    )
+    records = GapRecords(model, seed, below, above)
+    return until_accurate(records, mission, rel_error, threads, executor, budget, progress)
+
+
+def own_distances(model: Model) -> tuple[Vector, Vector]:
+    """(pairs,) distances of the lower and of the upper stops from the mean gaps, m."""
+    rest = model.modal.gaps @ model.modal.rest
+    found = np.full((2, len(model.pairs)), math.inf)
+    for number, (pair, place) in enumerate(zip(model.pairs, rest, strict=True)):
+        for stop in pair.stops:
+            found[int(stop.side > 0), number] = stop.side * (stop.position - place)
+    return found[0], found[1]
+
+
+def crossing_response(model: Model, directions: Matrix) -> GapResponse:
+    """Synthesis of gaps, sampled finely enough for peaks, in records that hold their memory
+    twice."""
+    plan = plan_gaps(model, directions)
+    plan = plan.with_step(min(plan.step, 2.0 * math.pi / plan.fastest / SAMPLES_PER_PERIOD))
+    while memory_of(plan) > 0.5 * plan.block_length:
+        if 2 * plan.samples * plan.gaps > MOST_SAMPLES:
+            raise NotApplicable(
+                "first_crossings",
+                [
+                    "the input is too narrow to be resolved: its memory of "
+                    f"{memory_of(plan):.3g} s or more does not fit into half a record of "
+                    f"{MOST_SAMPLES // plan.gaps} samples"
+                ],
+            )
+        plan = plan.with_block(2.0 * plan.block_length)
+    return plan
+
+
+def memory_of(plan: GapResponse) -> float:
+    """Seconds after which every gap has forgotten where it was (`first_crossings.horizon_of`)."""
+    variances = np.sum(np.abs(plan.amplitudes) ** 2, axis=2)
+    bins = variances.sum(axis=0) ** 2 / np.sum(variances**2, axis=0)
+    correlation = MEMORY_CORRELATIONS * plan.block_length / (4.0 * float(bins.min()))
+    return max(correlation, MEMORY_RELAXATIONS * plan.relaxation)
+
+
+class GapRecords:
+    """Stationary records of all gaps, and the crossings of stops that are put into them.
+
+    Gaps that do not move are left out: they are never hit.
+    """
+
+    def __init__(self, model: Model, seed: int, lower: Matrix, upper: Matrix) -> None:
+        if not (np.all(lower > 0.0) and np.all(upper > 0.0)):
+            worst = int(np.argmin(np.minimum(lower, upper).min(axis=0)))
+            raise NotApplicable(
+                "first_crossings",
+                [f"the mean gap of {model.pairs[worst].name} must lie between its stops"],
+            )
+        self.model, self.seed, self.lower, self.upper = model, seed, lower, upper
+        directions = np.array([pair.direction for pair in model.pairs])
+        self.displacement_std, self.velocity_std = free_motion(model).deviations(directions)
+        (self.moving,) = np.nonzero(self.displacement_std)
+        if not len(self.moving):
+            raise NotApplicable("first_crossings", ["excitation must move a gap of a pair"])
+        self.plan = crossing_response(model, directions[self.moving])
+        # a multiple of every stride
+        steps = memory_of(self.plan) / self.plan.step / max(STRIDES)
+        self.count = max(STRIDES) * math.ceil(steps)
+        self.starts = np.arange(0, max(self.plan.samples - self.count, 1), self.count)
+        own_lower, own_upper = lower[:, self.moving], upper[:, self.moving]
+        # the motion is as likely with the opposite sign: stops that are alike are looked at once
+        self.alike = np.array_equal(own_lower, own_upper)
+        self.sides = [
+            (gap, near, far)
+            for near, far in [(own_upper, own_lower), (own_lower, own_upper)][: 2 - self.alike]
+            for gap in range(len(self.moving))
+            if np.any(np.isfinite(near[:, gap]))
+        ]
+
+    @property
+    def horizon(self) -> float:
+        """How far records look back, s."""
+        return self.count * self.plan.step
+
+    @property
+    def rice_rates(self) -> Matrix:
+        """(sides, levels), see `CrossingAges`."""
+        correlation = self.plan.correlations
+        variance = np.diag(correlation[0, 0])
+        factor = (
+            (1.0 + self.alike) / (2.0 * math.pi) * np.sqrt(-np.diag(correlation[2, 0]) / variance)
+        )
+        return np.array(
+            [
+                factor[gap] * np.exp(-0.5 * near[:, gap] ** 2 / variance[gap])
+                for gap, near, _ in self.sides
+            ]
+        )
+
+    def looking_back(self, gap: int) -> Vector:
+        """rho, rho', eta and eta' of all gaps before a crossing of one, (count + 1, gaps, 4)."""
+        correlation = self.plan.correlations
+        before = -np.arange(self.count + 1)
+        r, rate, bend = correlation[:, before][..., gap]
+        own, own_bend = correlation[0, 0, gap, gap], correlation[2, 0, gap, gap]
+        return np.stack([r / own, rate / own, rate / own_bend, bend / own_bend], axis=-1)
+
+    def ages(self, first_path: int) -> NDArray[np.float32]:
+        """Of the crossings in one block of paths, (strides, sides, levels, paths, starts)."""
+        plan = self.plan
+        records = plan.records(self.seed, first_path, plan.block)
+        random = np.random.default_rng([self.seed, SLOPES, first_path])
+        units = random.rayleigh(size=(plan.gaps, plan.block, len(self.starts)))
+        found = np.empty(
+            (len(STRIDES), len(self.sides), len(self.lower), plan.block, len(self.starts))
+        )
+        for side, (gap, near, far) in enumerate(self.sides):
+            shape = np.ascontiguousarray(self.looking_back(gap))
+            slopes = math.sqrt(-plan.correlations[2, 0, gap, gap]) * units[gap]
+            for number, stride in enumerate(STRIDES):
+                outcrossing_ages(
+                    records, self.starts, slopes, shape, gap, plan.step, stride,
+                    np.ascontiguousarray(near), np.ascontiguousarray(far), found[number, side],
+                )  # fmt: skip
+        return found.astype(np.float32)
+
+    def found(self, ages: NDArray[np.float32]) -> PairCrossings:
+        """All that the crossings so far say."""
+        starts = list(self._beyond())
+        return PairCrossings(
+            outside=np.array([chance for chance, _ in starts]),
+            outside_error=np.array([error for _, error in starts]),
+            pairs=tuple(pair.name for pair in self.model.pairs),
+            lower=self.lower,
+            upper=self.upper,
+            displacement_std=self.displacement_std,
+            velocity_std=self.velocity_std,
+            crossing=np.array([self.moving[gap] for gap, _, _ in self.sides]),
+            horizon=self.horizon,
+            interval=self.plan.step,
+            rice_rates=self.rice_rates,
+            ages=ages,
+        )
+
+    def _beyond(self) -> Iterator[tuple[float, float]]:
+        """Chance to be beyond any stop at the start, with its standard error, level by level.
+
+        The sum over stops of the chance to be beyond it, each time divided by the number of stops
+        that the gaps are then beyond (R. J. Adler, J. H. Blanchet and J. Liu, Ann. Appl. Probab. 22
+        (2012) 1167).
+        """
+        covariance = self.plan.correlations[0, 0]
+        std = np.sqrt(np.diag(covariance))
+        random = np.random.default_rng([self.seed, SLOPES])
+        root = np.linalg.cholesky(covariance + 1e-12 * np.diag(std**2))
+        normal = random.standard_normal((STARTS, len(std))) @ root.T
+        uniform = random.random(STARTS)
+        for lower, upper in zip(
+            self.lower[:, self.moving], self.upper[:, self.moving], strict=True
+        ):
+            total, variance = 0.0, 0.0
+            for near, far in ((upper, lower), (lower, upper)):
+                for gap in np.flatnonzero(np.isfinite(near)):
+                    chance = float(ndtr(-near[gap] / std[gap]))
+                    place = -std[gap] * ndtri(chance * uniform)
+                    share = covariance[gap] / covariance[gap, gap]
+                    gaps = normal + (place - normal[:, gap])[:, None] * share
+                    gaps[:, gap] = np.maximum(place, near[gap])
+                    stops = np.sum((gaps >= near) | (gaps <= -far), axis=1)
+                    total += chance * float(np.mean(1.0 / stops))
+                    variance += chance**2 * float(np.var(1.0 / stops)) / STARTS
+            yield total, math.sqrt(variance)
