@@ -172,3 +172,47 @@ def test_a_history_that_cannot_be_made_is_refused(
     stochvi: Run, words: tuple[str, ...], sentence: str
 ) -> None:
     assert sentence in refused(stochvi("history", ELASTIC, *words))
+
+
+TWO_PAIRS = """
+[structure]
+kind = "matrices"
+coordinates = ["a", "b"]
+mass = [[2.0, 0.0], [0.0, 1.0]]
+damping = [[6.0, -2.0], [-2.0, 3.0]]
+stiffness = [[4000.0, -1500.0], [-1500.0, 1500.0]]
+[[impact_pair]]
+name = "wall"
+on = "a"
+lower = -0.06
+upper = 0.06
+law = { kind = "restitution", coefficient = 0.4 }
+[[impact_pair]]
+name = "between"
+between = ["b", "a"]
+lower = -0.06
+upper = 0.06
+law = { kind = "restitution", coefficient = 0.4 }
+[[excitation]]
+kind = "white"
+on = "b"
+intensity = 30.0
+"""
+
+
+def test_reliability_of_several_pairs_says_what_each_risks(stochvi: Run, tmp_path: Path) -> None:
+    scene = tmp_path / "two.toml"
+    scene.write_text(TWO_PAIRS)
+    done = stochvi(
+        "reliability", scene, "--mission", "10", "--rel-error", "0.2", "--json", "-",
+        "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert done.code == 0
+    document = one_document(done.out)
+    assert set(document["pairs"]) == {"wall", "between"}
+    assert document["expected_hits"] is None
+    assert "hit, if it alone had stops" in done.err
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Pair by pair" in page
+    wrong = stochvi("reliability", scene, "--mission", "10", "--pair", "roof")
+    assert wrong.code == 2 and "pair must be one of wall, between" in wrong.err
