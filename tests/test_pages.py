@@ -48,8 +48,8 @@ FRAME = {
 }
 """What a scene has beside the part that a block of a page shows."""
 
-SHOWN_ONLY = {"text", ""}
-"""Languages of blocks that hold nothing to run: what a program prints, a page by reference."""
+SHOWN_ONLY = {"text", "json", ""}
+"""Languages of blocks that hold nothing to run: what a program prints or writes."""
 
 
 class Block(NamedTuple):

@@ -1,4 +1,4 @@
-"""Commands to start from: a scene file, and the environments that ship."""
+"""Commands to start from: a scene file, its schema, and the environments that ship."""
 
 from __future__ import annotations
 
@@ -121,3 +121,24 @@ def new(file: Path, kind: str) -> None:
         "rigid-body": f"explain {file}",
     }.get(kind, f"size {file} --probability 0.01 --out out")
     click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)
+
+
+@main.command()
+@click.argument(
+    "of", type=click.Choice(["scene", "answer"]), default="scene", metavar="[scene|answer]"
+)
+def schema(of: str) -> None:
+    """JSON Schema of scene files, or of the answers that --json writes.
+
+    An editor completes and checks the keys of a scene file by it.
+    """
+    from stochvi.views.files import write_json
+
+    if of == "scene":
+        from stochvi.scenes.schema import scene_schema
+
+        write_json(scene_schema(), "-")
+    else:
+        from stochvi.cli.answer_schema import answer_schema
+
+        write_json(answer_schema(), "-")

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from stochvi.results.errors import SceneError
 from stochvi.scenes.excitations import BASE
@@ -20,6 +20,11 @@ CARRIER = "structure"
 MOST_UNITS = 64
 """Largest number of units of one absorber; each unit is a coordinate of its own."""
 
+ONE_OR_MORE_NAMES = {
+    "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
+}  # fmt: skip
+"""JSON Schema of names, where a single one may stand without brackets."""
+
 
 class Absorber(Checked):
     """Masses that a structure carries in boxes, to take energy from it by their impacts.
@@ -32,12 +37,13 @@ class Absorber(Checked):
     Parameters
     ----------
     mass_on
-        Names of the coordinates that are absorber masses.
+        Names of the coordinates that are absorber masses, or the name of one.
     mass
         Mass of all units together, kg; each has an equal share.
     play
-        Total travel of a unit in its box, m, the box about its rest position. Instead `lower` and
-        `upper`, the stops of the relative displacement, of which one may be left out.
+        Total travel of a unit in its box, m, the box about its rest position.
+    lower, upper
+        Instead of the play: the stops of the relative displacement, m; a sprung mass may have one.
     law
         Impact law of the walls.
     units
@@ -54,7 +60,7 @@ class Absorber(Checked):
     ('absorber 1', 'absorber 2')
     """
 
-    mass_on: tuple[str, ...] = ()
+    mass_on: Annotated[tuple[str, ...], WithJsonSchema(ONE_OR_MORE_NAMES)] = ()
     mass: Positive | None = None
     play: Positive | None = None
     lower: Number | None = None

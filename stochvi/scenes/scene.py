@@ -39,6 +39,8 @@ class ImpactPair(Checked):
 
     Parameters
     ----------
+    name
+        Name of the pair in answers; each pair needs one of its own.
     lower, upper
         Position of the stops, m from the position of the unloaded spring; leave out for none.
         A stop beyond it (an upper stop below 0) is a preload.
@@ -125,6 +127,26 @@ class ImpactPair(Checked):
 
 class Scene(Checked):
     """Everything a method needs to know, checked once.
+
+    Parameters
+    ----------
+    title
+        What the scene is, for headings.
+    structure
+        What moves.
+    impact_pairs
+        Where it can hit; none for a structure without stops. `impact_pair` in a file.
+    excitations
+        What shakes it, at least one; several add up. `excitation` in a file.
+    absorber
+        Loose masses in boxes that the structure carries: one, or a list.
+    vehicle
+        The vehicle that stands between a road and the base.
+
+    Raises
+    ------
+    SceneError
+        In one sentence per problem: the key, what was got, what was expected.
 
     Examples
     --------

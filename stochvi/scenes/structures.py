@@ -34,9 +34,24 @@ Tolerance = Annotated[NonNegative, Field(lt=1)]
 class Oscillator(Checked):
     """A mass on a spring and a damper, x'' + b x' + omega^2 x = f(t).
 
-    Give `mass`, `damping` and `stiffness` (kg, N s/m, N/m), or `frequency_hz` with exactly
-    one of `zeta` and `Q` (b = 2 zeta omega, Q = 1 / (2 zeta)). `mass` may be left out in the
-    second form as long as no force acts on it; it is then 1 kg.
+    Give `mass`, `damping` and `stiffness`, or `frequency_hz` with exactly one of `zeta` and `Q`.
+
+    Parameters
+    ----------
+    mass
+        Mass, kg. Beside `frequency_hz` it may be left out as long as no force acts on it; it is
+        then 1 kg.
+    damping, stiffness
+        Damper, N s/m, and spring, N/m.
+    frequency_hz
+        Undamped natural frequency, Hz, omega = 2 pi frequency_hz.
+    zeta, Q
+        Damping ratio, b = 2 zeta omega, or quality factor, Q = 1 / (2 zeta).
+
+    Raises
+    ------
+    SceneError
+        If the two descriptions are mixed, or one is not whole.
 
     Examples
     --------

@@ -75,6 +75,8 @@ class QuarterCar(Checked):
 
     Parameters
     ----------
+    kind
+        "quarter-car".
     preset
         Name of a known vehicle (`PRESETS`); `body_mass` may be given beside it.
     body_mass, wheel_mass

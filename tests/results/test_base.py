@@ -11,12 +11,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pandas as pd
 import pytest
 
 import stochvi
 from stochvi import Oscillator, Scene, WhiteNoise
+from stochvi.cli.answer_schema import answer_schema
 from stochvi.results.base import Result, plain, total_cost
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.statistics.impacts.method import impacts
@@ -80,6 +82,9 @@ ANSWERS: dict[str, Callable[[], Result]] = {
 """A small answer of each kind. The best box and jolts take long, see their own tests."""
 
 
+ANSWERS_SCHEMA = answer_schema()
+
+
 @pytest.fixture(scope="module", params=ANSWERS)
 def answer(request: pytest.FixtureRequest) -> Result:
     found = ANSWERS[request.param]()
@@ -104,6 +109,17 @@ def test_every_kind_of_answer_is_tested_here_or_where_it_is_made() -> None:
 def test_a_document_is_plain_json(answer: Result) -> None:
     document = answer.to_dict()
     assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+def test_a_document_follows_the_schema_of_its_kind(answer: Result) -> None:
+    kind = type(answer).__name__
+    if kind != "Transient":  # no command writes one
+        document = answer.to_dict()
+        schema = ANSWERS_SCHEMA | {"anyOf": [{"$ref": f"#/$defs/{kind}"}]}
+        valid = jsonschema.Draft202012Validator(schema)
+        assert [each.message for each in valid.iter_errors(document)] == []
+        assert not valid.is_valid(document | {"no_such_key": 1})
+        assert not valid.is_valid({key: document[key] for key in list(document)[1:]})
 
 
 def test_a_table_has_rows(answer: Result) -> None:

@@ -60,8 +60,15 @@ def check_unit(name: str, on: str) -> None:
 class Disturbance(Checked):
     """Something that shakes; the base of every excitation.
 
-    An excitation that leaves out an abstract method cannot be made. `axis` says along which axis it
-    moves the base of a rigid body.
+    An excitation that leaves out an abstract method cannot be made.
+
+    Parameters
+    ----------
+    on
+        What it acts on: a coordinate, as a force, or "base", as an acceleration of the base. May be
+        left out where only one place is meant: of an isolator the base, of an oscillator x.
+    axis
+        Axis along which it moves the base of a rigid body, "x", "y" or "z".
     """
 
     axis: Literal["x", "y", "z"] | None = None
@@ -96,7 +103,10 @@ class Disturbance(Checked):
 class DensityNoise(Disturbance):
     """Base of Gaussian noise with a one-sided density per hertz, zero outside its band.
 
-    `level_db` raises or lowers the whole density.
+    Parameters
+    ----------
+    level_db
+        Decibels by which the whole density is raised, -200 to 200.
     """
 
     family: ClassVar[str] = "tabulated noise"

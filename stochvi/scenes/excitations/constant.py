@@ -18,6 +18,13 @@ class ConstantLoad(Disturbance):
     Gravity that pulls towards negative x is `force = -m g`, or `acceleration = 9.80665` of the
     base. If clearances are measured from where the mass hangs, leave gravity out.
 
+    Parameters
+    ----------
+    force
+        Force on a mass, N.
+    acceleration
+        Acceleration of the base, m/s^2.
+
     Examples
     --------
     >>> ConstantLoad(force=-9.80665).magnitude

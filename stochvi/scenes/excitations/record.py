@@ -57,8 +57,14 @@ class RecordedNoise(DensityNoise):
     gaps
         What to do with missing values and missing samples: "refuse" them, or "split" the record
         there into segments, whose statistics are pooled and never bridge a gap.
+    variables
+        Names of the vectors of a MATLAB file, if several fit.
+    dataset
+        Number of the dataset of a UFF file, from 1, if several fit.
     band_hz
         Lowest and highest frequency of the density that is kept, Hz.
+    resolution_hz
+        Width of a bin of the density, Hz.
     """
 
     effect_word: ClassVar[str] = "tabulated noise of a record"

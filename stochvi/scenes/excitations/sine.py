@@ -14,7 +14,12 @@ from stochvi.scenes.validation import Positive
 class Sine(Disturbance):
     """A sine, amplitude * cos(2 pi frequency_hz t + phase), the phase of each path random.
 
-    `amplitude` is a force (N) on a mass or an acceleration (m/s^2) of the base.
+    Parameters
+    ----------
+    amplitude
+        Peak of the force on a mass, N, or of the acceleration of the base, m/s^2.
+    frequency_hz
+        Frequency, Hz.
 
     Examples
     --------

@@ -28,16 +28,37 @@ from stochvi.scenes.validation import Column, ColumnName, Count, Names, Numbers,
 class TabulatedNoise(DensityNoise):
     """Gaussian noise with a tabulated one-sided density per hertz, zero outside the table.
 
-    Between breakpoints log density is linear in log frequency. Give one of `profile` (a name
-    that ships, in g^2/Hz), `file` and `frequency_hz` with `density`; the last two need `unit`,
-    unless the file states it.
-    `file` is text (`column` names the densities or counts their place from 1, if there are more
-    than two columns), a UFF file with a dataset 58 (`dataset` says which, if several fit) or a
-    MATLAB file (`variables` names the two vectors, or the matrix of two columns, if several fit).
-    A `spectrum.csv` that `stochvi spectrum --out` wrote of another scene is read as the absolute
-    acceleration of its coordinate `of`. A unit that the file states is taken; one of the scene must
-    then be the same. `unit` may be decibels, "dB re 1 g2/Hz". A frequency that stands twice is a
-    step.
+    Between breakpoints log density is linear in log frequency; a frequency that stands twice is a
+    step. Give one of `profile`, `file` and `frequency_hz` with `density`.
+
+    Parameters
+    ----------
+    profile
+        Name of a table that ships (`stochvi profiles`), in g^2/Hz.
+    file
+        Text, a UFF file with a dataset 58, or a MATLAB file. A `spectrum.csv` that `stochvi
+        spectrum --out` wrote of another scene is one, too.
+    column
+        Name of the column of densities of a text, or its number from 1, if there are more than two.
+    of
+        Coordinate of the other scene, of a `spectrum.csv`, whose absolute acceleration is meant.
+    variables
+        Names of the two vectors of a MATLAB file, or of its matrix of two columns, if several fit.
+    dataset
+        Number of the dataset of a UFF file, from 1, if several fit.
+    frequency_hz
+        Breakpoints, increasing, Hz.
+    density
+        One-sided density at each breakpoint, in `unit`.
+    unit
+        Of the densities: "g2/Hz" or "(m/s2)2/Hz" on the base, "N2/Hz" on a mass, in any spelling,
+        or decibels, as "dB re 1 g2/Hz". A unit that the file states may be left out, and must be
+        the same where it is given.
+
+    Raises
+    ------
+    SceneError
+        If the table cannot be read, its unit is missing or contradicted, or a density is negative.
 
     Examples
     --------

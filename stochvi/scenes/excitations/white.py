@@ -14,7 +14,17 @@ from stochvi.scenes.validation import Positive, given
 
 
 class _Strength(Disturbance):
-    """White noise of a strength: `intensity` S0, or a one-sided `density` with its `unit`."""
+    """White noise of a strength: `intensity` S0, or a one-sided `density` with its `unit`.
+
+    Parameters
+    ----------
+    intensity
+        S0, two-sided, N^2 s on a mass, (m/s^2)^2 s on the base.
+    density
+        The same one-sided per hertz, 2 S0, in `unit`.
+    unit
+        Of the density: "g2/Hz" or "(m/s2)2/Hz" on the base, "N2/Hz" on a mass, in any spelling.
+    """
 
     on: str | None = None
     intensity: Positive | None = None
@@ -73,8 +83,7 @@ class _Strength(Disturbance):
 class WhiteNoise(_Strength):
     """White noise, E f(t) f(t + tau) = S0 delta(tau), as a force or a base acceleration.
 
-    Give `intensity` = S0 (N^2 s on the mass, (m/s^2)^2 s on the base), or `density`, one-sided
-    per hertz, with its `unit`; S0 = density / 2.
+    Give `intensity`, or `density` with its `unit`; S0 = density / 2.
 
     Examples
     --------
@@ -91,12 +100,21 @@ class WhiteNoise(_Strength):
 
 
 class FilteredNoise(_Strength):
-    """White noise w of intensity S0 passed through a resonance,
+    """White noise that has passed through a resonance.
+
+    From white noise w of intensity S0 it follows by
 
         f'' + 2 zeta w_f f' + w_f^2 f = w_f^2 w(t),    w_f = 2 pi frequency_hz,
 
     so that far below the resonance its density is that of w, and E f^2 = w_f S0 / (4 zeta).
-    Narrow-band for a small `zeta`. The strength is given as for `WhiteNoise`.
+    Narrow-band for a small `zeta`. The strength, that of w, is given as for `WhiteNoise`.
+
+    Parameters
+    ----------
+    frequency_hz
+        Frequency of the resonance, Hz.
+    zeta
+        Damping ratio of the resonance.
 
     Examples
     --------

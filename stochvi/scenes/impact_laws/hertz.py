@@ -21,6 +21,11 @@ class Hertz(CompliantLaw):
     A mass M that arrives at the speed w is stopped at y_m = (5 M w^2 / (4 k))^(2/5) and leaves
     after (4/5) (y_m / w) Gamma(2/5) Gamma(1/2) / Gamma(9/10) = 2.943 y_m / w.
 
+    Parameters
+    ----------
+    coefficient
+        Force at a deflection of 1 m, N/m^1.5.
+
     Examples
     --------
     >>> contact = Hertz(coefficient=1.25).impact(speed=1.0, mass=1.0)

@@ -1,0 +1,247 @@
+"""JSON Schema of the documents that commands write, from the types of the fields of answers."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from types import UnionType
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
+
+import numpy as np
+import pandas as pd
+
+from stochvi.isolators.record_verdict import RecordVerdict
+from stochvi.isolators.screening import Screening
+from stochvi.isolators.sizing.chances import Gap
+from stochvi.methods.periodic.resonance import HarmonicResonance
+from stochvi.methods.replay.answer import CoordinateReplay, PairReplay
+from stochvi.results.base import COMMON, Result
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Quantities, Response
+from stochvi.scenes.scene import Scene
+from stochvi.scenes.schema import DIALECT
+from stochvi.verification.cost import Prediction
+
+Schema = dict[str, Any]
+
+ROOMS = (
+    "absorbers", "isolators", "methods.fokker_planck", "methods.periodic", "methods.replay",
+    "results", "statistics", "testing", "verification",
+)  # fmt: skip
+"""Packages whose public names hold every kind of answer."""
+
+CELL: Schema = {"type": ["number", "string", "boolean", "null"]}
+NUMBER: Schema = {"type": ["number", "null"]}  # null where it is not finite
+ROWS: Schema = {"type": "array", "items": {"type": "object", "additionalProperties": CELL}}
+COLUMNS: Schema = {
+    "type": ["object", "null"], "additionalProperties": {"type": "array", "items": CELL}
+}  # fmt: skip
+PART: Schema = {"type": "object"}
+
+PLAIN: dict[Any, Schema] = {
+    Any: {}, dict: PART, None: {"type": "null"}, type(None): {"type": "null"},
+    bool: {"type": "boolean"},
+    int: {"type": "integer"}, float: NUMBER, str: {"type": "string"}, Scene: PART,
+    pd.DataFrame: ROWS, np.ndarray: {"type": "array"},
+}  # fmt: skip
+"""Schemas by the types that need no definition of their own."""
+
+TYPES = {
+    "pd": pd, "Scene": Scene, "Response": Response, "Screening": Screening,
+    "HarmonicResonance": HarmonicResonance,
+}  # fmt: skip
+"""Names in annotations that modules import for type checking alone."""
+
+
+class Change(NamedTuple):
+    """What the document of an answer has other than its fields, by types or by schemas.
+
+    Parameters
+    ----------
+    added, optional
+        Keys that are always there, and those that are there where they say something.
+    renamed
+        Keys of fields that are not called by their names; None for fields that are left out.
+    """
+
+    added: Mapping[str, Any] = {}
+    optional: Mapping[str, Any] = {}
+    renamed: Mapping[str, str | None] = {}
+
+
+METHOD = {"method": str}
+JUDGED = {"method": str, "passed": bool, "family_alarm_rate": float}
+COMMON_LEFT_OUT = dict.fromkeys(COMMON)
+RECORD = {"record": RecordVerdict}
+
+CHANGES = {
+    "AbsorberReport": Change(METHOD, renamed={"performances": "levels"}),
+    "Check": Change(JUDGED),
+    "Checks": Change(
+        JUDGED | {"summary": str, "alarms": ROWS, "scenes": Mapping[str, dict[str, Any]]},
+        renamed=COMMON_LEFT_OUT | dict.fromkeys(("checks", "seeds")),
+    ),
+    "Chance": Change({"crude_seconds": float | None}),
+    "Design": Change(METHOD),
+    "Environment": Change({"spectra": COLUMNS, "breakpoints": COLUMNS}),
+    "Explanation": Change(METHOD),
+    "FirstPassage": Change(
+        {"barriers": Mapping[str, float | None]}, renamed=dict.fromkeys(("lower", "upper"))
+    ),
+    "History": Change(METHOD | {"columns": list[str], "samples": int}),
+    "ImpactStatistics": Change(METHOD, renamed={"pairs": "impact_pairs"}),
+    "Jolts": Change(
+        METHOD | {
+            "paths": int, "energy_boundary": float | None, "harmonic_boundary": float | None,
+            "free_amplitude": float | None, "jolts": ROWS, "escape_rate": Mapping[str, float],
+        },
+        renamed=COMMON_LEFT_OUT | dict.fromkeys(
+            ("speeds", "captured", "resonant", "left", "watched", "resonance")
+        ),
+    ),
+    "Judgement": Change(JUDGED | {"summary": str}),
+    "MotionBetweenStops": Change(
+        {"faster_hits": COLUMNS, "impacts": COLUMNS, "transmissibility": COLUMNS},
+        renamed={"scene": None},
+    ),
+    "Reliability": Change(
+        {"no_hit": Estimate | None}, RECORD,
+        {"hits": "expected_hits", "hits_interval": "expected_hits_interval"},
+    ),
+    "Replay": Change(
+        METHOD | {
+            "coordinates": Mapping[str, CoordinateReplay], "impact_pairs": Mapping[str, PairReplay]
+        },
+    ),
+    "ReplayAt": Change(renamed=dict.fromkeys(("stops", "impacts", "histories"))),
+    "ResponseSpectrum": Change(
+        {"spectra": Mapping[str, Mapping[str, dict[str, Any]]]}, renamed={"curves": None}
+    ),
+    "Screening": Change(optional=METHOD),
+    "Sizing": Change(
+        METHOD | {"verdict": str, "clearance_in_sigma": float, "gap": Gap},
+        {"sensitivity": ROWS, "review": PART},
+        {"method": "by"},
+    ),
+    "WorkPrecision": Change(
+        {
+            "summary": str, "simulated_by": str, "free_of_bias": bool, "targets": list[float],
+            "predictions": Mapping[str, list[Prediction]], "cost": PART,
+        },
+        renamed={"elastic": None, "warnings": None, "interrupted": None},
+    ),
+}  # fmt: skip
+"""What the documents of answers have other than their fields, by the names of their classes."""
+
+RARE = {"Estimate": ("upper_95", "bias_error")}
+"""Keys that are there only where they say something."""
+
+
+def answer_schema() -> Schema:
+    """JSON Schema of the answers of all commands, draft 2020-12; each is one of its `anyOf`.
+
+    Returns
+    -------
+    dict
+        The schema, of plain types. Numbers in documents are in SI units, null where not finite.
+
+    Examples
+    --------
+    >>> schema = answer_schema()
+    >>> sorted(schema["$defs"]["Estimate"]["required"])
+    ['bias', 'how', 'standard_error', 'value']
+    """
+    known = Definitions()
+    answers = [known.reference(kind) for kind in sorted(kinds(), key=lambda kind: kind.__name__)]
+    head = {"$schema": DIALECT, "title": "stochvi answer"}
+    return head | {"anyOf": answers, "$defs": known.schemas}
+
+
+def kinds() -> Iterator[type[Result]]:
+    """Every public kind of answer."""
+    for room in ROOMS:
+        package = importlib.import_module(f"stochvi.{room}")
+        for name in package.__all__:
+            kind = getattr(package, name)
+            if inspect.isclass(kind) and issubclass(kind, Result):
+                yield kind
+
+
+class Definitions:
+    """Schemas of the dataclasses that were met, by their names in the document."""
+
+    def __init__(self) -> None:
+        self.schemas: dict[str, Schema] = {}
+        self._names: dict[type, str] = {}
+
+    def reference(self, kind: type) -> Schema:
+        """A reference to the schema of a dataclass, which is made when it is first met."""
+        if kind not in self._names:
+            name = kind.__name__
+            if name in self.schemas:  # two rooms have parts of this name
+                name = f"{name}_{kind.__module__.split('.')[1]}"
+            self._names[kind] = name
+            self.schemas[name] = {}
+            self.schemas[name] = self._of_class(kind)
+        return {"$ref": f"#/$defs/{self._names[kind]}"}
+
+    def of_type(self, hint: Any) -> Schema:
+        """The schema of what a document holds of a value of this type."""
+        if isinstance(hint, Mapping):
+            return dict(hint)  # a schema already
+        kind, parts = get_origin(hint) or hint, get_args(hint)
+        if kind in (Union, UnionType):
+            return {"anyOf": [self.of_type(each) for each in parts]}
+        if kind is Literal:
+            return {"enum": list(parts)}
+        if kind in PLAIN:
+            return PLAIN[kind]
+        if isinstance(kind, type) and is_dataclass(kind):
+            return self.reference(kind)
+        if hasattr(kind, "_fields"):  # a named tuple
+            return _record({name: self.of_type(_hint(kind, name)) for name in kind._fields})
+        if issubclass(kind, Mapping):
+            return {"type": "object", "additionalProperties": self.of_type(parts[1])}
+        if kind is tuple and parts[-1] is not Ellipsis:
+            return {
+                "type": "array", "prefixItems": [self.of_type(each) for each in parts],
+                "minItems": len(parts), "maxItems": len(parts),
+            }  # fmt: skip
+        if issubclass(kind, Sequence):
+            return {"type": "array", "items": self.of_type(parts[0])}
+        raise TypeError(f"{hint} has no schema: give it one in PLAIN")
+
+    def _of_class(self, kind: Any) -> Schema:
+        change = CHANGES.get(kind.__name__, Change())
+        left_out = getattr(kind, "not_in_document", ())
+        named = {each.name: change.renamed.get(each.name, each.name) for each in fields(kind)}
+        found = {
+            key: self.of_type(_hint(kind, name))
+            for name, key in named.items()
+            if key is not None and name not in left_out
+        }
+        found |= {key: self.of_type(each) for key, each in change.added.items()}
+        optional = {key: self.of_type(each) for key, each in change.optional.items()}
+        rare = found if issubclass(kind, Quantities) else RARE.get(kind.__name__, ())
+        optional |= {key: found.pop(key) for key in list(rare)}
+        summary = " ".join(inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0].split())
+        return {"description": summary, **_record(found, optional)}
+
+
+def _record(required: Schema, optional: Schema | None = None) -> Schema:
+    return {
+        "type": "object", "properties": required | (optional or {}), "required": list(required),
+        "additionalProperties": False,
+    }  # fmt: skip
+
+
+def _hint(kind: type, name: str) -> Any:
+    """The type of a field, also where its module imports that type for type checking alone."""
+    owner = next(base for base in kind.__mro__ if name in inspect.get_annotations(base))
+    hint = inspect.get_annotations(owner)[name]
+    hint = getattr(hint, "__forward_arg__", hint)  # as named tuples keep it
+    known = vars(sys.modules[owner.__module__])
+    return eval(hint, dict(TYPES), dict(known)) if isinstance(hint, str) else hint
