@@ -11,7 +11,7 @@ test: .venv/test-installed
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
 verify: .venv/test-installed
-	$(BIN)/python -m pytest -m verify
+	$(BIN)/python -m pytest -n auto --dist worksteal -m verify
 
 distributed: .venv/test-installed .venv/distributed-installed
 	$(BIN)/python -m pytest tests/methods/monte_carlo/test_long_runs.py -k dask

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 # The workers of pytest-xdist use every core already: threads of BLAS on top of them wait for each
@@ -13,6 +14,11 @@ import pytest
 
 from stochvi.cli import main
 from support.commands import Finished, Run
+
+# Without bytecode on the disk every worker, and every process that a test starts, compiles each
+# file again: 10 s of each run. Some machines ask for that by default; the suite does not follow.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 
 @pytest.fixture
