@@ -160,7 +160,7 @@ def reliability(
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """
-    from stochvi.cli.isolators import fail_if_contradicted
+    from stochvi.cli.isolators import fail_unless_gaussian
     from stochvi.isolators.record_verdict import record_verdict
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.reliability import Reliability
@@ -199,4 +199,4 @@ def reliability(
             write_reliability_report(answer, loaded, record, options.out, origin)
 
     shown(found, show)
-    fail_if_contradicted(record)
+    fail_unless_gaussian(record)

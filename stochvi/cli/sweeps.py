@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from stochvi.cli.options import SPEED, TIME, Common, acceleration, common
+from stochvi.cli.options import CHANCE, SPEED, TIME, Common, acceleration, common
 from stochvi.cli.output import executor_at
 from stochvi.cli.program import FAILED, main, stop
 
@@ -53,13 +53,15 @@ def _check_options(method: str, given: Mapping[str, Any]) -> None:
     ]),
     help="What answers for each scene.",
 )  # fmt: skip
-@click.option("--probability", type=float, metavar="P", help="size: chance of any hit.")
+@click.option(
+    "--probability", type=CHANCE, metavar="P", help="size: chance of any hit, 0.01 or 1%."
+)
 @click.option("--rate", type=float, metavar="F", help="size: hits per second on all stops.")
 @click.option("--impact-speed", type=SPEED, metavar="V", help="size, reliability: limit, m/s.")
 @click.option(
     "--peak-acceleration", metavar="A[g]", help="size, reliability: limit, m/s^2 or g (40g)."
 )
-@click.option("--exceedance", type=float, metavar="P", help="size: chance of exceeding it [0.01].")
+@click.option("--exceedance", type=CHANCE, metavar="P", help="size: chance of exceeding it [0.01].")
 @click.option("--mission", type=TIME, metavar="TIME", help="size [1h], reliability: 3600 (s), 10h.")
 @click.option("--rel-error", type=float, help="Of simulations [0.01], of the risk [0.05].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")

@@ -79,6 +79,9 @@ class RecordVerdict:
     ----------
     contradicts
         Whether the record is not what a Gaussian process would show in its time.
+    judged
+        Whether both tests could be made; a record that is too short for one of them is not said to
+        agree, but may contradict.
     reasons
         What contradicts, a sentence each.
     displacement_max
@@ -104,6 +107,7 @@ class RecordVerdict:
     """
 
     contradicts: bool
+    judged: bool
     reasons: tuple[str, ...]
     displacement_max: float
     displacement_std: float
@@ -115,6 +119,11 @@ class RecordVerdict:
     p_values: dict[str, float | None]
     crossings: tuple[Crossings, ...]
     clipped: bool
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the record was judged, and nothing contradicts the Gaussian model."""
+        return self.judged and not self.contradicts
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON document."""
@@ -130,11 +139,16 @@ class RecordVerdict:
                 f"{'; '.join(self.reasons)}; {needs}, and what follows of Gaussian noise does not "
                 "hold for it"
             )
-        if self.p_values["peak"] is None:
+        if not self.judged:
+            why = (
+                "the motion with which the mount starts from rest takes more than half of it to "
+                "die out"
+                if self.p_values["peak"] is None
+                else f"the kurtosis of the response is only known to {self.kurtosis_error:.2g}"
+            )
             return (
-                "whether the record agrees with Gaussian noise of its spectrum cannot be said: the "
-                "motion with which the mount starts from rest takes more than half of the record "
-                f"to die out; {needs}"
+                "THE RECORD IS TOO SHORT TO BE JUDGED: whether it agrees with Gaussian noise of "
+                f"its spectrum cannot be said, because {why}; take a longer record; {needs}"
             )
         return (
             f"the record agrees with Gaussian noise of its spectrum: through the mount it moves "
@@ -399,6 +413,7 @@ def _verdict(
         )
     return RecordVerdict(
         contradicts=bool(reasons),
+        judged=None not in p_values.values(),
         reasons=tuple(reasons),
         displacement_max=largest,
         displacement_std=whole,

@@ -79,9 +79,9 @@ class Screening(Result):
         )
 
     def summary(self) -> str:
-        """What the table holds, after a record that contradicts it."""
+        """What the table holds, after a record that does not agree with it."""
         text = "linear screening, stops left out"
-        if self.record is not None and self.record.contradicts:
+        if self.record is not None and not self.record.agrees:
             return f"{self.record.sentence()}; {text}"
         return text
 
@@ -160,6 +160,30 @@ def with_clearance(scene: Scene, clearance: float, law: Law | None = None) -> Sc
         kept = {"law": law}
     pair = ImpactPair(**kept, lower=rest - clearance, upper=rest + clearance)
     return scene.model_copy(update={"impact_pairs": (pair,)})
+
+
+def clearance_notes(
+    scene: Scene, linear: Screening, clearances: Sequence[float]
+) -> tuple[str, ...]:
+    """Warnings that belong beside a curve of hit rates: those of the screening, and where the stops
+    of a loaded mass stand.
+
+    Parameters
+    ----------
+    linear
+        The screening of the scene.
+    clearances
+        Metres per side from the mean position.
+    """
+    rest, nearest = model_of(scene).rest, min(clearances, default=math.inf)
+    if abs(rest) <= nearest:
+        return linear.notes
+    sag = (
+        f"the load moves the mass by {1e3 * rest:+.4g} mm, more than the gap of "
+        f"{1e3 * nearest:.4g} mm: gaps are counted from where the mass hangs, and stops that stand "
+        "about the position of the unloaded spring would hold it"
+    )
+    return (*linear.notes, sag)
 
 
 def clearance_curve(

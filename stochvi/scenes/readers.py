@@ -23,9 +23,9 @@ LARGEST_DATA_FILE = 200_000_000
 UFF_SUFFIXES = (".uff", ".unv", ".ufb", ".uf")
 MATLAB_SUFFIXES = (".mat",)
 
-SLOWEST_UNSTATED = 1.0
-"""Interval between the times of a record, from which their unit must be stated: they may be
-milliseconds, or numbers of samples."""
+SLOWEST_UNSTATED = 0.05
+"""Interval between the times of a record, above which their unit must be stated: they may be
+milliseconds, or numbers of samples. As seconds, it is a rate of 20 Hz, too low for vibration."""
 
 TIME_RESPONSE, SPECTRAL_DENSITY = 1, 9
 """Function types of UFF dataset 58, record 6, field 1."""
@@ -37,7 +37,8 @@ class Columns:
 
     `unit` is that of `y`, as `stated_in` states it; None where the file does not say, or in words
     that are not known (`heading`). `x` is in Hz or s; NaN in `y` is a value that is missing.
-    `lines` are the lines of a text file.
+    `lines` are the lines of a text file; `remarks` are what else the file says in words, each with
+    the place where it stands.
     """
 
     x: Vector | None
@@ -46,6 +47,7 @@ class Columns:
     stated_in: str = ""
     heading: str = ""
     lines: Sequence[int] | None = None
+    remarks: Sequence[tuple[str, str]] = ()
 
     def place(self, row: int) -> str:
         """Where a row stands in the file."""
@@ -143,6 +145,7 @@ def _read_text(
         x=times, y=found[-1], unit=known, stated_in=f"line {line} of {path}",
         heading=" ".join(table.headings[place].cells),
         lines=[number for number, _ in table.lines],
+        remarks=[(f"line {number} of {path}", text) for number, text in table.remarks],
     )  # fmt: skip
 
 
@@ -190,13 +193,14 @@ def _counts_rows(table: TextTable, chosen: int | None) -> bool:
 
 
 def _check_seconds(path: Path, times: Vector) -> None:
-    """Refuse times without a unit which say that no more than one sample was taken in a second."""
+    """Refuse times without a unit that lie too far apart for seconds (`SLOWEST_UNSTATED`)."""
     interval = float(np.nanmedian(np.diff(times)))
-    if interval >= SLOWEST_UNSTATED:
+    if interval > (1.0 + 1e-6) * SLOWEST_UNSTATED:  # beyond the rounding of binary numbers
         raise SceneError(
             f"{path} has a time every {interval:.6g} in its first column, in no stated unit; "
-            "expected seconds, of which a record of vibration has less between samples; write the "
-            "unit into the heading (time (s), time (ms)), or take numbers of rows out and give fs"
+            f"seconds would be a rate of {1.0 / interval:.4g} Hz, milliseconds one of "
+            f"{1e3 / interval:.6g} Hz; write the unit into the heading (time (s), time (ms)), or "
+            "take numbers of rows out and give fs"
         )
 
 
@@ -253,6 +257,10 @@ def _read_uff(path: Path, names: Sequence[str], dataset: int | None, function_ty
     return Columns(
         x=x.astype(float), y=y.astype(float), unit=_label(label),
         stated_in=f"dataset {dataset} of {path}",
+        remarks=[
+            (f"dataset {dataset} of {path}", str(entry.get(key) or ""))
+            for key in (*(f"id{n}" for n in range(1, 6)), "ordinate_axis_lab")
+        ],
     )  # fmt: skip
 
 

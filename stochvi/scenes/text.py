@@ -191,12 +191,14 @@ class Heading:
 class TextTable:
     """The rows of a text file, still text, and the headings of its columns.
 
-    `lines` are the rows with their numbers in the file; `stated` is the one unit of a density that
-    the lines above the rows state, and `stated_line` the number of that line.
+    `lines` are the rows with their numbers in the file, and `remarks` all other lines; `stated` is
+    the one unit of a density that the lines above the rows state, and `stated_line` the number of
+    that line.
     """
 
     path: Path
     lines: Sequence[tuple[int, str]]
+    remarks: Sequence[tuple[int, str]]
     delimiter: str | None
     headings: Sequence[Heading]
     decimal_comma: bool
@@ -434,11 +436,13 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         raise SceneError(f"{path} holds no rows of {wanted}{shown}")
     rows = content[begin:]
     above = [(number, line) for number, line in lines if number < rows[0][0]]
+    below = [(number, line) for number, line in lines[len(above) :] if not _uncommented(line)]
     some = [_cells(line, delimiter) for _, line in rows[:SAMPLE]]
     stated, stated_line = _stated_density(above)
     _check_thousands(path, rows, delimiter)
     return TextTable(
-        path=path, lines=rows, delimiter=delimiter, stated=stated, stated_line=stated_line,
+        path=path, lines=rows, remarks=above + below, delimiter=delimiter,
+        stated=stated, stated_line=stated_line,
         headings=_headings(above, delimiter, count, bool(STAMP.fullmatch(some[0][0]))),
         decimal_comma=any("," in cell for cells in some for cell in cells if _number(cell)),
     )  # fmt: skip

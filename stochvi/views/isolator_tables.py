@@ -17,6 +17,8 @@ from stochvi.views.tables import (
 from stochvi.views.words import places_of_stops
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import pandas as pd
     from rich.console import Console
 
@@ -34,14 +36,14 @@ def print_screening(console: Console, linear: Screening) -> None:
 
 
 CONTRADICTED = "bold red"
-"""Style of a verdict on a record that is not what Gaussian noise would show."""
+"""Style of a verdict on a record that is not like Gaussian noise, or too short to tell."""
 
 
 def print_record(console: Console, record: RecordVerdict | None) -> None:
     """Whether a record moves the mount as Gaussian noise would; nothing without a record."""
     if record is None:
         return
-    style = CONTRADICTED if record.contradicts else None
+    style = None if record.agrees else CONTRADICTED
     console.print(record.sentence(), style=style, highlight=False)
 
 
@@ -56,8 +58,8 @@ CLEARANCE_COLUMNS = {
 }
 
 
-def print_clearance(console: Console, curve: pd.DataFrame) -> None:
-    """Hit rate against clearance, as `clearance_curve` returns it."""
+def print_clearance(console: Console, curve: pd.DataFrame, notes: Sequence[str] = ()) -> None:
+    """Hit rate against clearance, as `clearance_curve` returns it, and the notes on it."""
     limits = zip(curve["simulated_low"], curve["simulated_high"], strict=True)
     shown = curve.assign(
         gap=1e3 * curve["clearance"], interval=[f"{a:.3g} to {b:.3g}" for a, b in limits]
@@ -68,13 +70,15 @@ def print_clearance(console: Console, curve: pd.DataFrame) -> None:
         "hits per second on both stops, and mean impact speed",
         {"gap/sigma": ".2f"},
     )
+    for note in notes:
+        console.print(f"note: {note}", style="yellow", highlight=False)
 
 
 def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
     """Print the clearance and the risk at three sigma first, then the numbers behind both."""
-    contradicted = sizing.record is not None and sizing.record.contradicts
-    console.print(sizing.verdict(), style=CONTRADICTED if contradicted else "bold", highlight=False)
-    if not contradicted:
+    doubtful = sizing.record is not None and not sizing.record.agrees
+    console.print(sizing.verdict(), style=CONTRADICTED if doubtful else "bold", highlight=False)
+    if not doubtful:
         print_record(console, sizing.record)
     print_line(console, places_of_stops(sizing))
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)

@@ -127,6 +127,11 @@ def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_pa
     assert list(curve["clearance_in_sigma"]) == pytest.approx([1.0, 2.0])
     assert (curve["simulated_low"] < curve["simulated"]).all()
     assert (tmp_path / "clearance.png").stat().st_size > 10_000
+    run = stochvi("clearance", truck, "--gaps", "1,2", "--rel-error", "0.05", "--json", "-")
+    document = one_document(run.out)
+    assert document["displacement_std"] == linear["displacement_std"]
+    assert document["record"] is None and document["notes"] == linear["notes"]
+    assert [row["simulated"] for row in document["curve"]] == pytest.approx(curve["simulated"])
     code, _, err = stochvi("clearance", truck, "--gaps", "1,x")
     assert (code, "--gaps must be a number" in err) == (2, True)
 

@@ -364,7 +364,7 @@ def test_a_sizing_for_each_row(stochvi: Run, tmp_path: Path) -> None:
     again = sweep(scene, vary, method="size", out=tmp_path / "out", **asked)
     pd.testing.assert_frame_equal(again, table)
     done = stochvi(
-        "sweep", scene, "--vary", "structure.Q=4,5", "--method", "size", "--probability", "0.05",
+        "sweep", scene, "--vary", "structure.Q=4,5", "--method", "size", "--probability", "5%",
         "--mission", "10min", "--rel-error", "0.3", "--threads", "1", "--out", tmp_path / "out",
     )  # fmt: skip
     assert done.code == 0 and "clearance per side (m)" in done.out

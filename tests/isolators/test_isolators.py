@@ -18,7 +18,7 @@ from stochvi import (
     screen,
 )
 from stochvi.isolators import clearance_curve
-from stochvi.isolators.screening import predicted_rates, with_clearance
+from stochvi.isolators.screening import clearance_notes, predicted_rates, with_clearance
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from support.known import oscillator
 
@@ -91,3 +91,15 @@ def test_what_screening_does_not_cover_says_why() -> None:
         clearance_curve(bare, [1e-3])
     with pytest.raises(ValueError, match="clearances must be positive"):
         clearance_curve(white_mount(10.0, 10.0, 0.01), [-1e-3])
+
+
+def test_a_load_that_moves_the_mass_further_than_a_gap_is_noted() -> None:
+    scene = white_mount(10.0, 10.0, 0.01)
+    gravity = ConstantLoad(acceleration=-STANDARD_GRAVITY)  # of the base, downwards
+    loaded = scene.model_copy(update={"excitations": (*scene.excitations, gravity)})
+    sag = STANDARD_GRAVITY / (20.0 * math.pi) ** 2
+    linear = screen(loaded)
+    (note,) = set(clearance_notes(loaded, linear, [0.9 * sag, 2.0 * sag])) - set(linear.notes)
+    assert "+2.484 mm, more than the gap of 2.236 mm" in note
+    assert clearance_notes(loaded, linear, [1.1 * sag]) == linear.notes
+    assert clearance_notes(scene, screen(scene), [0.9 * sag]) == screen(scene).notes

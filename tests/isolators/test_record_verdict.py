@@ -192,6 +192,24 @@ def test_a_record_that_ends_before_the_start_has_died_out_is_not_judged(tmp_path
     values = gaussian(np.random.default_rng(9), 30.0, low=5.0)
     verdict = record_verdict(scene_of(tmp_path, values, natural=0.01))
     assert verdict is not None and not verdict.contradicts
+    assert not verdict.judged and not verdict.agrees
     assert verdict.p_values == {"peak": None, "kurtosis": None}
     assert "cannot be said" in verdict.sentence()
     assert verdict.clearance >= verdict.displacement_max
+
+
+def test_a_record_that_is_too_short_for_its_kurtosis_ends_with_1(
+    tmp_path: Path, stochvi: Run
+) -> None:
+    values = gaussian(np.random.default_rng(10), 2.0)
+    np.savetxt(tmp_path / "short.txt", values * STANDARD_GRAVITY)
+    (tmp_path / "short.toml").write_text(
+        "[structure]\nkind = 'isolator'\nfrequency_hz = 5.0\nzeta = 0.02\n"
+        f"[[excitation]]\nkind = 'record'\nfile = 'short.txt'\nunit = 'm/s2'\nfs = {FS}\n"
+    )
+    run = stochvi("screen", tmp_path / "short.toml", "--json", tmp_path / "short.json")
+    record = json.loads((tmp_path / "short.json").read_text("utf-8"))["record"]
+    assert record["p_values"]["kurtosis"] is None and record["judged"] is False
+    assert run.code == 1
+    assert run.out.startswith("THE RECORD IS TOO SHORT TO BE JUDGED")
+    assert "is too short to be judged" in run.err

@@ -367,7 +367,7 @@ def test_gaps_are_refused_or_split_and_never_bridged(tmp_path: Path, kind: str) 
 @pytest.mark.parametrize(
     ("heading", "words"),
     [
-        ("time,acc (g)\n", "in no stated unit; expected seconds"),
+        ("time,acc (g)\n", "in no stated unit; seconds would be a rate of 1 Hz"),
         ("Sample,acc (g)\n", "has 'Sample' in its first column, expected the time"),
         ("", "in no stated unit"),
     ],
@@ -382,6 +382,24 @@ def test_numbers_of_samples_and_milliseconds_are_not_read_as_seconds(
         RecordedNoise(file=path, unit="g")
     stated = write_rows(tmp_path / "s.csv", count, values, heading="t (s),acc (g)\n")
     assert RecordedNoise(file=stated).record.fs == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("interval", "taken"), [(0.5, False), (0.1, False), (0.05, True)])
+def test_times_that_may_be_milliseconds_need_their_unit(
+    tmp_path: Path, interval: float, taken: bool
+) -> None:
+    values = white_record(2.0).values
+    times = [f"{row * interval:.6g}" for row in range(len(values))]
+    path = write_rows(tmp_path / "run.csv", times, values, heading="time,acc (g)\n")
+    if taken:
+        assert RecordedNoise(file=path).record.fs == pytest.approx(1.0 / interval)
+    else:
+        with pytest.raises(SceneError, match=f"milliseconds one of {1e3 / interval:g} Hz"):
+            RecordedNoise(file=path)
+        # a stated rate settles it
+        assert RecordedNoise(file=path, fs=1.0 / interval).record.duration > 1.0
+    stated = write_rows(tmp_path / "ms.csv", times, values, heading="time (ms),acc (g)\n")
+    assert RecordedNoise(file=stated).record.fs == pytest.approx(1e3 / interval)
 
 
 def test_times_are_read_from_the_column_that_says_so(tmp_path: Path) -> None:

@@ -94,6 +94,21 @@ def test_a_unit_that_is_not_known_or_not_of_a_density_is_refused(
 
 
 @pytest.mark.parametrize(
+    "text",
+    ["# Two-Sided Spectrum\nf;PSD (g2/Hz)\n{}", "Spektrum: zweiseitig\nf;PSD (g2/Hz)\n{}",
+     "f;PSD (g2/Hz)\n{}\n# double sided, from fft()"],
+)  # fmt: skip
+def test_a_two_sided_density_is_refused_wherever_the_file_says_so(
+    tmp_path: Path, text: str
+) -> None:
+    rows = "\n".join(ROWS)
+    with pytest.raises(SceneError, match="expected a one-sided density; leave out negative"):
+        noise(tmp_path, text.format(rows))
+    mended = "# was two-sided, now one-sided\nf;PSD (g2/Hz)\n"
+    assert_same(noise(tmp_path, mended + rows))
+
+
+@pytest.mark.parametrize(
     ("heading", "scale"), [("f (kHz);PSD (g2/Hz)", 1e-3), ("w (rad/s);PSD (g2/Hz)", 2.0 * np.pi)]
 )
 def test_frequencies_are_read_in_the_unit_of_their_heading(

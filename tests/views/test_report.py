@@ -29,6 +29,7 @@ from stochvi import (
     screen,
 )
 from stochvi.isolators.environment import environment
+from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.sizing.answer import Sizing, Target, spoken_percent
 from stochvi.isolators.sizing.review import PeakSettings, Review, ReviewSettings, review
 from stochvi.results.estimates import Estimate
@@ -418,6 +419,25 @@ def test_sag_moves_the_stops_and_is_told(sizing: Sizing, reviewed: Review) -> No
     plain = Isolator(frequency_hz=12.0, zeta=0.1)
     _, remark = facts(mount_section(review_of(structure=plain)))["Static sag under 1 g"]
     assert "for information" in remark
+
+
+@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.parametrize(("contradicts", "judged"), [(True, True), (False, False), (False, True)])
+def test_a_record_that_does_not_agree_has_the_first_card(
+    reviewed: Review, contradicts: bool, judged: bool
+) -> None:
+    record = RecordVerdict(
+        contradicts=contradicts, judged=judged, reasons=("its peak",) if contradicts else (),
+        displacement_max=8e-3, displacement_std=1e-3, peak_in_sigma=8.0,
+        expected_peak_in_sigma=3.5, kurtosis=6.0, kurtosis_error=0.2, clearance=8.1e-3,
+        p_values={"peak": 0.0, "kurtosis": 0.0 if judged else None}, crossings=(), clipped=False,
+    )  # fmt: skip
+    page = page_of(replace(reviewed, sizing=replace(reviewed.sizing, record=record)))
+    doubtful = contradicts or not judged
+    names = [card.name for card in page.cards]
+    assert names.index("The record itself needs") == (0 if doubtful else 2)
+    assert page.alarm == doubtful
+    assert page.verdict.startswith("THE RECORD") == doubtful
 
 
 @pytest.mark.usefixtures("no_pictures")

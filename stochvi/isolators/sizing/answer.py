@@ -173,9 +173,10 @@ class Sizing(Result):
 
     def verdict(self) -> str:
         """The clearance, the risk that it keeps, the hits that are expected there, and what three
-        sigma would do to the same quantity, in one sentence; a record that contradicts it first."""
+        sigma would do to the same quantity, in one sentence, after a record that does not agree
+        with Gaussian noise."""
         three, hits, record = self.three_sigma, self.expected_hits(), self.record
-        first = f"{record.sentence()}: " if record is not None and record.contradicts else ""
+        first = f"{record.sentence()}: " if record is not None and not record.agrees else ""
         place = f"3 sigma = {1e3 * three.clearance:.4g} mm"
         mission = spoken_mission(self.mission)
         there = [] if hits is None else [f"{hits:.3g} hits are to be expected there in {mission}"]

@@ -588,7 +588,7 @@ def _estimate(answer: Response, quantity: str, factor: float) -> Estimate | None
 def _warnings(sizing: Sizing) -> tuple[str, ...]:
     """Warnings of the sizing, of the screening and of measured records, each once."""
     record = sizing.record
-    found = [record.sentence()] if record is not None and record.contradicts else []
+    found = [record.sentence()] if record is not None and not record.agrees else []
     found += sizing.warnings
     if sizing.screening is not None:
         found += sizing.screening.notes

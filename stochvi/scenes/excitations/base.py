@@ -187,11 +187,8 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
     stated = columns.unit
     if stated is None:
         _check_heading(columns.heading, unit(name) if name else None)
-    if re.search(TWO_SIDED, columns.heading, re.I) and quantities == DENSITIES:
-        raise SceneError(
-            [("file", f"has the heading {columns.heading!r} above its values, expected a one-sided "
-              "density; double the values at positive frequencies, and say so in the heading")]
-        )  # fmt: skip
+    if quantities == DENSITIES:
+        _check_sides(columns)
     if stated is not None and name is not None and not stated.same(unit(name)):
         raise SceneError(
             [("unit", f"is {name!r}, but {columns.stated_in} says {stated.name!r}; take out the "
@@ -206,6 +203,17 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
         above = f"; above the values stands {columns.heading!r}" if columns.heading else ""
         raise ValueError(f"needs unit, one of {listed_units(*quantities)}, got none{above}")
     return stated or unit(name or "")
+
+
+def _check_sides(columns: Columns) -> None:
+    """Refuse a density of which a heading or a comment says that it is two-sided."""
+    for place, text in (("above its values", columns.heading), *columns.remarks):
+        if re.search(TWO_SIDED, text, re.I) and not re.search(ONE_SIDED, text, re.I):
+            raise SceneError(
+                [("file", f"says {text.strip()[:80]!r} ({place}), expected a one-sided density; "
+                  "leave out negative frequencies, double the values at positive ones, and say "
+                  "one-sided there")]
+            )  # fmt: skip
 
 
 def _check_heading(heading: str, named: Unit | None) -> None:
@@ -223,8 +231,11 @@ def _check_heading(heading: str, named: Unit | None) -> None:
         )  # fmt: skip
 
 
-TWO_SIDED = r"(?:two|double|2)[- ]?sided"
-"""Of a density that also holds negative frequencies."""
+TWO_SIDED = r"(?:two|double|2)[-_ ]?sided|zweiseitig|bilat[eé]ral"
+"""Pattern of the words for a density that also holds negative frequencies."""
+
+ONE_SIDED = r"(?:one|single|1)[-_ ]?sided|einseitig|unilat[eé]ral"
+"""Pattern of the words for a density of positive frequencies alone, such as all here are."""
 
 OTHER_UNITS = r"[\[(]([mµu]?V|[np]C|[cC]ounts?|LSB|[Dd]igits?)(?:(?:\^?2|²)?/Hz)?[\])]"
 """Units, in brackets, of what a logger takes from a sensor before it is scaled."""

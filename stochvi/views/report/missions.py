@@ -56,13 +56,13 @@ def reliability_page(
     chances = list(found.chances.values())
     sentences = [f"{_event(each)}: {_chance(each)}" for each in chances]
     missing = [f"{name.replace('_', ' ')}: not found, {why}" for name, why in found.missing.items()]
-    contradicted = record is not None and record.contradicts
-    first = f"{record.sentence()}. " if record is not None and contradicted else ""
+    doubtful = record is not None and not record.agrees
+    first = f"{record.sentence()}. " if record is not None and doubtful else ""
     return Page(
         title=scene.title or "Reliability of a mission",
         subtitle=f"Chances in a mission of {mission}, {_start(found)}",
         verdict=f"{first}Chance in {mission} of " + "; of ".join([*sentences, *missing]) + ".",
-        alarm=contradicted or bool(found.missing),
+        alarm=doubtful or bool(found.missing),
         statements=[] if found.hits is None else [f"Expected hits in {mission}: {_hits(found)}."],
         cards=[
             *(Fact(f"Chance of {_event(each)}", _value(each), _interval(each)) for each in chances),
@@ -217,7 +217,7 @@ def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origi
         subtitle=f"The record itself through the structure and its stops, {found.duration:.4g} s",
         verdict=f"{summary[0].upper()}{summary[1:]}.",
         statements=[] if record is None else [f"{record.sentence()}."],
-        alarm=record is not None and record.contradicts,
+        alarm=record is not None and not record.agrees,
         cards=_replay_cards(found),
         warnings=list(found.warnings),
         sections=[

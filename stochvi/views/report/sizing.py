@@ -109,7 +109,7 @@ def clearance_page(review: Review, origin: Origin) -> Page:
         f"{spoken_mission(sizing.mission)}",
         verdict=_verdict(review),
         statements=_statements(review),
-        alarm=sizing.record is not None and sizing.record.contradicts,
+        alarm=sizing.record is not None and not sizing.record.agrees,
         cards=_cards(review),
         warnings=[*_failed_balances(review), *_new_warnings(review)],
         sections=[
@@ -142,7 +142,13 @@ def _record_card(sizing: Sizing) -> list[Fact]:
     record = sizing.record
     if record is None:
         return []
-    judged = "contradicts" if record.contradicts else "agrees with"
+    judged = (
+        "contradicts"
+        if record.contradicts
+        else "agrees with"
+        if record.agrees
+        else "is too short to be judged against"
+    )
     return [
         Fact(
             "The record itself needs",
@@ -164,7 +170,7 @@ def _verdict(review: Review) -> str:
         else "the worst case was not found in the time; raise --budget"
     )
     record, first = sizing.record, ""
-    if record is not None and record.contradicts:
+    if record is not None and not record.agrees:
         first = f"{record.sentence()}. For Gaussian noise of its spectrum: "
     return (
         f"{first}Clearance per side:{most} {made_millimetres(made)} as stated; {worst} "
@@ -259,10 +265,11 @@ def _cards(review: Review) -> list[Fact]:
     three = sizing.three_sigma
     hits = "as if hits changed nothing" if three.hits is None else "with these stops"
     count = three.rice_hits if three.hits is None else three.hits.value
+    gaussian = [_clearance_card(review), _worst_card(review)]
+    own = _record_card(sizing)
+    doubtful = sizing.record is not None and not sizing.record.agrees
     return [
-        _clearance_card(review),
-        _worst_card(review),
-        *_record_card(sizing),
+        *(own + gaussian if doubtful else gaussian + own),
         _risk_card(review),
         Fact(
             "3 sigma",
