@@ -136,7 +136,7 @@ CHANGES = {
 }  # fmt: skip
 """What the documents of answers have other than their fields, by the names of their classes."""
 
-RARE = {"Estimate": ("upper_95", "bias_error")}
+RARE = {"Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs",)}
 """Keys that are there only where they say something."""
 
 

@@ -6,6 +6,7 @@ import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from stochvi.results.estimates import Cost
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
 COMMON = ("warnings", "cost", "provenance", "interrupted")
 """Fields that every answer has; they come last in documents."""
@@ -59,6 +61,24 @@ class Result:
     def to_frame(self) -> pd.DataFrame:
         """The answer as a tidy table."""
         raise NotImplementedError(f"{type(self).__name__} has no table")
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the answer.
+
+        Parameters
+        ----------
+        ax
+            Axes to draw in; by default those of a new figure. Of a picture of several panels, the
+            first is drawn there.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The Axes that were drawn in, the first of several.
+        """
+        # results stand below the views: a picture is looked for when somebody asks for one
+        found: Axes = import_module("stochvi.views.pictures").plot(self, ax)
+        return found
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON document: only plain types, never NaN or infinity."""

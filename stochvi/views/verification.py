@@ -52,7 +52,7 @@ def draw_work_precision(found: WorkPrecision, title: str = "") -> Axes:
     )  # fmt: skip
     panels = list(grid.flat)
     for number, (of, quantity) in enumerate(keys):
-        _work_precision_panel(found, of, quantity, panels[number])
+        plot_work_precision(found, of, quantity, panels[number])
         if number + columns >= len(keys):
             panels[number].tick_params(labelbottom=True)
             panels[number].set_xlabel("CPU time of one core (s)")
@@ -70,7 +70,8 @@ def draw_work_precision(found: WorkPrecision, title: str = "") -> Axes:
     return first
 
 
-def _work_precision_panel(found: WorkPrecision, of: str, quantity: str, ax: Axes) -> None:
+def plot_work_precision(found: WorkPrecision, of: str, quantity: str, ax: Axes) -> None:
+    """The panel of one quantity."""
     rows = [row for row in found.errors if (row.of, row.quantity) == (of, quantity)]
     colours = plt.get_cmap("viridis")(np.linspace(0.85, 0.1, len(rows)))
     seconds = np.geomspace(*WORK_SECONDS, 121)
@@ -104,7 +105,7 @@ def _work_precision_panel(found: WorkPrecision, of: str, quantity: str, ax: Axes
     ax.set_title(f"{WORK_TITLES[quantity]}, {of}", fontsize="medium")
 
 
-def draw_scores(found: Checks) -> Axes:
+def draw_scores(found: Checks, ax: Axes | None = None) -> Axes:
     """Normal quantile plot of the scores of all comparisons: a line of slope 1 if all agree.
 
     Scores of one simulation hang together. Against an exact answer there is no bias; the others
@@ -113,7 +114,7 @@ def draw_scores(found: Checks) -> Axes:
     frame = found.to_frame()
     frame = frame[frame["verdict"].isin([AGREES, DISAGREES]) & frame["score"].notna()]
     exactly = frame["reference"] == "exact"
-    ax = axes_or_new(None)
+    ax = axes_or_new(ax)
     reach = 1.1 * max(found.z, float(frame["score"].abs().max()) if len(frame) else 0.0)
     ax.plot([-reach, reach], [-reach, reach], color=COLOURS["stop"], label="normal law")
     for side in (-found.z, found.z):

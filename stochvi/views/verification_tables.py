@@ -23,6 +23,7 @@ from stochvi.views.tables import (
     print_line,
     print_table,
 )
+from stochvi.views.words import ROTATIONS
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -200,10 +201,6 @@ def _print_modes(console: Console, explanation: Explanation) -> None:
             if distance is not None
         ]
         print_line(console, f"{name} rests at {1e3 * gap.position:.3g} mm, {' and '.join(left)}")
-
-
-ROTATIONS = ("rx", "ry", "rz")
-"""Coordinates of a rigid body whose displacements are angles, rad."""
 
 
 def print_cost(console: Console, found: WorkPrecision) -> None:

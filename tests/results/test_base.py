@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import io
 import json
 import math
 import pkgutil
@@ -12,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jsonschema
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -124,6 +126,16 @@ def test_a_document_follows_the_schema_of_its_kind(answer: Result) -> None:
 
 def test_a_table_has_rows(answer: Result) -> None:
     assert len(answer.to_frame()) > 0
+
+
+def test_a_picture_is_drawn_in_axes_of_its_own_and_in_given_ones(answer: Result) -> None:
+    for given in (None, plt.figure().subplots()):
+        ax = answer.plot(given)
+        assert ax.has_data() or ax.texts
+        assert ax.get_xlabel() or ax.get_ylabel() or ax.get_title()
+        assert given is None or ax is given
+        ax.get_figure(root=True).savefig(io.BytesIO(), format="svg")
+    plt.close("all")
 
 
 def test_a_page_shows_what_was_found_and_drops_no_warning(answer: Result) -> None:

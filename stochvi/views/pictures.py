@@ -1,0 +1,320 @@
+"""The picture of every kind of answer, which its method `plot` draws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from stochvi.views.absorbers import draw_design, draw_levels
+from stochvi.views.axes import (
+    COLOURS,
+    OWNERS,
+    SCREEN,
+    add_grid,
+    axes_or_new,
+    length_unit,
+    thinned,
+)
+from stochvi.views.first_passage import plot_first_passage
+from stochvi.views.impacts import draw_impacts, plot_histogram
+from stochvi.views.replay import plot_clearances, plot_history
+from stochvi.views.report.missions import plot_chances
+from stochvi.views.sizing import plot_risk
+from stochvi.views.spectra import draw_spectrum, plot_curve
+from stochvi.views.verification import draw_scores, draw_work_precision, plot_work_precision
+from stochvi.views.words import ROTATIONS
+
+if TYPE_CHECKING:
+    from stochvi.isolators.jolt_response import Jolts
+    from stochvi.isolators.screening import Screening
+    from stochvi.methods.fokker_planck.transients import Transient
+    from stochvi.methods.replay.answer import Replay
+    from stochvi.results.base import Result
+    from stochvi.results.response import Response
+    from stochvi.statistics.histories import History
+    from stochvi.statistics.impacts import ImpactStatistics
+    from stochvi.statistics.spectra import ResponseSpectrum
+    from stochvi.verification.check import Check
+    from stochvi.verification.cost import WorkPrecision
+    from stochvi.verification.explain import Explanation
+    from stochvi.verification.testing.judging import Judgement
+
+ROW_HEIGHT, LEAST_HEIGHT = 0.22, 1.6
+"""Height of a picture in inches: of a row of a list, and of what stands around the rows."""
+
+MOST_ROWS = 40
+"""Rows of a list that a picture shows, those with the largest values."""
+
+MOST_SCORE = 3.0
+"""Scores above this multiple of the alarm stand at the edge of the picture."""
+
+SIGMAS = np.linspace(1.0, 6.0, 101)
+"""Clearances of the picture of a screening, in rms displacements."""
+
+
+def plot(found: Result, ax: Axes | None = None) -> Axes:
+    """Draw an answer, in `ax` or in a figure of its own; returns the first Axes.
+
+    Where a figure has several panels, the first of them is what is drawn in `ax`.
+    """
+    for kind in type(found).__mro__:
+        if kind.__name__ in PICTURES:
+            return PICTURES[kind.__name__](found, ax)
+    raise NotImplementedError(f"there is no picture of {type(found).__name__}; use to_frame()")
+
+
+def plot_response(found: Response, ax: Axes | None = None) -> Axes:
+    """Mean and one standard deviation of each coordinate, and the stops where they are."""
+    moving = {name: each for name, each in found.coordinates.items() if each.displacement_std}
+    ax = _list(ax, len(moving))
+    means = {name: float(each.displacement_mean or 0.0) for name, each in moving.items()}
+    stds = {name: float(each.displacement_std or 0.0) for name, each in moving.items()}
+    turns = any(name in ROTATIONS for name in moving)
+    size = max((abs(means[name]) + stds[name] for name in moving), default=1.0)
+    unit, length = (1e-3, "mm") if turns else length_unit(size)
+    for row, name in enumerate(moving):
+        for place in _stops(found.provenance, name, len(moving)):
+            ax.plot([place / unit] * 2, [row - 0.4, row + 0.4], color=COLOURS["stop"], linewidth=4)
+        ax.errorbar(
+            means[name] / unit, row, xerr=stds[name] / unit, fmt="o", color=COLOURS["simulate"],
+            linewidth=3.0, capsize=4,
+        )  # fmt: skip
+    _label_rows(ax, list(moving))
+    rotations = ", rotations in mrad" if turns else ""
+    ax.set_xlabel(f"displacement, mean and standard deviation ({length}{rotations})")
+    ax.set_title(found.method, fontsize="medium")
+    return ax
+
+
+def _stops(provenance: Mapping[str, Any], coordinate: str, coordinates: int) -> list[float]:
+    """Positions (m) of the stops of a coordinate in the scene that an answer is of."""
+    pairs = provenance.get("scene", {}).get("impact_pair", [])
+    own = [
+        pair
+        for pair in pairs
+        if pair.get("on") == coordinate
+        or (coordinates == 1 and not pair.get("on") and not pair.get("between"))
+    ]
+    return [pair[side] for pair in own for side in ("lower", "upper") if pair.get(side) is not None]
+
+
+def plot_check(found: Check, ax: Axes | None = None) -> Axes:
+    """Difference over its standard error of every comparison, and where an alarm is raised."""
+    rows = {f"{row.quantity} of {row.of}, {row.method}": row.score for row in found.comparisons}
+    return _plot_scores(rows, found.z, ax)
+
+
+def plot_judgement(found: Judgement, ax: Axes | None = None) -> Axes:
+    """Difference over its standard error of every finding, and where an alarm is raised."""
+    rows = {f"{row.quantity}, {row.scene}": row.score for row in found.findings}
+    return _plot_scores(rows, found.z, ax)
+
+
+def _plot_scores(scores: Mapping[str, float | None], z: float, ax: Axes | None) -> Axes:
+    known = {name: score for name, score in scores.items() if score is not None}
+    shown = sorted(known, key=lambda name: -abs(known[name]))[:MOST_ROWS]
+    ax = _list(ax, len(shown))
+    reach = MOST_SCORE * z
+    for row, name in enumerate(shown):
+        score = float(np.clip(known[name], -reach, reach))
+        alarm = abs(known[name]) > z
+        ax.plot(
+            score,
+            row,
+            "o" if abs(score) < reach else "<>"[score > 0.0],
+            color=COLOURS["linearise:closure" if alarm else "simulate"],
+            clip_on=False,
+        )
+    for side in (-z, z):
+        ax.axvline(side, color=COLOURS["linearise:closure"], linestyle="--", linewidth=1.0)
+    ax.axvline(0.0, color=COLOURS["stop"], linewidth=0.8)
+    ax.set_xlim(-reach, reach)
+    _label_rows(ax, shown)
+    ax.set_xlabel(f"difference / standard error (alarm at {z:.2f})")
+    return ax
+
+
+def plot_explanation(found: Explanation, ax: Axes | None = None) -> Axes:
+    """Predicted time of a simulation against the relative error that is asked for."""
+    seconds = {} if found.simulation is None else found.simulation.seconds
+    known = {error: time for error, time in seconds.items() if time is not None}
+    ax = axes_or_new(ax)
+    if known:
+        errors = sorted(known)
+        ax.loglog(
+            [100.0 * error for error in errors],
+            [known[error] for error in errors],
+            "o-",
+            color=COLOURS["simulate"],
+        )
+    else:
+        ax.text(0.5, 0.5, "no simulation was predicted", transform=ax.transAxes, ha="center")
+    ax.set_xlabel("relative error asked for (%)")
+    ax.set_ylabel("predicted time (s)")
+    add_grid(ax)
+    return ax
+
+
+def plot_screening(found: Screening, ax: Axes | None = None) -> Axes:
+    """Hits by Rice's formula against clearance, three sigma marked."""
+    ax = axes_or_new(ax)
+    sigma = found.displacement_std
+    unit, name = length_unit(3.0 * sigma)
+    places = SIGMAS * sigma
+    ax.semilogy(
+        places / unit,
+        [found.rice_rate(place) for place in places],
+        color=COLOURS["exact"],
+        linestyle="--",
+        label="Rice, hits change nothing",
+    )
+    ax.plot(
+        3.0 * sigma / unit,
+        found.rice_rate(3.0 * sigma),
+        "o",
+        color=COLOURS["linearise:closure"],
+        label="3 sigma",
+    )
+    ax.set_xlabel(f"clearance per side ({name})")
+    ax.set_ylabel("hits per second")
+    add_grid(ax)
+    ax.legend(frameon=False)
+    return ax
+
+
+def plot_transient(found: Transient, ax: Axes | None = None) -> Axes:
+    """Mean displacement and one standard deviation about it against time."""
+    ax = axes_or_new(ax)
+    mean, std = found.values.mean, np.sqrt(found.values.variance)
+    unit, name = length_unit(float(np.max(np.abs(mean) + std)))
+    ax.fill_between(
+        found.times,
+        (mean - std) / unit,
+        (mean + std) / unit,
+        alpha=0.3,
+        color=COLOURS["fokker-planck"],
+        label="one standard deviation",
+    )
+    ax.plot(found.times, mean / unit, "o-", color=COLOURS["fokker-planck"], label="mean")
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel(f"displacement ({name})")
+    add_grid(ax)
+    ax.legend(frameon=False)
+    return ax
+
+
+def plot_motion(found: History, ax: Axes | None = None) -> Axes:
+    """Displacement of each coordinate in time, with its stops."""
+    ax = axes_or_new(ax, (9.6, 4.2))
+    names = list(found.coordinates)
+    several = len(names) > 1
+    columns = {
+        name: found.samples[f"{name}.displacement_m" if several else "displacement_m"]
+        for name in names
+    }
+    unit, length = length_unit(max(float(each.abs().max()) for each in columns.values()))
+    for colour, (name, each) in zip(OWNERS, columns.items(), strict=False):
+        t, x = thinned(found.samples["time_s"].to_numpy(), each.to_numpy() / unit)
+        ax.plot(t, x, color=colour, linewidth=0.8, label=name)
+        for place in _stops(found.provenance, name, len(names)):
+            ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0)
+    ax.margins(x=0.0)
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel(f"displacement ({length})")
+    add_grid(ax)
+    if several:
+        ax.legend(frameon=False, fontsize="small")
+    return ax
+
+
+def plot_replay(found: Replay, ax: Axes | None = None) -> Axes:
+    """x(t) at one clearance, where its samples were kept; else hits and speeds over clearances."""
+    single = found.single
+    if single is None or single.histories is None:
+        return plot_clearances(found, ax)
+    return plot_history(single, ax)
+
+
+def plot_impacts(found: ImpactStatistics, ax: Axes | None = None) -> Axes:
+    """Densities of impact speeds and of the times between impacts."""
+    if ax is None:
+        return draw_impacts(found)
+    for colour, (name, pair) in zip(OWNERS, found.pairs.items(), strict=False):
+        if pair.speeds is not None:
+            plot_histogram(pair.speeds, ax, colour=colour, label=name)
+    ax.set_xlabel("impact speed (m/s)")
+    ax.set_ylabel("density (s/m)")
+    return ax
+
+
+def plot_spectrum(found: ResponseSpectrum, ax: Axes | None = None) -> Axes:
+    """All densities of the response with their bands."""
+    if ax is None:
+        return draw_spectrum(found)
+    for colour, (name, curves) in zip(OWNERS, found.curves.items(), strict=False):
+        plot_curve(next(iter(curves.values())), ax, colour=colour, label=name)
+    ax.set_xlabel("frequency (Hz)")
+    return ax
+
+
+def plot_cost(found: WorkPrecision, ax: Axes | None = None) -> Axes:
+    """Error against CPU time, a panel for each quantity."""
+    if ax is None:
+        return draw_work_precision(found)
+    first = found.errors[0]
+    plot_work_precision(found, first.of, first.quantity, ax)
+    ax.set_xlabel("CPU time of one core (s)")
+    ax.set_ylabel("relative error (%)")
+    return ax
+
+
+def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
+    """Share of jolts that lead to clatter against their speed, with exact 95 % intervals."""
+    ax = axes_or_new(ax)
+    rows = found.to_frame()
+    share = rows["captured"]
+    bars = [share - rows["captured_low"], rows["captured_high"] - share]
+    ax.errorbar(rows["jolt"], share, yerr=bars, fmt="o-", capsize=3, color=COLOURS["simulate"])
+    ax.set_ylim(0.0, 1.05)
+    ax.set_xlabel("jolt (m/s)")
+    ax.set_ylabel("share captured by clatter")
+    add_grid(ax)
+    return ax
+
+
+PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
+    "AbsorberReport": draw_levels,
+    "Check": plot_check,
+    "Checks": draw_scores,
+    "Design": draw_design,
+    "Explanation": plot_explanation,
+    "FirstPassage": plot_first_passage,
+    "History": plot_motion,
+    "ImpactStatistics": plot_impacts,
+    "Jolts": plot_jolts,
+    "Judgement": plot_judgement,
+    "Reliability": plot_chances,
+    "Replay": plot_replay,
+    "Response": plot_response,
+    "ResponseSpectrum": plot_spectrum,
+    "Screening": plot_screening,
+    "Sizing": plot_risk,
+    "Transient": plot_transient,
+    "WorkPrecision": plot_cost,
+}
+"""The picture of each kind of answer, by the name of its class: views do not import answers."""
+
+
+def _list(ax: Axes | None, rows: int) -> Axes:
+    """Axes for a list with so many rows."""
+    return axes_or_new(ax, (SCREEN[0], LEAST_HEIGHT + ROW_HEIGHT * max(rows, 1)))
+
+
+def _label_rows(ax: Axes, names: Sequence[str]) -> None:
+    ax.set_yticks(range(len(names)), names, fontsize="small")
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.grid(axis="x", color="#dddddd", linewidth=0.6)
+    ax.set_axisbelow(True)
