@@ -24,7 +24,12 @@ from stochvi.views.replay import plot_clearances, plot_history
 from stochvi.views.report.missions import plot_chances
 from stochvi.views.sizing import plot_risk
 from stochvi.views.spectra import draw_spectrum, plot_curve
-from stochvi.views.verification import draw_scores, draw_work_precision, plot_work_precision
+from stochvi.views.verification import (
+    WORK_TITLES,
+    draw_scores,
+    draw_work_precision,
+    plot_work_precision,
+)
 from stochvi.views.words import ROTATIONS
 
 if TYPE_CHECKING:
@@ -264,7 +269,7 @@ def plot_cost(found: WorkPrecision, ax: Axes | None = None) -> Axes:
     """Error against CPU time, a panel for each quantity."""
     if ax is None:
         return draw_work_precision(found)
-    first = found.errors[0]
+    first = next(row for row in found.errors if row.quantity in WORK_TITLES)
     plot_work_precision(found, first.of, first.quantity, ax)
     ax.set_xlabel("CPU time of one core (s)")
     ax.set_ylabel("relative error (%)")
