@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.isolators import Sizing
+    from stochvi.isolators.sizing.answer import Clearance
+    from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.methods.replay import Replay
     from stochvi.statistics.reliability import Reliability
 
@@ -298,7 +300,7 @@ class Job:
 
         return average(self.scene, **self.arguments)
 
-    def _sized(self, progress: Progress) -> Sizing:
+    def _sized(self, progress: Progress) -> Sizing | PairsSizing:
         from stochvi.isolators import size
 
         try:
@@ -393,13 +395,22 @@ class Summary:
         return cls(quantities=quantities, cost=Cost(**document["cost"]))
 
 
-def summary_of_sizing(found: Sizing) -> Summary:
-    """Clearance, 3 sigma and hits of a sizing; the error of the clearance is that of its interval,
-    taken for Gaussian."""
-    c, three, hits = found.clearance, found.three_sigma, found.expected_hits()
-    error = (c.upper - c.lower) / (2.0 * GAUSSIAN_95)
+def summary_of_sizing(found: Sizing | PairsSizing) -> Summary:
+    """Clearance, 3 sigma and hits of a sizing, or clearances by pair; the error of a clearance is
+    that of its interval, taken for Gaussian."""
+    from stochvi.isolators.sizing.pairs_answer import PairsSizing
+
+    def clearance(c: Clearance) -> Estimate:
+        error = (c.upper - c.lower) / (2.0 * GAUSSIAN_95)
+        return Estimate(value=c.value, standard_error=error, how=found.method)
+
+    if isinstance(found, PairsSizing):
+        quantities = {name: {"clearance": clearance(c)} for name, c in found.clearances.items()}
+        risk = {"probability_at_three_sigma": Estimate(value=found.three_sigma.value, bias=None)}
+        return Summary(quantities={"size": risk, **quantities}, cost=found.cost)
+    three, hits = found.three_sigma, found.expected_hits()
     sized = {
-        "clearance": Estimate(value=c.value, standard_error=error, how=found.method),
+        "clearance": clearance(found.clearance),
         "three_sigma": Estimate(value=three.clearance),
         "rms_displacement": Estimate(value=found.sigma),
         "probability_at_three_sigma": three.probability,
@@ -427,9 +438,10 @@ def summary_of_replay(found: Replay) -> Summary:
 def _summary_of(answer: Any) -> Response | Summary | None:
     """What an answer that was not finished holds."""
     from stochvi.isolators import Sizing
+    from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.statistics.reliability import Reliability
 
-    if isinstance(answer, Sizing):
+    if isinstance(answer, Sizing | PairsSizing):
         return summary_of_sizing(answer)
     if isinstance(answer, Reliability):
         return summary_of_reliability(answer)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from stochvi.isolators import Jolts, Sizing
     from stochvi.isolators.record_verdict import RecordVerdict
+    from stochvi.isolators.sizing.pairs_answer import PairsSizing
 
 
 def fail_unless_gaussian(record: RecordVerdict | None) -> None:
@@ -40,13 +41,18 @@ def fail_unless_gaussian(record: RecordVerdict | None) -> None:
 @click.argument("scene")
 @common("json", "out", "quiet")
 def screen(options: Common, scene: str) -> None:
-    """Linear screening of an isolator: rms, Miles, 3 sigma, Rice."""
+    """Linear screening: rms, 3 sigma, Rice; Miles of an isolator."""
     from stochvi.isolators.screening import screen as solve
+    from stochvi.isolators.structure_screening import StructureScreening
     from stochvi.scenes.scene import load_scene
-    from stochvi.views.isolator_tables import print_screening
+    from stochvi.views.isolator_tables import print_screening, print_structure_screening
 
     found = solve(load_scene(scene))
-    options.show(found, print_screening, "screening", {"method": "screen", **found.to_dict()})
+    document = {"method": "screen", **found.to_dict()}
+    if isinstance(found, StructureScreening):
+        options.show(found, print_structure_screening, "screening", document)
+        return
+    options.show(found, print_screening, "screening", document)
     fail_unless_gaussian(found.record)
 
 
@@ -60,15 +66,19 @@ def screen(options: Common, scene: str) -> None:
 @common("budget", "seed", "threads", "json", "out", "quiet")
 def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     """Hit rate of an isolator against clearance: Rice, closure, Monte Carlo."""
-    from stochvi.isolators.screening import clearance_curve, clearance_notes, predicted_curve
-    from stochvi.isolators.screening import screen as solve
+    from stochvi.isolators.screening import (
+        clearance_curve,
+        clearance_notes,
+        predicted_curve,
+        screen_isolator,
+    )
     from stochvi.results.base import plain
     from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_clearance
     from stochvi.views.isolator_tables import print_clearance, print_record
 
     loaded = load_scene(scene)
-    linear = solve(loaded)
+    linear = screen_isolator(loaded)
     if not options.quiet:
         print_record(options.console, linear.record)
     places = lengths("--gaps", gaps, plain=linear.displacement_std)
@@ -131,6 +141,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     metavar="TIME",
     help="Time of exposure: 3600 (s), 30min, 10h.",
 )
+@click.option("--pair", metavar="NAME", help="Of several pairs: size this one, the others fixed.")
 @click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
 @click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")
 @click.option(
@@ -146,30 +157,40 @@ def size(
     """The clearance that is really needed, with a stated risk."""
     from stochvi.isolators.sizing.changes import Tolerances
     from stochvi.isolators.sizing.method import size as solve
+    from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
+    from stochvi.model.model import model_of
     from stochvi.results.base import plain
     from stochvi.results.deadline import Deadline
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_sizing
 
     loaded = load_scene(scene)
-    stated = _stated_tolerances(tolerances)
-    Tolerances.of(loaded, **stated)  # wrong ones are refused before the work
+    # wrong ones are refused before the work
+    allowed = Tolerances.of(loaded, **_stated_tolerances(tolerances))
+    if sensitivity and not model_of(loaded).single:
+        raise ValueError(
+            "--sensitivity is for one oscillator; the answer for several pairs holds the effect of "
+            "every tolerance already: give --tolerances"
+        )
     deadline = Deadline.after(options.budget)
     fell_short: list[str] = []
     judged: list[RecordVerdict | None] = []
 
-    def found() -> Sizing:
+    def found() -> Sizing | PairsSizing:
         # a sizing takes what it needs, changed cases and the report what is left
         share = FIRST if sensitivity else BEFORE_REPORT if options.out is not None else 1.0
         sampling = options.sampling | {"budget": deadline.part(share)}
         with options.progress("sizing") as report:
             return solve(
-                loaded, peak_acceleration=acceleration(peak_acceleration), progress=report,
-                **sampling, **asked,
+                loaded, peak_acceleration=acceleration(peak_acceleration), tolerances=allowed,
+                progress=report, **sampling, **asked,
             )  # fmt: skip
 
-    def show(answer: Sizing) -> None:
+    def show(answer: Sizing | PairsSizing) -> None:
+        if isinstance(answer, PairsSizing):
+            _show_pairs(options, answer, scene)
+            return
         document, table = answer.to_dict(), None
         if sensitivity:
             with options.progress("sensitivity") as report:
@@ -192,7 +213,7 @@ def size(
 
             reviewed = review(
                 answer, table, ReviewSettings(budget=deadline.rest or BUDGET),
-                tolerances=Tolerances.of(loaded, **stated), threads=options.threads,
+                tolerances=allowed, threads=options.threads,
             )  # fmt: skip
             write_report(reviewed, options.out, options.origin(scene, answer.provenance))
         judged.append(answer.record)
@@ -202,6 +223,17 @@ def size(
         fail_unless_gaussian(record)
     if fell_short:
         stop(f"{len(fell_short)} cases of --sensitivity fell short: {fell_short[0]}", FAILED)
+
+
+def _show_pairs(options: Common, answer: PairsSizing, scene: str) -> None:
+    """Show the clearances of several pairs: document, tables, and a page."""
+    from stochvi.views.isolator_tables import print_pairs_sizing
+
+    options.show(answer, print_pairs_sizing)
+    if options.out is not None:
+        from stochvi.views.report import write_pairs_report
+
+        write_pairs_report(answer, options.out, options.origin(scene, answer.provenance))
 
 
 FIRST, BEFORE_REPORT = 0.5, 0.7

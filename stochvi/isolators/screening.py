@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
+from stochvi.isolators.structure_screening import StructureScreening, screen_structure
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.mathematics.spectra import LinearMoments, Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity
@@ -89,11 +90,11 @@ class Screening(Result):
         return (*self.notes, *self.warnings)
 
 
-def screen(scene: Scene) -> Screening:
-    """Linear screening of an isolator on its moving base, stops left out.
+def screen(scene: Scene) -> Screening | StructureScreening:
+    """Linear screening of a scene, stops left out.
 
-    sigma_x, sigma_v and the absolute acceleration are integrals of the response density;
-    Miles' equation, G_rms = sqrt(pi / 2 f_n Q W(f_n)), is listed with them.
+    An isolator on its moving base is screened as `screen_isolator` says, a structure of several
+    coordinates or pairs as `screen_structure` says.
 
     Examples
     --------
@@ -103,6 +104,15 @@ def screen(scene: Scene) -> Screening:
     >>> mount = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[truck])
     >>> round(1e3 * screen(mount).displacement_std, 2)
     1.99
+    """
+    return screen_isolator(scene) if model_of(scene).single else screen_structure(scene)
+
+
+def screen_isolator(scene: Scene) -> Screening:
+    """Linear screening of an isolator on its moving base, stops left out.
+
+    sigma_x, sigma_v and the absolute acceleration are integrals of the response density;
+    Miles' equation, G_rms = sqrt(pi / 2 f_n Q W(f_n)), is listed with them.
     """
     model = model_of(scene)
     unmet = beyond_one_oscillator(model)
@@ -223,7 +233,7 @@ def clearance_curve(
     check_arguments(rel_error, None, None, seed, None, budget, threads)
     if any(not 0.0 < clearance < math.inf for clearance in clearances):
         raise ValueError(f"clearances must be positive, got {list(clearances)} m")
-    linear = screen(scene)
+    linear = screen_isolator(scene)
     rows: list[dict[str, float]] = []
     short: list[str] = []
     deadline = Deadline.after(budget)
@@ -283,7 +293,7 @@ def predicted_rates(scene: Scene, clearances: Sequence[float]) -> pd.DataFrame:
 
     Where the closure finds no solution its rate is left out (NaN).
     """
-    linear = screen(scene)
+    linear = screen_isolator(scene)
     return pd.DataFrame(
         {
             "clearance": clearances,

@@ -11,9 +11,9 @@ hit (`crossing_ages`), so that pairs which move together are counted together.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +34,7 @@ from stochvi.statistics.first_crossings import (
     MEMORY_RELAXATIONS,
     SAMPLES_PER_PERIOD,
     SLOPES,
+    FirstCrossings,
 )
 
 Vector = NDArray[np.float64]
@@ -42,6 +43,11 @@ Matrix = NDArray[np.float64]
 STARTS = 4096
 """Number of gaps beyond each stop that are drawn for the chance to be beyond any stop at the start:
 its standard error is then below 1 %."""
+
+
+ROUNDING = 1e-12
+"""Share of its own variance that is added to each gap, so that rounding error leaves the covariance
+of gaps that are one motion without negative eigenvalues."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,6 +94,21 @@ class PairCrossings(CrossingAges):
         np.add.at(found.T, self.crossing, self.rice_rates * known)
         total = found.sum(axis=1, keepdims=True)
         return np.asarray(np.divide(found, total, out=np.zeros_like(found), where=total > 0.0))
+
+    def of_one(self) -> FirstCrossings:
+        """The same where there is one pair only."""
+        (deviation,), (speed,) = self.displacement_std, self.velocity_std
+        return FirstCrossings(
+            outside=self.outside,
+            horizon=self.horizon,
+            interval=self.interval,
+            rice_rates=self.rice_rates,
+            ages=self.ages,
+            lower=self.lower[:, 0],
+            upper=self.upper[:, 0],
+            displacement_std=float(deviation),
+            velocity_std=float(speed),
+        )
 
 
 def pair_crossings(
@@ -277,10 +298,10 @@ class GapRecords:
 
     def found(self, ages: NDArray[np.float32]) -> PairCrossings:
         """All that the crossings so far say."""
-        starts = list(self._beyond())
+        outside, error = self._beyond
         return PairCrossings(
-            outside=np.array([chance for chance, _ in starts]),
-            outside_error=np.array([error for _, error in starts]),
+            outside=outside,
+            outside_error=error,
             pairs=tuple(pair.name for pair in self.model.pairs),
             lower=self.lower,
             upper=self.upper,
@@ -293,8 +314,9 @@ class GapRecords:
             ages=ages,
         )
 
-    def _beyond(self) -> Iterator[tuple[float, float]]:
-        """Chance to be beyond any stop at the start, with its standard error, level by level.
+    @cached_property
+    def _beyond(self) -> tuple[Vector, Vector]:
+        """Chances to be beyond any stop at the start, level by level, and their standard errors.
 
         The sum over stops of the chance to be beyond it, each time divided by the number of stops
         that the gaps are then beyond (R. J. Adler, J. H. Blanchet and J. Liu, Ann. Appl. Probab. 22
@@ -303,21 +325,20 @@ class GapRecords:
         covariance = self.plan.correlations[0, 0]
         std = np.sqrt(np.diag(covariance))
         random = np.random.default_rng([self.seed, SLOPES])
-        root = np.linalg.cholesky(covariance + 1e-12 * np.diag(std**2))
+        root = np.linalg.cholesky(covariance + ROUNDING * np.diag(std**2))
         normal = random.standard_normal((STARTS, len(std))) @ root.T
         uniform = random.random(STARTS)
-        for lower, upper in zip(
-            self.lower[:, self.moving], self.upper[:, self.moving], strict=True
-        ):
-            total, variance = 0.0, 0.0
+        total, variance = np.zeros((2, len(self.lower)))
+        rows = zip(self.lower[:, self.moving], self.upper[:, self.moving], strict=True)
+        for level, (lower, upper) in enumerate(rows):
             for near, far in ((upper, lower), (lower, upper)):
                 for gap in np.flatnonzero(np.isfinite(near)):
                     chance = float(ndtr(-near[gap] / std[gap]))
-                    place = -std[gap] * ndtri(chance * uniform)
+                    place = np.maximum(-std[gap] * ndtri(chance * uniform), near[gap])
                     share = covariance[gap] / covariance[gap, gap]
                     gaps = normal + (place - normal[:, gap])[:, None] * share
-                    gaps[:, gap] = np.maximum(place, near[gap])
+                    gaps[:, gap] = place
                     stops = np.sum((gaps >= near) | (gaps <= -far), axis=1)
-                    total += chance * float(np.mean(1.0 / stops))
-                    variance += chance**2 * float(np.var(1.0 / stops)) / STARTS
-            yield total, math.sqrt(variance)
+                    total[level] += chance * np.mean(1.0 / stops)
+                    variance[level] += chance**2 * np.var(1.0 / stops) / STARTS
+        return total, np.sqrt(variance)

@@ -6,6 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
+from stochvi.views.pairs import (
+    interval_in_words,
+    pairs_in_words,
+    required_in_rows,
+    tolerances_in_rows,
+)
 from stochvi.views.tables import (
     LAST_DIGITS,
     new_table,
@@ -25,6 +31,8 @@ if TYPE_CHECKING:
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.isolators.sizing.pairs_answer import PairsSizing
+    from stochvi.isolators.structure_screening import StructureScreening
 
 
 def print_screening(console: Console, linear: Screening) -> None:
@@ -33,6 +41,35 @@ def print_screening(console: Console, linear: Screening) -> None:
     print_frame(console, linear.to_frame(), "linear screening, stops left out")
     for note in linear.notes:
         console.print(f"note: {note}", style="yellow", highlight=False)
+
+
+def print_structure_screening(console: Console, linear: StructureScreening) -> None:
+    """The linear screening of several coordinates and gaps, with its notes."""
+    print_frame(console, _joined(linear.to_frame()), "linear screening, stops left out")
+    if linear.impact_pairs:
+        print_frame(console, linear.gaps_to_frame(), "gaps, and hits by Rice")
+    for note in linear.notes:
+        console.print(f"note: {note}", style="yellow", highlight=False)
+
+
+def _joined(frame: pd.DataFrame) -> pd.DataFrame:
+    """The table of coordinates with each number and its unit in one column."""
+
+    def measured(values: pd.Series[float], units: pd.Series[str]) -> list[str]:
+        return [
+            "" if math.isnan(value) else f"{value:.4g} {unit}"
+            for value, unit in zip(values.astype(float), units, strict=True)
+        ]
+
+    return frame.assign(
+        displacement=measured(frame["displacement"], frame["unit"]),
+        velocity=measured(frame["velocity"], frame["unit of velocity"]),
+        **{
+            "absolute acceleration": measured(
+                frame["absolute acceleration"], frame["unit of acceleration"]
+            )
+        },
+    ).drop(columns=["unit", "unit of velocity", "unit of acceleration"])
 
 
 CONTRADICTED = "bold red"
@@ -123,6 +160,36 @@ def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | N
         for change, note in zip(sensitivity["change"], sensitivity["note"], strict=True):
             if note:
                 print_line(console, f"{change}: {note}")
+    print_line(console, f"method: {sizing.method}")
+    print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
+    for warning in sizing.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def print_pairs_sizing(console: Console, sizing: PairsSizing) -> None:
+    """Print the clearances of several pairs first, then the numbers behind them."""
+    console.print(sizing.verdict(), style="bold", highlight=False)
+    mission = spoken_mission(sizing.mission)
+    print_frame(console, pairs_in_words(sizing), f"pair by pair, in {mission}")
+    table = new_table(
+        f"chance that any pair is hit in {mission}", ["stops", "chance", "95 % interval"]
+    )
+    known = {
+        "as sized": sizing.probability,
+        "3 sigma of every gap": sizing.three_sigma,
+        "of the scene": sizing.as_given,
+    }
+    for place, chance in known.items():
+        if chance is not None:
+            table.add_row(place, spoken_percent(chance.value), interval_in_words(chance))
+    print_table(console, table)
+    print_frame(console, required_in_rows(sizing), f"clearances for other chances in {mission}")
+    print_frame(
+        console,
+        tolerances_in_rows(sizing),
+        "within the tolerances, by linear theory: clearances for the same risk, and the chance of "
+        "any hit at the clearances as stated",
+    )
     print_line(console, f"method: {sizing.method}")
     print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
     for warning in sizing.warnings:

@@ -17,7 +17,6 @@ from stochvi import (
     Matrices,
     NotApplicable,
     Oscillator,
-    Restitution,
     Scene,
     Sine,
     TabulatedNoise,
@@ -30,36 +29,11 @@ from stochvi.results.estimates import Estimate
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.pair_crossings import GapRecords, own_distances, pair_crossings
 from stochvi.testing import assert_agrees
+from support.pairs import LAW, diagonal, pair, uncoupled
 
 Matrix = NDArray[np.float64]
 
-LAW = Restitution(coefficient=0.5)
 MISSION = 100.0
-
-
-def diagonal(*entries: float) -> list[list[float]]:
-    return np.diag(entries).tolist()
-
-
-def pair(
-    name: str, on: str | None, reach: float, between: tuple[str, str] | None = None
-) -> ImpactPair:
-    return ImpactPair(name=name, on=on, between=between, lower=-reach, upper=reach, law=LAW)
-
-
-def uncoupled(*pairs: ImpactPair) -> Scene:
-    """Two oscillators that know nothing of each other: omega 1 and 2, zeta 0.05, sigma 1."""
-    return Scene(
-        structure=Matrices(
-            coordinates=("x", "z"), mass=diagonal(1, 1), damping=diagonal(0.1, 0.2),
-            stiffness=diagonal(1, 4),
-        ),
-        impact_pairs=pairs,
-        excitations=[
-            WhiteNoise(intensity=0.2, on="x"),
-            WhiteNoise(intensity=1.6, on="z"),
-        ],
-    )  # fmt: skip
 
 
 def chance(scene: Scene, rel_error: float = 0.03, seed: int = 1) -> Estimate:

@@ -17,11 +17,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.isolators.record_verdict import record_verdict
-from stochvi.isolators.screening import Screening, screen
+from stochvi.isolators.screening import Screening, screen_isolator
 from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
+from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.hits import Hits, Tried, at_clearance, compile_kernels
+from stochvi.isolators.sizing.pairs import size_pairs
+from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.risk_curve import RiskCurve
-from stochvi.isolators.sizing.targets import check_laws, target_of, widening
+from stochvi.isolators.sizing.targets import check_laws, check_several, target_of, widening
 from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
@@ -138,20 +141,24 @@ def size(
     impact_speed: float | None = None,
     peak_acceleration: float | None = None,
     exceedance: float = ACCEPTED,
+    pair: str | None = None,
+    tolerances: Tolerances | None = None,
     mission: float = 3600.0,
     rel_error: float = 0.05,
     seed: int = 0,
     threads: int | None = None,
     budget: float = 60.0,
     progress: Progress | None = None,
-) -> Sizing:
-    """The clearance per side that an isolator needs, for exactly one target.
+) -> Sizing | PairsSizing:
+    """The clearance per side that an isolator needs, or that each of several pairs needs, for
+    exactly one target.
 
     Parameters
     ----------
     scene
-        One oscillator under stationary Gaussian noise. The laws of its stops are kept, their
-        places are not: they go to equal distances from the mean position, static sag counted.
+        One oscillator under stationary Gaussian noise, or a linear structure with any number of
+        pairs. The laws of the stops are kept, their places are not: they go to equal distances from
+        the mean position, static sag counted. Several pairs are sized for a `probability` alone.
     probability
         Chance of any hit in the mission. Needs no stops.
     rate
@@ -159,6 +166,13 @@ def size(
     impact_speed, peak_acceleration
         The largest of all hits of the mission (m/s; m/s^2, of the mass, absolute), which is to be
         exceeded with the chance `exceedance` alone. An acceleration needs stops with a stiffness.
+    pair
+        Of several pairs, the one whose clearance is searched for while the stops of the others stay
+        where they are; by default all pairs share the risk equally: each alone would be hit with
+        the same chance.
+    tolerances
+        Of several pairs, those whose effect the answer states, by linear theory; by default
+        `Tolerances.of` the scene.
     mission
         Seconds of exposure, from a stationary start.
     rel_error
@@ -194,8 +208,18 @@ def size(
             raise ValueError(f"{name} must be a positive number of seconds, got {seconds}")
     if not 1e-4 <= rel_error < 1.0:
         raise ValueError(f"rel_error must be in [1e-4, 1), got {rel_error}")
+    model = model_of(scene)
+    if pair is not None and (model.single or pair not in [each.name for each in model.pairs]):
+        names = ", ".join(each.name for each in model.pairs) or "none"
+        raise ValueError(f"pair must be the name of one of several pairs ({names}), got {pair!r}")
     try:
         with heeding_ctrl_c():
+            if not model.single:
+                check_several(model, target)
+                return size_pairs(
+                    scene, target, mission, pair, rel_error=rel_error, seed=seed, threads=threads,
+                    budget=budget, tolerances=tolerances, progress=progress,
+                )  # fmt: skip
             job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
             return job.sizing()
     except NotApplicable as reason:
@@ -658,6 +682,6 @@ def _chance(rate: Estimate, mission: float) -> Estimate:
 
 def _screening(scene: Scene) -> Screening | None:
     try:
-        return screen(scene)
+        return screen_isolator(scene)
     except NotApplicable:
         return None

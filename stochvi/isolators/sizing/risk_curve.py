@@ -56,6 +56,11 @@ class RiskCurve:
             first_rates=_falling(crossings.first_rate()),
         )
 
+    @property
+    def largest_hazard(self) -> float:
+        """-ln(1 - P) at the smallest clearance whose chance of a hit is below 1."""
+        return math.exp(self._logarithms()[1][0])
+
     def clearance(self, probability: float) -> Clearance:
         """The clearance at which the chance of any hit is `probability`, with its 95 % interval."""
         wanted = math.log(-math.log1p(-probability))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import gammaln, roots_genlaguerre
 
+from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
 from stochvi.isolators.sizing.method import risk_curve, size
 from stochvi.isolators.sizing.risk_curve import RiskCurve
@@ -24,8 +25,6 @@ from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from stochvi.isolators.sizing.answer import Sizing
 
 Vector = NDArray[np.float64]
 
@@ -177,6 +176,7 @@ def changed_row(
             if reason.response is None:
                 raise
             found, note = reason.response, str(reason)
+        assert isinstance(found, Sizing)  # of one oscillator
         clearance = found.clearance.value
     return row_of(
         change,

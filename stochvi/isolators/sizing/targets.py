@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.risk_curve import CERTAIN
-from stochvi.model.model import model_of
+from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import LARGEST_NUMBER, Scene
@@ -65,6 +65,21 @@ def widening(scene: Scene, target: Target, velocity_std: float, clearance: float
             brentq(lambda w: softest.impact(w, 1.0).peak_force - left, low, 1e6, xtol=low)
         )
     return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
+
+
+def check_several(model: Model, target: Target) -> None:
+    """Raise `NotApplicable` for what is not sized where there are several coordinates or pairs."""
+    unmet = []
+    if not model.pairs:
+        unmet.append("the scene needs an impact_pair for every gap that is to be sized")
+    if target.name != "probability":
+        unmet.append(
+            f"{target.name} must be left out where there are several coordinates or pairs: size "
+            "them for a probability of any hit, and let clearance or simulate show the rates and "
+            "speeds of hits there"
+        )
+    if unmet:
+        raise NotApplicable("size", unmet)
 
 
 def check_laws(scene: Scene, target: Target) -> None:

@@ -7,7 +7,7 @@ import itertools
 import math
 from typing import TYPE_CHECKING, Any
 
-from stochvi.isolators.screening import Screening, screen
+from stochvi.isolators.screening import Screening, screen_isolator
 from stochvi.isolators.sizing.chances import probability_at
 from stochvi.isolators.sizing.changes import Change, Tolerances, ends_of, ends_of_stops
 from stochvi.isolators.sizing.sensitivity import row_in_time, row_of
@@ -114,7 +114,7 @@ def _combination(sizing: Sizing, changes: list[Change]) -> list[Change]:
     free = sizing.scene.model_copy(update={"impact_pairs": ()})
     worst = max(
         (list(corner) for corner in itertools.product(*groups)),
-        key=lambda corner: clearance_of_rate(screen(_all(corner, free)), rate),
+        key=lambda corner: clearance_of_rate(screen_isolator(_all(corner, free)), rate),
     )
     return worst + stiff
 

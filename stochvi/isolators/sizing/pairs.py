@@ -1,0 +1,405 @@
+"""Sizing of several pairs: the clearances at which all take an equal share of the risk.
+
+Each pair alone has its curve of risk against clearance. Pairs share the risk equally where each
+alone would be hit with the same chance p; the chance that any of them is hit then follows from the
+first outcrossings of all gaps together (`statistics.pair_crossings`), and p is the one number that
+is searched for.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq
+
+from stochvi.isolators.sizing.answer import Clearance, Target
+from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.pair_tolerances import tolerance_table
+from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
+from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
+from stochvi.methods.monte_carlo.rounds import Progress
+from stochvi.model.free_motion import free_motion
+from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline, as_far_as_it_got
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.machine import usable_cores
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.crossing_ages import MISSED, largest_error
+from stochvi.statistics.pair_crossings import PairCrossings, own_distances, pair_crossings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+REQUIRED = (0.1, 0.01, 0.001)
+"""Chances of any hit in the mission whose clearances every answer lists."""
+
+LOWEST_SIGMA, SIGMA_STEP = 1.0, 0.25
+"""First clearance of the curve of a pair and distance to the next, in standard deviations."""
+
+RISK_STEP = 2.5
+"""Largest factor from one risk per pair to the next: the chance of any hit over it changes slowly,
+and is interpolated."""
+
+ROOM = 1.25
+"""How far the risks that are looked at reach beyond those that can be the answer, as a factor."""
+
+SHARE_OF_CURVES = 0.4
+"""Share of the budget for the curves of the single pairs."""
+
+MOST_ERROR = 1.0
+"""Relative error of the chance of a hit above which no clearance is given."""
+
+SMALL_SHARE = 1e3
+"""The smallest risk that is looked at of a pair that is sized alone, below that of all pairs."""
+
+STEEP = 1e-3
+"""Smallest slope of the risk of all pairs over that of the sized ones: below it no clearance of
+theirs changes the risk."""
+
+METHOD = (
+    "first outcrossings of all gaps together, Gaussian and correlated as they are without stops "
+    "(records around outcrossings); no impact law enters"
+)
+
+
+def size_pairs(
+    scene: Scene,
+    target: Target,
+    mission: float,
+    pair: str | None,
+    *,
+    rel_error: float = 0.05,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float = 60.0,
+    tolerances: Tolerances | None = None,
+    progress: Progress | None = None,
+) -> PairsSizing:
+    """The clearances that keep the chance of any hit, see `size`."""
+    return _PairsJob(
+        scene=scene,
+        target=target,
+        mission=mission,
+        pair=pair,
+        rel_error=rel_error,
+        seed=seed,
+        threads=threads,
+        budget=budget,
+        tolerances=tolerances or Tolerances.of(scene),
+        report=progress or (lambda done, text: None),
+    ).sizing()
+
+
+@dataclass(kw_only=True)
+class _PairsJob:
+    """One sizing: what was asked for, and what was found on the way."""
+
+    scene: Scene
+    target: Target
+    mission: float
+    pair: str | None
+    rel_error: float
+    seed: int
+    threads: int | None
+    budget: float
+    tolerances: Tolerances
+    report: Progress
+
+    def __post_init__(self) -> None:
+        self.started, self.deadline = time.perf_counter(), Deadline.after(self.budget)
+        self.model = model_of(self.scene)
+        self.names = [each.name for each in self.model.pairs]
+        sized = self.names if self.pair is None else [self.pair]
+        self.sized = [self.names.index(name) for name in sized]
+        self.fixed = [k for k in range(len(self.names)) if k not in self.sized]
+        self.own = np.array(own_distances(self.model))
+        beyond = [self.names[k] for k in self.fixed if self.own[:, k].min() <= 0.0]
+        if beyond:
+            raise NotApplicable(
+                "size", [f"the mean gap of {', '.join(beyond)} must lie between its stops"]
+            )
+        directions = np.array([each.direction for each in self.model.pairs])
+        self.sigma, self.speed = free_motion(self.model).deviations(directions)
+        still = [self.names[k] for k in self.sized if self.sigma[k] == 0.0]
+        if still:
+            raise NotApplicable(
+                "size", [f"excitation must move the gap of {', '.join(still)}, which is never hit"]
+            )
+
+    def sizing(self) -> PairsSizing:
+        """The risk of each pair alone, then that of all together, then the clearances."""
+        self.curves = [self._curve(number, k) for number, k in enumerate(self.sized)]
+        risks = self._risks()
+        rows = {
+            "risks": [self._stops_of_risk(risk) for risk in risks],
+            "three sigma": [self._stops(3.0 * self.sigma)],
+            "alone": [self._only(k) for k in self.fixed],
+            "as given": [self.own] if np.all(self.own > 0.0) else [],
+        }
+        self.report(0.5, "all pairs together")
+        together = self._crossings(
+            self.scene,
+            np.array([*itertools.chain(*rows.values())]),
+            self.deadline.rest or self.budget,
+        )
+        every = iter(together.probability(self.mission))
+        chances = {name: [next(every) for _ in some] for name, some in rows.items()}
+        total = _Total.of(risks, chances["risks"])
+        risk, half = self._found(total, chances["alone"])
+        clearances = {
+            self.names[k]: Clearance(
+                value=self._clearance(number, risk),
+                lower=self._clearance(number, risk * math.exp(half)),
+                upper=self._clearance(number, risk * math.exp(-half)),
+            )
+            for number, k in enumerate(self.sized)
+        }
+        answer = self._stops_of_risk(risk)
+        alone = np.empty(len(self.names))
+        alone[self.sized] = -math.expm1(-risk)
+        alone[self.fixed] = [each.value for each in chances["alone"]]
+        return PairsSizing(
+            scene=self.scene,
+            target=self.target,
+            mission=self.mission,
+            pair=self.pair,
+            clearances=clearances,
+            probability=total.probability(self.target.value),
+            pairs=self._pairs(answer, alone, _between(risks, risk, together.shares(self.mission))),
+            curve=self._risk_curve(risks, chances["risks"], alone[self.fixed]),
+            three_sigma=Probability.of(chances["three sigma"][0]),
+            as_given=next((Probability.of(each) for each in chances["as given"]), None),
+            required=self._required(total),
+            tolerances=tolerance_table(
+                self.model, self.tolerances, answer, self.sized, self.target.value
+            ),
+            method=METHOD,
+            warnings=self._warnings(together),
+            cost=Cost(
+                wall_time=time.perf_counter() - self.started,
+                paths=together.ages.shape[3],
+                threads=self.threads or usable_cores(),
+            ),
+            provenance=provenance(self.scene.document(), self.seed),
+        )
+
+    def _crossings(self, scene: Scene, rows: Matrix, budget: float) -> PairCrossings:
+        """First crossings at rows of distances (levels, sides, pairs)."""
+        found: PairCrossings = as_far_as_it_got(
+            pair_crossings, scene, lower=rows[:, 0], upper=rows[:, 1], mission=self.mission,
+            rel_error=self.rel_error, seed=self.seed, threads=self.threads, budget=budget,
+        )  # fmt: skip
+        return found
+
+    def _curve(self, number: int, k: int) -> RiskCurve:
+        """The chance that a pair is hit, if it alone had stops, against their distance."""
+        self.report(0.5 * number / len(self.sized), self.names[k])
+        pairs = self.scene.expanded.impact_pairs
+        scene = self.scene.expanded.model_copy(update={"impact_pairs": (pairs[k],)})
+        sigma, speed = self.sigma[k], self.speed[k]
+        crossings = speed / sigma / math.pi * max(self.mission, 2.0 * math.pi * sigma / speed)
+        least = 0.1 * self._least_risk
+        highest = math.sqrt(2.0 * math.log(crossings / least)) + 2.0 * SIGMA_STEP
+        levels = sigma * np.arange(LOWEST_SIGMA, highest, SIGMA_STEP)
+        rows = np.where(np.isfinite(self.own[:, k]), levels[:, None], np.inf)[:, :, None]
+        part = self.deadline.part(SHARE_OF_CURVES / len(self.sized)) or self.budget
+        return RiskCurve.of(self._crossings(scene, rows, part).of_one(), self.mission)
+
+    @cached_property
+    def _hazards(self) -> Vector:
+        """-ln(1 - P) of all chances whose clearances are wanted, the smallest first."""
+        return np.asarray(-np.log1p(-np.sort([*REQUIRED, self.target.value])))
+
+    @property
+    def _least_risk(self) -> float:
+        """The smallest risk of a pair that is looked at: where one alone is sized it may have to be
+        much smaller than that of all."""
+        share = ROOM * len(self.names) if self.pair is None else SMALL_SHARE
+        return float(self._hazards[0]) / share
+
+    def _risks(self) -> Vector:
+        """Risks per pair, -ln(1 - p), among which those of all wanted chances are."""
+        most = min(
+            float(self._hazards[-1]) * ROOM, *(curve.largest_hazard for curve in self.curves)
+        )
+        steps = math.ceil(math.log(most / self._least_risk) / math.log(RISK_STEP))
+        return np.geomspace(self._least_risk, most, max(steps, 2) + 1)
+
+    def _clearance(self, number: int, risk: float) -> float:
+        """The clearance at which a sized pair alone has a risk, m."""
+        return self.curves[number].clearance(-math.expm1(-risk)).value
+
+    def _stops_of_risk(self, risk: float) -> Matrix:
+        """Distances of all stops (2, pairs) where each sized pair alone has this risk."""
+        places = np.full(len(self.names), math.inf)
+        places[self.sized] = [self._clearance(n, risk) for n in range(len(self.sized))]
+        found = self._stops(places)
+        found[:, self.fixed] = self.own[:, self.fixed]
+        return found
+
+    def _stops(self, places: Vector) -> Matrix:
+        """Every stop of the scene (2, pairs), moved to these distances."""
+        return np.where(np.isfinite(self.own), places, math.inf)
+
+    def _only(self, k: int) -> Matrix:
+        """The stops of one pair alone, where they are."""
+        kept = np.arange(len(self.names)) == k
+        return np.where(kept, self.own, math.inf)
+
+    def _found(self, total: _Total, fixed: list[Estimate]) -> tuple[float, float]:
+        """The risk of each sized pair that keeps the target, and the 95 % half width of its
+        logarithm."""
+        if self.target.value <= total.least:
+            others = ", ".join(self.names[k] for k in self.fixed)
+            most = max((each.value for each in fixed), default=0.0)
+            raise NotApplicable(
+                "size",
+                [
+                    f"no clearance of {self.pair} keeps the chance of any hit at "
+                    f"{self.target.value:g}: the other stops ({others}) are hit with a chance of "
+                    f"{total.least:.3g} (one of them alone with {most:.3g}); size all pairs "
+                    "together, or move the others farther away"
+                ],
+            )
+        return total.risk(self.target.value)
+
+    def _pairs(self, answer: Matrix, alone: Vector, shares: Vector) -> pd.DataFrame:
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "pair": self.names,
+                "sigma": self.sigma,
+                "lower": np.where(np.isfinite(answer[0]), answer[0], math.nan),
+                "upper": np.where(np.isfinite(answer[1]), answer[1], math.nan),
+                "clearance_in_sigma": answer.min(axis=0)
+                / np.where(self.sigma, self.sigma, math.nan),
+                "probability_alone": alone,
+                "share_of_first_hits": shares,
+            }
+        )
+
+    def _risk_curve(self, risks: Vector, chances: list[Estimate], fixed: Vector) -> pd.DataFrame:
+        import pandas as pd
+
+        known = [Probability.of(chance) for chance in chances]
+        free = float(np.prod(1.0 - fixed))
+        return pd.DataFrame(
+            {
+                "probability_alone": -np.expm1(-risks),
+                **{
+                    self.names[k]: [self._clearance(number, risk) for risk in risks]
+                    for number, k in enumerate(self.sized)
+                },
+                "probability": [each.value for each in known],
+                "probability_low": [each.lower for each in known],
+                "probability_high": [each.upper for each in known],
+                "independent": 1.0 - free * np.exp(-len(self.sized) * risks),
+            }
+        )
+
+    def _required(self, total: _Total) -> pd.DataFrame:
+        import pandas as pd
+
+        rows = []
+        for chance in REQUIRED:
+            known = total.least < chance < total.most
+            risk = total.risk(chance)[0] if known else math.nan
+            places = {
+                self.names[k]: self._clearance(number, risk) if known else math.nan
+                for number, k in enumerate(self.sized)
+            }
+            rows.append({"probability": chance, **places})
+        return pd.DataFrame(rows)
+
+    def _warnings(self, together: PairCrossings) -> tuple[str, ...]:
+        """What the budget did not suffice for, and what should be known of the excitations."""
+        reached = largest_error(together, self.mission)
+        if reached > MOST_ERROR:
+            raise self.deadline.fell_short(
+                f"at a relative error of {reached:.2g} of the chance of a hit: hardly any first "
+                "hit was seen",
+                "raise budget",
+            )
+        late = f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"
+        return (*([late] if reached > MISSED * self.rel_error else []), *self.model.cautions)
+
+
+@dataclass(frozen=True)
+class _Total:
+    """-ln(1 - P) of a hit of any pair against the risk of each, logarithmic, between the risks that
+    were looked at (monotone cubic); with the 95 % half widths of the logarithm."""
+
+    risks: Vector
+    logs: Vector
+    halves: Vector
+
+    @classmethod
+    def of(cls, risks: Vector, chances: Sequence[Estimate]) -> _Total:
+        """From the chances at these risks, of which those at 0 or 1 say nothing."""
+        values = np.array([each.value for each in chances])
+        half = np.array([each.half_width_95(with_bias=True) for each in chances])
+        usable = (values > 0.0) & (values < KNOWN)
+        hazard = -np.log1p(-values[usable])
+        logs = np.maximum.accumulate(np.log(hazard))
+        return cls(np.log(risks[usable]), logs, half[usable] / (np.exp(-hazard) * hazard))
+
+    @property
+    def least(self) -> float:
+        """The smallest chance that was looked at."""
+        return -math.expm1(-math.exp(self.logs[0]))
+
+    @property
+    def most(self) -> float:
+        """The largest chance that was looked at."""
+        return -math.expm1(-math.exp(self.logs[-1]))
+
+    @cached_property
+    def _curve(self) -> Callable[[float], float]:
+        curve = PchipInterpolator(self.risks, self.logs)
+        return lambda place: float(curve(place))
+
+    def risk(self, probability: float) -> tuple[float, float]:
+        """Risk of each pair at which the chance of any hit is `probability`, and the 95 % half
+        width of its logarithm."""
+        wanted = math.log(-math.log1p(-probability))
+        if not self.logs[0] <= wanted <= self.logs[-1]:
+            raise ValueError(
+                f"probability of {probability:g} belongs to clearances that are not looked at: the "
+                f"chances there are {self.least:.3g} to {self.most:.3g}; ask for another "
+                "probability or mission"
+            )
+        low, high = self.risks[[0, -1]]
+        place = float(brentq(lambda x: self._curve(x) - wanted, low, high, xtol=1e-12))
+        step = 0.01 * (high - low)
+        inside = min(max(place, low + step), high - step)
+        slope = (self._curve(inside + step) - self._curve(inside - step)) / (2.0 * step)
+        half = float(np.interp(place, self.risks, self.halves)) / max(slope, STEEP)
+        return math.exp(place), half
+
+    def probability(self, value: float) -> Probability:
+        """A chance between those looked at, with its interval."""
+        hazard = -math.log1p(-value)
+        place = math.log(self.risk(value)[0])
+        half = float(np.interp(place, self.risks, self.halves))
+        low, high = (-math.expm1(-hazard * math.exp(sign * half)) for sign in (-1.0, 1.0))
+        return Probability(value=value, lower=low, upper=high)
+
+
+def _between(risks: Vector, risk: float, shares: Matrix) -> Vector:
+    """Shares of the first hits (pairs,) at a risk, from those at the risks looked at."""
+    logs = np.log(risks)
+    return np.array([np.interp(math.log(risk), logs, column[: len(risks)]) for column in shares.T])

@@ -1,0 +1,120 @@
+"""The clearances that several pairs need, with a stated risk that any of them is hit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from stochvi.isolators.sizing.answer import Clearance, Target, spoken_mission, spoken_percent
+from stochvi.results.base import Result
+from stochvi.results.estimates import Estimate
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, kw_only=True)
+class Probability:
+    """A chance and the 95 % interval of its calculation."""
+
+    value: float
+    lower: float
+    upper: float
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> Probability:
+        """A chance with its statistical error and its stated bias."""
+        half = estimate.half_width_95(with_bias=True)
+        value = estimate.value
+        return cls(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class PairsSizing(Result):
+    """Clearances that keep the chance of a hit of any pair, and what they rest on.
+
+    Parameters
+    ----------
+    scene
+        The scene that was sized, as it was given.
+    target, mission
+        What was asked for, and seconds of exposure.
+    pair
+        The one pair that was sized, the stops of the others fixed as in the scene; None where all
+        pairs share the risk.
+    clearances
+        By pair, m per side from the mean gap, each with the 95 % interval of the calculation; of
+        the sized pair alone where there is one.
+    probability
+        Chance that any pair is hit in the mission at these clearances.
+    pairs
+        One row per pair: `pair`, `sigma` (rms of the gap without stops, m), `lower` and `upper`
+        (distances of its stops from the mean gap in the answer, m), `clearance_in_sigma` (of the
+        nearer one), `probability_alone` (chance of a hit if this pair alone had stops) and
+        `share_of_first_hits`.
+    curve
+        One row per risk: `probability_alone` of each sized pair, the clearance of each sized pair
+        under its name (m), `probability` with `probability_low` and `probability_high` of a hit of
+        any pair, and `independent`, what it would be if the pairs knew nothing of each other.
+    three_sigma
+        Chance of any hit where every stop is at three times the rms of its gap.
+    as_given
+        Chance of any hit between the stops of the scene; None where a mean gap lies beyond a stop.
+    required
+        One row per accepted chance of any hit (10, 1, 0.1 %): `probability`, and the clearance of
+        each sized pair under its name, m (NaN where none keeps it).
+    tolerances
+        One row per change within the tolerances, and their worst combination, by linear theory:
+        `change`, the clearance of each sized pair for the same risk under its name (m), `factor`,
+        the largest of them over the nominal one, and `probability` of any hit at the nominal
+        clearances.
+    method
+        How the clearances were found, in words.
+    """
+
+    not_in_document = ("scene",)  # it is in the provenance
+
+    scene: Scene
+    target: Target
+    mission: float
+    pair: str | None
+    clearances: Mapping[str, Clearance]
+    probability: Probability
+    pairs: pd.DataFrame
+    curve: pd.DataFrame
+    three_sigma: Probability
+    as_given: Probability | None
+    required: pd.DataFrame
+    tolerances: pd.DataFrame
+    method: str
+
+    def verdict(self) -> str:
+        """The clearances, the risk that they keep, and what three sigma would do, in a sentence."""
+        mission = spoken_mission(self.mission)
+        mm = ", ".join(f"{name} {1e3 * c.value:.4g} mm" for name, c in self.clearances.items())
+        fixed = "" if self.pair is None else " with the other stops as they are"
+        return (
+            f"{mm} per side{fixed} keep the chance of any hit in {mission} at "
+            f"{spoken_percent(self.target.value)}; at 3 sigma of every gap it is "
+            f"{spoken_percent(self.three_sigma.value)}"
+        )
+
+    def summary(self) -> str:
+        """The clearances and the risk that they keep, in one sentence: the same as `verdict`."""
+        return self.verdict()
+
+    def to_frame(self) -> pd.DataFrame:
+        """The curve of risk against clearances."""
+        return self.curve
+
+    def _shown(self) -> pd.DataFrame:
+        return self.pairs
+
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        return {"method": "size", "verdict": self.verdict(), "by": found.pop("method"), **found}
+
+    def __repr__(self) -> str:
+        return f"<size: {self.verdict()}>"

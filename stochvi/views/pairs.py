@@ -1,0 +1,143 @@
+"""Sizing of several pairs: tables in words, and pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.views.axes import COLOURS, OWNERS, add_grid, add_title, axes_or_new, length_unit
+from stochvi.views.words import MM, four_digits
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+    from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
+
+
+def interval_in_words(chance: Probability) -> str:
+    """The interval of a chance in per cent."""
+    low = spoken_percent(chance.lower) if chance.lower > 0.0 else "0"
+    return f"{low} to {spoken_percent(chance.upper)}"
+
+
+def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
+    """A row per pair: its clearance with the interval, and what it risks."""
+    import pandas as pd
+
+    rows = []
+    for each in sizing.pairs.to_dict("records"):
+        found = sizing.clearances.get(each["pair"])
+        stops = [each[side] for side in ("lower", "upper") if each[side] == each[side]]
+        rows.append(
+            {
+                "pair": each["pair"],
+                "clearance (mm)": " and ".join(f"{MM * d:.4g}" for d in dict.fromkeys(stops)),
+                "95 % interval": "fixed"
+                if found is None
+                else f"{MM * found.lower:.4g} to {MM * found.upper:.4g}",
+                "in sigma": f"{each['clearance_in_sigma']:.3g}",
+                "3 sigma (mm)": f"{3.0 * MM * each['sigma']:.4g}",
+                "hit, if it alone had stops": spoken_percent(each["probability_alone"]),
+                "of first hits": f"{100.0 * each['share_of_first_hits']:.3g} %",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
+    """A row per change: the clearance of each pair (mm), and the chance of any hit."""
+    import pandas as pd
+
+    table = sizing.tolerances
+    return pd.DataFrame(
+        {
+            "change": table["change"],
+            **{f"{n} (mm)": [four_digits(MM * c) for c in table[n]] for n in sizing.clearances},
+            "factor": [f"{factor:.3f}" for factor in table["factor"]],
+            "chance of any hit": [spoken_percent(chance) for chance in table["probability"]],
+        }
+    )
+
+
+def required_in_rows(sizing: PairsSizing) -> pd.DataFrame:
+    """A row per accepted chance of any hit: the clearance of each pair, mm."""
+    import pandas as pd
+
+    table = sizing.required
+    return pd.DataFrame(
+        {
+            "chance of any hit": [spoken_percent(chance) for chance in table["probability"]],
+            **{
+                f"{n} (mm)": [four_digits(MM * c) if c == c else "none" for c in table[n]]
+                for n in sizing.clearances
+            },
+        }
+    )
+
+
+def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
+    """Chance of any hit against the clearance of each pair, all of which change together.
+
+    The dashed line takes the pairs for independent of each other.
+    """
+    ax = axes_or_new(ax, (6.8, 4.6))
+    curve = sizing.curve
+    places = [each.value for each in sizing.clearances.values()]
+    unit, name = length_unit(max(places))
+    colours = [OWNERS[number % len(OWNERS)] for number in range(len(places))]
+    for (pair, found), colour in zip(sizing.clearances.items(), colours, strict=True):
+        x = curve[pair] / unit
+        ax.fill_between(
+            x, curve["probability_low"], curve["probability_high"], color=colour, alpha=0.2,
+            linewidth=0,
+        )  # fmt: skip
+        ax.plot(
+            x, curve["probability"], color=colour, label=f"{pair}: {found.value / unit:.4g} {name}"
+        )
+        ax.plot(x, curve["independent"], color=colour, linestyle="--", linewidth=0.9)
+        ax.plot(found.value / unit, sizing.target.value, "o", color=colour, zorder=3)
+    ax.plot([], [], color="0.4", linestyle="--", linewidth=0.9, label="pairs taken for independent")
+    ax.axhline(sizing.target.value, color="0.5", linewidth=0.8)
+    ax.set_yscale("log")
+    ax.set_xlabel(f"clearance per side ({name})")
+    ax.set_ylabel(f"chance of any hit in {spoken_mission(sizing.mission)}")
+    add_grid(ax)
+    ax.legend(framealpha=0.9, edgecolor="none", loc="best", fontsize="small")
+    return ax
+
+
+def draw_pairs_risk(sizing: PairsSizing, title: str = "") -> Axes:
+    """The risk against the clearances as a figure with a title."""
+    return add_title(plot_pairs_risk(sizing), title or "clearances and risk")
+
+
+def plot_pairs_clearances(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
+    """The clearance of each pair, with that of the worst combination of tolerances, beside what
+    three sigma would give it."""
+    ax = axes_or_new(ax, (6.8, 0.9 + 0.42 * max(len(sizing.clearances), 3)))
+    names = list(sizing.clearances)
+    values = np.array([sizing.clearances[name].value for name in names])
+    unit, unit_name = length_unit(float(values.max()))
+    sigma = sizing.pairs.set_index("pair")["sigma"]
+    rows = np.arange(len(names))
+    worst = sizing.tolerances.iloc[-1]
+    ax.barh(rows, values / unit, color=COLOURS["linearise:force"], height=0.5, label="as sized")
+    if len(sizing.tolerances) > 1:
+        more = [max(float(worst[n]) - v, 0.0) / unit for n, v in zip(names, values, strict=True)]
+        ax.barh(
+            rows, more, left=values / unit, color=COLOURS["linearise:force"], alpha=0.3,
+            height=0.5, label="worst combination of tolerances",
+        )  # fmt: skip
+    ax.plot(
+        [3.0 * float(sigma[name]) / unit for name in names], rows, "o",
+        color=COLOURS["linearise:closure"], label="3 sigma",
+    )  # fmt: skip
+    ax.set_yticks(rows, names)
+    ax.invert_yaxis()
+    ax.set_xlim(left=0.0)
+    ax.set_xlabel(f"clearance per side ({unit_name})")
+    ax.legend(frameon=False, fontsize="small", loc="lower right")
+    return ax

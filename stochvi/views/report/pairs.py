@@ -1,0 +1,120 @@
+"""The page of a sizing of several pairs: clearance by clearance, and the risk of any hit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.results.origin import Origin, origin_of
+from stochvi.views.column_units import named_with_units
+from stochvi.views.files import try_picture, write_table
+from stochvi.views.pairs import (
+    draw_pairs_risk,
+    interval_in_words,
+    pairs_in_words,
+    plot_pairs_clearances,
+    plot_pairs_risk,
+    required_in_rows,
+    tolerances_in_rows,
+)
+from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
+from stochvi.views.words import MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from stochvi.isolators.sizing.pairs_answer import PairsSizing
+
+
+def write_pairs_report(
+    sizing: PairsSizing, folder: str | Path, origin: Origin | None = None
+) -> Path:
+    """Write `report.html`, `size.json`, the tables and `risk.png`; returns the path of the page."""
+    folder = Path(folder)
+    page = pairs_page(sizing, origin or origin_of(sizing.provenance))
+    path = write_page(page, sizing.to_dict(), "size", folder)
+    tables = {
+        "risk": sizing.curve,
+        "pairs": sizing.pairs,
+        "required": sizing.required,
+        "tolerances": sizing.tolerances,
+    }
+    for name, table in tables.items():
+        write_table(named_with_units(table), folder / f"{name}.csv")
+    try_picture(lambda: draw_pairs_risk(sizing, sizing.scene.title), folder / "risk.png")
+    return path
+
+
+def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
+    """The page of a sizing of several pairs."""
+    mission = spoken_mission(sizing.mission)
+    return Page(
+        title=sizing.scene.title or "Clearances of several pairs",
+        subtitle=f"Chance that any of {len(sizing.pairs)} pairs is hit in {mission}",
+        verdict=f"{sizing.verdict()}.",
+        cards=[
+            *(
+                Fact(
+                    f"Clearance of {name}",
+                    f"{MM * each.value:.4g} mm",
+                    f"per side, {MM * each.lower:.4g} to {MM * each.upper:.4g} mm, 95 %",
+                )
+                for name, each in sizing.clearances.items()
+            ),
+            Fact(
+                "Chance of any hit",
+                spoken_percent(sizing.probability.value),
+                f"{interval_in_words(sizing.probability)}, 95 %",
+            ),
+            Fact("At 3 sigma of every gap", spoken_percent(sizing.three_sigma.value), mission),
+        ],
+        warnings=list(sizing.warnings),
+        sections=[
+            Section(
+                title="Pair by pair",
+                lead="Pairs share the risk equally: each alone would be hit with the same chance."
+                if sizing.pair is None
+                else "One pair is sized; the stops of the others stay where the scene has them.",
+                grids=[_grid("Clearances and risk", pairs_in_words(sizing))],
+                pictures=[
+                    shown(plot_pairs_clearances(sizing), "Clearances and the rule of three sigma."),
+                    shown(plot_pairs_risk(sizing), "Chance of any hit as all clearances change."),
+                ],
+            ),
+            Section(
+                title="Other risks",
+                grids=[_grid("Clearances for other chances of any hit", required_in_rows(sizing))],
+            ),
+            Section(
+                title="Tolerances",
+                lead="By linear theory, without a new simulation: the clearances that keep the "
+                "same risk where the scene is changed, and the chance of any hit at the clearances "
+                "as stated. The factor is the largest change of a clearance.",
+                grids=[_grid("Changes", tolerances_in_rows(sizing))],
+            ),
+            Section(
+                title="Limits",
+                lead="What this report takes for granted.",
+                notes=[
+                    f"{text[0].upper()}{text[1:].rstrip('.')}."
+                    for text in (
+                        *sizing.scene.assumptions(),
+                        f"the chance comes from {sizing.method}",
+                        "clearances are measured from the mean gap, under constant loads",
+                    )
+                ],
+            ),
+        ],
+        origin=origin,
+        footer=[f"{sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads"],
+    )
+
+
+def _grid(caption: str, table: pd.DataFrame) -> Grid:
+    """A table of text."""
+    return Grid(
+        caption=caption,
+        headings=[str(name) for name in table.columns],
+        rows=[[str(cell) for cell in row] for row in table.to_numpy()],
+    )

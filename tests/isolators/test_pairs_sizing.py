@@ -1,0 +1,170 @@
+"""Clearances of several pairs: against one oscillator, against the chance that they are to keep."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stochvi import (
+    Isolator,
+    NotApplicable,
+    Oscillator,
+    Scene,
+    WhiteNoise,
+    size,
+)
+from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.pair_tolerances import tolerance_table
+from stochvi.isolators.sizing.pairs_answer import PairsSizing
+from stochvi.model.model import model_of
+from stochvi.scenes.scene import ImpactPair
+from stochvi.statistics.pair_crossings import pair_crossings
+from stochvi.testing import assert_agrees
+from support.commands import Run, one_document
+from support.pairs import LAW, pair, uncoupled
+
+MISSION, TARGET = 1000.0, 0.05
+MOUNT = Scene(
+    structure=Isolator(frequency_hz=10.0, zeta=0.1),
+    excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
+)
+QUICK = {"probability": TARGET, "mission": MISSION, "rel_error": 0.1, "seed": 1}
+
+
+def sized(scene: Scene, **changed: object) -> PairsSizing:
+    found = size(scene, **(QUICK | changed))  # type: ignore[arg-type]
+    assert isinstance(found, PairsSizing)
+    return found
+
+
+@pytest.fixture(scope="module")
+def both() -> PairsSizing:
+    return sized(uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0)))
+
+
+def test_uncoupled_pairs_share_the_risk(both: PairsSizing) -> None:
+    alone = both.pairs["probability_alone"]
+    assert alone[0] == alone[1]
+    independent = 1.0 - (1.0 - alone[0]) ** 2
+    assert both.probability.lower < independent < both.probability.upper
+    assert both.probability.lower < TARGET < both.probability.upper
+    # half of the first hits each, of some thousand crossings
+    assert both.pairs["share_of_first_hits"].tolist() == pytest.approx([0.5, 0.5], abs=0.05)
+    x, z = both.clearances["x"], both.clearances["z"]
+    assert x.lower < x.value < x.upper
+    # z crosses its mean twice as often in the mission, so that it needs more room for the same risk
+    assert x.value < z.value
+
+
+def test_the_clearances_keep_the_chance_that_they_are_sized_for(both: PairsSizing) -> None:
+    places = np.array([[each.value for each in both.clearances.values()]])
+    (again,) = pair_crossings(
+        both.scene, lower=places, upper=places, mission=MISSION, rel_error=0.03, seed=9
+    ).probability(MISSION)
+    half = 0.5 * (both.probability.upper - both.probability.lower) / 1.96
+    assert_agrees(replace(again, standard_error=math.hypot(again.standard_error, half)), TARGET)
+    with pytest.raises(AssertionError):
+        assert_agrees(again, 1.3 * TARGET)
+
+
+def test_a_pair_alone_is_sized_as_an_oscillator() -> None:
+    unit = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+    known = size(unit, **QUICK).clearance  # type: ignore[arg-type]
+    (found,) = sized(uncoupled(pair("x", "x", 4.0))).clearances.values()
+    off = abs(found.value - known.value)
+    assert off < math.hypot(found.upper - found.value, known.upper - known.value) * 2.0
+    twice = sized(uncoupled(pair("x", "x", 4.0), pair("again", "x", 4.0))).clearances
+    assert twice["x"].value == twice["again"].value
+    off = abs(twice["x"].value - found.value)
+    assert off < math.hypot(found.upper - found.value, twice["x"].upper - twice["x"].value) * 2.0
+
+
+def test_one_pair_of_several_leaves_the_others_where_they_are() -> None:
+    scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 5.0))
+    found = sized(scene, pair="x")
+    assert set(found.clearances) == {"x"}
+    row = found.pairs.set_index("pair").loc["z"]
+    assert row["lower"] == pytest.approx(5.0) and row["upper"] == pytest.approx(5.0)
+    places = np.array([[found.clearances["x"].value, 5.0]])
+    (again,) = pair_crossings(
+        scene, lower=places, upper=places, mission=MISSION, rel_error=0.03, seed=9
+    ).probability(MISSION)
+    half = 0.5 * (found.probability.upper - found.probability.lower) / 1.96
+    assert_agrees(replace(again, standard_error=math.hypot(again.standard_error, half)), TARGET)
+    with pytest.raises(NotApplicable, match="no clearance of x keeps"):
+        sized(uncoupled(pair("x", "x", 4.0), pair("z", "z", 2.0)), pair="x")
+
+
+def test_stops_on_one_side_stay_on_one_side() -> None:
+    one = ImpactPair(name="x", on="x", upper=4.0, law=LAW)
+    found = sized(uncoupled(one, pair("z", "z", 4.0)))
+    row = found.pairs.set_index("pair").loc["x"]
+    assert math.isnan(row["lower"]) and row["upper"] == found.clearances["x"].value
+
+
+def test_tolerances_follow_linear_theory() -> None:
+    scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
+    places = np.array([[4.0, 4.5], [4.0, 4.5]])
+    table = tolerance_table(model_of(scene), Tolerances.of(scene), places, [0, 1], TARGET)
+    rows = table.set_index("change")
+    assert rows.loc["as stated", ["x", "z"]].tolist() == pytest.approx([4.0, 4.5], rel=1e-12)
+    assert rows.loc["as stated", "probability"] == pytest.approx(TARGET, rel=1e-12)
+    gain = 10.0 ** (3.0 / 20.0)
+    assert rows.loc["level +3 dB", "x"] == pytest.approx(4.0 * gain, rel=1e-4)
+    # under white noise sigma^2 = pi S0 / (2 zeta omega^3) times a constant, and omega crosses
+    soft = math.sqrt((4.0**2 + 2.0 * math.log(0.9)) / 0.9**3)
+    assert rows.loc["natural frequency -10 %", "x"] == pytest.approx(soft, rel=1e-9)
+    light = 4.0 / math.sqrt(0.7)
+    assert rows.loc["damping ratio -30 %", "x"] == pytest.approx(light, rel=1e-9)
+    worst = table.iloc[-1]
+    assert "natural frequency -10 %, damping ratio -30 %, level +3 dB" in worst["change"]
+    assert worst["factor"] == table["factor"].max()
+
+
+def test_a_sized_changed_scene_agrees_with_the_tolerances(both: PairsSizing) -> None:
+    """Hits may cluster otherwise: a factor r in the rate of first hits is ln(r) / c^2 of c / sigma,
+    and a factor of 1.5 is more than a change of the damping by 30 % makes."""
+    light = both.scene.structure.model_copy(update={"damping": ((0.07, 0.0), (0.0, 0.14))})
+    again = sized(both.scene.model_copy(update={"structure": light}))
+    row = both.tolerances.set_index("change").loc["damping ratio -30 %"]
+    for name, found in again.clearances.items():
+        in_sigma = again.pairs.set_index("pair").loc[name, "clearance_in_sigma"]
+        share = math.log(1.5) / in_sigma**2
+        assert row[name] == pytest.approx(found.value, rel=share)
+        assert both.clearances[name].value != pytest.approx(found.value, rel=share)
+
+
+@pytest.mark.parametrize(("scene", "asked", "words"), [
+    (uncoupled(pair("x", "x", 4.0)), {"probability": None, "rate": 0.1}, "rate must be left out"),
+    (uncoupled(), {}, "needs an impact_pair"),
+    (uncoupled(pair("x", "x", 4.0)), {"pair": "y"}, "pair must be the name"),
+    (MOUNT, {"pair": "x"}, "of several pairs"),
+])  # fmt: skip
+def test_what_is_not_sized(scene: Scene, asked: dict[str, object], words: str) -> None:
+    with pytest.raises((NotApplicable, ValueError), match=words):
+        size(scene, **(QUICK | asked))  # type: ignore[arg-type]
+
+
+def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
+    scene = Path(__file__).parents[2] / "data" / "scenes" / "rigid-box.toml"
+    options = ("--probability", "0.05", "--mission", "60", "--rel-error", "0.2")
+    done = stochvi("size", scene, *options, "--json", "-", "--out", tmp_path)
+    assert done.code == 0
+    document = one_document(done.out)
+    for each in (*document["clearances"].values(), document["probability"]):
+        assert each["lower"] < each["value"] < each["upper"]
+    assert set(document["clearances"]) == {"corner 1", "corner 2", "side"}
+    assert "pair by pair" in done.err
+    assert "worst combination" in (tmp_path / "report.html").read_text()
+    for name in ("risk.csv", "pairs.csv", "required.csv", "tolerances.csv", "size.json"):
+        assert (tmp_path / name).stat().st_size > 0
+    assert (tmp_path / "risk.png").read_bytes().startswith(b"\x89PNG")
+    refused = stochvi("size", scene, *options, "--sensitivity")
+    assert refused.code == 2 and "--tolerances" in refused.err
