@@ -107,6 +107,7 @@ CHANGES = {
         {"faster_hits": COLUMNS, "impacts": COLUMNS, "transmissibility": COLUMNS},
         renamed={"scene": None},
     ),
+    "PairsSizing": Change(METHOD | {"verdict": str}, renamed={"method": "by"}),
     "Reliability": Change(
         {"no_hit": Estimate | None}, RECORD,
         {"hits": "expected_hits", "hits_interval": "expected_hits_interval"},
@@ -126,6 +127,7 @@ CHANGES = {
         {"sensitivity": ROWS, "review": PART},
         {"method": "by"},
     ),
+    "StructureScreening": Change(optional=METHOD),
     "WorkPrecision": Change(
         {
             "summary": str, "simulated_by": str, "free_of_bias": bool, "targets": list[float],

@@ -51,6 +51,8 @@ def screen(options: Common, scene: str) -> None:
     document = {"method": "screen", **found.to_dict()}
     if isinstance(found, StructureScreening):
         options.show(found, print_structure_screening, "screening", document)
+        if found.impact_pairs:
+            options.draw("screening", found.plot)
         return
     options.show(found, print_screening, "screening", document)
     fail_unless_gaussian(found.record)

@@ -20,6 +20,7 @@ from stochvi.views.axes import (
 )
 from stochvi.views.first_passage import plot_first_passage
 from stochvi.views.impacts import draw_impacts, plot_histogram
+from stochvi.views.pairs import plot_pairs_risk, plot_structure_screening
 from stochvi.views.replay import plot_clearances, plot_history
 from stochvi.views.report.missions import plot_chances
 from stochvi.views.sizing import plot_risk
@@ -301,12 +302,14 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "ImpactStatistics": plot_impacts,
     "Jolts": plot_jolts,
     "Judgement": plot_judgement,
+    "PairsSizing": plot_pairs_risk,
     "Reliability": plot_chances,
     "Replay": plot_replay,
     "Response": plot_response,
     "ResponseSpectrum": plot_spectrum,
     "Screening": plot_screening,
     "Sizing": plot_risk,
+    "StructureScreening": plot_structure_screening,
     "Transient": plot_transient,
     "WorkPrecision": plot_cost,
 }

@@ -28,6 +28,7 @@ from stochvi.statistics.spectra.method import spectrum
 from stochvi.verification.checks import check_many
 from stochvi.verification.cost import cost
 from support.known import oscillator
+from support.pairs import pair, uncoupled
 from support.sized import scene_between_stops, sizing_of
 
 
@@ -79,6 +80,10 @@ ANSWERS: dict[str, Callable[[], Result]] = {
     "ResponseSpectrum": lambda: spectrum(oscillator(), paths=16, threads=1),
     "AbsorberReport": calmed,
     "History": lambda: stochvi.history(lossy(), duration=2.0),
+    "StructureScreening": lambda: stochvi.screen(uncoupled(pair("x", "x", 3.0))),
+    "PairsSizing": lambda: stochvi.size(
+        uncoupled(pair("x", "x", 3.0)), probability=0.1, mission=200.0, rel_error=0.5, threads=1
+    ),
     "Replay": replayed,
 }  # fmt: skip
 """A small answer of each kind. The best box and jolts take long, see their own tests."""
