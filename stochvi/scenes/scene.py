@@ -199,7 +199,9 @@ class Scene(Checked):
             raise SceneError(problems)
         self._drive()
         if self.excitations and self._short_absorbers:
-            _ = self.expanded  # building it checks it
+            if problems := self._out_of_range():
+                raise SceneError(problems)
+            _ = self.expanded  # building it checks the rest
             return self
         names = [pair.name for pair in self.impact_pairs]
         for index, pair in enumerate(self.impact_pairs):
@@ -377,7 +379,9 @@ class Scene(Checked):
                 mass = structure.mass or 1.0
             match excitation:
                 case WhiteNoise() | FilteredNoise():
-                    intensity = excitation.si_intensity / mass**2
+                    intensity = excitation.si_intensity
+                    if _fits(intensity):  # else what is said of it would be said twice
+                        intensity /= mass**2
                     yield "excitation", "the intensity per unit mass squared", intensity
                 case ConstantLoad():
                     load = excitation.magnitude / mass

@@ -45,6 +45,7 @@ from stochvi.methods.monte_carlo import record_paths
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Cost
+from stochvi.results.origin import origin_of
 from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise
 from stochvi.scenes.impact_laws import Hertz
@@ -532,9 +533,16 @@ def test_a_design_finds_the_broad_optimum() -> None:
     assert found.scene.absorber is not None
     assert list(found.to_frame()["restitution"]) == [0.5, 0.9]
     json.dumps(found.to_dict(), allow_nan=False)
-    page = design_page(found).html()
+    page = design_page(found, origin_of(found.provenance)).html()
     assert "restitution 0.5, total play" in page
     assert page.count("data:image/svg+xml") == 1
+
+
+def test_an_absorber_on_a_structure_beyond_computing_is_refused() -> None:
+    fast = Oscillator(mass=1.0, frequency_hz=1e200, zeta=0.02)
+    box = Absorber(mass=0.05, play=0.2, law=Restitution(coefficient=0.7))
+    with pytest.raises(SceneError, match="natural frequency"):
+        Scene(structure=fast, absorber=box, excitations=[UNIT_RMS])
 
 
 def test_a_design_takes_off_the_absorber_that_is_there() -> None:

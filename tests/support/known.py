@@ -388,6 +388,9 @@ MISTAKES = {
     "frequency beyond computing": _in(
         "structure", "stiffness", 1e300, "1e+150", "1e-50 to 1e+50"
     )._replace(key="structure"),
+    "intensity below computing": _in(
+        "excitation", "intensity", 5e-324, "4.94066e-324", "1e-50 to 1e+50"
+    )._replace(key="excitation"),
     "mass beyond computing": _in("structure", "mass", 1e-300, "1e-300", "1e-50")._replace(
         key="structure"
     ),

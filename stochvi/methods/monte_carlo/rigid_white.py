@@ -484,9 +484,10 @@ def lengths(
     short = ENOUGH_STEPS * step if duration is None else duration
     if model.elastic and short < MOST_STEPS * step:
         return step, short
+    steps = (burn_in + length) / step if step > 0.0 else math.inf
     raise NotApplicable(
         "simulate",
-        [f"a path needs {(burn_in + length) / step:.2g} steps ({burn_in:.2g} s of burn-in and "
+        [f"a path needs {steps:.2g} steps ({burn_in:.2g} s of burn-in and "
          f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
          "times in which the scene hits, swings and settles lie too far apart"],
     )  # fmt: skip
