@@ -8,20 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.free_motion import FreeMotion, free_motion
+from stochvi.model.modal import absolute_accelerations
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.scenes.rigid_body import AXES, RigidBody
 from stochvi.scenes.scene import Scene
-
-SAME_DIRECTION = 1e-12
-"""Relative difference up to which a force is that of a moving base (rounding error)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,27 +197,8 @@ def _gap(place: float, speed: float, mean: float, stops: dict[str, float]) -> Ga
 def _accelerations(model: Model, motion: FreeMotion) -> list[float | None]:
     """Standard deviations of the absolute accelerations of all outputs, -M^-1 (C q' + K q); None
     where noise acts on the masses themselves."""
-    if not all(_of_base(model, direction) for direction in _shaken(model)):
+    if not model.base_alone_moves:
         return [None] * len(model.outputs)
-    modes, n = motion.modes, motion.modes.size
-    rows = model.output_rows @ modes.shapes
-    rows = np.hstack([rows * modes.squares, rows @ modes.damping])
-    covariance = motion.law.covariance[: 2 * n, : 2 * n]
-    return [math.sqrt(max(float(row @ covariance @ row), 0.0)) for row in rows]
-
-
-def _shaken(model: Model) -> list[NDArray[np.float64]]:
-    """Forces on the coordinates by each noise, per unit of it."""
-    return [
-        *(direction for _, direction in model.whites),
-        *(direction for _, direction in model.tables),
-        *(signal.direction for signal in model.signals),
-    ]
-
-
-def _of_base(model: Model, direction: NDArray[np.float64]) -> bool:
-    """Whether these are the forces of inertia on a base that moves along one of its axes."""
-    return any(
-        np.allclose(direction, -model.mass @ axis, rtol=SAME_DIRECTION, atol=0.0)
-        for axis in model.base.values()
-    )
+    found = absolute_accelerations(motion.modes, motion.law, model.output_rows)
+    deviations: list[float | None] = np.sqrt(found).tolist()
+    return deviations

@@ -3,12 +3,16 @@
 Modal coordinates, q'' + B q' + K q = p f with f of a one-sided density G per hertz, so that
 
     H(w) = (K - w^2 + i w B)^-1 p,    E q q' = int Re(H H*) G df        (n modes, w = 2 pi f)
+
+Sources that depend on each other are written as independent ones whose forces p depend on
+frequency.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +23,41 @@ from stochvi.mathematics.spectra import Table
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Waves = NDArray[np.complex128]
-Tables = Sequence[tuple[Table, Vector]]
+
+
+@dataclass(frozen=True, eq=False)
+class Steering:
+    """Forces per unit of a source that depend on frequency.
+
+    Parameters
+    ----------
+    rows
+        Forces (n, k) per unit of each of k quantities that the source moves.
+    shares
+        Frequencies (Hz) -> complex (frequencies, k): those quantities per unit of the source.
+    breaks
+        Frequencies (Hz) at which the shares are not smooth.
+    """
+
+    rows: Matrix
+    shares: Callable[[Vector], Waves]
+    breaks: Vector
+
+    def __call__(self, frequency_hz: Vector) -> Waves:
+        """Forces (frequencies, n) at the given frequencies."""
+        return np.asarray(self.shares(frequency_hz) @ self.rows.T)
+
+    def __rmatmul__(self, matrix: Matrix) -> Steering:
+        """The same source with its forces multiplied by a matrix from the left."""
+        return Steering(matrix @ self.rows, self.shares, self.breaks)
+
+    __array_ufunc__ = None  # so that matrix @ steering is __rmatmul__
+
+
+Force = Vector | Steering
+"""Forces (n,) per unit of a source, or what says them at each frequency."""
+
+Tables = Sequence[tuple[Table, Force]]
 """Each density, with the modal forces per unit of the quantity that the density describes."""
 
 NODES = 6
@@ -29,7 +67,7 @@ NARROWEST = 1e-9
 """Smallest width of a resonance, relative to its frequency, that panels resolve."""
 
 
-def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Vector) -> Waves:
+def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Force) -> Waves:
     """Frequency responses of the displacements to an excitation, complex (frequencies, n).
 
     >>> still = gains(np.array([0.0]), np.diag([4.0]), np.diag([0.1]), np.array([2.0]))
@@ -38,16 +76,27 @@ def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Vecto
     """
     w = 2.0 * np.pi * frequency_hz[:, None, None]
     dynamic = stiffness - w**2 * np.eye(len(stiffness)) + 1j * w * damping
-    forces = np.broadcast_to(force[:, None].astype(complex), (len(frequency_hz), len(force), 1))
-    solved: Waves = np.linalg.solve(dynamic, forces)[:, :, 0]
-    return solved
+    pushed = _at(force, frequency_hz)
+    forces = np.broadcast_to(pushed, (len(frequency_hz), len(stiffness)))[:, :, None]
+    return np.asarray(np.linalg.solve(dynamic, forces)[:, :, 0], dtype=np.complex128)
 
 
-def quadrature(table: Table, stiffness: Matrix, damping: Matrix) -> tuple[Vector, Vector]:
+def _at(force: Force, frequency_hz: Vector) -> Waves:
+    """Forces of a source at the frequencies, (frequencies, n) or (n,)."""
+    if isinstance(force, Steering):
+        return force(frequency_hz)
+    return force.astype(complex)
+
+
+def quadrature(
+    table: Table, stiffness: Matrix, damping: Matrix, force: Force
+) -> tuple[Vector, Vector]:
     """Nodes (Hz) and weights over a table, in panels that narrow towards every resonance."""
     low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
     octaves = 2 + 2 * math.ceil(math.log2(high / low))
     edges = [table.frequency_hz, np.geomspace(low, high, octaves)]
+    if isinstance(force, Steering):
+        edges.append(force.breaks)
     for value in eigenvalues(stiffness, damping):
         resonance = abs(value.imag) / (2.0 * math.pi)
         width = max(abs(value.real) / (2.0 * math.pi), NARROWEST * abs(value), 1e-300)
@@ -82,7 +131,7 @@ def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
     n = len(stiffness)
     total = np.zeros((2 * n, 2 * n))
     for table, force in tables:
-        f, weight = quadrature(table, stiffness, damping)
+        f, weight = quadrature(table, stiffness, damping, force)
         displacement = gains(f, stiffness, damping, force)
         both = np.hstack([displacement, 2j * np.pi * f[:, None] * displacement])
         total += np.einsum("fi,fj->ij", (table(f) * weight)[:, None] * both, both.conj()).real
@@ -95,7 +144,7 @@ def beyond(
     """Frequencies (Hz), and the velocity variance of each of `rows` . q at and above them."""
     nodes, parts = [], []
     for table, force in tables:
-        f, weight = quadrature(table, stiffness, damping)
+        f, weight = quadrature(table, stiffness, damping, force)
         velocity = 2.0 * np.pi * f[:, None] * (gains(f, stiffness, damping, force) @ rows.T)
         nodes.append(f)
         parts.append((table(f) * weight)[:, None] * np.abs(velocity) ** 2)
@@ -109,7 +158,7 @@ NODES_OF_BIN = 3
 
 
 def bin_amplitudes(
-    table: Table, force: Vector, stiffness: Matrix, damping: Matrix, length: float, count: int
+    table: Table, force: Force, stiffness: Matrix, damping: Matrix, length: float, count: int
 ) -> tuple[Waves, Matrix]:
     """Amplitudes B of the bins 1 ... count - 1, [(k -+ 1/2)] / length, and their E q'^2.
 
@@ -120,9 +169,10 @@ def bin_amplitudes(
     nodes, weights = gauss_legendre(NODES_OF_BIN)
     edges = (np.arange(count) + 0.5) / length
     low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
-    cuts = np.unique(np.concatenate([edges, table.frequency_hz]))
+    breaks = [force.breaks] if isinstance(force, Steering) else []
+    cuts = np.unique(np.concatenate([edges, table.frequency_hz, *breaks]))
     cuts = cuts[(cuts >= low) & (cuts <= min(edges[-1], high))]
-    squares, velocities = np.zeros((2, count - 1, len(force)))
+    squares, velocities = np.zeros((2, count - 1, len(stiffness)))
     half, middle = np.diff(cuts) / 2.0, (cuts[1:] + cuts[:-1]) / 2.0
     owner = np.clip(np.searchsorted(edges, middle) - 1, 0, count - 2)
     for node, weight in zip(nodes, weights, strict=True):

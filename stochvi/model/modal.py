@@ -180,6 +180,21 @@ class LinearLaw(NamedTuple):
         return max(self.variances(row, modes) for row in np.eye(modes))
 
 
+def absolute_accelerations(modes: ModalForm, law: LinearLaw, rows: Matrix) -> Vector:
+    """Mean squares (len(rows),) of the absolute accelerations, -rows . Phi (omega^2 q + B q'), of a
+    linear structure whose base alone moves, without constant loads; (m/s^2)^2.
+
+    Parameters
+    ----------
+    modes, law
+        The structure, and its stationary law without stops.
+    rows
+        Combinations (len(rows), n) of the coordinates.
+    """
+    pulls = rows @ modes.shapes @ np.hstack([np.diag(modes.squares), modes.damping])
+    return np.array([law.variances(pull, 0) for pull in pulls])
+
+
 class Substitute(NamedTuple):
     """Linear substitute for the impacts of a pair: spring N/m, its centre m, damper N s/m."""
 

@@ -12,8 +12,10 @@ from typing import assert_never
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.mathematics.frequency_response import Force, Steering
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.modal import ModalForm, modal_form
+from stochvi.scenes.cross_densities import independent_sources
 from stochvi.scenes.excitations import (
     BASE,
     ConstantLoad,
@@ -112,7 +114,7 @@ class Pair:
     """An impact pair: the gap y = direction . q, and the one or two stops that it can meet.
 
     `mass` is the reduced mass 1 / (direction . M^-1 direction), kg. `relative` says whether the gap
-    is the difference of two coordinates.
+    is a combination of coordinates: the difference of two, or the motion of a place of a body.
     """
 
     name: str
@@ -226,7 +228,7 @@ class Model:
     whites: tuple[tuple[float, Vector], ...]
     constants: tuple[tuple[float, Vector], ...]
     signals: tuple[Signal, ...]
-    tables: tuple[tuple[Table, Vector], ...]
+    tables: tuple[tuple[Table, Force], ...]
     pairs: tuple[Pair, ...]
     moving_base: bool = False
     base: Mapping[str, Vector] = field(default_factory=dict)
@@ -269,6 +271,11 @@ class Model:
         rows = [*np.eye(len(self.coordinates)), *self.points.values()]
         return np.array(rows).reshape(-1, len(self.coordinates))
 
+    @cached_property
+    def base_rows(self) -> Matrix:
+        """Accelerations (coordinates, axes) of the coordinates that follow those of the base."""
+        return np.array(list(self.base.values())).T
+
     @property
     def single(self) -> bool:
         """Whether this is one oscillator, with one impact pair or none."""
@@ -288,6 +295,22 @@ class Model:
     def sines(self) -> tuple[Signal, ...]:
         """The signals that are sines."""
         return tuple(signal for signal in self.signals if signal.amplitude)
+
+    @cached_property
+    def base_alone_moves(self) -> bool:
+        """Whether the base is all that moves in time: springs, dampers and stops then carry all of
+        the absolute acceleration, M a = -C q' - K q - contact forces, constant loads apart."""
+        inertia = [inertia_of(self.mass, each) for each in self.base.values()]
+        shaken = [
+            *(direction for _, direction in self.whites),
+            *(signal.direction for signal in self.signals),
+            *(direction for _, direction in self.tables),
+        ]
+        return self.moving_base and all(
+            isinstance(direction, Steering)
+            or any(np.array_equal(direction, each) for each in inertia)
+            for direction in shaken
+        )
 
     @property
     def noisy(self) -> bool:
@@ -365,16 +388,17 @@ class Model:
             if not s.amplitude
         )
 
-    def _scale(self, direction: Vector) -> float:
+    def _scale(self, direction: Force) -> float:
         """The mass that turns a force into an acceleration; 1 for an acceleration of the base."""
-        return self.unit_mass if direction[0] > 0.0 else 1.0
+        on_mass = not isinstance(direction, Steering) and direction[0] > 0.0
+        return self.unit_mass if on_mass else 1.0
 
     @property
     def noise_on_mass(self) -> bool:
         """Whether a noise or a sine acts on the mass of one oscillator itself, not on its base."""
         directions = [
             *(d for _, d in self.whites),
-            *(d for _, d in self.tables),
+            *(d for _, d in self.tables if not isinstance(d, Steering)),
             *(signal.direction for signal in self.signals),
         ]
         return any(direction[0] > 0.0 for direction in directions)
@@ -477,7 +501,7 @@ def _lowered(scene: Scene) -> Model:
         whites=tuple((e.si_intensity, d) for e, d in shaken if isinstance(e, WhiteNoise)),
         constants=tuple(_constants(scene, mass, shaken)),
         signals=tuple(_signals(shaken)),
-        tables=tuple((scene.table_of(e), d) for e, d in shaken if isinstance(e, DensityNoise)),
+        tables=tuple(_tables(scene, mass, shaken)),
         pairs=tuple(_pair(scene, pair, mass) for pair in scene.impact_pairs),
         moving_base=isinstance(structure, Isolator)
         or any(scene.place(excitation) == BASE for excitation in scene.excitations),
@@ -511,6 +535,28 @@ def _signals(shaken: list[tuple[Excitation, Vector]]) -> Iterator[Signal]:
                 assert_never(excitation)
 
 
+def _tables(
+    scene: Scene, mass: Matrix, shaken: list[tuple[Excitation, Vector]]
+) -> Iterator[tuple[Table, Force]]:
+    """Densities with the forces per unit of them; those of a base whose axes depend on each other
+    as independent sources."""
+    together = scene.tables_by_axis() if scene.cross_densities else {}
+    sources = independent_sources(scene.cross_densities, together)
+    influence = _base(scene.structure)
+    rows = np.array([inertia_of(mass, influence[axis]) for axis in together]).T
+    breaks = [
+        *(table.frequency_hz for table in together.values()),
+        *(np.array(cross.frequency_hz) for cross in scene.cross_densities),
+    ]
+    for excitation, direction in shaken:
+        if isinstance(excitation, DensityNoise):
+            force: Force = direction
+            if excitation.axis in sources:
+                places = np.unique(np.concatenate(breaks))
+                force = Steering(rows, sources[excitation.axis], places)
+            yield scene.table_of(excitation), force
+
+
 def _constants(
     scene: Scene, mass: Matrix, shaken: list[tuple[Excitation, Vector]]
 ) -> Iterator[tuple[float, Vector]]:
@@ -528,13 +574,17 @@ def _direction(scene: Scene, excitation: Excitation, mass: Matrix) -> Vector:
     """Forces on the coordinates, per newton or per m/s^2 of the base."""
     place = scene.place(excitation)
     if place == BASE:
-        inertia: Vector = -(mass * _base(scene.structure)[excitation.axis or ""]).sum(axis=1)
-        return inertia
+        return inertia_of(mass, _base(scene.structure)[excitation.axis or ""])
     return _unit(scene, place)
 
 
 def _unit(scene: Scene, coordinate: str) -> Vector:
     return np.array([float(name == coordinate) for name in scene.structure.coordinates])
+
+
+def inertia_of(mass: Matrix, influence: Vector) -> Vector:
+    """Forces (n,) on the coordinates per m/s^2 of a base that they follow as `influence` says."""
+    return np.asarray(-(mass * influence).sum(axis=1))
 
 
 def _base(structure: Structure) -> dict[str, Vector]:
@@ -567,7 +617,7 @@ def _pair(scene: Scene, pair: ImpactPair, mass: Matrix) -> Pair:
         name=pair.name,
         direction=direction,
         mass=float(1.0 / (direction @ np.linalg.solve(mass, direction))),
-        relative=pair.between is not None,
+        relative=pair.between is not None or pair.at is not None,
         stops=tuple(
             Stop(side, position, pair.law_of(name))
             for name, (side, position) in places.items()

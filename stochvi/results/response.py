@@ -47,8 +47,8 @@ class CoordinateResponse(Quantities[Estimate | None]):
     velocity_std, velocity_mean_square
         Moments of the velocity, m/s and m^2/s^2.
     acceleration_std
-        Standard deviation of the absolute acceleration, m/s^2; None where it is infinite, as at
-        rigid stops.
+        Standard deviation of the absolute acceleration, m/s^2; of several coordinates with rigid
+        stops, that between the impacts. None where it is infinite or not known.
     upcrossing_rate
         Rate of upcrossings of the mean, 1/s.
     """
@@ -82,7 +82,8 @@ class PairResponse(Quantities[Estimate | float | None]):
         contact while it is beyond the stop, whether the stop pushes yet or not; contact with a stop
         that has a damper ends when its force returns to zero.
     relative_displacement_mean, relative_displacement_std, relative_velocity_std
-        Of a pair of two coordinates, the motion of the first relative to the second, m and m/s.
+        Of a pair of two coordinates, the motion of the first relative to the second, of a place of
+        a rigid body its motion along the direction of the pair, m and m/s.
     speed_threshold
         The slowest impact that the rates count, m/s.
     """
@@ -103,7 +104,7 @@ class PairResponse(Quantities[Estimate | float | None]):
     speed_threshold: float = 0.0
 
     def _names(self) -> Sequence[str]:
-        """Names of the quantities, without relative motion where the pair has one coordinate."""
+        """Names of the quantities, without relative motion where a coordinate is the gap."""
         return [
             name
             for name in super()._names()
@@ -134,6 +135,18 @@ QUANTITY_UNITS = {
     "relative_velocity_std": "m/s",
 }
 """Units of every quantity of a coordinate, then of an impact pair."""
+
+ROTATIONS = ("rx", "ry", "rz")
+"""Coordinates of a rigid body that are angles, rad."""
+
+
+def in_angles(owner: str, unit: str) -> str:
+    """The unit of a quantity of a coordinate: radians stand for metres where it is an angle.
+
+    >>> in_angles("z", "m/s"), in_angles("ry", "m^2/s^2")
+    ('m/s', 'rad^2/s^2')
+    """
+    return unit.replace("m", "rad", 1) if owner in ROTATIONS else unit
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -199,7 +212,7 @@ class Response(Result):
                 "method": self.method,
                 "of": owner,
                 "quantity": name,
-                "unit": QUANTITY_UNITS[name],
+                "unit": in_angles(owner, QUANTITY_UNITS[name]),
                 **estimate.to_dict(),
                 "bias_error": estimate.bias_error,
             }
@@ -229,7 +242,7 @@ class Response(Result):
     def __repr__(self) -> str:
         lines = [
             f"  {owner}.{name} = {format_with_error(estimate.value, estimate.standard_error)} "
-            f"{QUANTITY_UNITS[name]}"
+            f"{in_angles(owner, QUANTITY_UNITS[name])}"
             for (owner, name), estimate in self.estimates().items()
         ]
         return "\n".join([f"<{self.method}", *lines]) + ">"

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
+from stochvi.scenes.cross_densities import CrossDensity, impossible
 from stochvi.scenes.excitations import (
     BASE,
     EXCITATIONS,
@@ -167,6 +168,7 @@ class Scene(Checked):
     excitations: tuple[Annotated[Excitation, Field(discriminator="kind")], ...] = Field(
         alias="excitation"
     )
+    cross_densities: tuple[CrossDensity, ...] = Field(default=(), alias="cross_density")
     absorber: Absorber | tuple[Absorber, ...] | None = None
     vehicle: QuarterCar | None = None
 
@@ -179,7 +181,7 @@ class Scene(Checked):
         found = absorbers_of(value)
         return tuple(found) if several else found[0]
 
-    @field_validator("impact_pairs", "excitations", mode="before")
+    @field_validator("impact_pairs", "excitations", "cross_densities", mode="before")
     @classmethod
     def _several(cls, value: Any, info: ValidationInfo) -> Any:
         key = str(cls.model_fields[str(info.field_name)].alias)
@@ -215,6 +217,8 @@ class Scene(Checked):
             sentence = self._misfit(excitation)
             if sentence:
                 problems.append((f"excitation.{index}", sentence))
+        if not problems:
+            problems += self._wrong_cross_densities()
         problems += self._unknown_absorbers()
         if problems := problems or self._out_of_range():
             raise SceneError(problems)
@@ -429,6 +433,51 @@ class Scene(Checked):
                 return str(error)
         return ""
 
+    def tables_by_axis(self) -> dict[str, Table]:
+        """The densities of the axes of the base that cross densities name.
+
+        Raises
+        ------
+        SceneError
+            Where an axis has no density, or several, which a cross density could not tell apart.
+        """
+        found = {}
+        for axis in AXES:
+            if not any(axis in cross.between for cross in self.cross_densities):
+                continue
+            along = [
+                each for each in self.excitations
+                if isinstance(each, DensityNoise) and each.axis == axis
+            ]  # fmt: skip
+            if len(along) != 1:
+                sentence = (
+                    "needs one excitation with a density along each of its axes, got "
+                    f"{len(along)} along {axis}"
+                )
+                raise SceneError([("cross_density", sentence)])
+            found[axis] = self.table_of(along[0])
+        return found
+
+    def _wrong_cross_densities(self) -> list[tuple[str, str]]:
+        """What is wrong with the cross densities of the axes of a base."""
+        if not self.cross_densities:
+            return []
+        if not isinstance(self.structure, RigidBody):
+            sentence = (
+                "is between axes of the base of structure.kind = 'rigid-body', got "
+                f"{self.structure.kind!r}"
+            )
+            return [("cross_density", sentence)]
+        pairs = [frozenset(cross.between) for cross in self.cross_densities]
+        for index, pair in enumerate(pairs):
+            if pairs.index(pair) < index:
+                return [(f"cross_density.{index}", f"is given twice between {' and '.join(pair)}")]
+        try:
+            sentence = impossible(self.cross_densities, self.tables_by_axis())
+        except SceneError as error:
+            return error.problems
+        return [("cross_density", sentence)] if sentence else []
+
     def place(self, excitation: Excitation) -> str:
         """Where an excitation acts: a coordinate or "base", by its own word, else by its kind and
         the structure's; empty where that does not say."""
@@ -528,7 +577,9 @@ class Scene(Checked):
     def at_level(self, level_db: float) -> Scene:
         """The scene with everything that shakes raised by a level in dB; constant loads stay."""
         raised = tuple(excitation.louder(level_db) for excitation in self.excitations)
-        return self.model_copy(update={"excitations": raised}) if level_db else self
+        crosses = tuple(each.louder(level_db) for each in self.cross_densities)
+        changed = {"excitations": raised, "cross_densities": crosses}
+        return self.model_copy(update=changed) if level_db else self
 
     def document(self, *, as_written: bool = False) -> dict[str, Any]:
         """The scene as plain types, in the keys of a scene file; functions by their names.

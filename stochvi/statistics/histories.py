@@ -27,6 +27,7 @@ from stochvi.model.model import Model
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
+from stochvi.results.response import ROTATIONS
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
@@ -102,7 +103,7 @@ class History(Result):
         """What it is, and what happened in it, in a sentence."""
         moved = ", ".join(
             f"{name} {1e3 * found['displacement_min']:.4g} to "
-            f"{1e3 * found['displacement_max']:.4g} mm"
+            f"{1e3 * found['displacement_max']:.4g} {'mrad' if name in ROTATIONS else 'mm'}"
             for name, found in self.coordinates.items()
         )
         return (
@@ -254,12 +255,12 @@ def _columns(
     else:
         meanings["acceleration_m_s2"] = "left out: " + _why_no_acceleration(model, on_base)
     columns: dict[str, Vector] = {}
-    for row, name in enumerate(model.coordinates):
-        before = _before(name, model.coordinates)
-        columns[before + "displacement_m"] = x[row]
-        columns[before + "velocity_m_s"] = v[row]
+    for name, row in zip(model.outputs, model.output_rows, strict=True):
+        before = _before(name, model.outputs)
+        columns[before + "displacement_m"] = row @ x
+        columns[before + "velocity_m_s"] = row @ v
         if acceleration is not None:
-            columns[before + "acceleration_m_s2"] = acceleration[row]
+            columns[before + "acceleration_m_s2"] = row @ acceleration
     if on_base:
         columns |= _base(model, driven, on_masses, meanings)
     names = [pair.name for pair in model.pairs]
@@ -284,7 +285,8 @@ MEANINGS = {
     "velocity_m_s": "relative to the base",
     "acceleration_m_s2": "absolute, less that of a constant load of the base and of gravity",
     "contact_force_N": "on the stops that give way, positive on the upper one",
-    "gap_m": "displacement of the first coordinate of the pair less that of the second",
+    "gap_m": "displacement of the first coordinate of the pair less that of the second; of a place "
+    "of a rigid body, its displacement along the direction of the pair",
 }
 """What columns mean where nothing else is stated."""
 
@@ -332,13 +334,15 @@ def _base(
     meanings[BASE_COLUMNS[0]] = "absolute" + (
         "; white noise is the mean over the step that follows" if model.whites else ""
     )
-    inertia = -model.mass.sum(axis=1)
+    inertia = -model.mass @ model.base_rows
     found = {}
     for name, drive in zip(BASE_COLUMNS, driven, strict=True):
         if drive is None:
             meanings[name] = "left out: white and filtered noise leave it without a stationary law"
         else:
-            found[name] = inertia @ drive / (inertia @ inertia)
+            moved = np.linalg.lstsq(inertia, drive, rcond=None)[0]
+            for axis, values in zip(model.base, moved, strict=True):
+                found[f"{axis}.{name}" if axis else name] = values
             meanings.setdefault(name, "absolute, about a mean of 0")
     return found
 
@@ -411,8 +415,8 @@ def _contact_times(planned: HistoryPlan) -> list[float]:
 
 def _motions(model: Model, samples: pd.DataFrame) -> dict[str, dict[str, float]]:
     found = {}
-    for name in model.coordinates:
-        before = _before(name, model.coordinates)
+    for name in model.outputs:
+        before = _before(name, model.outputs)
         x, v = samples[before + "displacement_m"], samples[before + "velocity_m_s"]
         numbers = {
             "displacement_mean": x.mean(),
@@ -462,7 +466,8 @@ def _cut(model: Model, columns: Mapping[str, Vector], step: float) -> list[str]:
     """What of the motion of the base lies above the frequencies that are synthesised."""
     highest = 0.5 / step
     ends = [float(table.frequency_hz[-1]) for table, _ in model.tables]
-    if BASE_COLUMNS[0] not in columns or max(ends, default=0.0) <= highest:
+    known = any(name.endswith(BASE_COLUMNS[0]) for name in columns)
+    if not known or max(ends, default=0.0) <= highest:
         return []
     whole = sum(table.mean_square() for table, _ in model.tables)
     left = sum(_mean_square_above(table, highest) for table, _ in model.tables)

@@ -15,6 +15,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.results.response import ROTATIONS
 from stochvi.views.axes import (
     COLOURS,
     OWNERS,
@@ -75,7 +76,11 @@ def print_history(console: Console, found: History) -> None:
     import pandas as pd
 
     rows = [
-        {"of": owner, "quantity": SHOWN[name], "value": f"{value:.5g}"}
+        {
+            "of": owner,
+            "quantity": SHOWN[name].replace("(m", "(rad") if owner in ROTATIONS else SHOWN[name],
+            "value": f"{value:.5g}",
+        }
         for group in (found.coordinates, found.impact_pairs)
         for owner, numbers in group.items()
         for name, value in numbers.items()
@@ -94,7 +99,7 @@ def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
     Long histories are drawn by the smallest and largest values of neighbouring samples.
     """
     pairs = scene.expanded.impact_pairs
-    relative = [pair for pair in pairs if pair.between is not None]
+    relative = [pair for pair in pairs if _spans(pair)]
     columns = [str(name) for name in found.samples]
     displacements = [name for name in columns if _ends(name, "displacement_m")]
     accelerations = [name for name in columns if _ends(name, "acceleration_m_s2")]
@@ -103,14 +108,17 @@ def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
         rows, 1, figsize=(9.6, 2.4 * rows + 0.8), sharex=True, squeeze=False, layout="constrained"
     )
     axes = list(grid[:, 0])
-    names = scene.expanded.structure.coordinates
+    names = [
+        column.rpartition(".")[0] or scene.expanded.structure.coordinates[0]
+        for column in displacements
+    ]
     for name, column, ax in zip(names, displacements, axes, strict=False):
-        own = [pair for pair in pairs if pair.between is None and (pair.on or names[0]) == name]
+        own = [pair for pair in pairs if not _spans(pair) and (pair.on or names[0]) == name]
         _plot_motion(found, column, own, ax, f"displacement of {name}")
     for pair, ax in zip(relative, axes[len(names) :], strict=False):
         column = "gap_m" if len(pairs) == 1 else f"{pair.name}.gap_m"
-        assert pair.between is not None
-        _plot_motion(found, column, [pair], ax, " less ".join(pair.between))
+        what = " less ".join(pair.between) if pair.between else f"gap of {pair.name}"
+        _plot_motion(found, column, [pair], ax, what)
     if accelerations:
         _plot_accelerations(found, accelerations, axes[-1])
     axes[-1].set_xlabel("time (s)")
@@ -118,6 +126,11 @@ def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
     figure.suptitle(title or "one realisation", fontsize="medium")
     first: Axes = axes[0]
     return first
+
+
+def _spans(pair: ImpactPair) -> bool:
+    """Whether the gap of a pair has a column of its own: between two masses, or on a body."""
+    return pair.between is not None or pair.at is not None
 
 
 def _ends(name: str, quantity: str) -> bool:
@@ -159,7 +172,7 @@ def _fastest(hits: pd.DataFrame, duration: float) -> pd.DataFrame:
 def _plot_accelerations(found: History, columns: Sequence[str], ax: Axes) -> None:
     """Absolute accelerations: in g of what a base shakes, in m/s^2 of what forces shake."""
     time = found.samples["time_s"].to_numpy()
-    shaken = "base_acceleration_m_s2" in found.samples
+    shaken = any(_ends(str(name), "base_acceleration_m_s2") for name in found.samples)
     unit, name = (STANDARD_GRAVITY, "g") if shaken else (1.0, "m/s²")
     for colour, column in zip(OWNERS, columns, strict=False):
         t, a = thinned(time, found.samples[column].to_numpy() / unit)
@@ -269,11 +282,16 @@ def _tracks(found: History, scene: Scene, time: Vector) -> list[Track]:
 
     def place(name: str) -> Vector:
         column = f"{name}.displacement_m" if len(names) > 1 else "displacement_m"
+        if name not in names:
+            owner = name.removeprefix("gap of ")
+            column = f"{owner}.gap_m" if len(whole.impact_pairs) > 1 else "gap_m"
         return np.asarray(np.interp(time, sampled, found.samples[column].to_numpy()))
 
     tracks, seen = [], set()
     for pair in whole.impact_pairs:
         first, second = pair.between or (pair.on or names[0], "")
+        if pair.at is not None:
+            first = f"gap of {pair.name}"
         carrier = place(second) if second else np.zeros_like(time)
         walls = tuple(
             Wall(side, carrier + stop, _lit(found, pair.name, side, time))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from stochvi.results.response import ROTATIONS
 from stochvi.views.absorbers import draw_design, draw_levels
 from stochvi.views.axes import (
     COLOURS,
@@ -31,7 +32,6 @@ from stochvi.views.verification import (
     draw_work_precision,
     plot_work_precision,
 )
-from stochvi.views.words import ROTATIONS
 
 if TYPE_CHECKING:
     from stochvi.isolators.jolt_response import Jolts

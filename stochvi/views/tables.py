@@ -11,7 +11,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from stochvi.results.estimates import Estimate, format_with_error
-from stochvi.results.response import QUANTITY_UNITS, Response
+from stochvi.results.response import QUANTITY_UNITS, Response, in_angles
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +67,7 @@ def print_response(console: Console, response: Response) -> None:
             owner,
             QUANTITY_NAMES[name],
             value_with_error(estimate, deviation if name == "displacement_mean" else 0.0),
-            QUANTITY_UNITS[name],
+            in_angles(owner, QUANTITY_UNITS[name]),
             relative_error(estimate.standard_error, estimate),
             "unknown" if estimate.bias is None else relative_bias(estimate),
         )

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from stochvi.results.estimates import format_with_error
+from stochvi.results.response import ROTATIONS
 from stochvi.verification.check import (
     APPROXIMATE,
     BALANCE,
@@ -23,7 +24,6 @@ from stochvi.views.tables import (
     print_line,
     print_table,
 )
-from stochvi.views.words import ROTATIONS
 
 if TYPE_CHECKING:
     from rich.console import Console

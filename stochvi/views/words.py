@@ -21,9 +21,6 @@ G = 1.0 / STANDARD_GRAVITY
 
 UNKNOWN = "not known"
 
-ROTATIONS = ("rx", "ry", "rz")
-"""Coordinates of a rigid body whose displacements are angles, rad."""
-
 MOST_PLACES = 5
 """Most digits after the point; a number that needs more is written with a power of ten."""
 

@@ -26,7 +26,7 @@ from stochvi.model.balances import residuals
 from stochvi.model.coverage import functions
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
-from stochvi.model.modal import linear_law
+from stochvi.model.modal import absolute_accelerations, linear_law
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.model.responses import build_response
 from stochvi.results.estimates import Cost, Estimate
@@ -62,13 +62,18 @@ class PairLaw(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Moments of all coordinates, and each pair; `error` is that of the quadrature, relative."""
+    """Moments of all coordinates, and each pair; `error` is that of the quadrature, relative.
+
+    `acceleration` holds the mean squares of the absolute accelerations of all outputs, where these
+    are finite.
+    """
 
     mean: Vector
     covariance: Matrix
     velocity: Matrix
     pairs: Sequence[PairLaw]
     error: float
+    acceleration: Vector | None = None
 
 
 def unmet(model: Model) -> list[str]:
@@ -76,9 +81,11 @@ def unmet(model: Model) -> list[str]:
     found = functions(model)
     if found:
         return found
-    where = " where there are several coordinates, filtered noise or a sine"
-    if model.tables:
-        found.append(f"excitation must not be a tabulated density{where}")
+    if model.tables and model.pairs:
+        found.append(
+            "excitation must not be a tabulated density where there are stops with several "
+            "coordinates, filtered noise or a sine"
+        )
     if model.sines:
         found.append("excitation must be noise, got a sine")
     coloured = any(signal.intensity for signal in model.signals)
@@ -123,13 +130,13 @@ def response(scene: Scene, started: float) -> Response:
     """The answer for a scene without unmet conditions."""
     model = model_of(scene)
     found = solve(model) if model.pairs else _gaussian(model)
-    how = "closed form" if model.pairs else "closed form (Lyapunov)"
+    free = "integral over frequency" if model.tables else "Lyapunov"
+    how = "closed form" if model.pairs else f"closed form ({free})"
     return build_response(
         scene,
         "exact",
         coordinates={
-            name: _coordinate(found, row, how, alone=not model.pairs)
-            for row, name in enumerate(model.coordinates)
+            name: _coordinate(model, found, row, how) for row, name in enumerate(model.outputs)
         },
         impact_pairs={
             pair.name: PairResponse(
@@ -147,9 +154,10 @@ def response(scene: Scene, started: float) -> Response:
     )
 
 
-def _coordinate(found: Solution, row: int, how: str, *, alone: bool) -> CoordinateResponse:
-    mean, velocity = found.mean[row], found.velocity[row, row]
-    deviation = np.sqrt(found.covariance[row, row])
+def _coordinate(model: Model, found: Solution, output: int, how: str) -> CoordinateResponse:
+    row = model.output_rows[output]
+    mean, velocity = row @ found.mean, row @ found.velocity @ row
+    deviation = np.sqrt(row @ found.covariance @ row)
     values = {
         "displacement_mean": mean,
         "displacement_std": deviation,
@@ -157,8 +165,10 @@ def _coordinate(found: Solution, row: int, how: str, *, alone: bool) -> Coordina
         "velocity_std": np.sqrt(velocity),
         "velocity_mean_square": velocity,
     }
-    if alone:
+    if not model.pairs and deviation > 0.0:
         values["upcrossing_rate"] = np.sqrt(velocity) / deviation / (2.0 * np.pi)
+    if found.acceleration is not None:
+        values["acceleration_std"] = np.sqrt(found.acceleration[output])
     sizes = {**values, "displacement_mean": deviation}
     return CoordinateResponse(
         **{
@@ -334,7 +344,7 @@ def _coupled_pairs(model: Model, split: Split, theta: float, block: NDArray[np.i
 
 
 def _gaussian(model: Model) -> Solution:
-    """Response of a linear structure to white and filtered noise: a Gaussian law."""
+    """Response of a linear structure to Gaussian noise: a Gaussian law."""
     modes = model.modal
     law = linear_law(modes)
     assert law is not None
@@ -348,6 +358,9 @@ def _gaussian(model: Model) -> Solution:
         velocity=velocity,
         pairs=[],
         error=0.0,
+        acceleration=absolute_accelerations(modes, law, model.output_rows)
+        if model.base_alone_moves
+        else None,
     )
 
 

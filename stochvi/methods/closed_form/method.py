@@ -26,7 +26,7 @@ def exact(scene: Scene) -> Response:
     and the mean force; of one oscillator the mean of the largest force of a contact, in which
     noise and damping are neglected (`bias` bounds what that leaves). Without stops the response
     of a linear structure to Gaussian noise is Gaussian: white and filtered noise through the
-    Lyapunov equation, tables (of one oscillator) as integrals over frequency.
+    Lyapunov equation, tables as integrals over frequency.
 
     Raises
     ------

@@ -27,7 +27,14 @@ from stochvi.methods.linearisation.soft_closure import soft_closure
 from stochvi.methods.linearisation.solver import NOWHERE, SAME, START_SPEEDS, root
 from stochvi.model.balances import residuals
 from stochvi.model.gap import Gap
-from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
+from stochvi.model.modal import (
+    LinearLaw,
+    ModalForm,
+    Substitute,
+    Vector,
+    absolute_accelerations,
+    linear_law,
+)
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.model.responses import StationaryMoments, build_response
 from stochvi.model.scales import PairScale, scales_of
@@ -270,11 +277,16 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
     mean: Vector = modes.shapes @ (modes.rest + one.law.mean)
     moments = _energies(modes, one.law)
     coordinates = {}
-    for row, name in enumerate(model.coordinates):
-        variance = one.law.variances(modes.shapes[row], 0)
-        square = one.law.variances(modes.shapes[row], modes.size)
-        moments |= {(name, "x"): mean[row], (name, "variance"): variance, (name, "vv"): square}
-        coordinates[name] = _coordinate(outline, float(mean[row]), variance, square)
+    accelerations: list[float | None] = [None] * len(model.outputs)
+    if model.base_alone_moves and not model.pairs:
+        accelerations = absolute_accelerations(modes, one.law, model.output_rows).tolist()
+    shapes = model.output_rows @ modes.shapes
+    for name, shape, acceleration in zip(model.outputs, shapes, accelerations, strict=True):
+        place = float(shape @ (modes.rest + one.law.mean))
+        variance = one.law.variances(shape, 0)
+        square = one.law.variances(shape, modes.size)
+        moments |= {(name, "x"): place, (name, "variance"): variance, (name, "vv"): square}
+        coordinates[name] = _coordinate(outline, place, variance, square, acceleration)
     pairs: dict[str, PairResponse] = {}
     for gap, candidate, row in zip(one.gaps, one.candidates, modes.gaps, strict=True):
         answer, name = answer_of(gap.gap, candidate), gap.pair.name
@@ -312,7 +324,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
 
 
 def _coordinate(
-    outline: _Outline, mean: float, variance: float, square: float
+    outline: _Outline, mean: float, variance: float, square: float, acceleration: float | None
 ) -> CoordinateResponse:
     values = {
         "displacement_mean": mean,
@@ -321,6 +333,8 @@ def _coordinate(
         "velocity_std": math.sqrt(square),
         "velocity_mean_square": square,
     }
+    if acceleration is not None:
+        values["acceleration_std"] = math.sqrt(acceleration)
     return CoordinateResponse(**{name: outline.estimate(value) for name, value in values.items()})
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.mathematics.frequency_response import gains
+from stochvi.mathematics.frequency_response import Force, gains
 from stochvi.mathematics.spectra import Filter
 from stochvi.methods.linearisation.several import solutions
 from stochvi.model.coverage import functions
@@ -46,7 +46,7 @@ class LinearisedStructure:
     shapes: Matrix
     stiffness: Matrix
     damping: Matrix
-    shaken: tuple[tuple[Density, Vector], ...]
+    shaken: tuple[tuple[Density, Force], ...]
 
     def displacement_density(self, coordinate: str, frequency_hz: ArrayLike) -> Vector:
         """One-sided density of the displacement of a coordinate, m^2/Hz.
@@ -136,10 +136,10 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     return tuple(found)
 
 
-def _shaken(model: Model) -> tuple[tuple[Density, Vector], ...]:
+def _shaken(model: Model) -> tuple[tuple[Density, Force], ...]:
     """All noise as densities and modal forces; white noise in independent parts of density 2."""
     modes = model.modal
-    found: list[tuple[Density, Vector]] = [(table, force) for table, force in modes.tables]
+    found: list[tuple[Density, Force]] = [(table, force) for table, force in modes.tables]
     for signal in model.signals:
         if signal.intensity:
             noise = Filter(signal.omega, signal.damping_rate, signal.intensity)

@@ -22,7 +22,6 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     run_modes,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
-from stochvi.methods.monte_carlo.kernels.rows import ROWS_OF_PAIR
 from stochvi.methods.monte_carlo.plan import Histories
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.rigid_white import (
@@ -147,7 +146,7 @@ class ModalPlan:
     def layout(self) -> Layout:
         """Meaning of the rows of `averages`."""
         rows: list[Key] = [
-            (name, what) for name in self.model.coordinates for what in ("x", "xx", "vv")
+            (name, what) for name in self.model.outputs for what in ("x", "xx", "vv")
         ]
         rows += [("", what) for what in ("kinetic", "potential", "dissipation")]
         rows += [(gap_of(pair), what) for pair in self._relative for what in ("x", "xx", "vv")]
@@ -155,7 +154,10 @@ class ModalPlan:
         for pair, scale in zip(self.model.pairs, self.pairs, strict=True):
             rows += [(pair.name, name) for name in self.sums_of_pair]
             thresholds[pair.name] = self._threshold(pair, scale)
-        origins = dict(zip(self.model.coordinates, self._origin.tolist(), strict=True))
+        if self._pulls is not None:
+            rows += [(name, what) for name in self.model.outputs for what in ("a", "aa")]
+        places = self.model.output_rows @ self._origin
+        origins = dict(zip(self.model.outputs, places.tolist(), strict=True))
         for pair in self._relative:
             origins[gap_of(pair)] = float(pair.direction @ self._origin)
         return Layout(rows=tuple(rows), origins=origins, thresholds=thresholds)
@@ -249,17 +251,43 @@ class ModalPlan:
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         state = self.start(streams)
-        n, pairs = self.modes.size, len(self.model.pairs)
-        moments = n + n * (n + 1)
-        sums = np.zeros((moments + len(self.sums_of_pair) * pairs, paths))
+        sums = np.zeros((self._rows_of_sums, paths))
         stride = self._stride
         self._advance(
             state, streams, sums,
             0 if record is not None else self._burn_in_steps, self.steps, stride, record, log,
         )  # fmt: skip
-        sums[:moments] /= math.ceil(self.steps / stride)
-        sums[moments:] /= self.steps * self.step
-        return self._physical(sums)
+        return self._physical(self._averaged(sums, math.ceil(self.steps / stride)))
+
+    @property
+    def _rows_of_pairs(self) -> slice:
+        """Rows of the sums of a kernel that belong to pairs; moments stand before them, those of
+        the accelerations after them."""
+        n = self.modes.size
+        first = n + n * (n + 1)
+        return slice(first, first + len(self.sums_of_pair) * len(self.model.pairs))
+
+    @property
+    def _rows_of_sums(self) -> int:
+        """Number of rows of the sums of a kernel."""
+        n = self.modes.size
+        more = 0 if self._pulls is None else n + n * (n + 1) // 2
+        return int(self._rows_of_pairs.stop) + more
+
+    def _averaged(self, sums: Matrix, samples: int) -> Matrix:
+        """Averages over the samples of moments, and per second of what pairs add up."""
+        found = sums / samples
+        found[self._rows_of_pairs] = sums[self._rows_of_pairs] / (self.steps * self.step)
+        return found
+
+    @cached_property
+    def _pulls(self) -> Matrix | None:
+        """From modal displacements and velocities (before the kick) to what springs and dampers
+        pull, which is minus the absolute acceleration where the base alone moves; else None."""
+        if not self.model.base_alone_moves:
+            return None
+        decay, _ = self._half_kick
+        return np.hstack([np.diag(self.modes.squares), self.modes.damping @ decay])
 
     def _advance(
         self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, burn_in: int, steps: int,
@@ -268,8 +296,9 @@ class ModalPlan:
     ) -> None:  # fmt: skip
         """Simulate the paths on, and add the last `steps` to `sums`."""
         run_modes(
-            state, streams, sums, self._kernel_constants, tables, self._contact_constants, burn_in,
-            steps, stride, record, log,
+            state, streams, sums, self._kernel_constants, tables, self._contact_constants,
+            None if self._pulls is None else _table(self._pulls), burn_in, steps, stride, record,
+            log,
         )  # fmt: skip
 
     @property
@@ -283,12 +312,11 @@ class ModalPlan:
 
         `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
         """
-        n, pairs = self.modes.size, len(self.model.pairs)
-        moments = n + n * (n + 1)
-        sums = np.zeros((moments + ROWS_OF_PAIR * pairs, state.shape[1]))
+        sums = np.zeros((self._rows_of_sums, state.shape[1]))
         self._advance(state, streams, sums, 0, steps, steps, None, None)
-        found: NDArray[np.float64] = sums[moments:].reshape(pairs, 2, -1, state.shape[1])[:, :, 0]
-        return found
+        hits = sums[self._rows_of_pairs]
+        found: NDArray[np.float64] = hits.reshape(len(self.model.pairs), -1, state.shape[1])
+        return found[:, [self.sums_of_pair.index("n_lower"), self.sums_of_pair.index("n_upper")]]
 
     def columns(self, record: NDArray[np.float64]) -> dict[str, Vector]:
         """Columns of one path: displacement and velocity of every coordinate, impact speeds."""
@@ -395,11 +423,11 @@ class ModalPlan:
         decay, brought = self._half_kick
         velocities = np.einsum("ij,jkp,lk->ilp", decay, velocities, decay)
         velocities += _product(brought, brought.T)[:, :, None]
-        shapes = self.modes.shapes
+        shapes = self.model.output_rows @ self.modes.shapes
         rows = np.empty((len(self.layout.rows), paths))
-        energies = slice(3 * n, 3 * n + 3)
-        gaps = slice(3 * n + 3, 3 * n + 3 + 3 * len(self._relative))
-        rows[: 3 * n] = _mean_squares(shapes, sums[:n], displacements, velocities)
+        energies = slice(3 * len(shapes), 3 * len(shapes) + 3)
+        gaps = slice(energies.stop, energies.stop + 3 * len(self._relative))
+        rows[: energies.start] = _mean_squares(shapes, sums[:n], displacements, velocities)
         rows[energies] = (
             np.einsum("iip->p", velocities),
             np.einsum("i,iip->p", self.modes.squares, displacements),
@@ -407,7 +435,16 @@ class ModalPlan:
         )
         relative = [pair.relative for pair in self.model.pairs]
         rows[gaps] = _mean_squares(self.modes.gaps[relative], sums[:n], displacements, velocities)
-        rows[gaps.stop :] = sums[n + 2 * half :]
+        hits = sums[self._rows_of_pairs]
+        rows[gaps.stop : gaps.stop + len(hits)] = hits
+        if self._pulls is not None:
+            pulled = sums[self._rows_of_pairs.stop :]
+            squares = np.empty((n, n, paths))
+            squares[upper] = squares[upper[::-1]] = pulled[n:]
+            noise = self.modes.damping @ brought
+            squares += _product(noise, noise.T)[:, :, None]
+            means, squares = _product(shapes, pulled[:n]), _squares(shapes, squares)
+            rows[gaps.stop + len(hits) :: 2], rows[gaps.stop + len(hits) + 1 :: 2] = means, squares
         return rows
 
     @cached_property
@@ -660,9 +697,15 @@ def _mean_squares(
     """Means of y, y^2 and y'^2 in turn, for combinations y = shapes . q of modal displacements."""
     rows = np.empty((3 * len(shapes), means.shape[1]))
     rows[0::3] = _product(shapes, means)
-    rows[1::3] = np.einsum("ij,jkp,ik->ip", shapes, displacements, shapes)
-    rows[2::3] = np.einsum("ij,jkp,ik->ip", shapes, velocities, shapes)
+    rows[1::3] = _squares(shapes, displacements)
+    rows[2::3] = _squares(shapes, velocities)
     return rows
+
+
+def _squares(shapes: Matrix, products: NDArray[np.float64]) -> Matrix:
+    """Mean squares (rows, paths) of shapes . q from the means of q q' (n, n, paths)."""
+    found: Matrix = np.einsum("ij,jkp,ik->ip", shapes, products, shapes)
+    return found
 
 
 def _mixed(shapes: Matrix, modal: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -151,9 +151,8 @@ class ModalTablesPlan(ModalContactsPlan):
         # kicks and signals use the last stream of a path, which no block reaches
         streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
         state = self.start(streams)
-        n, pairs = self.modes.size, len(self.model.pairs)
-        moments = n + n * (n + 1)
-        sums = np.zeros((moments + len(self.sums_of_pair) * pairs, paths))
+        n = self.modes.size
+        sums = np.zeros((self._rows_of_sums, paths))
         counted, stride = self._counted_of_block, self._stride
         middle = _table(np.hstack([np.zeros((n, n)), self._kick(self.step / 2.0)[0]]))
         for number in range(self.blocks):
@@ -171,9 +170,7 @@ class ModalTablesPlan(ModalContactsPlan):
                 state, streams, sums, self._burn_in_steps, counted, stride, block_record, log,
                 SmoothResponse(samples=free, scale=self._scale, half_kick=middle),
             )  # fmt: skip
-        sums[:moments] /= math.ceil(counted / stride) * self.blocks
-        sums[moments:] /= self.steps * self.step
-        return self._physical(sums)
+        return self._physical(self._averaged(sums, math.ceil(counted / stride) * self.blocks))
 
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
         """Forces of tables and sines (coordinates, samples), N; of other noise they are not kept.

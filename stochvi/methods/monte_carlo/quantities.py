@@ -50,6 +50,11 @@ def of_coordinate(name: str) -> dict[str, Quantity]:
     }
 
 
+def acceleration_std(name: str) -> Quantity:
+    """Standard deviation of the absolute acceleration, from the means of a and a^2."""
+    return lambda m: math.sqrt(max(m[name, "aa"] - m[name, "a"] ** 2, 0.0))
+
+
 def of_pair(name: str) -> dict[str, Quantity]:
     """Quantities of an impact pair, from the sums of 1, w and w^2 over impacts, per second."""
 

@@ -26,6 +26,7 @@ from stochvi.methods.monte_carlo.quantities import (
     Key,
     Means,
     Quantity,
+    acceleration_std,
     collapses,
     governed,
     of_compliant_pair,
@@ -281,10 +282,10 @@ class Run:
         """The response from the paths simulated so far."""
         coordinates = {
             coordinate: CoordinateResponse(
-                acceleration_std=self._acceleration(),
+                acceleration_std=self._acceleration(coordinate),
                 **{name: self.estimate(each) for name, each in of_coordinate(coordinate).items()},
             )
-            for coordinate in self.model.coordinates
+            for coordinate in self.model.outputs
         }
         pairs = {pair.name: self._pair(pair) for pair in self.model.pairs}
         return build_response(
@@ -364,9 +365,11 @@ class Run:
         names = of(self.fine.means())
         return {name: self.estimate(lambda means, name=name: of(means)[name]) for name in names}  # type: ignore[misc]
 
-    def _acceleration(self) -> Estimate | None:
-        """Absolute acceleration between impacts, -(b x' + w0^2 x): finite without rigid stops."""
+    def _acceleration(self, name: str) -> Estimate | None:
+        """Absolute acceleration of a coordinate or point, between impacts on rigid stops."""
         model = self.model
+        if (name, "aa") in self.layout.rows:
+            return self.estimate(acceleration_std(name))
         if model.pairs or beyond_one_oscillator(model):
             return None
         if not model.moving_base or model.noise_on_mass:

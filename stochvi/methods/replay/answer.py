@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Quantities
+from stochvi.scenes.rigid_body import AXES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,7 +103,8 @@ class Histories:
     time
         s from the start of the record.
     base_acceleration
-        m/s^2; zeros where the records are forces.
+        m/s^2, (samples,), of a base that moves along x, y and z (samples, 3); zeros where the
+        records are forces.
     displacement, velocity, acceleration
         Coordinate -> samples; accelerations are absolute.
     force
@@ -122,10 +124,12 @@ class Histories:
         several."""
         import pandas as pd
 
-        columns: dict[str, Vector] = {
-            "time": self.time,
-            "base_acceleration": self.base_acceleration,
-        }
+        columns: dict[str, Vector] = {"time": self.time}
+        if self.base_acceleration.ndim == 1:
+            columns["base_acceleration"] = self.base_acceleration
+        else:
+            for axis, values in zip(AXES, self.base_acceleration.T, strict=True):
+                columns[f"{axis}.base_acceleration"] = values
         several = len(self.displacement) > 1
         for name in self.displacement:
             before = f"{name}." if several else ""

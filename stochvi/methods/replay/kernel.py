@@ -436,14 +436,14 @@ def strike(s, structure, stops, state, zeros, tally, force, tick, q, v):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def add_step(last, span, base, base_rate, structure, stops, state, entry, series, extremes, tally,
-             log, p, found):  # fmt: skip
+def add_step(last, span, base, passed, base_rate, structure, stops, state, entry, series, extremes,
+             tally, log, p, found):  # fmt: skip
     """Add a step to the extremes of the coordinates, to times in contact and to peak forces."""
     for j in range(len(extremes)):
         for power in range(last + 1):
             p[0, power] = dot(structure.shapes[j], series.a[power])
-        p[0, 0] += base
-        p[0, 1] += base_rate
+        p[0, 0] += base[j] + passed * base_rate[j]
+        p[0, 1] += base_rate[j]
         known = extremes[j, ACCELERATION]
         low, high = widened(p, last, span, found, -known, known)
         extremes[j, ACCELERATION] = max(-low, high)
@@ -475,8 +475,8 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
     forces
         (samples, n), modal forces, constant loads included.
     base
-        (samples,), what is added to the accelerations of the coordinates, m/s^2: the acceleration
-        of the base where displacements are relative to it, else 0.
+        (samples, c), what is added to the accelerations of the coordinates, m/s^2: those with
+        which they follow the base where displacements are relative to it, else 0.
     structure, stops
         What moves, and what it can hit.
     start
@@ -572,7 +572,7 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
                     if keep:
                         displacements[k, j] = x
                         velocities[k, j] = dot(structure.shapes[j], v)
-                        accelerations[k, j] = base[k] + dot(structure.shapes[j], series.a[0])
+                        accelerations[k, j] = base[k, j] + dot(structure.shapes[j], series.a[0])
                 if keep:
                     for s in range(m):
                         if not (stops.kinds[s] == DAMPED and state[s] == 1):
@@ -584,8 +584,8 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
             when, which, way = next_change(span, last, stops, state, zeros, depth, series, p, found)
             taken = span if when < 0.0 else when
 
-            add_step(last, taken, base[k] + passed * base_rate, base_rate, structure, stops, state,
-                     entry, series, extremes, tally, log, p, found)  # fmt: skip
+            add_step(last, taken, base[k], passed, base_rate, structure, stops, state, entry,
+                     series, extremes, tally, log, p, found)  # fmt: skip
 
             # the end of the step
             for i in range(n):

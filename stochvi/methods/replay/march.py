@@ -44,12 +44,13 @@ class Shaking:
         Forces on the coordinates (samples, coordinates), N, without constant loads. A base that
         accelerates with a brings -a times the masses.
     base
-        Acceleration of the base (samples,), m/s^2; zeros where nothing moves it.
+        Accelerations of the base (samples, axes), m/s^2, or (samples,) along its only axis; zeros
+        where nothing moves it.
     """
 
     step: float
     forces: Matrix
-    base: Vector
+    base: Vector | Matrix
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,14 +105,16 @@ def march(model: Model, shaking: Shaking, start: Vector, *, keep: bool = True) -
     modes = model.modal
     forces = (shaking.forces + model.constant_force) @ modes.shapes
     stops = _stops(model)
+    base = shaking.base.reshape(len(shaking.base), -1)
     tick = REST_ANGLE / (modes.fastest or 1.0 / shaking.step)
     # displacements = shapes q with shapes' M shapes = 1
     begin = modes.shapes.T @ model.mass @ start
     status, x, v, a, push, powers, extremes, tally, log = kernel.march(
-        shaking.step, np.ascontiguousarray(forces), np.ascontiguousarray(shaking.base),
+        shaking.step, np.ascontiguousarray(forces),
+        np.ascontiguousarray(base @ model.base_rows.T @ model.output_rows.T),
         kernel.Structure(
             modes.squares.astype(float), np.ascontiguousarray(modes.damping),
-            np.ascontiguousarray(modes.shapes),
+            np.ascontiguousarray(model.output_rows @ modes.shapes),
         ),
         stops, begin, tick, MOST_IMPACTS, keep,
     )  # fmt: skip

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
 from stochvi.methods.replay.march import Motion, Shaking, march, rest_of
 from stochvi.model.coverage import functions
-from stochvi.model.model import Model, Pair, Stop, model_of
+from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.scenes.excitations import BASE, ConstantLoad, RecordedNoise
@@ -162,18 +162,17 @@ def unmet_conditions(scene: Scene, model: Model) -> list[str]:
 def shaking_of(scene: Scene, model: Model) -> list[Shaking]:
     """The records of a scene as forces on its coordinates, a part for each segment."""
     records = [
-        (each.record, scene.place(each))
+        (each.record, scene.place(each), list(model.base).index(each.axis or ""))
         for each in scene.excitations
         if isinstance(each, RecordedNoise)
     ]
-    inertia = -model.mass.sum(axis=1)
     first = records[0][0]
     forces = np.zeros((len(first.values), len(model.coordinates)))
-    base = np.zeros(len(first.values))
-    for record, place in records:
+    base = np.zeros((len(first.values), len(model.base)))
+    for record, place, axis in records:
         if place == BASE:
-            forces += np.outer(record.values, inertia)
-            base += record.values
+            forces += np.outer(record.values, inertia_of(model.mass, model.base_rows[:, axis]))
+            base[:, axis] += record.values
         else:
             forces[:, model.coordinates.index(place)] += record.values
     cuts = np.cumsum(first.lengths)[:-1]
@@ -211,7 +210,7 @@ def _answer_at(
         clearance=clearance,
         stops={f"{pair.name} {stop.name}": stop.position for pair, stop in owners},
         coordinates={
-            name: _coordinate(motions, number) for number, name in enumerate(model.coordinates)
+            name: _coordinate(motions, number) for number, name in enumerate(model.outputs)
         },
         impact_pairs={pair.name: _pair(model, pair, motions, impacts) for pair in model.pairs},
         impacts=pd.DataFrame(
@@ -280,10 +279,12 @@ def _histories(
 
     return Histories(
         time=np.concatenate(times),
-        base_acceleration=np.concatenate([each.base for each in segments]),
-        displacement=columns("displacement", model.coordinates),
-        velocity=columns("velocity", model.coordinates),
-        acceleration=columns("acceleration", model.coordinates),
+        base_acceleration=np.concatenate([each.base for each in segments]).squeeze(axis=1)
+        if len(model.base) == 1
+        else np.concatenate([each.base for each in segments]),
+        displacement=columns("displacement", model.outputs),
+        velocity=columns("velocity", model.outputs),
+        acceleration=columns("acceleration", model.outputs),
         force=columns("force", owners),
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.results.base import Result
+from stochvi.results.response import in_angles
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,7 +105,7 @@ class ResponseSpectrum(Result):
                         "bias": curve.bias,
                         "lower": curve.lower,
                         "upper": curve.upper,
-                        "unit": UNITS[name],
+                        "unit": in_angles(owner, UNITS[name]),
                     }
                 )
                 for owner, curves in self.curves.items()
@@ -129,7 +130,7 @@ class ResponseSpectrum(Result):
                         "value": curve.value[k],
                         "95 % from": curve.lower[k],
                         "to": curve.upper[k],
-                        "unit": UNITS[name],
+                        "unit": in_angles(owner, UNITS[name]),
                     }
                 )
         return pd.DataFrame(rows)
@@ -140,7 +141,10 @@ class ResponseSpectrum(Result):
     def _document(self) -> dict[str, Any]:
         found = super()._document()
         spectra = {
-            owner: {name: {"unit": UNITS[name], **vars(curve)} for name, curve in curves.items()}
+            owner: {
+                name: {"unit": in_angles(owner, UNITS[name]), **vars(curve)}
+                for name, curve in curves.items()
+            }
             for owner, curves in found.pop("curves").items()
         }
         return found | {"method": f"spectrum:{self.method}", "spectra": spectra}

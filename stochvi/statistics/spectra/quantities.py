@@ -50,7 +50,7 @@ def quantities_of(
     known = plan.plan.excitation_known
     channels = n + gives_way + known
     found: dict[tuple[str, str], Quantity] = {}
-    owners = dict(zip(model.coordinates, np.eye(n), strict=True))
+    owners = dict(zip(model.outputs, model.output_rows, strict=True))
     owners |= {gap_of(pair): pair.direction for pair in model.pairs if pair.relative}
     for owner, direction in owners.items():
         weights: Weights = np.zeros((channels, len(omega)), complex)
@@ -67,8 +67,8 @@ def quantities_of(
         carried[:, n] = -1.0
     meanings = _meanings(scene, plan)
     if "acceleration" in _present(scene):
-        for row, owner in enumerate(model.coordinates):
-            found[owner, "acceleration"] = _density(carried[row])
+        for owner, row in zip(model.outputs, model.output_rows, strict=True):
+            found[owner, "acceleration"] = _density(np.tensordot(row, carried, axes=1))
     if known:
         (owner,) = model.coordinates
         shaken = np.zeros((channels, len(omega)), complex)

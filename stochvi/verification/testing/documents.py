@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from stochvi.mathematics.spectra import Table
-from stochvi.model.model import UPPER, Model, Pair
+from stochvi.model.model import UPPER, Model, Pair, inertia_of
 from stochvi.results.errors import SceneError
 from stochvi.results.response import QUANTITY_UNITS, Response
 from stochvi.scenes.excitations import (
@@ -429,7 +429,7 @@ def _quantity(name: str) -> dict[str, str]:
 
 def _noises(model: Model) -> Iterator[dict[str, Any]]:
     """The noises of a model; a force is scaled to the coordinate that it acts on."""
-    base = -model.mass.sum(axis=1)
+    base = inertia_of(model.mass, model.base_rows[:, 0])
     for strength, direction in model.whites:
         on = _place(model, direction, base)
         unit = "(m/s^2)^2 s" if on == BASE else "N^2 s"
@@ -437,8 +437,8 @@ def _noises(model: Model) -> Iterator[dict[str, Any]]:
             "kind": "white", "on": on, "intensity": strength, "unit": unit,
             "convention": WHITE,
         }  # fmt: skip
-    for table, direction in model.tables:
-        on = _place(model, direction, base)
+    for table, force in model.tables:
+        on = _place(model, force, base)
         yield {"kind": "tabulated", "on": on, **_points(table), "unit": _density_unit(on),
                "convention": TABULATED}  # fmt: skip
 

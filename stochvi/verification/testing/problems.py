@@ -189,6 +189,10 @@ def _unmet(model: Model) -> list[str]:
         for kind in sorted(kinds)
     ]
     unmet += model.not_rigid()
+    if len(model.base) > 1:
+        unmet.append(
+            "structure.kind must not be 'rigid-body': problems name pairs and noises by coordinates"
+        )
     if not model.noisy:
         unmet.append("excitation must contain noise, got none")
     if not unmet and not math.isfinite(_relaxation_time(model)):

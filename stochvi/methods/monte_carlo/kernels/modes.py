@@ -28,6 +28,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.methods.monte_carlo.kernels.compliant_response import stop_force
+from stochvi.methods.monte_carlo.kernels.contact import RIGID
 from stochvi.methods.monte_carlo.kernels.impact_log import page_of
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
 from stochvi.methods.monte_carlo.kernels.modal_contacts import make_workspace
@@ -225,9 +227,38 @@ def add_moments(local, modes, state, origins):
             row += 1
 
 
+@numba.njit(cache=True, error_model="numpy")
+def add_pulls(local, first, pulled):
+    """Add the rows of `pulled`, then the upper triangle of their products, from row `first` on."""
+    row = first + pulled.shape[0]
+    for k in range(pulled.shape[0]):
+        add_row(local, first + k, pulled, k, 0.0)
+        for m in range(k, pulled.shape[0]):
+            add_product(local, row, pulled, k, 0.0, m, 0.0)
+            row += 1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_contact_pulls(pulled, y, v, stops, contacts):
+    """Add the modal forces of the stops that give way, at gaps y and rates v (pairs, lanes)."""
+    for j in range(y.shape[0]):
+        for which in range(2):
+            if contacts.kinds[j, which] == RIGID:
+                continue
+            side = 2.0 * which - 1.0
+            for i in range(y.shape[1]):
+                inwards = side * (y[j, i] - stops[j, which, 0])
+                if inwards > 0.0:
+                    force, _, _ = stop_force(
+                        inwards, side * v[j, i], contacts.kinds[j, which], contacts.data[j, which]
+                    )
+                    for k in range(pulled.shape[0]):
+                        pulled[k, i] += side * force * contacts.shares[j, k]
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_modes(
-    state, streams, sums, structure, tables, contacts, burn_in, steps, stride, record, log
+    state, streams, sums, structure, tables, contacts, pulls, burn_in, steps, stride, record, log
 ):  # fmt: skip
     """Advance every path by burn_in + steps steps, and add up the last `steps`.
 
@@ -236,11 +267,14 @@ def run_modes(
     state : (states, paths) q, p and signals at the start, replaced by those at the end.
     streams : (2, paths) random streams, advanced.
     sums : (rows, paths), added to: q; q q' and p p' by rows of the upper triangle; then the rows of
-        each pair. Moments are taken every `stride` steps, before the kick.
+        each pair; then those of `pulls`. Moments are taken every `stride` steps, before the kick.
     structure : `ModalSteps`.
     tables : None, or `SmoothResponse`.
     contacts : None, or `modal_contacts.Contacts`; pairs then have ROWS_OF_CONTACT_PAIR rows, else
         ROWS_OF_PAIR.
+    pulls : None, or the table of a matrix pass from q and p to the modal forces alpha of springs
+        and dampers; alpha and the upper triangle of alpha alpha', contact forces included, are
+        then added up, modes + modes (modes + 1) / 2 rows.
     record : None, or zeros (steps, paths, 2 modes + pairs), which get q, p and the signed impact
         speeds of every counted step.
     log : None, or an `impact_log.Log`, which gets the impacts in the counted steps.
@@ -260,7 +294,9 @@ def run_modes(
     v0, v1 = np.zeros((pairs, width)), np.zeros((pairs, width))
     a0, a1 = np.zeros((pairs, width)), np.zeros((pairs, width))
     marks, index = np.zeros(width), np.zeros(width + 1, np.int64)
-    local = np.zeros((moments + rows * pairs, width))
+    first_pull = moments + rows * pairs
+    local = np.zeros((sums.shape[0], width))
+    pulled, pushing = np.zeros((modes, width)), np.zeros((pairs, width))
     hits, gaps, work = np.zeros((pairs, rows)), np.zeros((pairs, 6)), make_workspace(pairs, modes)
     peaks = np.zeros((width, pairs, 2))
     c = np.zeros((10, width))
@@ -359,6 +395,18 @@ def run_modes(
                         matrix_pass(total[modes:], 0.0, old, tables.half_kick, width)
                         add_to(total, smooth)
                         add_moments(local, modes, total, origins)
+                    if pulls is not None:
+                        if tables is None:
+                            matrix_pass(pulled, 0.0, old, pulls, width)
+                        else:
+                            matrix_pass(pulled, 0.0, total, pulls, width)
+                        if contacts is not None:  # noqa: SIM102 - left out when compiled
+                            if pairs > 0:
+                                matrix_pass(pushing, 0.0, old, passes.speeds, width)
+                                if tables is not None:
+                                    add_to(pushing, r0)
+                                add_contact_pulls(pulled, y0, pushing, stops, contacts)
+                        add_pulls(local, first_pull, pulled)
                 if record is not None:
                     for i in range(lanes):
                         for row in range(2 * modes):
