@@ -413,7 +413,7 @@ def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vecto
             "out and give fs"
         )
     breaks = np.where(apart, steps - slope, 0.0)
-    rounded = f"its times are rounded to {digit:g} s; the rate is fitted to all of them"
+    rounded = f"its times have a last digit of {digit:g} s; the rate is fitted to all of them"
     return 1.0 / slope, breaks, (rounded,) if digit > UNEVEN * slope else ()
 
 

@@ -91,10 +91,16 @@ ABSCISSAE = {
 """Quantity of the column that runs -> words by which headings call it."""
 
 NAMED_UNIT = re.compile(
-    r"(?:acc\w*?|a|beschleunigung|force|density|psd|asd|time|t|zeit|frequency|freq|f|level)"
-    r"(?:_| in | )(\w+)", re.I,
+    r"(?:acc[a-z]*|a|beschleunigung|force|density|psd|asd|time|t|zeit|frequency|freq|f|level)"
+    r"(?:[_ ][xyz])?(?:_| in | )(\w+)", re.I,
 )  # fmt: skip
-"""A name such as acceleration_g, density_g2_per_hz or "Time ms", and the unit in it."""
+"""A name such as acceleration_g, accel_z_g, density_g2_per_hz or "Time ms", and its unit."""
+
+LABELLED_UNIT = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)(?:[_ ]label)?\s*[:=]\s*(\S+)", re.I)
+"""A line such as "Unit: g", and the unit in it."""
+
+ROW_OF_UNITS = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)\b|(?:[xy][_ ])?unit_label", re.I)
+"""What the first cell of a line of units may say, as those of LabVIEW do, far above the rows."""
 
 COUNTING = re.compile(
     r"(?:#|no|nr|n|i|index|idx|sample\w*|point\w*|row|line|count\w*|scan\w*|rpm|order|period)\b"
@@ -426,6 +432,11 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         begin += 1
     if not count or begin == len(content):
         for number, line in content:
+            if names[0] == "time" and _number(line.strip()):
+                raise SceneError(
+                    f"{path}, line {number}: expected {wanted}, got {line[:60]!r}; for values "
+                    "without times give fs, the sampling rate in Hz"
+                )
             if re.match(r"\W{0,2}\d", line):
                 dated = re.match(r"\W?\d+([-/.:])\d+\1\d+", line)
                 remedy = "; write times in seconds or as 2024-05-01T12:00:00.000" if dated else ""
@@ -443,7 +454,9 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     return TextTable(
         path=path, lines=rows, remarks=above + below, delimiter=delimiter,
         stated=stated, stated_line=stated_line,
-        headings=_headings(above, delimiter, count, bool(STAMP.fullmatch(some[0][0]))),
+        headings=_headings(
+            above, delimiter, count, len(some[0]), bool(STAMP.fullmatch(some[0][0]))
+        ),
         decimal_comma=any("," in cell for cells in some for cell in cells if _number(cell)),
     )  # fmt: skip
 
@@ -594,16 +607,24 @@ def _counted(count: int) -> str:
 
 
 def _headings(
-    above: Sequence[tuple[int, str]], delimiter: str | None, count: int, stamped: bool
+    above: Sequence[tuple[int, str]], delimiter: str | None, count: int, longest: int, stamped: bool
 ) -> list[Heading]:
-    """The headings of the columns, from the last lines above the rows that have as many cells."""
+    """The headings of the columns, from the last lines above the rows that have as many cells, and
+    from a line that says that it holds units. `longest` is the number of cells of a row with the
+    empty ones at its end, which a heading may name."""
     fitting: list[tuple[int, list[str]]] = []
+    for number, line in above[:-LAST_HEADINGS]:
+        cells = _heading_cells(line, delimiter, count, longest, stamped)
+        if cells and count > 1 and ROW_OF_UNITS.match(cells[0]):
+            fitting.append((number, ["", *cells[1:]]))
     for number, line in above[-LAST_HEADINGS:]:
-        if cells := _heading_cells(line, delimiter, count, stamped):
+        if cells := _heading_cells(line, delimiter, count, longest, stamped):
             fitting.append((number, cells))
     found = []
+    # the name of a column is not looked for in a line of units
+    named = sorted(fitting, key=lambda each: not _holds_units(each[1]))
     for place in range(count):
-        stack = tuple(row[place] for _, row in fitting if row[place])
+        stack = tuple(row[place] for _, row in named if row[place])
         unit_line = [
             (known, number)
             for number, row in reversed(fitting)
@@ -614,7 +635,15 @@ def _headings(
     return found
 
 
-def _heading_cells(line: str, delimiter: str | None, count: int, stamped: bool) -> list[str] | None:
+def _holds_units(cells: Sequence[str]) -> bool:
+    """Whether most cells of a heading are units."""
+    filled = list(filter(None, cells))
+    return 2 * sum(map(_is_unit, filled)) > len(filled)
+
+
+def _heading_cells(
+    line: str, delimiter: str | None, count: int, longest: int, stamped: bool
+) -> list[str] | None:
     """The cells of a heading, one for each column; None of a line that has another number."""
     text = re.sub(r"^\s*(?:#|%|//)+\s*", "", line)
     # a unit in brackets belongs to the name before it
@@ -625,8 +654,8 @@ def _heading_cells(line: str, delimiter: str | None, count: int, stamped: bool) 
             cells.pop()
         if stamped and len(cells) == count + 1:
             cells = [f"{cells[0]} {cells[1]}", *cells[2:]]  # a date and a time of day
-        if len(cells) == count and any(cells):
-            return [cell.replace(GLUE, " ") for cell in cells]
+        if (len(cells) == count or (each and count < len(cells) <= longest)) and any(cells):
+            return [cell.replace(GLUE, " ") for cell in cells[:count]]
     return None
 
 
@@ -664,12 +693,16 @@ def unit_in(text: str, alone: bool = False) -> Unit | None:
     words = text.strip().split()
     for start in range(len(words)):
         ending = " ".join(words[start:])
+        if start and _number(words[start - 1]):
+            break  # a value and its unit, as in "sampling rate: 400 Hz"
         if re.search(r"[/^²]", ending) or ending.casefold() in ("hz", "khz"):
             found = _known(ending)
             if found and (found.quantity in DIMENSIONS.values() or start == len(words) - 1):
                 return found
     if after := re.search(r",\s*(\S+)$", text):
         return _known(after[1])
+    if labelled := LABELLED_UNIT.fullmatch(text.strip()):
+        return _known(labelled[1])
     if named := NAMED_UNIT.fullmatch(text.strip()):
         return _known(named[1].replace("_per_", "/"))
     return _known(text.strip().strip("[]()")) if alone else None

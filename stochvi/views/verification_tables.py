@@ -169,7 +169,8 @@ def print_explanation(console: Console, explanation: Explanation) -> None:
             console.print(
                 f"relative error {target:g}: {cost} ({plan.governed_by})", highlight=False
             )
-    print_line(console, f"assumptions: {'; '.join(explanation.assumptions)}")
+    for assumption in explanation.assumptions:
+        print_line(console, f"assumed: {assumption}")
     for note in explanation.notes:
         console.print(f"note: {note}", style="yellow", highlight=False)
 

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
 
+from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.errors import SceneError
-from stochvi.scenes.excitations import TabulatedNoise
+from stochvi.scenes.excitations import RecordedNoise, TabulatedNoise
 from stochvi.scenes.readers import TIME_RESPONSE, read_columns
 from support.uff import write_uff
 
@@ -197,3 +198,60 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     for name in ("run.uff", "run.mat", "run.csv"):
         with pytest.raises(SceneError, match=rf"{name} cannot be read: no such file"):
             read_columns(tmp_path / name, NAMES)
+
+
+# Exports as they come from the programs of a laboratory -----------------------------------
+
+
+def labview() -> str:
+    """A record as LabVIEW writes it: units far above, a column of comments that stays empty."""
+    rows = [f"{n / 500:.6f}\t{np.sin(n):.6f}\t{0.5 * np.sin(n):.6f}\t" for n in range(1000)]
+    return "\n".join(
+        [
+            "LabVIEW Measurement\t", "Separator\tTab", "Date\t2025/03/12", "***End_of_Header***\t",
+            "\t", "Channels\t2\t\t", "Samples\t1000\t1000\t", "Y_Unit_Label\tg\tm/s^2\t",
+            "X_Dimension\tTime\tTime\t", "Delta_X\t2.0E-3\t2.0E-3\t", "***End_of_Header***\t\t\t",
+            "X_Value\tBase Z\tTop Z\tComment", *rows,
+        ]
+    )  # fmt: skip
+
+
+def test_a_labview_record_has_its_names_and_its_units(tmp_path: Path) -> None:
+    path = tmp_path / "run.lvm"
+    path.write_text(labview())
+    base = RecordedNoise(file=str(path), column="Base Z").record
+    top = RecordedNoise(file=str(path), column="Top Z").record
+    assert base.fs == pytest.approx(500.0)
+    assert base.rms == pytest.approx(2.0 * STANDARD_GRAVITY * top.rms, rel=1e-5)
+    with pytest.raises(SceneError, match="1 X_Value, 2 Base Z, 3 Top Z"):
+        RecordedNoise(file=str(path))
+    with pytest.raises(SceneError, match=r"line 8 of .* says 'm/s2'"):
+        RecordedNoise(file=str(path), column="Top Z", unit="g")
+
+
+def test_values_below_a_header_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "run.dat"
+    values = [f"{np.sin(n):+.4e}" for n in range(400)]
+    path.write_text("\n".join(["Sampling rate: 400 Hz", "Unit: g", "Range: 50 g", *values]))
+    found = RecordedNoise(file=str(path), fs=400.0)
+    assert found.record.rms == pytest.approx(STANDARD_GRAVITY / np.sqrt(2.0), rel=1e-2)
+    with pytest.raises(SceneError, match="for values without times give fs"):
+        RecordedNoise(file=str(path))
+
+
+def test_a_logger_names_an_axis_before_the_unit(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{n / 200},{np.cos(n):.5f},{np.sin(n):.5f},21.5" for n in range(400)]
+    path.write_text("\n".join(["time_s,accel_x_g,accel_z_g,temp_degC", *rows]))
+    found = RecordedNoise(file=str(path), column="accel_z_g")
+    assert found.record.rms == pytest.approx(STANDARD_GRAVITY / np.sqrt(2.0), rel=1e-2)
+    with pytest.raises(SceneError, match="column = 'accel_z_g' or column = 3"):
+        RecordedNoise(file=str(path))
+
+
+def test_names_stand_above_a_line_of_units_of_which_one_is_not_known(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("Frequenz;Dichte;Grenze\nHz;g²/Hz;dB\n10;0,01;3\n20;0,02;3\n", "utf-8")
+    assert TabulatedNoise(file=str(path), column="Dichte").density_unit == "g2/Hz"
+    with pytest.raises(SceneError, match="1 Frequenz, 2 Dichte, 3 Grenze"):
+        TabulatedNoise(file=str(path))

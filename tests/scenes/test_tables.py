@@ -157,7 +157,7 @@ def test_rows_in_descending_order_and_rows_without_density_at_the_ends(tmp_path:
     assert "descending order" in " ".join(turned.said())
     ends = noise(tmp_path, "\n".join(["0;1", "5;0", *ROWS, "100;0", "200;0"]), unit="g2/Hz")
     assert_same(ends)
-    assert "4 rows at its ends" in " ".join(ends.said())
+    assert "4 rows without density or frequency at its ends" in " ".join(ends.said())
     assert_same(noise(tmp_path, "\n".join([ROWS[0], *ROWS]), unit="g2/Hz"))
 
 

@@ -235,8 +235,9 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
         )
     if left := len(held) - (last + 1 - first):
         notes.append(
-            f"{left} rows at its ends, without density or frequency, were left out: it "
-            f"reaches from {frequency[first]:g} to {frequency[last]:g} Hz"
+            f"{left} {'row' if left == 1 else 'rows'} without density or frequency at its ends "
+            f"{'was' if left == 1 else 'were'} left out: it reaches from {frequency[first]:g} to "
+            f"{frequency[last]:g} Hz"
         )
     kept = np.arange(first, last + 1)
     same = (np.diff(frequency[kept]) == 0.0) & (np.diff(density[kept]) == 0.0)
