@@ -17,7 +17,8 @@ ROOMS = (
     "testing", "verification",
 )  # fmt: skip
 HEAVY = {
-    "jinja2", "matplotlib", "numba", "pandas", "pyuff", "rich", "scipy.optimize", "statsmodels"
+    "jinja2", "matplotlib", "numba", "pandas", "pyuff", "rich", "scipy.optimize", "scipy.signal",
+    "scipy.stats",
 }  # fmt: skip
 
 

@@ -163,7 +163,6 @@ def size(
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
     from stochvi.model.model import model_of
     from stochvi.results.base import plain
-    from stochvi.results.deadline import Deadline
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_sizing
 
@@ -175,7 +174,7 @@ def size(
             "--sensitivity is for one oscillator; the answer for several pairs holds the effect of "
             "every tolerance already: give --tolerances"
         )
-    deadline = Deadline.after(options.budget)
+    deadline = options.until(options.budget)
     fell_short: list[str] = []
     judged: list[RecordVerdict | None] = []
 

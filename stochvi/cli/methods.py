@@ -204,8 +204,8 @@ def simulate(
     try:
         with executor_at(dask) as executor, options.progress("simulating") as report:
             response = solve(
-                loaded, budget=budget, threads=options.threads, executor=executor,
-                progress=report, checkpoint=checkpoint, resume=resume, **asked,
+                loaded, budget=options.until(budget).rest, threads=options.threads,
+                executor=executor, progress=report, checkpoint=checkpoint, resume=resume, **asked,
             )  # fmt: skip
     except (NotConverged, KeyboardInterrupt) as reason:
         so_far = getattr(reason, "response", None)  # Ctrl-C may come before there is a run

@@ -5,15 +5,19 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import math
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from stochvi.cli.output import Report, console_for, progress_bar
+from stochvi.cli.program import FAILED, stop
+from stochvi.results.deadline import Deadline, asked_for, heeding_ctrl_c
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +27,12 @@ if TYPE_CHECKING:
 
 BUDGET = 60.0
 """Seconds of wall time that a command may take to reach an accuracy, unless --budget is given."""
+
+LEAST_SHARE = 0.3
+"""Share of a budget that is left for calculations however long the start of the program took."""
+
+GRACE_SHARE, GRACE_SECONDS = 0.2, 1.2
+"""Share of the budget, and seconds, after it in which pictures of a page are still begun."""
 
 
 Found = TypeVar("Found")
@@ -70,6 +80,27 @@ class Common:
     quiet: bool = False
     force: bool | None = None
     question: str = ""
+    begun: Deadline = field(default_factory=lambda: Deadline.after(0.0))
+
+    def until(self, budget: float | None) -> Deadline:
+        """The deadline of a budget that is counted from the start of the command; `Interrupted`
+        where Ctrl-C has come already."""
+        if self.begun.interrupted:
+            raise self.begun.fell_short("before the calculation began", "")
+        if budget is None:
+            return replace(self.begun, moment=math.inf, budget=None)
+        latest = max(self.begun.moment + budget, time.time() + LEAST_SHARE * budget)
+        return replace(self.begun, moment=latest, budget=budget)
+
+    @contextlib.contextmanager
+    def within(self, budget: float | None) -> Iterator[None]:
+        """Messages name this budget, and pages leave out pictures once it is long over."""
+        from stochvi.views.files import pictures_until
+
+        late = math.inf if budget is None else (1.0 + GRACE_SHARE) * budget + GRACE_SECONDS
+        deadline = replace(self.begun, moment=self.begun.moment + late, budget=budget)
+        with asked_for(budget), pictures_until(deadline):
+            yield
 
     def origin(self, scene: str, provenance: Mapping[str, Any]) -> Origin:
         """What a report states of its making: this command, its scene file and what that names."""
@@ -91,22 +122,21 @@ class Common:
         """Where tables go: standard output, or standard error if JSON has that to itself."""
         return console_for(self.json_file)
 
-    def __post_init__(self) -> None:
-        if self.budget is not None and not self.budget > 0.0:
-            raise ValueError(f"budget must be a positive number of seconds, got {self.budget}")
-
     @property
     def sampling(self) -> dict[str, Any]:
         """Arguments of every calculation that samples: seed, threads and budget."""
-        return {"seed": self.seed, "threads": self.threads, "budget": self.budget}
+        rest = self.until(self.budget).rest
+        return {"seed": self.seed, "threads": self.threads, "budget": rest}
 
     def progress(self, title: str) -> AbstractContextManager[Report]:
         """Progress of a calculation on standard error, unless --quiet is given."""
         return progress_bar(self.quiet, title)
 
-    def budget_unless(self, paths: int | None) -> float | None:
-        """The budget; where none is given `BUDGET`, unless a number of paths bounds the work."""
-        return BUDGET if self.budget is None and paths is None else self.budget
+    def rest_unless(self, paths: int | None) -> float | None:
+        """What is left of the budget; where none is given of `BUDGET`, unless a number of paths
+        bounds the work."""
+        budget = BUDGET if self.budget is None and paths is None else self.budget
+        return self.until(budget).rest
 
     def show(
         self, found: Any, tell: Callable[[Console, Any], None], table: str | None = None,
@@ -223,11 +253,22 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
         def run(**given: Any) -> None:
+            has_budget = "budget" in given
+            begun, budget = Deadline.after(0.0), given.get("budget", BUDGET)
+            if budget is not None and not 0.0 < budget < math.inf:
+                raise ValueError(f"budget must be a positive number of seconds, got {budget}")
             options = Common(
-                **{field: given.pop(field) for field in fields}, question=_question(given)
-            )
+                **{field: given.pop(field) for field in fields},
+                question=_question(given), begun=begun,
+            )  # fmt: skip
             with checked_targets(options, given):
-                command(options, **given)
+                if not has_budget:
+                    command(options, **given)
+                    return
+                with heeding_ctrl_c(), options.within(BUDGET if budget is None else budget):
+                    command(options, **given)
+            if begun.interrupted:
+                stop("interrupted by Ctrl-C; the answer was kept", FAILED)
 
         for name in reversed(names):
             run = OPTIONS[name](run)

@@ -39,7 +39,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
     def found() -> ResponseSpectrum:
         with options.progress("simulating") as report:
             return solve(
-                loaded, budget=options.budget_unless(asked["paths"]), seed=options.seed,
+                loaded, budget=options.rest_unless(asked["paths"]), seed=options.seed,
                 threads=options.threads, progress=report, **asked,
             )  # fmt: skip
 
@@ -76,7 +76,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
     def found() -> ImpactStatistics:
         with options.progress("simulating") as report:
             return solve(
-                loaded, budget=options.budget_unless(asked["paths"]), seed=options.seed,
+                loaded, budget=options.rest_unless(asked["paths"]), seed=options.seed,
                 threads=options.threads, progress=report, **asked,
             )  # fmt: skip
 

@@ -53,7 +53,8 @@ def check(
     if twice:
         raise ValueError(f"check needs each scene once, got {twice[0]} twice; leave one out")
     loaded = {name: load_scene(name) for name in scenes} | (shipped() if zoo else {})
-    asked = options.sampling | {"budget": BUDGET * len(loaded) if budget is None else budget}
+    seconds = BUDGET * len(loaded) if budget is None else budget
+    asked = options.sampling | {"budget": options.until(seconds).rest}
     failed: list[str] = []
 
     def judged() -> Check | Checks:
@@ -78,7 +79,8 @@ def check(
             options.show(verdict, print_check, "check")
         failed.extend([] if verdict.passed else [verdict.summary()])
 
-    shown(judged, show)
+    with options.within(seconds):
+        shown(judged, show)
     if failed:
         stop(f"check failed: {failed[0]}", FAILED)
 
@@ -99,8 +101,9 @@ def cost(options: Common, scene: str, budget: float) -> None:
     loaded = load_scene(scene)
     with options.progress("cost") as report:
         found = measure(
-            loaded, budget=budget, seed=options.seed, threads=options.threads, progress=report
-        )
+            loaded, budget=options.until(budget).rest or budget, seed=options.seed,
+            threads=options.threads, progress=report,
+        )  # fmt: skip
 
     def picture() -> Axes:
         from stochvi.views.verification import draw_work_precision

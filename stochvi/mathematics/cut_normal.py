@@ -165,3 +165,13 @@ class CutNormal:
     def log_density_at(self, x: float) -> float:
         """Logarithm of the density between the stops, also where the density is no number."""
         return float(self._relative_log(np.asarray(x - self.peak))) - math.log(self._mass)
+
+
+def normal_density(x: ArrayLike, mean: float, deviation: float) -> NDArray[np.float64]:
+    """Density of a normal law of this mean and standard deviation.
+
+    >>> float(normal_density(1.0, 1.0, 2.0)) * 2.0 * math.sqrt(2.0 * math.pi)
+    1.0
+    """
+    away = (np.asarray(x, dtype=float) - mean) / deviation
+    return np.asarray(np.exp(-0.5 * away**2) / (deviation * math.sqrt(2.0 * math.pi)))

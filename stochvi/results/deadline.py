@@ -11,12 +11,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, is_dataclass, replace
 from typing import Any, TypeVar
 
 from stochvi.results.errors import Interrupted, NotConverged
 
 Found = TypeVar("Found")
+
+_asked_for: ContextVar[float | None] = ContextVar("asked_for", default=None)
+"""Seconds that a user asked for, of which calculations get parts; None if they get all of it."""
 
 SHORTEST_BUDGET = 1e-3
 """Seconds that are handed on once a deadline has passed: a budget must be positive."""
@@ -35,7 +39,7 @@ class Deadline:
         A time of `time.time()`, s: workers on other machines have that clock as well. Infinite
         where nothing is due.
     budget
-        The seconds that were asked for, for messages; None for no limit.
+        The seconds that were asked for, for messages (see `asked_for`); None for no limit.
     before
         How often Ctrl-C had been heard when it was made: one more, and it has passed. Infinite
         where Ctrl-C is not heard.
@@ -53,8 +57,9 @@ class Deadline:
     @classmethod
     def after(cls, budget: float | None) -> Deadline:
         """The deadline that so many seconds from now make; None for no limit."""
-        moment = math.inf if budget is None else time.time() + budget
-        return cls(moment, budget, _heard[0])
+        if budget is None:
+            return cls(math.inf, None, _heard[0])
+        return cls(time.time() + budget, _asked_for.get() or budget, _heard[0])
 
     def passed(self) -> bool:
         """Whether the answer is due."""
@@ -122,6 +127,21 @@ def as_far_as_it_got(calculate: Callable[..., Found], *arguments: Any, **named: 
 
 NEVER = Deadline()
 """The deadline of what may take as long as it needs, and does not heed Ctrl-C."""
+
+
+@contextmanager
+def asked_for(budget: float | None) -> Iterator[None]:
+    """Messages of all deadlines that are made within name this budget, of which they get parts.
+
+    >>> with asked_for(60.0):
+    ...     str(Deadline.after(17.3).fell_short("on the way", "raise budget"))
+    'the budget of 60 s ended on the way; raise budget'
+    """
+    before = _asked_for.set(budget)
+    try:
+        yield
+    finally:
+        _asked_for.reset(before)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtr, stdtrit
+from scipy.special import betaincinv, gammaincinv, ndtri, stdtr, stdtrit
 
 Array = NDArray[np.float64]
 
@@ -133,10 +133,9 @@ def poisson_interval(
     >>> [round(end, 4) for end in poisson_interval(0, 1.0)]
     [0.0, 3.6889]
     """
-    from statsmodels.stats.rates import confint_poisson
-
-    low, high = confint_poisson(float(events), exposure, "exact-c", 1.0 - confidence)
-    return float(low) if events else 0.0, float(high)
+    tail = 0.5 * (1.0 - confidence)
+    low = float(gammaincinv(events, tail)) if events else 0.0
+    return low / exposure, float(gammaincinv(events + 1.0, 1.0 - tail)) / exposure
 
 
 def binomial_interval(
@@ -145,16 +144,20 @@ def binomial_interval(
 ) -> tuple[float, float]:  # fmt: skip
     """Interval of a probability after so many events in independent trials.
 
-    Clopper and Pearson's covers at least as often as it says, Wilson's about as often.
+    That of C. J. Clopper and E. S. Pearson (1934) covers at least as often as it says, that of
+    E. B. Wilson (1927) about as often.
 
     >>> [round(end, 4) for end in binomial_interval(0, 10)]
     [0.0, 0.3085]
     """
-    from statsmodels.stats.proportion import proportion_confint
-
-    method = {"clopper-pearson": "beta", "wilson": "wilson"}[rule]
-    low, high = proportion_confint(events, trials, 1.0 - confidence, method)
-    return float(low), float(high)
+    tail, missed = 0.5 * (1.0 - confidence), trials - events
+    if rule == "wilson":
+        share, weight = events / trials, normal_quantile(2.0 * tail) ** 2 / trials
+        half = math.sqrt(weight * (share * (1.0 - share) + 0.25 * weight))
+        middle = share + 0.5 * weight
+        return (middle - half) / (1.0 + weight), (middle + half) / (1.0 + weight)
+    low = float(betaincinv(events, missed + 1.0, tail)) if events else 0.0
+    return low, float(betaincinv(events + 1.0, missed, 1.0 - tail)) if missed else 1.0
 
 
 def upper_limit_unseen(exposure: float, confidence: float = CONFIDENCE) -> float:

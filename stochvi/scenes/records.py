@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.mathematics.spectra import Table, response_moments, squared_gain
+from stochvi.mathematics.spectra import Table, response_moments, squared_gain, welch
 from stochvi.results.errors import SceneError
 from stochvi.results.intervals import jackknife_error
 from stochvi.scenes.readers import TIME_RESPONSE, Columns, read_columns
@@ -190,12 +190,10 @@ class DensityEstimate:
 @lru_cache(maxsize=16)
 def _welch(record: Record, length: int) -> DensityEstimate:
     """Kept, because a scene asks for its tables again and again."""
-    from scipy.signal import welch
-
     overlap = length // 2
     parts = [part for part in record.segments if len(part) >= length]
     windows = [(len(part) - overlap) // (length - overlap) for part in parts]
-    spectra = [welch(part, record.fs, nperseg=length) for part in parts]
+    spectra = [welch(part, record.fs, length) for part in parts]
     frequency, segments = spectra[0][0], sum(windows)
     density = np.average([found for _, found in spectra], axis=0, weights=windows)
     floor = SMALLEST_DENSITY * float(density[1:].max())

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.rounds import Progress
-from stochvi.results.deadline import NEVER, Deadline
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.crossing_ages import FEWEST_PATHS
+from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
 from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, Records, crossing_plan
 
 Vector = NDArray[np.float64]
@@ -208,17 +208,21 @@ def bursts(
     if not model.stops or min(lower, upper) <= 0.0:
         raise NotApplicable("bursts", ["needs a stop, and none beyond the mean position"])
     records = Records(plan, seed, np.array([lower]), np.array([upper]))
-    deadline = NEVER  # until compilation is over
+    work = partial(_part, records, widening)
     parts: list[_Part] = []
     blocks = math.ceil(FEWEST_PATHS / plan.block)
 
     with crew_of(executor, threads) as crew:
+        parts += crew.results(work, [(0, plan.block)])
+        deadline = Deadline.after(budget)  # compilation is over
+
+        def late() -> bool:
+            return deadline.passed() and len(parts) * plan.block >= 2 * LEAST_PATHS
+
         while True:
             new = blocks_between(len(parts) * plan.block, blocks * plan.block, plan.block)
-            for part in crew.results(partial(_part, records, widening), [*new], deadline):
+            for part in crew.results(work, [*new], deadline, late):
                 parts.append(part)
-            if deadline == NEVER:
-                deadline = Deadline.after(budget)
             found = _join(records, parts)
             estimate = wanted(found)
             error = estimate.standard_error / estimate.value if estimate.value else math.inf

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 
 from stochvi.views.axes import COLOURS, axes_or_new, length_unit
 from stochvi.views.tables import print_frame
 from stochvi.views.words import MM, G, millimetres, with_error
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from rich.console import Console
 
     from stochvi.absorbers.design import Design
@@ -216,9 +215,11 @@ def _draw_tuned(ax: Axes, found: TunedDamper | None) -> None:
 
 def draw_design(found: Design, ax: Axes | None = None) -> Axes:
     """rms ratio against play for every candidate, and the best box with its interval."""
+    from matplotlib import colormaps
+
     ax = axes_or_new(ax, SIZE)
     unit, name = length_unit(found.best.play)
-    shades = plt.get_cmap("viridis")
+    shades = colormaps["viridis"]
     laws, splits = (sorted(found.curve[name].unique()) for name in ("restitution", "units"))
     for (restitution, units), rows in found.curve.groupby(["restitution", "units"]):
         points = rows.sort_values("play")

@@ -1,4 +1,7 @@
-"""What all pictures share: axes, colours, units of length, the stops, the grid and the legend."""
+"""What all pictures share: axes, colours, units of length, the stops, the grid and the legend.
+
+matplotlib is imported where the first picture is drawn: a report may have none.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,14 @@ import textwrap
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from stochvi.scenes.scene import ImpactPair, Scene
 
 Vector = NDArray[np.float64]
@@ -72,6 +72,8 @@ def axes_or_new(ax: Axes | None, size: tuple[float, float] = SCREEN) -> Axes:
     """The axes that are given, or those of a new figure of this size in inches."""
     if ax is not None:
         return ax
+    import matplotlib.pyplot as plt
+
     made: Axes = plt.subplots(figsize=size, layout="constrained")[1]
     return made
 
@@ -90,6 +92,9 @@ def as_written(ax: Axes) -> Figure:
     Names and titles are those of a user: a "$" in them begins no formula. Labels of ticks and what
     belongs to them keep their powers of ten.
     """
+    from matplotlib.axis import Axis
+    from matplotlib.text import Text
+
     figure = ax.get_figure(root=True)
     assert figure is not None
     for each in figure.axes:
@@ -107,6 +112,9 @@ def as_written(ax: Axes) -> Figure:
 
 def _of_scale(axis: Artist) -> list[Artist]:
     """The texts of an axis that its scale makes, all but its label."""
+    from matplotlib.axis import Axis
+    from matplotlib.text import Text
+
     assert isinstance(axis, Axis)
     return [text for part in axis.get_children() if part is not axis.label
             for text in part.findobj(Text)]  # fmt: skip
@@ -197,6 +205,8 @@ def thinned(t: Vector, x: Vector, most: int = MOST_POINTS) -> tuple[Vector, Vect
 
 def label_for_page(ax: Axes, x: str, y: str, *, legend: bool = True) -> None:
     """Label the axes of a picture on a page, with a grid and a legend above the picture."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     for axis in (ax.xaxis, ax.yaxis):
         low, high = sorted(axis.get_view_interval())
         if axis.get_scale() == "log" and low >= PLAIN_NUMBERS[0] and high <= PLAIN_NUMBERS[1]:

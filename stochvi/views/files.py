@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TextIO
 
 from stochvi.results.atomic_files import write_whole
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import TargetError
 
 if TYPE_CHECKING:
@@ -154,9 +155,31 @@ def write_picture(ax: Axes, path: Path) -> None:
     write_bytes(memory.getvalue(), path)
 
 
+_pictures_until: ContextVar[Deadline] = ContextVar("pictures_until", default=NEVER)
+
+
+@contextlib.contextmanager
+def pictures_until(deadline: Deadline) -> Iterator[None]:
+    """Pages leave out the pictures that are not begun by then (see `time_for_pictures`); after
+    Ctrl-C no picture is drawn at all."""
+    before = _pictures_until.set(deadline)
+    try:
+        yield
+    finally:
+        _pictures_until.reset(before)
+
+
+def time_for_pictures() -> bool:
+    """Whether there is still time for one of many pictures, which no answer needs."""
+    return not _pictures_until.get().passed()
+
+
 def try_picture(draw: Callable[[], Axes], path: Path) -> None:
     """Write the picture that `draw` returns; one that cannot be drawn costs a UserWarning, because
-    the answer that it would show is there without it."""
+    the answer that it would show is there without it. After Ctrl-C none is drawn."""
+    if _pictures_until.get().interrupted:
+        warnings.warn(f"{path.name} was not drawn, because of Ctrl-C", stacklevel=2)
+        return
     import matplotlib.pyplot as plt
 
     before = set(plt.get_fignums())

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from scipy.stats import norm
 
+from stochvi.mathematics.cut_normal import normal_density
 from stochvi.views.axes import COLOURS, axes_or_new, draw_stops, length_unit
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def plot_displacement_density(found: Overview, ax: Axes | None = None) -> Axes:
         )  # fmt: skip
     if found.std_without_stops is not None:
         x = np.linspace(edges[0], edges[-1], CURVE_POINTS)
-        density = norm.pdf(x, found.mean_without_stops, found.std_without_stops)
+        density = normal_density(x, found.mean_without_stops, found.std_without_stops)
         ax.plot(
             x / unit, density * unit, color=COLOURS["stop"], linestyle="--", linewidth=1.4,
             label="without stops",
@@ -62,11 +62,11 @@ def plot_velocity_density(found: Overview, ax: Axes | None = None) -> Axes:
     v = np.linspace(edges[0], edges[-1], CURVE_POINTS)
     if found.exact_velocity_std is None:
         ax.plot(
-            v, norm.pdf(v, 0.0, found.velocity_rms), color=COLOURS["stop"], linestyle="--",
+            v, normal_density(v, 0.0, found.velocity_rms), color=COLOURS["stop"], linestyle="--",
             linewidth=1.4, label="normal law of the same rms",
         )  # fmt: skip
     else:
-        density = norm.pdf(v, 0.0, found.exact_velocity_std)
+        density = normal_density(v, 0.0, found.exact_velocity_std)
         ax.plot(v, density, color=COLOURS["exact"], linewidth=1.8, label="exact")
     ax.set_xlabel("velocity (m/s)")
     ax.set_ylabel("probability density (s/m)")

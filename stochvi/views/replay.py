@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from stochvi.views.axes import COLOURS, OWNERS, add_grid, axes_or_new, length_unit, thinned
@@ -16,6 +14,7 @@ from stochvi.views.words import MM, UNKNOWN, G, four_digits
 Vector = NDArray[np.float64]
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from rich.console import Console
 
     from stochvi.methods.replay import Replay, ReplayAt
@@ -133,6 +132,8 @@ def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
         ax.set_yscale("symlog", linthresh=1.0)
         ax.set_ylim(0.0, 2.0 * hits.max())
     else:
+        from matplotlib.ticker import MaxNLocator
+
         ax.yaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set_ylim(0.0, HEADROOM * max(hits.max(), 1.0))
     ax.set_xlabel(f"clearance ({name})")

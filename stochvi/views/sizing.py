@@ -8,12 +8,10 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
-from scipy.stats import norm
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.mathematics.cut_normal import normal_density
 from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.axes import (
@@ -31,6 +29,7 @@ from stochvi.views.words import count_of
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
     from stochvi.isolators.environment import Environment
     from stochvi.isolators.sizing.answer import Sizing
@@ -189,11 +188,11 @@ def plot_histogram(review: Review, ax: Axes | None = None) -> Axes:
     ax.stairs(motion.displacement.density * unit, edges, fill=True, color=COLOURS["simulate"],
               alpha=0.55, label="with stops")  # fmt: skip
     x = np.linspace(edges[0], edges[-1], 401)
-    ax.plot(x, norm.pdf(x, rest, deviation), color=COLOURS["exact"], linestyle="--", linewidth=1.3,
-            label="normal law, no stops")  # fmt: skip
+    ax.plot(x, normal_density(x, rest, deviation), color=COLOURS["exact"], linestyle="--",
+            linewidth=1.3, label="normal law, no stops")  # fmt: skip
     ax.set_yscale("log")
     ax.set_xlim(edges[0], edges[-1])
-    peak = norm.pdf(0.0, 0.0, deviation)
+    peak = float(normal_density(0.0, 0.0, deviation))
     ax.set_ylim(2e-6 * peak, 3.0 * peak)
     draw_stops(ax, motion.scene, unit, vertical=True)
     label_for_page(ax, f"relative displacement ({name})", f"probability density (1/{name})")
@@ -340,6 +339,8 @@ def _limit_mark(ax: Axes, review: Review) -> None:
 
 def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
     """Largest acceleration against clearance, a line for each stiffness of the stops."""
+    from matplotlib import colormaps
+
     ax = axes_or_new(ax, PAGE)
     table = review.peaks
     assert table is not None
@@ -347,7 +348,7 @@ def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
     ratios = sorted(table.loc[~own, "stiffness_ratio"].unique())
     for number, ratio in enumerate(ratios):
         rows = table[table["stiffness_ratio"] == ratio]
-        colour = plt.get_cmap("viridis")(0.85 - 0.7 * number / max(len(ratios) - 1, 1))
+        colour = colormaps["viridis"](0.85 - 0.7 * number / max(len(ratios) - 1, 1))
         _error_bars(ax, rows, "o-", colour, f"stops {ratio:g} x the mount")
     _error_bars(ax, table[own], "D", COLOURS["linearise:closure"], "stops of the scene")
     free = (table["largest_acceleration"] / table["peak_amplification"]).mean() / STANDARD_GRAVITY

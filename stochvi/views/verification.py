@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from stochvi.verification.check import AGREES, DISAGREES
 from stochvi.verification.cost import NOISE
@@ -125,7 +125,7 @@ def draw_scores(found: Checks, ax: Axes | None = None) -> Axes:
         (exactly, COLOURS["simulate"], "against the exact answer"),
     ):
         scores = np.sort(frame.loc[chosen, "score"].to_numpy())
-        expected = norm.ppf((np.arange(len(scores)) + 0.5) / max(len(scores), 1))
+        expected = ndtri((np.arange(len(scores)) + 0.5) / max(len(scores), 1))
         ax.plot(expected, scores, ".", color=colour, label=f"{len(scores)} {label}")
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-1.6 * reach, 1.2 * reach)  # the legend stands below the lower line

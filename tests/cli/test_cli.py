@@ -425,7 +425,7 @@ def python(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-HEAVY = {"numpy", "scipy", "numba", "pandas", "matplotlib", "pydantic", "statsmodels", "rich"}
+HEAVY = {"numpy", "scipy", "numba", "pandas", "matplotlib", "pydantic", "rich"}
 
 
 @pytest.mark.parametrize("program", ["stochvi --help", "stochvi simulate --help", "import stochvi"])

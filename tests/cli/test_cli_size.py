@@ -23,6 +23,12 @@ from support.sized import scene_between_stops, sizing_of
 ROUGH = ("--rel-error", "0.2", "--threads", "1", "--mission", "600", "--budget", "4")
 
 
+@pytest.fixture(autouse=True)
+def time_for_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However slow the machine is."""
+    monkeypatch.setattr("stochvi.cli.options.GRACE_SECONDS", 600.0)
+
+
 def test_the_clearance_and_what_three_sigma_buys(stochvi: Run, tmp_path: Path) -> None:
     done = stochvi(
         "size", ISOLATOR, "--probability", "0.05", *ROUGH, "--json", "-", "--out", tmp_path
@@ -67,7 +73,7 @@ def test_a_changed_scene_stands_beside_it(stochvi: Run, tmp_path: Path) -> None:
     scene.write_text(WHITE, encoding="utf-8")
     done = stochvi(
         "size", scene, "--probability", "0.05", *ROUGH, "--json", "-", "--out", tmp_path,
-        "--sensitivity",
+        "--sensitivity", "--budget", "60",
     )  # fmt: skip
     assert done.code == 0
     changes = [row["change"] for row in one_document(done.out)["sensitivity"]]
@@ -184,3 +190,14 @@ def test_chances_are_never_rounded_to_certainty() -> None:
     assert [spoken_percent(p) for p in (0.5, 1e-3, 1e-9, 0.9995)] == [
         "50 %", "0.1 %", "1.0e-07 %", "over 99.9 %",
     ]  # fmt: skip
+
+
+def test_a_page_leaves_out_the_pictures_that_no_time_is_left_for_and_says_so(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stochvi.cli.options.GRACE_SECONDS", -60.0)
+    done = stochvi("size", ISOLATOR, "--probability", "0.05", *ROUGH, "--out", tmp_path)
+    assert done.code == 0
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert page.count("Not drawn: no time was left") >= 2 and "<img" not in page
+    assert (tmp_path / "size.json").is_file() and (tmp_path / "risk.png").is_file()

@@ -8,11 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy.signal
 from scipy.integrate import quad
 
 from stochvi.isolators.screening import screen
 from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.mathematics.spectra import Table, response_moments, squared_gain
+from stochvi.mathematics.spectra import Table, response_moments, squared_gain, welch
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.scenes.datasets import profiles
 from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
@@ -301,3 +302,11 @@ def test_hits_per_hour_of_a_ten_hertz_mount_by_rice(sigmas, per_hour):
     linear = screen(mount(WhiteNoise(density=0.01, unit="g2/Hz"), 10.0, zeta=0.1))
     hits = 3600.0 * linear.rice_rate(sigmas * linear.displacement_std)
     assert round(hits, len(per_hour.partition(".")[2])) == float(per_hour)
+
+
+@pytest.mark.parametrize("length", [255, 256])
+def test_the_density_of_segments_is_that_of_scipy(length: int) -> None:
+    samples = np.random.default_rng(1).normal(3.0, size=5000)
+    expected = scipy.signal.welch(samples, 100.0, nperseg=length)
+    for own, other in zip(welch(samples, 100.0, length), expected, strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-12)

@@ -170,7 +170,7 @@ def test_every_picture_is_a_whole_svg_without_references(html: str) -> None:
 
 def test_the_same_figure_gives_the_same_bytes(reviewed: Review, html: str) -> None:
     before = plt.get_fignums()
-    again = shown(plot_input(reviewed), "again")
+    again = shown(lambda: plot_input(reviewed), "again")
     assert f'src="{again.uri}"' in html
     assert plt.get_fignums() == before
 

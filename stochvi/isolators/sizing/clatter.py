@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.isolators.sizing.hits import at_clearance
-from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
+from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
@@ -216,10 +216,19 @@ def _averages(plan: TabulatedPlan, seed: int, first_path: int, paths: int) -> _A
 
 
 def _block(
-    plans: Sequence[TabulatedPlan], seed: int, first: int, paths: int, _: Deadline
+    plans: Sequence[TabulatedPlan], seed: int, first: int, paths: int, deadline: Deadline
 ) -> list[_Averages]:
-    """The work on a block of windows: the same random numbers by every plan."""
-    return [_averages(plan, seed, first, paths) for plan in plans]
+    """The work on a block of windows, or on its first ones where the deadline passes: the same
+    random numbers by every plan."""
+
+    def by_every_plan(first: int, paths: int) -> list[_Averages]:
+        return [_averages(plan, seed, first, paths) for plan in plans]
+
+    first_piece, *pieces = in_pieces(by_every_plan, first, paths, deadline)
+    found = first_piece
+    for piece in pieces:
+        found = [old + new for old, new in zip(found, piece, strict=True)]
+    return found
 
 
 class _Windows:

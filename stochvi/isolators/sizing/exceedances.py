@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stochvi.isolators.sizing.clatter import plan_windows
 from stochvi.isolators.sizing.hits import at_clearance
-from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
@@ -239,8 +239,15 @@ def _by_windows(scene: Scene, event: str, mission: float, asked: dict[str, Any])
 
 
 def _window_extremes(
-    plan: TabulatedPlan, seed: int, event: str, first: int, paths: int, _: Deadline
+    plan: TabulatedPlan, seed: int, event: str, first: int, paths: int, deadline: Deadline
 ) -> Vector:
-    extremes = Extremes.zeros(paths)
-    plan.averages(seed, first, paths, None, extremes.table)
-    return np.asarray(extremes.impact_speed if event == "impact_speed" else extremes.acceleration)
+    """Largest speeds, or accelerations, of a block of windows, or of its first ones where the
+    deadline passes."""
+
+    def largest(first: int, paths: int) -> Vector:
+        extremes = Extremes.zeros(paths)
+        plan.averages(seed, first, paths, None, extremes.table)
+        speeds = event == "impact_speed"
+        return np.asarray(extremes.impact_speed if speeds else extremes.acceleration)
+
+    return np.concatenate(in_pieces(largest, first, paths, deadline))

@@ -67,8 +67,9 @@ class SearchSettings:
     close
         Relative difference between a rate and the wanted one below which the clearance is
         extrapolated from the place that was tried.
-    grace_seconds
-        Seconds after the budget for which places are still looked at, briefly: mostly one is near.
+    grace
+        Share of the budget for which places are still looked at after it, briefly: mostly one is
+        near.
     least_seconds
         Seconds that every calculation gets, even where the budget is spent.
     share_of_hits
@@ -94,7 +95,7 @@ class SearchSettings:
     most_overlap: float = 0.5
     rough_factor: float = 3.0
     close: float = 0.02
-    grace_seconds: float = 1.0
+    grace: float = 0.05
     least_seconds: float = 0.3
     share_of_hits: float = 0.4
     most_error: float = 1.0
@@ -415,7 +416,7 @@ class _Job:
         below: tuple[float, float] | None = None
         slope = -1.0 / (2.0 * self.sigma**2)
         nearest: tuple[float, Estimate, float] | None = None
-        late = self.deadline.sooner_by(-SEARCH.grace_seconds)
+        late = self.deadline.sooner_by(-SEARCH.grace * self.budget)
         for attempt in range(SEARCH.most_clearances):
             if attempt and late.passed():
                 break

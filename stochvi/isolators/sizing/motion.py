@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from stochvi.isolators.contact import contact_on_mount
 from stochvi.isolators.environment import (
@@ -20,6 +19,7 @@ from stochvi.isolators.environment import (
     transmissibility,
 )
 from stochvi.isolators.sizing.hits import at_clearance
+from stochvi.mathematics.spectra import welch
 from stochvi.methods.monte_carlo import record_path
 from stochvi.model.model import model_of
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -221,7 +221,7 @@ def _apparent_transmissibility(
     acceleration = model.damping_rate * path["velocity"] + model.omega**2 * (
         path["displacement"] - model.rest
     )
-    frequency, density = welch(acceleration.to_numpy(), 1.0 / step, nperseg=length)
+    frequency, density = welch(acceleration.to_numpy(), 1.0 / step, length)
     base = input_density(model, frequency)
     highest = settings.synthesised_share / (2.0 * step)
     seen = (frequency > 0.0) & (frequency < highest) & (base > 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -71,6 +71,8 @@ class ReviewSettings:
     budget
         Seconds for all simulations together but the long path; where they do not suffice, rows of
         the worst case say so, and chances of hard hits have wider intervals.
+    periods_when_late
+        Natural periods of the long path where the budget has ended before it.
     worst_case_share, exceedance_share
         Shares of that time for the worst case, and for the chances of hard hits; the rest is for
         the peak accelerations.
@@ -81,6 +83,7 @@ class ReviewSettings:
     closure_points: int = 41
     clearances: int = 5
     budget: float = 60.0
+    periods_when_late: float = 2_000.0
     worst_case_share: float = 0.5
     exceedance_share: float = 0.3
 
@@ -343,6 +346,9 @@ def review(
     worst = Rounded.of(largest) if math.isfinite(largest) else None
     rest = settings.exceedance_share / (1.0 - settings.worst_case_share)
     hard = _exceedances(sizing, settings.clearances, threads, deadline.part(min(rest, 1.0)))
+    path = settings.path
+    if deadline.passed():
+        path = replace(path, periods=min(path.periods, settings.periods_when_late))
     return Review(
         sizing=sizing,
         environment=environment(sizing.scene),
@@ -352,7 +358,7 @@ def review(
         chances=_chances(sizing),
         hits=_hits(sizing),
         comparisons=_comparisons(sizing),
-        motion=motion_between_stops(sizing, settings.path) if stopped else None,
+        motion=motion_between_stops(sizing, path) if stopped else None,
         recommended=Rounded.of(sizing.clearance.value),
         worst=worst,
         tolerances=tolerances,
@@ -364,7 +370,7 @@ def review(
             for place, answer in sizing.evidence.items()
             for name, residual in answer.identities.items()
         ),
-        peaks=peak_accelerations(sizing, settings.peaks, deadline),
+        peaks=peak_accelerations(sizing, settings.peaks, deadline, threads),
         peak_window=settings.peaks.window,
         sensitivity=sensitivity,
         warnings=_warnings(sizing),
@@ -429,34 +435,52 @@ def _exceeding_at(hard: pd.DataFrame, clearance: float, limit: float) -> Exceedi
 
 
 def peak_accelerations(
-    sizing: Sizing, settings: PeakSettings, deadline: Deadline = NEVER
+    sizing: Sizing,
+    settings: PeakSettings,
+    deadline: Deadline = NEVER,
+    threads: int | None = None,
 ) -> pd.DataFrame | None:
     """`clatter` at 3 sigma and as recommended, then for other stiffnesses where that means
-    something; None where it does not apply, as for stops with a restitution alone."""
+    something; None where it does not apply, as for stops with a restitution alone. A row for which
+    no time is left has no windows, and no numbers (NaN) either."""
     import pandas as pd
 
-    rows = 2 + len(settings.multiples) * len(settings.stiffness_ratios)
     common: dict[str, Any] = {
         "window": settings.window,
         "rel_error": settings.rel_error,
-        "budget": min(settings.seconds, deadline.part(1.0 / rows) or math.inf),
         "seed": sizing.seed,
+        "threads": threads,
     }
-    places = [sizing.three_sigma.clearance, sizing.clearance.value]
-    try:
-        own = clatter(sizing.scene, places, **common)
-    except NotApplicable:
-        return None
-    try:
-        others = clatter(
-            sizing.scene,
-            [multiple * sizing.sigma for multiple in settings.multiples],
-            stiffness_ratios=settings.stiffness_ratios,
-            **common,
-        )
-    except NotApplicable:
-        return own
-    return pd.concat([own, others], ignore_index=True)
+    own = [(place, None) for place in (sizing.three_sigma.clearance, sizing.clearance.value)]
+    others = [
+        (multiple * sizing.sigma, (ratio,))
+        for ratio in settings.stiffness_ratios
+        for multiple in settings.multiples
+    ]
+    rows: list[pd.DataFrame] = []
+    asked = [*own, *others]
+    for number, (clearance, ratios) in enumerate(asked):
+        if ratios is not None and deadline.passed():
+            rows.append(_not_simulated(clearance, clearance / sizing.sigma, *ratios))
+            continue
+        share = deadline.part(1.0 / (len(asked) - number)) or math.inf
+        try:
+            found = clatter(
+                sizing.scene, [clearance], stiffness_ratios=ratios,
+                budget=min(settings.seconds, share), **common,
+            )  # fmt: skip
+        except NotApplicable:
+            break
+        rows.append(found)
+    return pd.concat(rows, ignore_index=True) if rows else None
+
+
+def _not_simulated(clearance: float, in_sigma: float, ratio: float) -> pd.DataFrame:
+    """A row of `clatter` for which no time was left."""
+    import pandas as pd
+
+    row = {"clearance": clearance, "clearance_in_sigma": in_sigma, "stiffness_ratio": ratio}
+    return pd.DataFrame([row | {"windows": 0.0}])
 
 
 def _mount(sizing: Sizing) -> Mount:

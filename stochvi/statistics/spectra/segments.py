@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import prev_fast_len, rfft
-from scipy.signal.windows import dpss, hann
 
 from stochvi.methods.monte_carlo.histories import HistoryPlan
 from stochvi.results.intervals import PathMoments
@@ -63,10 +62,12 @@ def layout_of(plan: HistoryPlan, method: str, length: float, top: float) -> Layo
     samples, half = plan.samples, KERNEL_BINS[method]
     if method == "welch":
         size = min(samples, prev_fast_len(round(length / plan.step)))
-        tapers = hann(size, sym=False)[None]
+        tapers = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(size)[None] / size)
         hop = max(1, round(size * (1.0 - OVERLAP)))
         starts = tuple(range(0, samples - size + 1, hop))
     else:
+        from scipy.signal.windows import dpss  # half a second to import
+
         size, starts = samples, (0,)
         tapers = dpss(size, TIME_HALF_BANDWIDTH, TAPERS, sym=False)
     tapers = tapers / np.sqrt(np.sum(tapers**2, axis=1, keepdims=True))

@@ -68,7 +68,10 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
                 "rms.",
                 grids=[_motion(found)],
                 pictures=[
-                    shown(draw_levels(found), "The same over the level of the excitation, 95 %.")
+                    shown(
+                        lambda: draw_levels(found),
+                        "The same over the level of the excitation, 95 %.",
+                    )
                 ],
             ),
             _plays(found),
@@ -132,7 +135,9 @@ def design_page(found: Design, origin: Origin) -> Page:
                 "their errors. One curve holds all levels: a level raised by 20 log r decibels "
                 "acts like a play r times smaller.",
                 grids=[_boxes(best, robust, found.level_range_db), _candidates(found)],
-                pictures=[shown(draw_design(found), "rms ratio over play; bars: two errors.")],
+                pictures=[
+                    shown(lambda: draw_design(found), "rms ratio over play; bars: two errors.")
+                ],
             ),
             _tuned(found.tuned_damper),
             _limits(
@@ -251,7 +256,7 @@ def _plays(found: AbsorberReport) -> Section:
                 rows=rows,
             )
         ],
-        pictures=[shown(draw_plays(found), "rms ratio over the play of the box, 95 %.")],
+        pictures=[shown(lambda: draw_plays(found), "rms ratio over the play of the box, 95 %.")],
     )
 
 

@@ -38,12 +38,12 @@ def environment_section(review: Review) -> Section:
     if found.spectra is not None:
         pictures = [
             shown(
-                plot_input(review),
+                lambda: plot_input(review),
                 "Input: one-sided density of the base acceleration, with its "
                 "breakpoints and a band of ±3 dB.",
             ),
             shown(
-                plot_response(review),
+                lambda: plot_response(review),
                 "Absolute acceleration of the mass without stops, over the input.",
             ),
         ]

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.results.base import plain
@@ -17,6 +16,8 @@ from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown
 from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.methods.replay import Replay
     from stochvi.methods.replay.answer import CoordinateReplay
@@ -75,7 +76,9 @@ def reliability_page(
                 lead=f"Intervals at {100.0 * found.confidence:g} % hold the statistical errors "
                 "alone; a chance that was never seen has an upper limit.",
                 grids=[_chances_grid(found), *([_pairs_grid(found)] if found.pairs else [])],
-                pictures=[shown(plot_chances(found), f"Chances in {mission}, with intervals.")]
+                pictures=[
+                    shown(lambda: plot_chances(found), f"Chances in {mission}, with intervals.")
+                ]
                 if chances
                 else [],
                 notes=[f"{_event(each)}: {each.why}" for each in chances],
@@ -282,10 +285,11 @@ def _replay_grid(found: Replay) -> Grid:
 
 
 def _replay_pictures(found: Replay) -> list[Picture]:
-    if found.single is None:
+    single = found.single
+    if single is None:
         return [
             shown(
-                plot_clearances(found, axes_or_new(None, PAGE)),
+                lambda: plot_clearances(found, axes_or_new(None, PAGE)),
                 "Hits and the largest speed against clearance.",
             )
         ]
@@ -293,7 +297,7 @@ def _replay_pictures(found: Replay) -> list[Picture]:
         return []
     return [
         shown(
-            plot_history(found.single, axes_or_new(None, PAGE)),
+            lambda: plot_history(single, axes_or_new(None, PAGE)),
             "The motion with its stops and hits.",
         )
     ]

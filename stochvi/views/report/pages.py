@@ -5,13 +5,13 @@ from __future__ import annotations
 import base64
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from stochvi.results.base import plain
-from stochvi.views.files import to_json, write_text
+from stochvi.views.files import time_for_pictures, to_json, write_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +45,7 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A picture as a data URI, and what it shows."""
+    """A picture as a data URI, which is empty where it was not drawn, and what it shows."""
 
     uri: str
     caption: str
@@ -141,14 +141,16 @@ def _tied(value: object) -> object:
     return BEFORE_UNIT.sub("\u00a0", str(value)) if plain else value
 
 
-def shown(ax: Axes, caption: str) -> Picture:
-    """The figure of these Axes as SVG with letters as outlines, closed; the same bytes for the
-    same figure."""
+def shown(draw: Callable[[], Axes], caption: str) -> Picture:
+    """The figure that holds the Axes that `draw` returns, as SVG with letters as outlines, closed;
+    the same bytes for the same figure. A caption alone where no time is left for the picture."""
+    if not time_for_pictures():
+        return Picture(uri="", caption=f"{caption} Not drawn: no time was left; raise the budget.")
     import matplotlib.pyplot as plt
 
     from stochvi.views.axes import as_written
 
-    figure = as_written(ax)
+    figure = as_written(draw())
     memory = io.BytesIO()
     with plt.rc_context({"svg.fonttype": "path", "svg.hashsalt": "stochvi"}):
         figure.savefig(memory, format="svg", metadata={"Date": None, "Creator": None})

@@ -73,6 +73,8 @@ def write_report(review: Review, folder: str | Path, origin: Origin | None = Non
         What the page states of its making; by default that of a call from Python.
     """
     folder, sizing = Path(folder), review.sizing
+    # first: the pictures of the page may be left out for want of time
+    try_picture(lambda: draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
     page = clearance_page(review, origin or origin_of(sizing.provenance))
     path = write_page(page, review.to_dict(), "size", folder)
     tables = {
@@ -88,7 +90,6 @@ def write_report(review: Review, folder: str | Path, origin: Origin | None = Non
     for name, table in tables.items():
         if table is not None:
             write_table(named_with_units(table), folder / f"{name}.csv")
-    try_picture(lambda: draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
     return path
 
 
@@ -362,7 +363,7 @@ def _screening(review: Review) -> Section:
     if review.environment.spectra is not None:
         pictures = [
             shown(
-                plot_cumulative(review),
+                lambda: plot_cumulative(review),
                 "Where the response comes from: share of its mean "
                 "square below each frequency, without stops.",
             ),
@@ -408,12 +409,12 @@ def _risk(review: Review) -> Section:
     )
     pictures = [
         shown(
-            plot_risk(sizing, axes_or_new(None, PAGE)),
+            lambda: plot_risk(sizing, axes_or_new(None, PAGE)),
             "Chance of any hit in the mission against clearance. "
             "Dashed: Rice's crossings taken for independent hits.",
         ),
         shown(
-            plot_hit_rate(review),
+            lambda: plot_hit_rate(review),
             "Hits per second (of all stops) against "
             "clearance: by Rice, the rate of first hits, and simulated with the stops.",
         ),
@@ -482,7 +483,7 @@ def _change_bars(table: pd.DataFrame) -> list[Picture]:
     known = table.dropna(subset=["clearance"])
     if len(known) < 2:
         return []
-    return [shown(plot_sensitivity(known), "Change of the clearance, per cent.")]
+    return [shown(lambda: plot_sensitivity(known), "Change of the clearance, per cent.")]
 
 
 def _notes_of(table: pd.DataFrame) -> list[str]:
