@@ -78,8 +78,14 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
                 else "One pair is sized; the stops of the others stay where the scene has them.",
                 grids=[_grid("Clearances and risk", pairs_in_words(sizing))],
                 pictures=[
-                    shown(plot_pairs_clearances(sizing), "Clearances and the rule of three sigma."),
-                    shown(plot_pairs_risk(sizing), "Chance of any hit as all clearances change."),
+                    shown(
+                        lambda: plot_pairs_clearances(sizing),
+                        "Clearances and the rule of three sigma.",
+                    ),
+                    shown(
+                        lambda: plot_pairs_risk(sizing),
+                        "Chance of any hit as all clearances change.",
+                    ),
                 ],
             ),
             Section(
