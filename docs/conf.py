@@ -22,12 +22,20 @@ extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.intersphinx",
+    "numpydoc",
+    "sphinx_click",
     "sphinx_copybutton",
     "sphinx_design",
     "mathml",
+    "reference",
 ]
 exclude_patterns = ["_build", "_extensions", "inventories"]
 nitpicky = True
+default_role = "code"
+
+autodoc_typehints = "none"
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3

@@ -24,7 +24,7 @@ from support.commands import Run
 
 README = CHECKOUT / "README.md"
 MANUAL = sorted(
-    page for page in (CHECKOUT / "docs").rglob("*.md") if "_build" not in page.parts
+    page for page in (CHECKOUT / "docs").rglob("*.md") if not {"_build", "generated"} & set(page.parts)
 )  # fmt: skip
 FENCE = re.compile(r"^(```+)([^\n`]*)\n(.*?)^\1$", flags=re.DOTALL | re.MULTILINE)
 

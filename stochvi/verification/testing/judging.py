@@ -220,7 +220,7 @@ def judge(
         `problem.speed_threshold`), `impact_speed_rate` and `impact_speed_square_rate` (sums of w
         and w^2 over all impacts). What is not there is not judged.
 
-        Statistics: the quantities with a finished `(value, standard error)`, or `Estimate`s, whose
+        Statistics: the quantities with a finished `(value, standard error)`, or `Estimate`, whose
         stated bias is granted.
 
         Where there are several coordinates or impact pairs, each name begins with that of its

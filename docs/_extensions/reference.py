@@ -1,0 +1,287 @@
+"""Pages that are written from the code and the studies before every build, into `generated/`."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+import stochvi
+from stochvi.methods import averaging, closed_form, fokker_planck
+from stochvi.methods.linearisation import linearise
+from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.model.model import model_of
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.scenes.datasets import data_folder
+from stochvi.scenes.schema import scene_schema
+
+ROOMS = (
+    "scenes", "results", "methods.closed_form", "methods.fokker_planck", "methods.linearisation",
+    "methods.averaging", "methods.monte_carlo", "methods.periodic", "methods.replay", "statistics",
+    "isolators", "absorbers", "verification", "testing",
+)  # fmt: skip
+"""Packages of public names, in the order in which a scene goes through them."""
+
+
+def write_pages(app: Sphinx) -> None:
+    """Write every page; one that has not changed is left alone, so that it is not built again."""
+    folder = Path(app.srcdir) / "generated"
+    folder.mkdir(exist_ok=True)
+    pages = dict(api_pages()) | {
+        "scene-file.md": scene_file_page(), "coverage.md": coverage_page(),
+    }  # fmt: skip
+    pages |= study_pages()
+    for name, text in pages.items():
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def api_pages() -> Iterator[tuple[str, str]]:
+    """A page of the names at the top of the package, and one of each room with its other names."""
+    top = [name for name in stochvi.__all__ if not inspect.ismodule(getattr(stochvi, name))]
+    yield "stochvi.rst", api_page("stochvi", top)
+    at_top = {getattr(stochvi, name) for name in top}
+    for room in ROOMS:
+        package = importlib.import_module(f"stochvi.{room}")
+        names = list(getattr(package, "__all__", ())) or public_names(package)
+        own = [name for name in names if getattr(package, name) not in at_top]
+        also = [name for name in names if name not in own]
+        yield f"stochvi.{room}.rst", api_page(f"stochvi.{room}", own, also)
+
+
+def public_names(module: Any) -> list[str]:
+    """Functions and classes that a module without `__all__` defines."""
+    return [
+        name for name, each in vars(module).items()
+        if not name.startswith("_") and getattr(each, "__module__", "") == module.__name__
+    ]  # fmt: skip
+
+
+def api_page(place: str, names: list[str], also: list[str] = []) -> str:  # noqa: B006
+    """The page of a package: what it is, and every name with its signature and docstring."""
+    module = importlib.import_module(place)
+    summary = inspect.cleandoc(module.__doc__ or "").split("\n\n")[0].replace("\n", " ")
+    parts = [place, "=" * len(place), "", re.sub(r"`([^`]+)`", r"``\1``", summary), ""]
+    if also:
+        links = ", ".join(f":py:obj:`stochvi.{name}`" for name in also)
+        parts += [f"Documented at the top of the package: {links}.", ""]
+    parts += [f".. currentmodule:: {place}", ""]
+    for name in names:
+        each = getattr(module, name)
+        if inspect.isclass(each):
+            parts += [f".. autoclass:: {name}", "   :members:", "   :exclude-members: model_config"]
+        elif callable(each):
+            parts += [f".. autofunction:: {name}"]
+        else:
+            parts += [f".. autodata:: {name}", "   :no-value:"]
+        parts += [""]
+    return "\n".join(parts)
+
+
+def scene_file_page() -> str:
+    """Every key of a scene file, from its schema: type, default, and meaning."""
+    schema = scene_schema()
+    parts = schema["$defs"]
+    text = [
+        "# The scene file",
+        "",
+        "A scene file is TOML. The tables below list every key; they are written from the code, as "
+        "is the schema that `stochvi schema` prints. `stochvi new` writes a scene with comments. "
+        "Keys in bold must be there; others have the default that is stated, or are one of several "
+        "ways to say the same.",
+        "",
+        "## The whole file",
+        "",
+        *table_of(schema),
+    ]
+    for heading, names in groups(parts).items():
+        text += ["", f"## {heading}"]
+        for name in names:
+            kind = parts[name]["properties"].get("kind", {}).get("const")
+            title = f'`kind = "{kind}"`' if kind else name_in_words(name)
+            text += ["", f"### {title}", "", parts[name]["description"], "", *table_of(parts[name])]
+    return "\n".join(text) + "\n"
+
+
+def groups(parts: Mapping[str, Any]) -> dict[str, list[str]]:
+    """The parts of a scene by what they are."""
+    found: dict[str, list[str]] = {
+        "Structures: `[structure]`": [], "Stops: `[[impact_pair]]`": ["ImpactPair"],
+        "Impact laws: `law`": [], "Excitations: `[[excitation]]`": [],
+        "Absorbers and vehicles: `[absorber]`, `[vehicle]`": [],
+    }  # fmt: skip
+    heads = list(found)
+    for name in parts:
+        kind = getattr(stochvi.scenes, name, None)
+        home = "" if kind is None else kind.__module__
+        if "structures" in home or ("rigid" in home and "impact_laws" not in home):
+            found[heads[0]].append(name)
+        elif "impact_laws" in home:
+            found[heads[2]].append(name)
+        elif "excitations" in home:
+            found[heads[3]].append(name)
+        elif name != "ImpactPair":
+            found[heads[0 if kind is None else 4]].append(name)
+    return found
+
+
+def name_in_words(name: str) -> str:
+    """The name of a class as words: ImpactPair, impact pair."""
+    return re.sub(r"(?<!^)(?=[A-Z])", " ", name).capitalize()
+
+
+def table_of(part: Mapping[str, Any]) -> list[str]:
+    """Rows of the keys of a part."""
+    rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
+    required = part.get("required", [])
+    for key, each in part["properties"].items():
+        name = f"**`{key}`**" if key in required else f"`{key}`"
+        default = each.get("default", "")
+        shown = "" if default in ("", [], None) or key == "kind" else f"`{default}`"
+        meaning = each.get("description", "").replace("|", "\\|").replace("*", "\\*")
+        rows.append(f"| {name} | {type_of(each)} | {shown} | {meaning} |")
+    return rows
+
+
+def type_of(schema: Mapping[str, Any]) -> str:
+    """A schema in words."""
+    if "const" in schema:
+        return f'`"{schema["const"]}"`'
+    if "enum" in schema:
+        return ", ".join(f'`"{each}"`' for each in schema["enum"])
+    if "$ref" in schema:
+        return "a table of keys"
+    for choice in ("anyOf", "oneOf"):
+        if choice in schema:
+            return " or ".join(dict.fromkeys(type_of(each) for each in schema[choice]))
+    if schema.get("type") == "array":
+        inner = schema.get("items") or (schema.get("prefixItems") or [{}])[0]
+        return f"list of: {type_of(inner)}"
+    limit = (
+        ", above 0"
+        if schema.get("exclusiveMinimum") == 0
+        else (", 0 or above" if schema.get("minimum") == 0 else "")
+    )
+    names = {
+        "number": "number",
+        "integer": "whole number",
+        "string": "text",
+        "boolean": "true or false",
+    }
+    return names.get(schema.get("type", ""), "any") + limit
+
+
+def study_pages() -> dict[str, str]:
+    """A page of each study, and one that shows the pictures and questions of all."""
+    found, listed = {}, []
+    for readme in sorted(STUDIES.glob("*/README.md")):
+        folder = readme.parent.name
+        text = readme.read_text(encoding="utf-8")
+        title = text.partition("\n")[0].removeprefix("# ")
+        question = re.search(r"\*\*Question\.\*\* (.*?)\n\n", text, re.DOTALL)
+        picture = f"../../../studies/{folder}/figure.png"
+        text = text.replace("](figure.png)", f"]({picture})")
+        found[f"studies/{folder}.md"] = f"{text}\nThe study lies in `studies/{folder}`.\n"
+        listed += [
+            f"## [{title}](studies/{folder}.md)", "",
+            " ".join(question[1].split()) if question else "", "",
+            f"![{title}]({picture.removeprefix('../')})", "",
+        ]  # fmt: skip
+    found["gallery.md"] = "\n".join([
+        "# Gallery of studies", "",
+        "Each study is a question, an answer with its error, the command that makes it, and its "
+        "numbers in `result.csv`. `make studies` makes all of them again.", "",
+        *listed, "```{toctree}", ":hidden:", ":glob:", "", "studies/*", "```", "",
+    ])  # fmt: skip
+    return found
+
+
+STUDIES = Path(__file__).parents[2] / "studies"
+"""The folder of studies."""
+
+METHODS: dict[str, Callable[[Any, Any], list[str]]] = {
+    "exact": lambda scene, model: closed_form.unmet(model),
+    "fokker_planck": lambda scene, model: fokker_planck.unmet(model),
+    "first_passage": lambda scene, model: fokker_planck.unmet_by_first_passage(model, None, None),
+    "transient": lambda scene, model: fokker_planck.unmet_by_transient(model),
+    "average": lambda scene, model: averaging.unmet(model),
+    "linearise": lambda scene, model: refusal(lambda: linearise(scene)),
+    "simulate": lambda scene, model: refusal(lambda: make_plan(model)),
+    "screen": lambda scene, model: refusal(lambda: stochvi.screen(scene)),
+}
+"""What each method says of a scene: the conditions that it does not meet."""
+
+
+def refusal(run: Callable[[], Any]) -> list[str]:
+    """The conditions by which a method refuses a scene."""
+    try:
+        run()
+    except NotApplicable as error:
+        return list(error.conditions)
+    except NotConverged as error:
+        return [str(error)]
+    return []
+
+
+def coverage_page() -> str:
+    """A table of the scenes that ship and the methods that cover them, and why others do not."""
+    folder = data_folder() / "scenes"
+    files = [*sorted(folder.glob("*.toml")), *sorted((folder / "zoo").glob("*.toml"))]
+    rows = []
+    reasons: dict[str, dict[str, dict[str, None]]] = {name: {} for name in METHODS}
+    for file in files:
+        scene = stochvi.load_scene(file)
+        model = model_of(scene)
+        cells = []
+        for name, ask in METHODS.items():
+            unmet = ask(scene, model)
+            cells.append("" if unmet else "yes")
+            for each in unmet:
+                reasons[name].setdefault(each.split(", got ")[0], {})[file.stem] = None
+        rows.append(f"| {file.stem} | {' | '.join(cells)} |")
+    text = [
+        "# Which method covers which scene",
+        "",
+        "Every scene that ships, and what each method says of it; the table is made from the "
+        'methods themselves. Where there is no "yes", a method refuses the scene in one of the '
+        "sentences below. `stochvi explain` says the same of a scene of your own. A method of this "
+        "table answers for the stationary motion, but `first_passage` and `transient`.",
+        "",
+        f"| scene | {' | '.join(f'`{name}`' for name in METHODS)} |",
+        f"|---|{'---|' * len(METHODS)}",
+        *rows,
+        "",
+        "## Why a method does not apply",
+    ]
+    for name, found in reasons.items():
+        text += ["", f"### `{name}`", ""]
+        text += [
+            f"- {each.replace('*', chr(92) + '*')} ({', '.join(list(scenes)[:3])}"
+            f"{f' and {len(scenes) - 3} more' if len(scenes) > 3 else ''})"
+            for each, scenes in found.items()
+        ] or ["It refuses none of these scenes."]  # fmt: skip
+    return "\n".join(text) + "\n"
+
+
+def escape_bars(
+    app: Sphinx, what: str, name: str, each: Any, options: Any, lines: list[str]
+) -> None:
+    """Let sizes as |x| in docstrings be what they are: a substitution is not meant."""
+    lines[:] = [
+        line if line.lstrip().startswith((">>>", "..")) else re.sub(r"\|(?![^`]*`)", r"\\|", line)
+        for line in lines
+    ]  # fmt: skip
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Write the pages when a build begins."""
+    app.connect("builder-inited", write_pages)
+    app.connect("autodoc-process-docstring", escape_bars, priority=900)  # after numpydoc
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
