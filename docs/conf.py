@@ -44,6 +44,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_execution_in_temp = True
 nb_merge_streams = True
+nb_output_stderr = "remove"  # progress of commands
 
 html_math_renderer = "mathml"
 html_theme = "furo"

@@ -24,8 +24,10 @@ from support.commands import Run
 
 README = CHECKOUT / "README.md"
 MANUAL = sorted(
-    page for page in (CHECKOUT / "docs").rglob("*.md") if not {"_build", "generated"} & set(page.parts)
-)  # fmt: skip
+    page
+    for page in (CHECKOUT / "docs").rglob("*.md")
+    if not {"_build", "generated"} & set(page.parts)
+)
 FENCE = re.compile(r"^(```+)([^\n`]*)\n(.*?)^\1$", flags=re.DOTALL | re.MULTILINE)
 
 LESS = {
