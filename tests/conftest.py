@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 from pathlib import Path
@@ -32,3 +33,27 @@ def stochvi(capsys: pytest.CaptureFixture[str]) -> Run:
         return Finished(stop.value.code, *capsys.readouterr())
 
     return run
+
+
+@pytest.fixture
+def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures are put together and left blank: to draw them is most of the time of a page."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_where, **_how: None)
+
+
+@pytest.fixture
+def short_review(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The report of a sizing simulates as little as it can, for tests of something else."""
+    from stochvi.isolators.sizing.motion import PathSettings
+    from stochvi.isolators.sizing.review import PeakSettings, ReviewSettings
+
+    short = functools.partial(
+        ReviewSettings,
+        path=PathSettings(periods=500),
+        peaks=PeakSettings(stiffness_ratios=(1000.0,), multiples=(3.0,), seconds=0.1),
+        closure_points=5,
+        clearances=2,
+        worst_case_share=0.05,
+        exceedance_share=0.05,
+    )
+    monkeypatch.setattr("stochvi.isolators.sizing.review.ReviewSettings", short)

@@ -105,6 +105,7 @@ def test_the_program_of_the_readme_prints_what_the_readme_says(tmp_path: Path) -
         assert number in text
 
 
+@pytest.mark.usefixtures("short_review", "blank_pictures")
 def test_commands_run_with_less_work(
     stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

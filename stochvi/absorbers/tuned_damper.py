@@ -142,7 +142,7 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
     ...     excitations=[WhiteNoise(intensity=0.04)],
     ... )
     >>> round(tuned_damper(tower, "x", 0.05).ratio, 2)
-    0.41
+    0.4
     """
     coordinates = structure.structure.coordinates
     row = coordinates.index(carrier)

@@ -137,9 +137,11 @@ def test_different_units_that_lose_nothing_share_energy() -> None:
         assert_agrees(response.impact_pairs["box 2"]["collision_rate"], rate)
 
 
-@rel_errors(0.2, 0.03)
-def test_different_units_that_lose_energy_keep_their_balances(rel_error: float) -> None:
-    response = simulate(two_different(0.5, 1), rel_error=rel_error)
+@pytest.mark.parametrize(
+    "how", [{"paths": 32}, pytest.param({"rel_error": 0.03}, marks=pytest.mark.verify)]
+)
+def test_different_units_that_lose_energy_keep_their_balances(how: dict[str, float]) -> None:
+    response = simulate(two_different(0.5, 1), **how)  # type: ignore[arg-type]
     assert response.identities
     for residual in response.identities.values():
         assert abs(residual.value) <= Z * residual.standard_error + (residual.bias or 0.0)
@@ -293,13 +295,13 @@ def test_levels_raise_what_shakes_and_leave_loads() -> None:
     assert load.force == 1.0
 
 
-@rel_errors(0.06, 0.01)
+@rel_errors(0.15, 0.01)
 def test_an_absorber_that_loses_nothing_shares_energy_and_does_not_help(rel_error: float) -> None:
     """E v1^2 = theta / m1, m2 E v2^2 = theta; the relative position is uniform in the box."""
     scene = Scene(
-        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        structure=Oscillator(mass=1.0, damping=0.2, stiffness=1.0),
         absorber=Absorber(mass=0.1, play=2.0, law=Restitution(coefficient=1.0)),
-        excitations=[WhiteNoise(intensity=0.2)],
+        excitations=[WhiteNoise(intensity=0.4)],
     )
     (found,) = absorber(scene, levels_db=[0.0], rel_error=rel_error).performances
     assert_agrees(found.ratio, 1.0)
@@ -310,7 +312,9 @@ def test_an_absorber_that_loses_nothing_shares_energy_and_does_not_help(rel_erro
     assert_agrees(found.response.coordinates["absorber"]["velocity_mean_square"], 10.0)
     assert found.absorbed_share is not None and found.absorbed_share.value == 0.0
     # negative control: the same claim of a box that loses energy
-    (lossy,) = absorber(boxed(2.0, 0.8), levels_db=[0.0], rel_error=rel_error).performances
+    losing = scene.absorber.model_copy(update={"law": Restitution(coefficient=0.5)})
+    scene = scene.model_copy(update={"absorber": losing})
+    (lossy,) = absorber(scene, levels_db=[0.0], rel_error=rel_error).performances
     with pytest.raises(AssertionError):
         assert_agrees(lossy.ratio, 1.0)
 
@@ -459,7 +463,7 @@ def assert_balanced(number: int, **work: float) -> None:
 
 @pytest.mark.parametrize("number", range(4))
 def test_random_absorbers_keep_their_balances(number: int) -> None:
-    assert_balanced(number, paths=64)
+    assert_balanced(number, paths=32)
 
 
 @pytest.mark.verify
@@ -468,7 +472,7 @@ def test_more_random_absorbers_keep_their_balances(number: int) -> None:
     assert_balanced(number, rel_error=0.03)
 
 
-@rel_errors(0.1, 0.02)
+@rel_errors(0.2, 0.02)
 def test_a_level_acts_like_the_size_of_the_box(rel_error: float) -> None:
     """Without a length of its own the system scales: +6.02 dB is half the play."""
     twice = 20.0 * math.log10(2.0)
@@ -558,7 +562,7 @@ def test_a_design_takes_off_the_absorber_that_is_there() -> None:
 
 def test_noise_does_not_make_an_absorber_harmful() -> None:
     """A box that does nothing is said to be worse in one run of some 30 000."""
-    found = absorber(boxed(3.0, 1.0, mass=0.1), levels_db=[0.0], rel_error=0.1)
+    found = absorber(boxed(3.0, 0.5), levels_db=[0.0], rel_error=0.3)
     for seed in range(200):
         random = np.random.default_rng(seed)
         central = found.performances[0]
@@ -689,7 +693,8 @@ def test_the_command_tells_the_verdict_first(tmp_path) -> None:
     )
     runner = CliRunner()
     common = ["--rel-error", "0.1", "--levels", "0,3"]
-    result = runner.invoke(main, ["absorber", str(file), *common, "--out", str(tmp_path)])
+    asked = ["absorber", str(file), *common, "--json", "-", "--out", str(tmp_path)]
+    result = runner.invoke(main, asked)
     assert result.exit_code == 0, result.output
     assert "a mass of 10 % of the structure: rms displacement 0.4" in result.output
     assert (tmp_path / "absorber.png").stat().st_size > 0
@@ -697,7 +702,6 @@ def test_the_command_tells_the_verdict_first(tmp_path) -> None:
     plain = page.replace("\u00a0", " ")
     assert plain.index("A mass of 10 % of the structure") < plain.index("Motion of the structure")
     assert "Balance of energy" in page and "http" not in page.replace("http://www.w3.org", "")
-    result = runner.invoke(main, ["absorber", str(file), *common, "--json", "-"])
     document = json.loads(result.stdout)
     assert document["method"] == "absorber" and len(document["levels"]) == 2
     half, own = document["play_curve"]

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from stochvi.isolators.screening import screen
+from stochvi.isolators.sizing import sensitivity
 from stochvi.isolators.sizing.answer import Sizing, spoken_percent
 from stochvi.isolators.sizing.method import size
 from stochvi.scenes.scene import load_scene
@@ -29,7 +30,15 @@ def time_for_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("stochvi.cli.options.GRACE_SECONDS", 600.0)
 
 
-def test_the_clearance_and_what_three_sigma_buys(stochvi: Run, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def by_python() -> Sizing:
+    return size(load_scene(ISOLATOR), probability=0.05, mission=600.0, rel_error=0.2, threads=1)
+
+
+@pytest.mark.usefixtures("short_review")
+def test_the_clearance_and_what_three_sigma_buys(
+    stochvi: Run, tmp_path: Path, by_python: Sizing
+) -> None:
     done = stochvi(
         "size", ISOLATOR, "--probability", "0.05", *ROUGH, "--json", "-", "--out", tmp_path
     )  # fmt: skip
@@ -45,9 +54,6 @@ def test_the_clearance_and_what_three_sigma_buys(stochvi: Run, tmp_path: Path) -
     told = " ".join(done.err.split())
     assert told.count("the standard error of the last digits, 607(20) is 607 +- 20") == 1
     assert told.count("impacts above the speed threshold alone") == 1
-    by_python = size(
-        load_scene(ISOLATOR), probability=0.05, mission=600.0, rel_error=0.2, threads=1
-    )
     assert clearance["value"] == by_python.clearance.value
     for name in ("risk.csv", "required.csv", "hits.csv", "size.json"):
         assert (tmp_path / name).stat().st_size > 0
@@ -68,7 +74,15 @@ unit = "g2/Hz"
 """
 
 
-def test_a_changed_scene_stands_beside_it(stochvi: Run, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("short_review", "blank_pictures")
+def test_a_changed_scene_stands_beside_it(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    every = sensitivity.variations
+    monkeypatch.setattr(
+        sensitivity, "variations",
+        lambda sizing: [case for case in every(sizing) if case[0] in ("none", "level +3 dB")],
+    )  # fmt: skip
     scene = tmp_path / "white.toml"
     scene.write_text(WHITE, encoding="utf-8")
     done = stochvi(
@@ -82,6 +96,7 @@ def test_a_changed_scene_stands_beside_it(stochvi: Run, tmp_path: Path) -> None:
     assert list(pd.read_csv(tmp_path / "sensitivity.csv")["change"]) == changes
 
 
+@pytest.mark.usefixtures("short_review", "blank_pictures")
 def test_another_report_is_not_replaced(stochvi: Run, tmp_path: Path) -> None:
     """Refused before the work; --force replaces it."""
     asked = ("--probability", "0.05", *ROUGH, "--out", tmp_path / "out")
@@ -112,8 +127,8 @@ def test_tolerances_that_are_not_are_refused(stochvi: Run, text: str) -> None:
     assert done.code == 2 and "toleranc" in done.err
 
 
-def test_the_picture_holds_rice_three_sigma_and_the_answer() -> None:
-    sizing = size(load_scene(ISOLATOR), probability=0.05, mission=600.0, rel_error=0.2)
+def test_the_picture_holds_rice_three_sigma_and_the_answer(by_python: Sizing) -> None:
+    sizing = by_python
     ax = plot_risk(sizing)
     rice, risk, three, answer = ax.get_lines()[:4]
     assert (risk.get_ydata() <= rice.get_ydata() + 0.02).all()  # type: ignore[operator]

@@ -1,6 +1,7 @@
 """What a sizing hangs on: scaling laws, and inputs that are not Gaussian."""
 
 import math
+from itertools import islice
 from types import SimpleNamespace
 from typing import Any
 
@@ -62,6 +63,7 @@ def test_a_case_that_fails_is_a_row_that_says_so(
     on_a_truck: tuple[Sizing, pd.DataFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sizing, known = on_a_truck
+    first = list(islice(variations(sizing), 4))
     tried: list[Scene] = []
 
     def fails_once(scene: Scene, *asked: Any, **how: Any) -> RiskCurve:
@@ -71,11 +73,14 @@ def test_a_case_that_fails_is_a_row_that_says_so(
         return risk_curve(scene, *asked, **how)
 
     monkeypatch.setattr(method, "risk_curve", fails_once)
+    monkeypatch.setattr(method, "variations", lambda _sizing: first)
+    monkeypatch.setattr(method, "_not_gaussian", lambda *_how: [])
     table = sensitivity(sizing, seed=1).set_index("change")
     (failed,) = table.index[table["note"] != ""]
     assert table.loc[failed, "note"] == "the budget of 1 s ended in this case"
     assert math.isnan(table.loc[failed, "clearance"])
-    pd.testing.assert_frame_equal(table.drop(failed), known.drop(failed))
+    assert len(table) == 4
+    pd.testing.assert_frame_equal(table.drop(failed), known.loc[table.index].drop(failed))
     assert not known["note"].any()
 
 

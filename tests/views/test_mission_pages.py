@@ -29,6 +29,7 @@ def page_in(folder: Path) -> str:
     return (folder / "report.html").read_text("utf-8").replace("\u00a0", " ")
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_a_replay_has_a_page_that_names_its_record(stochvi: Run, tmp_path: Path) -> None:
     scene, record = tmp_path / "box.toml", tmp_path / "record.csv"
     lines = [f"{n / 500:.3f},{9.0 * math.sin(75.0 * n / 500):.5f}" for n in range(1500)]
@@ -52,6 +53,7 @@ def test_a_replay_has_a_page_that_names_its_record(stochvi: Run, tmp_path: Path)
     assert "at 1.000 mm" in page_in(out) and "at 3.000 mm" in page_in(out)
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_a_reliability_has_a_page_with_its_chances(stochvi: Run, tmp_path: Path) -> None:
     scene = tmp_path / "box.toml"
     scene.write_text(MOUNT + 'kind = "white"\ndensity = 0.002\nunit = "g2/Hz"\n')

@@ -17,7 +17,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.axes import Axes
 
 from stochvi import (
     ConstantLoad,
@@ -38,7 +37,7 @@ from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.scene import Scene
 from stochvi.views.column_units import named_with_units
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
-from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown
+from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
 from stochvi.views.report.sizing import clearance_page, write_report
 from stochvi.views.sizing import plot_input
 from stochvi.views.words import G, chance_of_stops
@@ -131,18 +130,6 @@ def page_of(found: Review) -> Page:
 @pytest.fixture(scope="module")
 def html(folder: Path) -> str:
     return (folder / "report.html").read_text("utf-8")
-
-
-@pytest.fixture
-def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drawing is most of the time, and not at stake."""
-
-    def blank(ax: Axes, caption: str) -> Picture:
-        plt.close("all")
-        return Picture(uri="data:image/svg+xml;base64,", caption=caption)
-
-    for module in ("sizing", "environment", "stops"):
-        monkeypatch.setattr(f"stochvi.views.report.{module}.shown", blank)
 
 
 # The page ---------------------------------------------------------------------------------
@@ -295,17 +282,17 @@ def test_peaks_on_the_page_are_those_of_its_table(folder: Path, html: str) -> No
     assert 1.0 < own["rms_amplification"].iloc[0] < 1.1 < own["peak_amplification"].iloc[0]
 
 
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("blank_pictures", "short_review")
 def test_a_rigid_stop_has_no_table_of_peak_accelerations(folder: Path, tmp_path: Path) -> None:
     sizing = sizing_of(scene_between_stops(Restitution(coefficient=0.5)), paths=64)
-    write_report(review(sizing, settings=QUICK), tmp_path)
+    write_report(review(sizing), tmp_path)
     missing = {path.name for path in folder.iterdir()} - {path.name for path in tmp_path.iterdir()}
     assert missing == {"peaks.csv"}
     document = json.loads((tmp_path / "size.json").read_text("utf-8"))
     assert document["review"]["peaks"] is None
 
 
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("blank_pictures")
 def test_what_the_scene_lacks_is_left_out(tmp_path: Path) -> None:
     bare = review_of(noise=WhiteNoise(density=1e-3, unit="g2/Hz"))
     reader = read(write_report(bare, tmp_path).read_text("utf-8"))
@@ -314,7 +301,7 @@ def test_what_the_scene_lacks_is_left_out(tmp_path: Path) -> None:
     assert not (tmp_path / "evidence.csv").exists()
 
 
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("blank_pictures")
 def test_warnings_stand_above_the_evidence() -> None:
     """A mount below its profile: the linear response misleads."""
     mount = Isolator(frequency_hz=8.0, zeta=0.1)
@@ -391,7 +378,7 @@ def facts(section: Section) -> dict[str, tuple[str, str]]:
     return {fact.name: (fact.value, fact.remark) for fact in section.facts}
 
 
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("blank_pictures")
 def test_the_base_moves_as_its_density_says() -> None:
     """G = a f^2 from a road: velocity white, displacement falling as f^-2; all by hand."""
     low, high, speed = 0.5, 40.0, 20.0
@@ -421,7 +408,7 @@ def test_sag_moves_the_stops_and_is_told(sizing: Sizing, reviewed: Review) -> No
     assert "for information" in remark
 
 
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("blank_pictures")
 @pytest.mark.parametrize(("contradicts", "judged"), [(True, True), (False, False), (False, True)])
 def test_a_record_that_does_not_agree_has_the_first_card(
     reviewed: Review, contradicts: bool, judged: bool
@@ -440,7 +427,7 @@ def test_a_record_that_does_not_agree_has_the_first_card(
     assert page.verdict.startswith("THE RECORD") == doubtful
 
 
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("blank_pictures")
 def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
     target = Target(name="peak_acceleration", value=30.0 / G, unit="m/s^2", exceedance=0.01)
     sizing = replace(reviewed.sizing, target=target)
@@ -457,7 +444,7 @@ def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
     assert "already there" in said and "none of 9 bursts" in said
 
 
-@pytest.mark.usefixtures("no_pictures")
+@pytest.mark.usefixtures("blank_pictures")
 def test_stops_beyond_the_curve_have_a_chance_under_its_end(
     sizing: Sizing, reviewed: Review
 ) -> None:
@@ -471,6 +458,7 @@ def test_stops_beyond_the_curve_have_a_chance_under_its_end(
     assert told == f"under {spoken_percent(last)}"
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_filtered_noise_on_a_base_is_told_before_its_resonance() -> None:
     noise = FilteredNoise(density=2.0, unit="(m/s2)2/Hz", frequency_hz=8.0, zeta=0.2)
     scene = scene_between_stops(law=None, noise=noise)
@@ -484,6 +472,7 @@ def test_filtered_noise_on_a_base_is_told_before_its_resonance() -> None:
     assert "before a resonance at 8 Hz with a damping ratio of 0.2" in remark
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_other_excitations_are_told_with_their_units() -> None:
     scene = scene_between_stops(law=None)
     more = scene.model_copy(update={"excitations": (*scene.excitations, ConstantLoad(force=-3.0))})

@@ -106,7 +106,7 @@ def clatter(
     >>> truck = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
     >>> mount = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
     >>> scene = Scene(structure=mount, impact_pairs=[stops], excitations=[truck])
-    >>> row = clatter(scene, [6e-3], rel_error=0.05).iloc[0]
+    >>> row = clatter(scene, [6e-3], rel_error=0.1).iloc[0]
     >>> bool(1.0 < row["rms_amplification"] < 1.1 and 4.0 < row["peak_amplification"] < 6.0)
     True
     """

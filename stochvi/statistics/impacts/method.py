@@ -160,7 +160,7 @@ def impacts(
     ...     impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0))],
     ...     excitations=[WhiteNoise(intensity=0.2)],
     ... )
-    >>> found = impacts(scene).pairs["stops"].rates["both"].estimate
+    >>> found = impacts(scene, paths=4096).pairs["stops"].rates["both"].estimate
     >>> abs(found.value - 0.2828) < 4.5 * found.standard_error + 1e-4
     True
     """

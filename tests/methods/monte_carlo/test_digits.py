@@ -26,13 +26,6 @@ CASES = [
 """A small kernel, and scenes that between them call for every plan of `make_plan`."""
 
 
-def test_a_process_that_loads_a_kernel_finds_the_digits_of_the_one_that_compiled_it(
-    tmp_path: Path,
-) -> None:
-    compiled = digits_of_a_process([IMPACTS], tmp_path)
-    assert digits_of_a_process([IMPACTS], tmp_path) == compiled
-
-
 @pytest.mark.verify
 def test_processes_that_load_all_kernels_find_the_digits_of_the_one_that_compiled_them(
     tmp_path: Path,
