@@ -67,24 +67,30 @@ def screen(options: Common, scene: str) -> None:
 @click.option("--rel-error", type=float, default=0.02, show_default=True, help="Of Monte Carlo.")
 @common("budget", "seed", "threads", "json", "out", "quiet")
 def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
-    """Hit rate of an isolator against clearance: Rice, closure, Monte Carlo."""
-    from stochvi.isolators.screening import (
-        clearance_curve,
-        clearance_notes,
-        predicted_curve,
-        screen_isolator,
-    )
+    """Hit rate against clearance, pair by pair: Rice, closure, Monte Carlo."""
+    import numpy as np
+
+    from stochvi.isolators.screening import clearance_curve, clearance_notes, predicted_curve
+    from stochvi.isolators.screening import screen as solve
+    from stochvi.isolators.structure_screening import StructureScreening
     from stochvi.results.base import plain
     from stochvi.scenes.scene import load_scene
-    from stochvi.views.files import write_clearance
+    from stochvi.views.files import write_clearance, write_pairs_clearance
     from stochvi.views.isolator_tables import print_clearance, print_record
 
     loaded = load_scene(scene)
-    linear = screen_isolator(loaded)
+    linear = solve(loaded)
+    several = isinstance(linear, StructureScreening)
+    if isinstance(linear, StructureScreening):
+        stds: Any = {name: gap.displacement_std for name, gap in linear.impact_pairs.items()}
+        record, notes = None, linear.notes
+        places = np.transpose([lengths("--gaps", gaps, plain=std) for std in stds.values()])
+    else:
+        record, stds = linear.record, linear.displacement_std
+        places = np.array(lengths("--gaps", gaps, plain=linear.displacement_std))
+        notes = clearance_notes(loaded, linear, places.tolist())
     if not options.quiet:
-        print_record(options.console, linear.record)
-    places = lengths("--gaps", gaps, plain=linear.displacement_std)
-    notes = clearance_notes(loaded, linear, places)
+        print_record(options.console, record)
 
     def simulated() -> pd.DataFrame:
         with options.progress("clearance") as report:
@@ -95,19 +101,21 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     def show(curve: pd.DataFrame) -> None:
         document = {
             "method": "clearance",
-            "displacement_std": linear.displacement_std,
+            "displacement_std": stds,
             "curve": plain(curve),
             "notes": notes,
-            "record": plain(linear.record),
+            "record": plain(record),
         }
         options.show(
             curve, lambda console, each: print_clearance(console, each, notes), None, document
         )
-        if options.out is not None:
+        if options.out is not None and several:
+            write_pairs_clearance(curve, loaded.title, options.out)
+        elif options.out is not None:
             write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
 
     shown(simulated, show)
-    fail_unless_gaussian(linear.record)
+    fail_unless_gaussian(record)
 
 
 @main.command()

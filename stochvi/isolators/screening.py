@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
 from stochvi.isolators.structure_screening import StructureScreening, screen_structure
@@ -28,6 +30,9 @@ from stochvi.results.estimates import Estimate, provenance
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.scene import ImpactPair, Scene
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 SMOOTH_POINTS = 31
 """Number of clearances of a smooth curve of hit rates."""
@@ -196,9 +201,25 @@ def clearance_notes(
     return (*linear.notes, sag)
 
 
+def with_clearances(scene: Scene, clearances: Vector) -> Scene:
+    """The same scene with the stops of each pair at a distance (pairs,) from its mean gap, m."""
+    model, whole = model_of(scene), scene.expanded
+    means = model.modal.gaps @ model.modal.rest
+    pairs = [
+        pair.model_copy(
+            update={
+                "lower": None if pair.lower is None else float(mean - clearance),
+                "upper": None if pair.upper is None else float(mean + clearance),
+            }
+        )
+        for pair, mean, clearance in zip(whole.impact_pairs, means, clearances, strict=True)
+    ]
+    return whole.model_copy(update={"impact_pairs": tuple(pairs)})
+
+
 def clearance_curve(
     scene: Scene,
-    clearances: Sequence[float],
+    clearances: Sequence[float] | Matrix,
     *,
     rel_error: float = 0.02,
     seed: int = 0,
@@ -211,16 +232,19 @@ def clearance_curve(
     Parameters
     ----------
     scene
-        An isolator with one impact pair, whose laws are kept while its stops move.
+        An isolator with one impact pair, or a structure of several coordinates or pairs, whose laws
+        are kept while all stops move together.
     clearances
-        Metres per side from the mean position.
+        Metres per side from the mean position; of several pairs, of all of them, or a row (pairs,)
+        each.
 
     Returns
     -------
     pandas.DataFrame
-        One row per clearance (m, and in sigma of the linear response): hits per second on both
-        sides by `rice`, `closure` and `simulated`, the last with its 95 % interval
-        (`simulated_low`, `simulated_high`), and rms displacement and mean impact speed.
+        One row per clearance, and per pair where there are several (m, and in sigma of the linear
+        response): hits per second on both sides by `rice`, `closure` and `simulated`, the last with
+        its 95 % interval (`simulated_low`, `simulated_high`), and the mean impact speed; of one
+        oscillator the rms displacement, too, of several pairs the name of the `pair`.
 
     Raises
     ------
@@ -231,34 +255,34 @@ def clearance_curve(
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
     check_arguments(rel_error, None, None, seed, None, budget, threads)
-    if any(not 0.0 < clearance < math.inf for clearance in clearances):
-        raise ValueError(f"clearances must be positive, got {list(clearances)} m")
-    linear = screen_isolator(scene)
-    rows: list[dict[str, float]] = []
+    places = np.asarray(clearances, dtype=float)
+    if not np.all((places > 0.0) & np.isfinite(places)):
+        raise ValueError(f"clearances must be positive, got {places.tolist()} m")
+    cases = _cases(scene, places) if model_of(scene).single else _cases_of_pairs(scene, places)
+    rows: list[dict[str, float | str]] = []
     short: list[str] = []
     deadline = Deadline.after(budget)
     with heeding_ctrl_c():
-        for number, clearance in enumerate(clearances):
-            stopped = with_clearance(scene, clearance)
+        for number, case in enumerate(cases):
             simulated = None
 
             def report(done: float, text: str, number: int = number) -> None:
                 if progress:
-                    progress((number + done) / len(clearances), text)
+                    progress((number + done) / len(cases), text)
 
             try:
                 if not deadline.passed():
                     simulated = simulate(
-                        stopped, rel_error=rel_error, seed=seed, threads=threads, progress=report,
-                        budget=deadline.part(1.0 / (len(clearances) - number)),
+                        case.scene, rel_error=rel_error, seed=seed, threads=threads,
+                        progress=report, budget=deadline.part(1.0 / (len(cases) - number)),
                     )  # fmt: skip
                 else:
-                    short.append(f"{1e3 * clearance:.4g} mm")
+                    short.append(case.words)
             except (NotConverged, Interrupted) as reason:
                 simulated = reason.response
-                short.append(f"{1e3 * clearance:.4g} mm")
+                short.append(case.words)
             if simulated is not None:
-                rows.append(_row(linear, stopped, clearance, simulated))
+                rows += case.rows(simulated)
     curve = pd.DataFrame(rows)
     if short:
         raise deadline.fell_short(
@@ -269,22 +293,84 @@ def clearance_curve(
     return curve
 
 
+class _Case(NamedTuple):
+    """Stops at one clearance: in words, the scene, and the rows that a simulation of it gives."""
+
+    words: str
+    scene: Scene
+    rows: Callable[[Response], list[dict[str, float | str]]]
+
+
+def _cases(scene: Scene, clearances: Vector) -> list[_Case]:
+    """The stops of one oscillator, at one clearance after the other."""
+    linear = screen_isolator(scene)
+
+    def case(clearance: float) -> _Case:
+        stopped = with_clearance(scene, clearance)
+        words = f"{1e3 * clearance:.4g} mm"
+        return _Case(words, stopped, lambda found: [_row(linear, stopped, clearance, found)])
+
+    return [case(float(clearance)) for clearance in clearances]
+
+
+def _cases_of_pairs(scene: Scene, clearances: Matrix) -> list[_Case]:
+    """The stops of all pairs, moved together."""
+    linear = screen_structure(scene)
+    gaps = linear.impact_pairs
+    rows = clearances[:, None] if clearances.ndim == 1 else clearances
+    places = np.broadcast_to(rows, (len(rows), len(gaps)))
+
+    def case(place: Vector) -> _Case:
+        stopped = with_clearances(scene, place)
+        sizes = dict.fromkeys(f"{1e3 * each:.4g}" for each in place)
+
+        def rows(found: Response) -> list[dict[str, float | str]]:
+            closure = _closure_rates(stopped)
+            return [
+                {
+                    "pair": name,
+                    "clearance": float(each),
+                    "clearance_in_sigma": float(each) / gap.displacement_std
+                    if gap.displacement_std
+                    else np.nan,
+                    "rice": gap.rate_at(float(each)),
+                    "closure": closure.get(name, np.nan),
+                    **_simulated(found, name),
+                }
+                for (name, gap), each in zip(gaps.items(), place, strict=True)
+            ]
+
+        return _Case(f"{', '.join(sizes)} mm", stopped, rows)
+
+    return [case(place) for place in places]
+
+
+def _simulated(found: Response, pair: str) -> dict[str, float | str]:
+    """What a simulation says of the hits of a pair."""
+    hits = found.impact_pairs[pair]
+    low, high = _interval(hits["collision_rate"])
+    return {
+        "simulated": _value(hits["collision_rate"]),
+        "simulated_low": low,
+        "simulated_high": high,
+        "impact_speed_mean": _value(hits["impact_speed_mean"]),
+    }
+
+
 def _row(
     linear: Screening, stopped: Scene, clearance: float, simulated: Response
-) -> dict[str, float]:
+) -> dict[str, float | str]:
     """A row of `clearance_curve`."""
-    hits = simulated.impact_pairs[stopped.impact_pairs[0].name]
-    low, high = _interval(hits["collision_rate"])
+    found = _simulated(simulated, stopped.impact_pairs[0].name)
+    speed = found.pop("impact_speed_mean")
     return {
         "clearance": clearance,
         "clearance_in_sigma": clearance / linear.displacement_std,
         "rice": linear.rice_rate(clearance),
         "closure": _closure_rate(stopped),
-        "simulated": _value(hits["collision_rate"]),
-        "simulated_low": low,
-        "simulated_high": high,
+        **found,
         "displacement_std": _value(simulated.coordinates["x"]["displacement_std"]),
-        "impact_speed_mean": _value(hits["impact_speed_mean"]),
+        "impact_speed_mean": speed,
     }
 
 
@@ -311,10 +397,16 @@ def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
 
 
 def _closure_rate(scene: Scene) -> float:
+    return _closure_rates(scene).get(scene.impact_pairs[0].name, np.nan)
+
+
+def _closure_rates(scene: Scene) -> dict[str, float]:
+    """Hits per second on each pair by the moment closure; none where it finds no solution."""
     try:
-        return _value(linearise(scene).impact_pairs[scene.impact_pairs[0].name]["collision_rate"])
+        found = linearise(scene).impact_pairs
     except NotConverged:
-        return np.nan
+        return {}
+    return {name: _value(hits["collision_rate"]) for name, hits in found.items()}
 
 
 def _value(estimate: Estimate | float | None) -> float:

@@ -69,6 +69,12 @@ class GapScreening:
     stops: Mapping[str, float]
     rice_rate: float
 
+    def rate_at(self, clearance: float) -> float:
+        """Hits per second on the stops of the pair, each at this distance from the mean gap, m, as
+        if hits changed nothing (Rice)."""
+        place, speed = self.displacement_std, self.velocity_std
+        return len(self.stops) * rice_rate(clearance, place, speed) if place else 0.0
+
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class StructureScreening(Result):

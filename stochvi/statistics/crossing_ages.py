@@ -189,20 +189,12 @@ def _columns(levels: Vector, like: Vector) -> Vector:
 Ages_co = TypeVar("Ages_co", bound=CrossingAges, covariant=True)
 
 
-class Plan(Protocol):
-    """How records are made: so many paths together."""
-
-    @property
-    def block(self) -> int:
-        """Number of paths that are made together."""
-
-
 class Source(Protocol[Ages_co]):
     """Records with crossings put into them, a block of paths at a time."""
 
     @property
-    def plan(self) -> Plan:
-        """Synthesis of the records."""
+    def together(self) -> int:
+        """Number of paths that are made together."""
 
     def ages(self, first_path: int) -> NDArray[np.float32]:
         """Of the crossings in one block of paths, (strides, sides, levels, paths, records)."""
@@ -221,7 +213,7 @@ def until_accurate(
     progress: Progress | None,
 ) -> Ages_co:
     """As many paths as a pilot finds necessary for `rel_error`, see `first_crossings`."""
-    block = records.plan.block
+    block = records.together
     with crew_of(executor, threads) as crew:
         pilot = [records.ages(PILOT)]
         started, deadline = time.time(), Deadline.after(budget)  # compilation is over

@@ -235,6 +235,11 @@ class Records:
         self.starts = np.arange(0, max(plan.samples - self.count, 1), self.count)
 
     @property
+    def together(self) -> int:
+        """Number of paths that are made together."""
+        return self.plan.block
+
+    @property
     def horizon(self) -> float:
         """How far records look back, s."""
         return self.count * self.plan.step
@@ -278,7 +283,7 @@ class Records:
     def _looking_back(self) -> Vector:
         """`shape` at times before the crossing: rho and eta' are even in time, rho' and eta odd."""
         back = self.shape[: self.count + 1] * [1.0, -1.0, -1.0, 1.0]
-        return np.ascontiguousarray(back[:, None, :])
+        return back[None]
 
     def ages(self, first_path: int) -> NDArray[np.float32]:
         """Of the crossings in one block of paths, (strides, sides, levels, paths, starts)."""

@@ -45,6 +45,10 @@ STARTS = 4096
 its standard error is then below 1 %."""
 
 
+SIDES_WITH_ALL = 4
+"""Number of stops up to which each has as many crossings in a record as fit into it; of more stops
+each has fewer, in proportion."""
+
 ROUNDING = 1e-12
 """Share of its own variance that is added to each gap, so that rounding error leaves the covariance
 of gaps that are one motion without negative eigenvalues."""
@@ -95,19 +99,18 @@ class PairCrossings(CrossingAges):
         total = found.sum(axis=1, keepdims=True)
         return np.asarray(np.divide(found, total, out=np.zeros_like(found), where=total > 0.0))
 
-    def of_one(self) -> FirstCrossings:
-        """The same where there is one pair only."""
-        (deviation,), (speed,) = self.displacement_std, self.velocity_std
+    def of_one(self, pair: int) -> FirstCrossings:
+        """The same where one pair alone has stops."""
         return FirstCrossings(
             outside=self.outside,
             horizon=self.horizon,
             interval=self.interval,
             rice_rates=self.rice_rates,
             ages=self.ages,
-            lower=self.lower[:, 0],
-            upper=self.upper[:, 0],
-            displacement_std=float(deviation),
-            velocity_std=float(speed),
+            lower=self.lower[:, pair],
+            upper=self.upper[:, pair],
+            displacement_std=float(self.displacement_std[pair]),
+            velocity_std=float(self.velocity_std[pair]),
         )
 
 
@@ -165,17 +168,71 @@ def pair_crossings(
     >>> abs(rate.value - 0.0018091405) < 4.5 * rate.standard_error + rate.bias
     True
     """
-    model = model_of(scene)
-    below, above = own_distances(model)
-    levels = max(
-        (len(np.atleast_2d(each)) for each in (lower, upper) if each is not None), default=1
+    return PairMotion(model_of(scene)).crossings(
+        lower, upper, mission, rel_error, seed, threads, executor, budget, progress
     )
-    below, above = (
-        np.broadcast_to(own if each is None else np.asarray(each, float), (levels, len(own)))
-        for each, own in ((lower, below), (upper, above))
-    )
-    records = GapRecords(model, seed, below, above)
-    return until_accurate(records, mission, rel_error, threads, executor, budget, progress)
+
+
+class PairMotion:
+    """The motion of all gaps of a model without stops, from which crossings of stops at any places
+    are looked back from.
+
+    Parameters
+    ----------
+    model
+        A linear structure with impact pairs under Gaussian noise.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.directions = np.array([pair.direction for pair in model.pairs])
+        self.displacement_std, self.velocity_std = free_motion(model).deviations(self.directions)
+
+    @cached_property
+    def moving(self) -> NDArray[np.int64]:
+        """Numbers of the pairs whose gaps move: others are never hit."""
+        (found,) = np.nonzero(self.displacement_std)
+        if not len(found):
+            raise NotApplicable("first_crossings", ["excitation must move a gap of a pair"])
+        return found
+
+    @cached_property
+    def response(self) -> GapResponse:
+        """Synthesis of the gaps that move."""
+        return crossing_response(self.model, self.directions[self.moving])
+
+    @cached_property
+    def count(self) -> int:
+        """Number of samples that records look back: a multiple of every stride."""
+        steps = memory_of(self.response) / self.response.step / max(STRIDES)
+        return max(STRIDES) * math.ceil(steps)
+
+    @cached_property
+    def correlations(self) -> NDArray[np.float64]:
+        """See `GapResponse.correlations`."""
+        return self.response.correlations(self.count)
+
+    def crossings(
+        self,
+        lower: ArrayLike | None,
+        upper: ArrayLike | None,
+        mission: float,
+        rel_error: float,
+        seed: int = 0,
+        threads: int | None = None,
+        executor: Executor | None = None,
+        budget: float | None = None,
+        progress: Progress | None = None,
+    ) -> PairCrossings:
+        """First hits at many levels, see `pair_crossings`."""
+        own = own_distances(self.model)
+        given = [
+            np.atleast_2d(np.asarray(each if each is not None else place, dtype=float))
+            for each, place in zip((lower, upper), own, strict=True)
+        ]
+        below, above = np.broadcast_arrays(*given)
+        records = GapRecords(self, seed, below, above)
+        return until_accurate(records, mission, rel_error, threads, executor, budget, progress)
 
 
 def own_distances(model: Model) -> tuple[Vector, Vector]:
@@ -216,38 +273,38 @@ def memory_of(plan: GapResponse) -> float:
 
 
 class GapRecords:
-    """Stationary records of all gaps, and the crossings of stops that are put into them.
+    """Stationary records of all gaps that have stops, and the crossings that are put into them."""
 
-    Gaps that do not move are left out: they are never hit.
-    """
-
-    def __init__(self, model: Model, seed: int, lower: Matrix, upper: Matrix) -> None:
+    def __init__(self, motion: PairMotion, seed: int, lower: Matrix, upper: Matrix) -> None:
+        names = [pair.name for pair in motion.model.pairs]
         if not (np.all(lower > 0.0) and np.all(upper > 0.0)):
-            worst = int(np.argmin(np.minimum(lower, upper).min(axis=0)))
+            worst = names[int(np.argmin(np.minimum(lower, upper).min(axis=0)))]
             raise NotApplicable(
-                "first_crossings",
-                [f"the mean gap of {model.pairs[worst].name} must lie between its stops"],
+                "first_crossings", [f"the mean gap of {worst} must lie between its stops"]
             )
-        self.model, self.seed, self.lower, self.upper = model, seed, lower, upper
-        directions = np.array([pair.direction for pair in model.pairs])
-        self.displacement_std, self.velocity_std = free_motion(model).deviations(directions)
-        (self.moving,) = np.nonzero(self.displacement_std)
-        if not len(self.moving):
-            raise NotApplicable("first_crossings", ["excitation must move a gap of a pair"])
-        self.plan = crossing_response(model, directions[self.moving])
-        # a multiple of every stride
-        steps = memory_of(self.plan) / self.plan.step / max(STRIDES)
-        self.count = max(STRIDES) * math.ceil(steps)
-        self.starts = np.arange(0, max(self.plan.samples - self.count, 1), self.count)
-        own_lower, own_upper = lower[:, self.moving], upper[:, self.moving]
+        self.motion, self.seed, self.lower, self.upper = motion, seed, lower, upper
+        self.plan, self.count = motion.response, motion.count
+        stopped = np.any(np.isfinite(lower) | np.isfinite(upper), axis=0)
+        (self.chosen,) = np.nonzero(stopped[motion.moving])
+        self.pairs = motion.moving[self.chosen]
+        self.correlations = motion.correlations[:, :, self.chosen][..., self.chosen]
+        near, far = (np.ascontiguousarray(side[:, self.pairs]) for side in (upper, lower))
         # the motion is as likely with the opposite sign: stops that are alike are looked at once
-        self.alike = np.array_equal(own_lower, own_upper)
+        self.alike = np.array_equal(near, far)
         self.sides = [
-            (gap, near, far)
-            for near, far in [(own_upper, own_lower), (own_lower, own_upper)][: 2 - self.alike]
-            for gap in range(len(self.moving))
-            if np.any(np.isfinite(near[:, gap]))
+            (gap, ahead, behind)
+            for ahead, behind in [(near, far), (far, near)][: 2 - self.alike]
+            for gap in range(len(self.pairs))
+            if np.any(np.isfinite(ahead[:, gap]))
         ]
+        # every stop has crossings of its own: of many stops fewer of each tell as much
+        apart = self.count * max(1, len(self.sides) // SIDES_WITH_ALL)
+        self.starts = np.arange(0, max(self.plan.samples - self.count, 1), apart)
+
+    @property
+    def together(self) -> int:
+        """Number of paths that are made together."""
+        return self.plan.block(len(self.pairs))
 
     @property
     def horizon(self) -> float:
@@ -257,11 +314,8 @@ class GapRecords:
     @property
     def rice_rates(self) -> Matrix:
         """(sides, levels), see `CrossingAges`."""
-        correlation = self.plan.correlations
-        variance = np.diag(correlation[0, 0])
-        factor = (
-            (1.0 + self.alike) / (2.0 * math.pi) * np.sqrt(-np.diag(correlation[2, 0]) / variance)
-        )
+        variance, bend = (np.diag(self.correlations[order, 0]) for order in (0, 2))
+        factor = (1.0 + self.alike) / (2.0 * math.pi) * np.sqrt(-bend / variance)
         return np.array(
             [
                 factor[gap] * np.exp(-0.5 * near[:, gap] ** 2 / variance[gap])
@@ -270,29 +324,26 @@ class GapRecords:
         )
 
     def looking_back(self, gap: int) -> Vector:
-        """rho, rho', eta and eta' of all gaps before a crossing of one, (count + 1, gaps, 4)."""
-        correlation = self.plan.correlations
-        before = -np.arange(self.count + 1)
-        r, rate, bend = correlation[:, before][..., gap]
-        own, own_bend = correlation[0, 0, gap, gap], correlation[2, 0, gap, gap]
-        return np.stack([r / own, rate / own, rate / own_bend, bend / own_bend], axis=-1)
+        """rho, rho', eta and eta' of all gaps before a crossing of one, (gaps, count + 1, 4)."""
+        r, rate, bend = self.correlations[..., gap]
+        own, own_bend = r[0, gap], bend[0, gap]
+        rows = np.stack([r / own, rate / own, rate / own_bend, bend / own_bend], axis=-1)
+        return np.ascontiguousarray(rows.transpose(1, 0, 2))
 
     def ages(self, first_path: int) -> NDArray[np.float32]:
         """Of the crossings in one block of paths, (strides, sides, levels, paths, starts)."""
-        plan = self.plan
-        records = plan.records(self.seed, first_path, plan.block)
+        records = self.plan.records(self.seed, first_path, self.together, self.chosen)
         random = np.random.default_rng([self.seed, SLOPES, first_path])
-        units = random.rayleigh(size=(plan.gaps, plan.block, len(self.starts)))
-        found = np.empty(
-            (len(STRIDES), len(self.sides), len(self.lower), plan.block, len(self.starts))
-        )
+        units = random.rayleigh(size=(len(self.pairs), self.together, len(self.starts)))
+        shape = (len(STRIDES), len(self.sides), len(self.lower), self.together, len(self.starts))
+        found = np.empty(shape)
         for side, (gap, near, far) in enumerate(self.sides):
-            shape = np.ascontiguousarray(self.looking_back(gap))
-            slopes = math.sqrt(-plan.correlations[2, 0, gap, gap]) * units[gap]
+            back = self.looking_back(gap)
+            slopes = math.sqrt(-self.correlations[2, 0, gap, gap]) * units[gap]
             for number, stride in enumerate(STRIDES):
                 outcrossing_ages(
-                    records, self.starts, slopes, shape, gap, plan.step, stride,
-                    np.ascontiguousarray(near), np.ascontiguousarray(far), found[number, side],
+                    records, self.starts, slopes, back, gap, self.plan.step, stride, near, far,
+                    found[number, side],
                 )  # fmt: skip
         return found.astype(np.float32)
 
@@ -302,12 +353,12 @@ class GapRecords:
         return PairCrossings(
             outside=outside,
             outside_error=error,
-            pairs=tuple(pair.name for pair in self.model.pairs),
+            pairs=tuple(pair.name for pair in self.motion.model.pairs),
             lower=self.lower,
             upper=self.upper,
-            displacement_std=self.displacement_std,
-            velocity_std=self.velocity_std,
-            crossing=np.array([self.moving[gap] for gap, _, _ in self.sides]),
+            displacement_std=self.motion.displacement_std,
+            velocity_std=self.motion.velocity_std,
+            crossing=np.array([self.pairs[gap] for gap, _, _ in self.sides]),
             horizon=self.horizon,
             interval=self.plan.step,
             rice_rates=self.rice_rates,
@@ -322,14 +373,14 @@ class GapRecords:
         that the gaps are then beyond (R. J. Adler, J. H. Blanchet and J. Liu, Ann. Appl. Probab. 22
         (2012) 1167).
         """
-        covariance = self.plan.correlations[0, 0]
+        covariance = self.correlations[0, 0]
         std = np.sqrt(np.diag(covariance))
         random = np.random.default_rng([self.seed, SLOPES])
         root = np.linalg.cholesky(covariance + ROUNDING * np.diag(std**2))
         normal = random.standard_normal((STARTS, len(std))) @ root.T
         uniform = random.random(STARTS)
         total, variance = np.zeros((2, len(self.lower)))
-        rows = zip(self.lower[:, self.moving], self.upper[:, self.moving], strict=True)
+        rows = zip(self.lower[:, self.pairs], self.upper[:, self.pairs], strict=True)
         for level, (lower, upper) in enumerate(rows):
             for near, far in ((upper, lower), (lower, upper)):
                 for gap in np.flatnonzero(np.isfinite(near)):

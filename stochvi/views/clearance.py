@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import COLOURS, add_grid, axes_or_new, length_unit
+from stochvi.views.axes import COLOURS, OWNERS, add_grid, add_title, axes_or_new, length_unit
 
 SIGMA_LABEL = "clearance per side / rms displacement without stops"
 
@@ -78,3 +78,23 @@ def draw_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str) -> 
     plot_clearance_ratio(curve, predicted, below)
     figure.suptitle(title)
     return above
+
+
+def draw_pairs_clearance(curve: pd.DataFrame, title: str, ax: Axes | None = None) -> Axes:
+    """Hit rate of each pair against the clearance of all, in rms of its gap: Monte Carlo with its
+    95 % interval over Rice."""
+    ax = axes_or_new(ax, (6.8, 4.6))
+    for colour, (name, rows) in zip(OWNERS, curve.groupby("pair", sort=False), strict=False):
+        centre = rows["simulated"]
+        ax.plot(rows["clearance_in_sigma"], rows["rice"], color=colour, linestyle="--", linewidth=1)
+        ax.errorbar(
+            rows["clearance_in_sigma"], centre, color=colour, fmt="o", markersize=4.5, capsize=3,
+            yerr=[centre - rows["simulated_low"], rows["simulated_high"] - centre], label=name,
+        )  # fmt: skip
+    ax.plot([], [], color="0.4", linestyle="--", linewidth=1, label="Rice, no impacts")
+    ax.set_yscale("log")
+    ax.set_xlabel("clearance per side / rms of the gap without stops")
+    ax.set_ylabel("hits on the stops of the pair (1/s)")
+    add_grid(ax)
+    ax.legend(frameon=False)
+    return add_title(ax, title or "hits against clearance")

@@ -85,6 +85,7 @@ def print_record(console: Console, record: RecordVerdict | None) -> None:
 
 
 CLEARANCE_COLUMNS = {
+    "pair": "pair",
     "clearance_in_sigma": "gap/sigma",
     "gap": "gap (mm)",
     "rice": "Rice (1/s)",
@@ -103,7 +104,9 @@ def print_clearance(console: Console, curve: pd.DataFrame, notes: Sequence[str] 
     )
     print_frame(
         console,
-        shown[list(CLEARANCE_COLUMNS)].rename(columns=CLEARANCE_COLUMNS),
+        shown[[name for name in CLEARANCE_COLUMNS if name in shown]].rename(
+            columns=CLEARANCE_COLUMNS
+        ),
         "hits per second on both stops, and mean impact speed",
         {"gap/sigma": ".2f"},
     )

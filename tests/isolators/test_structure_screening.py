@@ -10,16 +10,22 @@ import numpy as np
 import pytest
 
 from stochvi import (
+    ConstantLoad,
     Isolator,
     Matrices,
     NotApplicable,
+    Restitution,
     Scene,
     Sine,
     TabulatedNoise,
     WhiteNoise,
     screen,
 )
+from stochvi.isolators import clearance_curve
+from stochvi.isolators.screening import with_clearances
 from stochvi.isolators.structure_screening import StructureScreening
+from stochvi.results.estimates import Estimate
+from stochvi.testing import assert_agrees
 from support.commands import Run, one_document
 from support.pairs import diagonal, pair, uncoupled
 
@@ -96,3 +102,47 @@ def test_the_command_of_a_box(stochvi: Run, tmp_path: Path) -> None:
     assert "3 sigma (mm)" in done.err and "mrad rms" in done.err
     assert (tmp_path / "screening.csv").stat().st_size > 0
     assert json.loads(json.dumps(document)) == document
+
+
+def test_hits_of_pairs_against_their_clearances() -> None:
+    """Stops that lose nothing leave the hits of uncoupled pairs what Rice says, over what is left
+    between the stops."""
+    elastic = {"law": Restitution(coefficient=1.0)}
+    scene = uncoupled(
+        *(each.model_copy(update=elastic) for each in (pair("x", "x", 9.0), pair("z", "z", 9.0)))
+    )
+    curve = clearance_curve(scene, [[1.0, 1.5]], rel_error=0.1, seed=1)
+    assert list(curve["pair"]) == ["x", "z"]
+    assert curve["clearance"].tolist() == curve["clearance_in_sigma"].round(9).tolist()
+    for _, row in curve.iterrows():
+        inside = math.erf(row["clearance"] / math.sqrt(2.0))
+        known = row["rice"] / inside
+        assert row["closure"] == pytest.approx(known, rel=1e-6)
+        half = 0.5 * (row["simulated_high"] - row["simulated_low"])
+        assert_agrees(Estimate(value=row["simulated"], standard_error=half / 1.96), known)
+        with pytest.raises(AssertionError):
+            assert_agrees(Estimate(value=row["simulated"], standard_error=half / 1.96), row["rice"])
+    with pytest.raises(ValueError, match="clearances must be positive"):
+        clearance_curve(scene, [-1.0])
+
+
+def test_clearances_of_pairs_are_measured_from_their_mean_gaps() -> None:
+    load = ConstantLoad(force=0.5, on="x")
+    scene = uncoupled(pair("x", "x", 3.0)).model_copy(
+        update={"excitations": (*uncoupled().excitations, load)}
+    )
+    (moved,) = with_clearances(scene, np.array([2.0])).impact_pairs
+    assert (moved.lower, moved.upper) == (pytest.approx(-1.5), pytest.approx(2.5))
+
+
+def test_the_command_of_clearances_of_pairs(stochvi: Run, tmp_path: Path) -> None:
+    scene = Path(__file__).parents[2] / "data" / "scenes" / "rigid-box.toml"
+    done = stochvi(
+        "clearance", scene, "--gaps", "1,1mm", "--rel-error", "0.2", "--budget", "2",
+        "--json", "-", "--out", tmp_path,
+    )  # fmt: skip
+    rows = one_document(done.out)["curve"]
+    assert {row["pair"] for row in rows} == {"corner 1", "corner 2", "side"}
+    assert all(row["clearance_in_sigma"] == pytest.approx(1.0) for row in rows[:3])
+    assert (tmp_path / "clearance.png").read_bytes().startswith(b"\x89PNG")
+    assert "gap/sigma" in done.err

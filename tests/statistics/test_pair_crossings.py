@@ -27,7 +27,7 @@ from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.statistics.first_crossings import first_crossings
-from stochvi.statistics.pair_crossings import GapRecords, own_distances, pair_crossings
+from stochvi.statistics.pair_crossings import PairMotion, pair_crossings
 from stochvi.testing import assert_agrees
 from support.pairs import LAW, diagonal, pair, uncoupled
 
@@ -258,15 +258,15 @@ def test_records_have_the_deviations_of_the_structure_under_every_noise() -> Non
         }
     )  # fmt: skip
     model = model_of(scene)
-    records = GapRecords(model, 1, *(each[None] for each in own_distances(model)))
-    variance = np.diag(records.plan.correlations[0, 0])
-    speeds = -np.diag(records.plan.correlations[2, 0])
+    motion = PairMotion(model)
+    variance = np.diag(motion.correlations[0, 0])
+    speeds = -np.diag(motion.correlations[2, 0])
     # Rice's rate at 5 sigma changes by 25 times the relative error of sigma
-    np.testing.assert_allclose(np.sqrt(variance), records.displacement_std, rtol=2e-4)
-    np.testing.assert_allclose(np.sqrt(speeds), records.velocity_std, rtol=2e-4)
-    sample = records.plan.records(3, 0, 32)[:, ::40, 0::2].reshape(-1, 3)
-    spread = np.cov(sample.T) / np.outer(records.displacement_std, records.displacement_std)
-    wanted = records.plan.correlations[0, 0] / np.sqrt(np.outer(variance, variance))
+    np.testing.assert_allclose(np.sqrt(variance), motion.displacement_std, rtol=2e-4)
+    np.testing.assert_allclose(np.sqrt(speeds), motion.velocity_std, rtol=2e-4)
+    sample = motion.response.records(3, 0, 32, np.arange(3))[:, ::40, 0::2].reshape(-1, 3)
+    spread = np.cov(sample.T) / np.outer(motion.displacement_std, motion.displacement_std)
+    wanted = motion.correlations[0, 0] / np.sqrt(np.outer(variance, variance))
     # some 4000 independent samples
     np.testing.assert_allclose(spread, wanted, atol=5.0 * math.sqrt(2.0 / 4000.0))
 

@@ -8,7 +8,6 @@ is searched for.
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -27,7 +26,6 @@ from stochvi.isolators.sizing.pair_tolerances import tolerance_table
 from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.methods.monte_carlo.rounds import Progress
-from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, as_far_as_it_got
 from stochvi.results.errors import NotApplicable
@@ -35,7 +33,7 @@ from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import MISSED, largest_error
-from stochvi.statistics.pair_crossings import PairCrossings, own_distances, pair_crossings
+from stochvi.statistics.pair_crossings import PairCrossings, PairMotion, own_distances
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,8 +54,9 @@ and is interpolated."""
 ROOM = 1.25
 """How far the risks that are looked at reach beyond those that can be the answer, as a factor."""
 
-SHARE_OF_CURVES = 0.4
-"""Share of the budget for the curves of the single pairs."""
+SHARE_OF_CURVES, SHARE_OF_ALL = 0.4, 0.8
+"""Share of the budget for the curves of the single pairs; and of what is then left, for all pairs
+together."""
 
 MOST_ERROR = 1.0
 """Relative error of the chance of a hit above which no clearance is given."""
@@ -131,8 +130,8 @@ class _PairsJob:
             raise NotApplicable(
                 "size", [f"the mean gap of {', '.join(beyond)} must lie between its stops"]
             )
-        directions = np.array([each.direction for each in self.model.pairs])
-        self.sigma, self.speed = free_motion(self.model).deviations(directions)
+        self.motion = PairMotion(self.model)
+        self.sigma, self.speed = self.motion.displacement_std, self.motion.velocity_std
         still = [self.names[k] for k in self.sized if self.sigma[k] == 0.0]
         if still:
             raise NotApplicable(
@@ -143,22 +142,13 @@ class _PairsJob:
         """The risk of each pair alone, then that of all together, then the clearances."""
         self.curves = [self._curve(number, k) for number, k in enumerate(self.sized)]
         risks = self._risks()
-        rows = {
-            "risks": [self._stops_of_risk(risk) for risk in risks],
-            "three sigma": [self._stops(3.0 * self.sigma)],
-            "alone": [self._only(k) for k in self.fixed],
-            "as given": [self.own] if np.all(self.own > 0.0) else [],
-        }
         self.report(0.5, "all pairs together")
-        together = self._crossings(
-            self.scene,
-            np.array([*itertools.chain(*rows.values())]),
-            self.deadline.rest or self.budget,
-        )
-        every = iter(together.probability(self.mission))
-        chances = {name: [next(every) for _ in some] for name, some in rows.items()}
-        total = _Total.of(risks, chances["risks"])
-        risk, half = self._found(total, chances["alone"])
+        places = [*map(self._stops_of_risk, risks), self._stops(3.0 * self.sigma)]
+        together = self._crossings(np.array(places), SHARE_OF_ALL)
+        *chances, three_sigma = together.probability(self.mission)
+        as_given, fixed = self._as_given()
+        total = _Total.of(risks, chances)
+        risk, half = self._found(total, fixed)
         clearances = {
             self.names[k]: Clearance(
                 value=self._clearance(number, risk),
@@ -170,7 +160,7 @@ class _PairsJob:
         answer = self._stops_of_risk(risk)
         alone = np.empty(len(self.names))
         alone[self.sized] = -math.expm1(-risk)
-        alone[self.fixed] = [each.value for each in chances["alone"]]
+        alone[self.fixed] = [each.value for each in fixed]
         return PairsSizing(
             scene=self.scene,
             target=self.target,
@@ -179,9 +169,9 @@ class _PairsJob:
             clearances=clearances,
             probability=total.probability(self.target.value),
             pairs=self._pairs(answer, alone, _between(risks, risk, together.shares(self.mission))),
-            curve=self._risk_curve(risks, chances["risks"], alone[self.fixed]),
-            three_sigma=Probability.of(chances["three sigma"][0]),
-            as_given=next((Probability.of(each) for each in chances["as given"]), None),
+            curve=self._risk_curve(risks, chances, alone[self.fixed]),
+            three_sigma=Probability.of(three_sigma),
+            as_given=None if as_given is None else Probability.of(as_given),
             required=self._required(total),
             tolerances=tolerance_table(
                 self.model, self.tolerances, answer, self.sized, self.target.value
@@ -196,27 +186,38 @@ class _PairsJob:
             provenance=provenance(self.scene.document(), self.seed),
         )
 
-    def _crossings(self, scene: Scene, rows: Matrix, budget: float) -> PairCrossings:
-        """First crossings at rows of distances (levels, sides, pairs)."""
+    def _crossings(self, rows: Matrix, share: float) -> PairCrossings:
+        """First crossings at rows of distances (levels, sides, pairs), in a share of the time that
+        is left."""
         found: PairCrossings = as_far_as_it_got(
-            pair_crossings, scene, lower=rows[:, 0], upper=rows[:, 1], mission=self.mission,
-            rel_error=self.rel_error, seed=self.seed, threads=self.threads, budget=budget,
+            self.motion.crossings, rows[:, 0], rows[:, 1], self.mission, self.rel_error,
+            seed=self.seed, threads=self.threads, budget=self.deadline.part(share),
         )  # fmt: skip
         return found
 
     def _curve(self, number: int, k: int) -> RiskCurve:
         """The chance that a pair is hit, if it alone had stops, against their distance."""
         self.report(0.5 * number / len(self.sized), self.names[k])
-        pairs = self.scene.expanded.impact_pairs
-        scene = self.scene.expanded.model_copy(update={"impact_pairs": (pairs[k],)})
         sigma, speed = self.sigma[k], self.speed[k]
         crossings = speed / sigma / math.pi * max(self.mission, 2.0 * math.pi * sigma / speed)
         least = 0.1 * self._least_risk
         highest = math.sqrt(2.0 * math.log(crossings / least)) + 2.0 * SIGMA_STEP
         levels = sigma * np.arange(LOWEST_SIGMA, highest, SIGMA_STEP)
-        rows = np.where(np.isfinite(self.own[:, k]), levels[:, None], np.inf)[:, :, None]
-        part = self.deadline.part(SHARE_OF_CURVES / len(self.sized)) or self.budget
-        return RiskCurve.of(self._crossings(scene, rows, part).of_one(), self.mission)
+        rows = np.full((len(levels), *self.own.shape), math.inf)
+        for side in np.flatnonzero(np.isfinite(self.own[:, k])):
+            rows[:, side, k] = levels
+        share = SHARE_OF_CURVES / (len(self.sized) - SHARE_OF_CURVES * number)
+        return RiskCurve.of(self._crossings(rows, share).of_one(k), self.mission)
+
+    def _as_given(self) -> tuple[Estimate | None, list[Estimate]]:
+        """Chance of a hit between the stops of the scene, None where a mean gap lies beyond one;
+        and that of each pair that is not sized, alone."""
+        given = bool(np.all(self.own > 0.0))
+        rows = [*([self.own] if given else []), *map(self._only, self.fixed)]
+        if not rows:
+            return None, []
+        found = self._crossings(np.array(rows), 1.0).probability(self.mission)
+        return (found[0], found[1:]) if given else (None, found)
 
     @cached_property
     def _hazards(self) -> Vector:

@@ -88,11 +88,10 @@ class GapResponse:
         """Sampling interval, s."""
         return self.block_length / self.samples
 
-    @property
-    def block(self) -> int:
-        """Number of paths that are synthesised together: a power of two with a few megabytes of
-        samples."""
-        fitting = max(1, min(LARGEST_BLOCK, BLOCK_SAMPLES // (self.samples * self.gaps)))
+    def block(self, gaps: int) -> int:
+        """Number of paths of so many gaps that are synthesised together: a power of two with a few
+        megabytes of samples."""
+        fitting = max(1, min(LARGEST_BLOCK, BLOCK_SAMPLES // (self.samples * gaps)))
         return 1 << (fitting.bit_length() - 1)
 
     def with_step(self, step: float) -> GapResponse:
@@ -123,32 +122,36 @@ class GapResponse:
         waves[last:] *= np.sqrt(1.0 + grown)[:, None]
         return waves
 
-    def records(self, seed: int, first_path: int, paths: int) -> NDArray[np.float64]:
-        """(paths, samples, 2 gaps): each gap (m) and its rate (m/s), in turn."""
-        waves, scale = self.amplitudes, self.fastest
+    def records(
+        self, seed: int, first_path: int, paths: int, chosen: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """(paths, samples, 2 gaps): each of the chosen gaps (m) and its rate (m/s), in turn."""
+        waves, scale = self.amplitudes[:, chosen], self.fastest
         relative = 2.0 * np.pi / self.block_length / scale * np.arange(1, len(waves) + 1)
-        spectrum = np.empty((self.samples, self.gaps, paths), complex)
+        spectrum = np.empty((self.samples, len(chosen), paths), complex)
         streams = _streams(seed, first_path, paths, 0)
         real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
         fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
-        found = np.empty((paths, self.samples, 2 * self.gaps))
+        found = np.empty((paths, self.samples, 2 * len(chosen)))
         found[:, :, 0::2] = free.real.transpose(2, 0, 1)
         found[:, :, 1::2] = scale * free.imag.transpose(2, 0, 1)
         return found
 
-    @cached_property
-    def correlations(self) -> NDArray[np.float64]:
-        """Of the records: E[y_j(t) y_k(0)] and its first and second derivative by t at every sample
-        of a block, (3, samples, gaps j, gaps k)."""
+    def correlations(self, lags: int) -> NDArray[np.float64]:
+        """Of the records: E[y_j(-t) y_k(0)], and the first and second derivative of E[y_j(t)
+        y_k(0)] there, at t of 0 ... `lags` samples: (3, lags + 1, gaps j, gaps k)."""
         waves = self.amplitudes
-        omega = 2.0 * np.pi / self.block_length * np.arange(1, len(waves) + 1)
-        cross = np.einsum("bjt,bkt->bjk", waves, waves.conj())
-        found = np.empty((3, self.samples, self.gaps, self.gaps))
-        for order in range(3):
-            spectrum = np.zeros((self.samples, self.gaps, self.gaps), complex)
-            spectrum[1 : len(waves) + 1] = (1j * omega[:, None, None]) ** order * cross
-            found[order] = ifft(spectrum, axis=0, norm="forward", overwrite_x=True).real
+        turn = 2j * np.pi / self.block_length * np.arange(1, len(waves) + 1)[:, None]
+        before = -np.arange(lags + 1)
+        found = np.empty((3, lags + 1, self.gaps, self.gaps))
+        spectrum = np.empty((self.samples, self.gaps), complex)
+        for gap in range(self.gaps):
+            cross = np.einsum("bjt,bt->bj", waves, waves[:, gap].conj())
+            for order in range(3):
+                spectrum[:] = 0.0
+                spectrum[1 : len(waves) + 1] = turn**order * cross
+                found[order, :, :, gap] = ifft(spectrum, axis=0, norm="forward").real[before]
         return found
 
 

@@ -49,6 +49,24 @@ def is_outside(x, near, far, before):
     return x >= near * (1.0 + shift) or x <= -far * (1.0 + shift)
 
 
+@numba.njit(cache=True, error_model="numpy")
+def last_exceedance(x, v, shape, u, span, stride, near, far, crosses, most):
+    """Number of the newest interval before the crossing in which one gap reaches a stop; `most`
+    where it does not in the intervals before that.
+
+    `x` and `v` (n + 1,) are the gap less its part that is proportional to u, `shape` (n + 1, 4) is
+    as below, and `crosses` says whether this gap is the one that crosses.
+    """
+    x0, v0 = x[0] + u * shape[0, 0], v[0] + u * shape[0, 1]
+    for k in range(0, most, stride):
+        older = k + stride
+        x1, v1 = x0, v0
+        x0, v0 = x[older] + u * shape[older, 0], v[older] + u * shape[older, 1]
+        if exceeds(x0, v0, x1, v1, stride * span, near, far, crosses and k == 0):
+            return k
+    return most
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def outcrossing_ages(
     records, starts, slopes, shape, crossing, span, stride, near, far, ages
@@ -61,7 +79,7 @@ def outcrossing_ages(
         periodic in time.
     starts : (starts,), the samples at which the outcrossings are placed.
     slopes : (paths, starts), slopes p > 0 of the crossings.
-    shape : (n + 1, gaps, 4), as above; `stride` divides n.
+    shape : (gaps, n + 1, 4), as above; `stride` divides n.
     crossing : number c of the gap that crosses its stop.
     span, stride : sampling interval in s, and number of intervals that one cubic spans.
     near, far : (levels, gaps), distances of the stops on the side that is crossed and on the other
@@ -69,9 +87,8 @@ def outcrossing_ages(
     ages : (levels, paths, starts), replaced; n span where there was no exceedance, 0 where another
         gap is beyond a stop at the crossing, or where the gap that crosses has no such stop.
     """
-    samples, count, gaps = records.shape[1], shape.shape[0] - 1, shape.shape[1]
-    x, v = np.empty((count + 1, gaps)), np.empty((count + 1, gaps))
-    stopped = np.empty(gaps, np.int64)
+    samples, gaps, count = records.shape[1], shape.shape[0], shape.shape[1] - 1
+    x, v = np.empty((gaps, count + 1)), np.empty((gaps, count + 1))
     for path in range(records.shape[0]):
         for i in range(starts.shape[0]):
             record = records[path]
@@ -80,38 +97,27 @@ def outcrossing_ages(
             for k in range(0, count + 1, stride):
                 sample = (starts[i] - k) % samples
                 for j in range(gaps):
-                    row = shape[k, j]
-                    x[k, j] = record[sample, 2 * j] + away * row[0] + change * row[2]
-                    v[k, j] = record[sample, 2 * j + 1] + away * row[1] + change * row[3]
+                    row = shape[j, k]
+                    x[j, k] = record[sample, 2 * j] + away * row[0] + change * row[2]
+                    v[j, k] = record[sample, 2 * j + 1] + away * row[1] + change * row[3]
             for level in range(near.shape[0]):
                 u = near[level, crossing]
-                found, age = False, count * span
-                active = 0
+                found = np.isinf(u)
                 for j in range(gaps):
-                    upper, lower = near[level, j], far[level, j]
-                    if np.isfinite(upper) or np.isfinite(lower):
-                        stopped[active] = j
-                        active += 1
-                        if j != crossing and np.isfinite(u):
-                            here = x[0, j] + u * shape[0, j, 0]
-                            found |= is_outside(here, upper, lower, j < crossing)
-                if found or not np.isfinite(u):
+                    if j != crossing and not found:
+                        here = x[j, 0] + u * shape[j, 0, 0]
+                        found = is_outside(here, near[level, j], far[level, j], j < crossing)
+                if found:
                     ages[level, path, i] = 0.0
                     continue
-                for k in range(0, count, stride):
-                    older = k + stride
-                    for a in range(active):
-                        j = stopped[a]
-                        if exceeds(
-                            x[older, j] + u * shape[older, j, 0],
-                            v[older, j] + u * shape[older, j, 1],
-                            x[k, j] + u * shape[k, j, 0], v[k, j] + u * shape[k, j, 1],
-                            stride * span, near[level, j], far[level, j],
-                            k == 0 and j == crossing,
-                        ):  # fmt: skip
-                            found = True
-                            break
-                    if found:
-                        age = (k + 0.5 * stride) * span
-                        break
-                ages[level, path, i] = age
+                newest = count
+                # the gap that crosses is the one most likely to have been near its stop before
+                for order in range(gaps):
+                    j = (crossing + order) % gaps
+                    if np.isfinite(near[level, j]) or np.isfinite(far[level, j]):
+                        newest = last_exceedance(
+                            x[j], v[j], shape[j], u, span, stride, near[level, j], far[level, j],
+                            j == crossing, newest,
+                        )  # fmt: skip
+                unseen = newest == count
+                ages[level, path, i] = count * span if unseen else (newest + 0.5 * stride) * span
