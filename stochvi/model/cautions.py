@@ -26,7 +26,7 @@ def scene_notes(model: Model) -> list[str]:
     """Warnings that concern every method: inputs that cannot be right, resonance off the table,
     stops out of reach."""
     if model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0:
-        return []
+        return list(model.cautions)
     found = list(model.cautions)
     tables = model.acceleration_tables
     shaken = math.sqrt(sum(table.mean_square() for table in tables)) / STANDARD_GRAVITY

@@ -22,7 +22,6 @@ from stochvi.scenes.excitations import (
     DensityNoise,
     Excitation,
     FilteredNoise,
-    RoadNoise,
     Sine,
     WhiteNoise,
 )
@@ -511,7 +510,7 @@ def _lowered(scene: Scene) -> Model:
         cautions=tuple(
             sentence
             for excitation in scene.excitations
-            if isinstance(excitation, RoadNoise)
+            if isinstance(excitation, DensityNoise)
             for sentence in excitation.cautions(*(rates or (0.0, 0.0)))
         ),
         restoring=restoring,

@@ -46,7 +46,7 @@ MARGIN = 1.1
 """More paths than the pilot asks for."""
 
 MISSED = 1.3
-"""Times the error asked for, from which on paths are added: it ends for its error hardly ever."""
+"""Ratio of the error reached to the error asked for, above which paths are added."""
 
 LEAST_PATHS = 8
 """Where not even the fewest fit into the budget."""

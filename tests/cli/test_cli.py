@@ -414,7 +414,7 @@ def test_size_writes_a_report_of_a_record(tmp_path, stochvi):
     options = ("--probability", "0.1", "--mission", "600", "--rel-error", "0.2", "--quiet")
     assert stochvi("size", file, *options, "--out", tmp_path / "out").code == 0
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
-    assert "Kurtosis of the record" in page and "the record tells the rms response" in page
+    assert "Kurtosis of the record" in page and "leaves the rms response" in page
 
 
 # The installed command --------------------------------------------------------------------

@@ -174,8 +174,10 @@ def test_a_record_in_a_scene_file_shakes_the_mount(tmp_path: Path) -> None:
     truth = 10.0**0.6 * DENSITY / (4.0 * DAMPING_RATE * OMEGA**2)
     assert_agrees(Estimate(value=found, standard_error=error * truth, bias=0.005 * truth), truth)
     told = " ".join(scene.assumptions())
-    for words in ("120 s at 400 Hz", "kurtosis", "segments", "tells the rms response"):
+    for words in ("120 s at 400 Hz", "kurtosis", "segments"):
         assert words in told
+    (caution,) = screen(scene).notes
+    assert f"uncertain by {50.0 * error:.2g} %" in caution
     assert "larger peaks" not in told and "short for this mount" not in told
     assert scene.effects() == ("tabulated noise of a record on base",)
 
@@ -185,7 +187,7 @@ def test_a_record_says_where_it_is_short_or_has_large_peaks(tmp_path: Path) -> N
     values = record.values * np.where(np.arange(len(record.values)) % 500 < 50, 5.0, 1.0)
     write_text(tmp_path / "run.csv", Record(values=values, fs=FS))
     noise = RecordedNoise(file=str(tmp_path / "run.csv"), unit="m/s2")
-    told = " ".join(noise.said(OMEGA, DAMPING_RATE))
+    told = " ".join(noise.cautions(OMEGA, DAMPING_RATE))
     assert "larger peaks" in told and "the record is short for this mount" in told
 
 

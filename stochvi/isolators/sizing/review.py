@@ -24,7 +24,6 @@ from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
-from stochvi.scenes.excitations import DensityNoise
 from stochvi.scenes.scene import UNLOADED
 from stochvi.scenes.structures import Oscillator
 
@@ -616,10 +615,6 @@ def _warnings(sizing: Sizing) -> tuple[str, ...]:
     found += sizing.warnings
     if sizing.screening is not None:
         found += sizing.screening.notes
-    model = model_of(sizing.scene)
-    for excitation in sizing.scene.excitations:
-        if isinstance(excitation, DensityNoise):
-            found += excitation.cautions(model.omega, model.damping_rate)
     return tuple(dict.fromkeys(found))
 
 

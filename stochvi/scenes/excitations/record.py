@@ -133,7 +133,7 @@ class RecordedNoise(DensityNoise):
         return self._within_band(self._record.resolution(omega, damping_rate))
 
     def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
-        """Length, rate, kurtosis, how its density was estimated, and what it is not good for."""
+        """Length, rate and kurtosis, and how its density was estimated."""
         record = self._record
         kurtosis, doubt = record.kurtosis()
         estimate = record.density(self._bins(omega, damping_rate))
@@ -150,7 +150,6 @@ class RecordedNoise(DensityNoise):
             ),
             f"its density: Welch, {estimate.segments} segments, bins of "
             f"{estimate.resolution_hz:.3g} Hz, {100.0 * estimate.relative_error:.2g} % each",
-            *self.cautions(omega, damping_rate),
         )
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
@@ -168,9 +167,9 @@ class RecordedNoise(DensityNoise):
         bins, wanted = self._bins(omega, damping_rate), wanted_resolution(omega, damping_rate)
         error, bias = response_error(record, bins, omega, damping_rate)
         found.append(
-            f"the record tells the rms response, and with it every clearance, to "
-            f"{50.0 * error:.2g} % (standard error; {50.0 * bias:+.1g} % bias of its window): that "
-            "is not in the intervals of what is computed from it"
+            f"the length of the record leaves the rms response, and with it every clearance, "
+            f"uncertain by {50.0 * error:.2g} % (standard error; {50.0 * bias:+.1g} % bias of its "
+            "window); the intervals of what is computed from it do not hold that"
         )
         if record.density(bins).resolution_hz > COARSE * wanted:
             found.append(

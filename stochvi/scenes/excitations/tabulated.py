@@ -152,7 +152,7 @@ class TabulatedNoise(DensityNoise):
     def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
         """What was taken from its file besides the numbers, and what was left out."""
         name = Path(self.file or "").name
-        return tuple(f"table {name}: {note}" for note in (*self._estimated, *self._notes))
+        return tuple(f"table {name}: {note}" for note in self._notes)
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
         """How uncertain a density is that was estimated by simulation."""

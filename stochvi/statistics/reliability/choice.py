@@ -72,7 +72,7 @@ MARGIN = 1.3
 """More than the pilot asks for, as its guess of the spread may be low."""
 
 MISSED = 1.3
-"""Times the error asked for, from which more is sampled."""
+"""Ratio of the error reached to the error asked for, above which more is sampled."""
 
 MOST_GROWTH = 4.0
 """Largest factor by which a sample grows at once."""
