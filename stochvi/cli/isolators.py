@@ -157,7 +157,8 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 @click.option(
     "--tolerances", metavar="LIST",
     help="Of the worst case in the report: frequency=10%,damping=30%,level=3dB,stiffness=20% (the "
-    "defaults; structure.frequency_tolerance and damping_tolerance of the scene).",
+    "defaults; structure.frequency_tolerance and damping_tolerance of the scene); of a rigid body "
+    "centre=5mm.",
 )  # fmt: skip
 @common("budget", "seed", "threads", "json", "out", "force", "quiet")
 def size(
@@ -250,7 +251,8 @@ FIRST, BEFORE_REPORT = 0.5, 0.7
 follow."""
 
 TOLERANCE_UNITS = {
-    "frequency": ("%", 0.01), "damping": ("%", 0.01), "level": ("dB", 1.0), "stiffness": ("%", 0.01)
+    "frequency": ("%", 0.01), "damping": ("%", 0.01), "level": ("dB", 1.0),
+    "stiffness": ("%", 0.01), "centre": ("mm", 1e-3),
 }  # fmt: skip
 """Tolerances that --tolerances may state, each with its unit and the factor of that."""
 
@@ -265,8 +267,8 @@ def _stated_tolerances(text: str | None) -> dict[str, float]:
             value = factor * float(number.strip().removesuffix(unit))
         except (KeyError, ValueError):
             raise ValueError(
-                "--tolerances must be frequency=10%,damping=30%,level=3dB,stiffness=20% or some of "
-                f"these, got {part.strip()!r}"
+                "--tolerances must be frequency=10%,damping=30%,level=3dB,stiffness=20%,"
+                f"centre=5mm or some of these, got {part.strip()!r}"
             ) from None
         found["level_db" if name.strip() == "level" else name.strip()] = value
     return found

@@ -11,6 +11,7 @@ KEY_UNITS = {
     "clearance": "m",
     "at": "m",
     "inertia": "kg m2",
+    "centre_tolerance": "m",
     "play": "m",
     "deflection": "m",
     "thickness": "m",

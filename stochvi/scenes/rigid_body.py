@@ -18,7 +18,14 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.errors import SceneError
-from stochvi.scenes.validation import Checked, NonNegative, Number, Positive, given
+from stochvi.scenes.validation import (
+    Checked,
+    NonNegative,
+    Number,
+    Positive,
+    Tolerance,
+    given,
+)
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -133,6 +140,10 @@ class RigidBody(Checked):
         stops are measured. Leave it out where clearances are measured from where the box hangs.
     points
         Places by name, m from the centre of mass, whose motion is reported.
+    frequency_tolerance, damping_tolerance, centre_tolerance
+        Relative tolerances of the natural frequencies and of the damping ratios, as 0.1 for 10 %,
+        and how far the centre of mass may lie from where it is stated, along each axis, m. Nothing
+        simulated depends on them: they say how far the sensitivity of a sizing reaches.
 
     Raises
     ------
@@ -158,6 +169,9 @@ class RigidBody(Checked):
     mounts: tuple[Mount, ...] = Field(alias="mount")
     gravity: Literal["x", "+x", "-x", "y", "+y", "-y", "z", "+z", "-z"] | None = None
     points: dict[str, Triple] | None = None
+    frequency_tolerance: Tolerance | None = None
+    damping_tolerance: Tolerance | None = None
+    centre_tolerance: NonNegative | None = None
 
     @field_validator("inertia", mode="before")
     @classmethod

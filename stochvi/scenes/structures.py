@@ -20,15 +20,13 @@ from stochvi.scenes.validation import (
     Matrix,
     NonNegative,
     Positive,
+    Tolerance,
     check_values,
     evaluated,
     given,
 )
 
 Vector = NDArray[np.float64]
-
-Tolerance = Annotated[NonNegative, Field(lt=1)]
-"""A relative tolerance; at 1 the quantity could vanish."""
 
 
 class Oscillator(Checked):

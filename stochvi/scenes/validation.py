@@ -32,6 +32,9 @@ Number = Annotated[float, BeforeValidator(_plain_number), Field(strict=True, all
 Positive = Annotated[Number, Field(gt=0)]
 NonNegative = Annotated[Number, Field(ge=0)]
 
+Tolerance = Annotated[NonNegative, Field(lt=1)]
+"""A relative tolerance; at 1 the quantity could vanish."""
+
 
 def _plain_numbers(values: Any) -> Any:
     return values.tolist() if hasattr(values, "tolist") else values

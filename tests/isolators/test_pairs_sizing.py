@@ -15,13 +15,16 @@ from stochvi import (
     Oscillator,
     Scene,
     WhiteNoise,
+    load_scene,
+    screen,
     size,
 )
-from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.changes import Change, Tolerances
 from stochvi.isolators.sizing.pair_tolerances import tolerance_table
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.model.model import model_of
-from stochvi.scenes.scene import ImpactPair
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.scene import ImpactPair, scene_from
 from stochvi.statistics.pair_crossings import pair_crossings
 from stochvi.testing import assert_agrees
 from support.commands import Run, one_document
@@ -112,7 +115,7 @@ def test_stops_on_one_side_stay_on_one_side() -> None:
 def test_tolerances_follow_linear_theory() -> None:
     scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
     places = np.array([[4.0, 4.5], [4.0, 4.5]])
-    table = tolerance_table(model_of(scene), Tolerances.of(scene), places, [0, 1], TARGET)
+    table = tolerance_table(scene, Tolerances.of(scene), places, [0, 1], TARGET)
     rows = table.set_index("change")
     assert rows.loc["as stated", ["x", "z"]].tolist() == pytest.approx([4.0, 4.5], rel=1e-12)
     assert rows.loc["as stated", "probability"] == pytest.approx(TARGET, rel=1e-12)
@@ -126,6 +129,34 @@ def test_tolerances_follow_linear_theory() -> None:
     worst = table.iloc[-1]
     assert "natural frequency -10 %, damping ratio -30 %, level +3 dB" in worst["change"]
     assert worst["factor"] == table["factor"].max()
+
+
+def test_a_centre_elsewhere_is_a_box_described_from_there() -> None:
+    scene = load_scene(shipped_scene("rigid-box"))
+    moved = Change("", "centre y", 1.0, 0.02).applied(scene)
+    keys = scene.document()
+    for part in (*keys["structure"]["mount"], *keys["impact_pair"]):
+        part["at"][1] -= 0.02
+    keys["structure"]["points"]["display"][1] -= 0.02
+    by_hand = scene_from(keys)
+    assert model_of(moved).output_rows == pytest.approx(model_of(by_hand).output_rows)
+    assert model_of(moved).stiffness == pytest.approx(model_of(by_hand).stiffness)
+    allowed = Tolerances.of(scene, frequency=0.0, damping=0.0, level_db=0.0, centre=0.02)
+    places = np.full((2, 3), 0.006)
+    table = tolerance_table(scene, allowed, places, [0, 1, 2], TARGET).set_index("change")
+    assert len(table) == 1 + 6 + 1
+    before, after = (screen(each).impact_pairs["side"] for each in (scene, by_hand))
+    # the same rate of crossings, beyond what the mean has moved
+    logs = math.log(
+        after.velocity_std
+        * before.displacement_std
+        / (after.displacement_std * before.velocity_std)
+    )
+    level = math.sqrt((0.006 / before.displacement_std) ** 2 + 2.0 * logs)
+    expected = after.displacement_std * level + abs(after.mean - before.mean)
+    assert table.loc["centre of mass +20 mm along y", "side"] == pytest.approx(expected, rel=1e-9)
+    with pytest.raises(ValueError, match="rigid-body"):
+        Tolerances.of(uncoupled(), centre=0.01)
 
 
 def test_a_sized_changed_scene_agrees_with_the_tolerances(both: PairsSizing) -> None:

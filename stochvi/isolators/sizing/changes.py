@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from stochvi.scenes.impact_laws import Law, Restitution
+from stochvi.scenes.rigid_body import AXES, RigidBody
 from stochvi.scenes.scene import Scene
 
 
@@ -23,12 +25,15 @@ class Tolerances:
         Tolerance of the level, dB up and down: the usual one of vibration tests.
     stiffness
         Relative tolerance of the stiffness of the stops: that of rubber within 5 degrees Shore A.
+    centre
+        How far the centre of mass of a rigid body may lie from its stated place along each axis, m.
     """
 
     frequency: float = 0.1
     damping: float = 0.3
     level_db: float = 3.0
     stiffness: float = 0.2
+    centre: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("frequency", "damping", "stiffness"):
@@ -37,6 +42,10 @@ class Tolerances:
                     f"the tolerance of {name} must be in [0, 1) (0 to 100 %), "
                     f"got {getattr(self, name):g}"
                 )
+        if not 0.0 <= self.centre < math.inf:
+            raise ValueError(
+                f"the tolerance of centre must be a length from 0 on (m), got {self.centre:g}"
+            )
         if not 0.0 <= self.level_db < 60.0:
             raise ValueError(f"the tolerance of level must be in [0, 60) dB, got {self.level_db:g}")
 
@@ -45,10 +54,20 @@ class Tolerances:
         """The tolerances of a scene: those that are stated here, its own, else the defaults."""
         own = {
             name: value
-            for name in ("frequency", "damping")
+            for name in ("frequency", "damping", "centre")
             if (value := getattr(scene.structure, f"{name}_tolerance", None)) is not None
         }
-        return cls(**(own | stated))
+        found = cls(**(own | stated))
+        if found.centre and not isinstance(scene.structure, RigidBody):
+            raise ValueError(
+                "the tolerance of centre is that of structure.kind = 'rigid-body', got "
+                f"{scene.structure.kind!r}"
+            )
+        return found
+
+
+CENTRE = "centre "
+"""What the quantities of changes of the centre of mass begin with; the axis follows."""
 
 
 class Change(NamedTuple):
@@ -68,6 +87,9 @@ class Change(NamedTuple):
                 return changed_mount(scene, 1.0, 1.0 + self.amount)
             case "level":
                 return scene.at_level(self.amount)
+            case str(quantity) if quantity.startswith(CENTRE):
+                axis = quantity.removeprefix(CENTRE)
+                return moved_centre(scene, [self.amount * (axis == each) for each in AXES])
         return changed_stops(scene, 1.0 + self.amount)
 
 
@@ -81,6 +103,11 @@ def ends_of(tolerances: Tolerances) -> Iterator[Change]:
     for sign in (-1.0, 1.0) if tolerances.level_db else ():
         amount = sign * tolerances.level_db
         yield Change(f"level {amount:+.3g} dB", "level", sign, amount)
+    for axis in AXES if tolerances.centre else ():
+        for sign in (-1.0, 1.0):
+            amount = sign * tolerances.centre
+            words = f"centre of mass {1e3 * amount:+.3g} mm along {axis}"
+            yield Change(words, f"{CENTRE}{axis}", sign, amount)
 
 
 def ends_of_stops(scene: Scene, tolerances: Tolerances) -> Iterator[Change]:
@@ -110,6 +137,25 @@ def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:
             "damping": given["damping"] * frequency * damping,
         }
     return scene.model_copy(update={"structure": type(structure)(**(dict(given) | changed))})
+
+
+def moved_centre(scene: Scene, shift: Sequence[float]) -> Scene:
+    """A rigid body whose centre of mass lies elsewhere by `shift` (m along x, y, z), seen from
+    which mounts, points and pairs are then placed. The inertia about the centre stays."""
+    body = scene.structure
+    assert isinstance(body, RigidBody)
+
+    def seen(place: tuple[float, float, float]) -> tuple[float, ...]:
+        return tuple(each - moved for each, moved in zip(place, shift, strict=True))
+
+    mounts = tuple(each.model_copy(update={"at": seen(each.at)}) for each in body.mounts)
+    points = {name: seen(place) for name, place in (body.points or {}).items()}
+    pairs = tuple(
+        each.model_copy(update={"at": seen(each.at)}) if each.at is not None else each
+        for each in scene.impact_pairs
+    )
+    structure = body.model_copy(update={"mounts": mounts, "points": points})
+    return scene.model_copy(update={"structure": structure, "impact_pairs": pairs})
 
 
 def changed_stops(scene: Scene, amount: float) -> Scene:

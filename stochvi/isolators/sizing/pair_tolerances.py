@@ -16,10 +16,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.isolators.sizing.changes import Change, Tolerances, ends_of
+from stochvi.isolators.sizing.changes import (
+    CENTRE,
+    Change,
+    Tolerances,
+    ends_of,
+    moved_centre,
+)
 from stochvi.mathematics.units import power_ratio
 from stochvi.model.free_motion import free_motion
-from stochvi.model.model import Model
+from stochvi.model.model import Model, model_of
+from stochvi.scenes.rigid_body import AXES
+from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,7 +56,7 @@ class Gaps(NamedTuple):
 
 
 def tolerance_table(
-    model: Model,
+    scene: Scene,
     tolerances: Tolerances,
     stops: Matrix,
     sized: Sequence[int],
@@ -68,11 +76,13 @@ def tolerance_table(
     """
     import pandas as pd
 
+    model = model_of(scene)
+    models = _Models(scene)
     nominal = Gaps.of(model)
     ends = list(ends_of(tolerances))
 
     def row(words: str, changes: Sequence[Change]) -> dict[str, str | float]:
-        changed = _changed(model, changes)
+        changed = _changed(models, changes)
         places = _same_risk(nominal, changed, stops)
         return {
             "change": words,
@@ -92,8 +102,26 @@ def _words(corner: Sequence[Change]) -> str:
     return f"{COMBINED}: {', '.join(change.words for change in corner)}"
 
 
-def _changed(model: Model, changes: Sequence[Change]) -> Gaps:
-    """The gaps with these changes of frequency, damping and level."""
+class _Models:
+    """Models of a scene with its centre of mass elsewhere, each made once."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.known: dict[tuple[float, ...], Model] = {}
+
+    def at(self, shift: tuple[float, ...]) -> Model:
+        """The model with the centre of mass moved by `shift`, m along x, y, z."""
+        if shift not in self.known:
+            scene = moved_centre(self.scene, shift) if any(shift) else self.scene
+            self.known[shift] = model_of(scene)
+        return self.known[shift]
+
+
+def _changed(models: _Models, changes: Sequence[Change]) -> Gaps:
+    """The gaps with these changes of frequency, damping, level and centre of mass."""
+    moved = {each.quantity: each.amount for each in changes}
+    model = models.at(tuple(moved.get(f"{CENTRE}{axis}", 0.0) for axis in AXES))
+    changes = [each for each in changes if not each.quantity.startswith(CENTRE)]
     factor = {"frequency": 1.0, "damping": 1.0, "level": 1.0}
     for change in changes:
         level = change.quantity == "level"

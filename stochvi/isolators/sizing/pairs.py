@@ -174,7 +174,7 @@ class _PairsJob:
             as_given=None if as_given is None else Probability.of(as_given),
             required=self._required(total),
             tolerances=tolerance_table(
-                self.model, self.tolerances, answer, self.sized, self.target.value
+                self.scene, self.tolerances, answer, self.sized, self.target.value
             ),
             method=METHOD,
             warnings=self._warnings(together),
