@@ -193,7 +193,11 @@ def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
         assert each["lower"] < each["value"] < each["upper"]
     assert set(document["clearances"]) == {"corner 1", "corner 2", "side"}
     assert "pair by pair" in done.err
-    assert "worst combination" in (tmp_path / "report.html").read_text()
+    page = (tmp_path / "report.html").read_text()
+    assert "worst combination" in page and "the box bounces" in page
+    assert [mode["frequency_hz"] for mode in document["box"]["modes"]] == pytest.approx(
+        load_scene(scene).structure.natural_frequency_hz.tolist()
+    )
     for name in ("risk.csv", "pairs.csv", "required.csv", "tolerances.csv", "size.json"):
         assert (tmp_path / name).stat().st_size > 0
     assert (tmp_path / "risk.png").read_bytes().startswith(b"\x89PNG")

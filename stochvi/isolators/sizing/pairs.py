@@ -21,6 +21,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
 from stochvi.isolators.sizing.answer import Clearance, Target
+from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.pair_tolerances import tolerance_table
 from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
@@ -177,6 +178,7 @@ class _PairsJob:
                 self.scene, self.tolerances, answer, self.sized, self.target.value
             ),
             method=METHOD,
+            box=box_overview(self.scene, self.mission),
             warnings=self._warnings(together),
             cost=Cost(
                 wall_time=time.perf_counter() - self.started,

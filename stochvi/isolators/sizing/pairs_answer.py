@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stochvi.isolators.sizing.answer import Clearance, Target, spoken_mission, spoken_percent
+from stochvi.isolators.sizing.box_overview import BoxOverview
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.scene import Scene
@@ -72,6 +73,9 @@ class PairsSizing(Result):
         clearances.
     method
         How the clearances were found, in words.
+    box
+        Modes of a rigid body, and what one oscillator along each axis would buy; None of any other
+        structure.
     """
 
     not_in_document = ("scene",)  # it is in the provenance
@@ -89,6 +93,7 @@ class PairsSizing(Result):
     required: pd.DataFrame
     tolerances: pd.DataFrame
     method: str
+    box: BoxOverview | None = None
 
     def verdict(self) -> str:
         """The clearances, the risk that they keep, and what three sigma would do, in a sentence."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.results.origin import Origin, origin_of
+from stochvi.views.box import modes_in_rows, one_axis_in_rows, plot_box
 from stochvi.views.column_units import named_with_units
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.pairs import (
@@ -88,6 +89,7 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
                     ),
                 ],
             ),
+            *_box_sections(sizing),
             Section(
                 title="Other risks",
                 grids=[_grid("Clearances for other chances of any hit", required_in_rows(sizing))],
@@ -115,6 +117,29 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
         origin=origin,
         footer=[f"{sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads"],
     )
+
+
+def _box_sections(sizing: PairsSizing) -> list[Section]:
+    """The section on a rigid box: its picture, its modes, and the rule of three sigma by axis."""
+    if sizing.box is None:
+        return []
+    return [
+        Section(
+            title="The box",
+            lead="Three sigma of one axis is the clearance that sizing the box as one oscillator "
+            "along each axis would give; the chance there is that of a hit of the snubber alone, "
+            "by Rice's rate of crossings of the gap as it moves on the real box.",
+            grids=[
+                _grid("Snubber by snubber, against one oscillator", one_axis_in_rows(sizing)),
+                _grid("Natural modes without stops", modes_in_rows(sizing.box)),
+            ],
+            pictures=[
+                shown(
+                    lambda: plot_box(sizing), "The box, its mounts and its snubbers, by their risk."
+                )
+            ],
+        )
+    ]
 
 
 def _grid(caption: str, table: pd.DataFrame) -> Grid:
