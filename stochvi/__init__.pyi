@@ -7,6 +7,7 @@ from .methods.closed_form import exact
 from .methods.fokker_planck import first_passage, fokker_planck, transient
 from .methods.linearisation import linearise
 from .methods.monte_carlo import simulate
+from .methods.periodic import harmonic_response
 from .methods.replay import replay
 from .results.errors import Interrupted, NotApplicable, NotConverged, SceneError, StochviError
 from .results.estimates import Estimate
@@ -84,6 +85,7 @@ __all__ = [
     "explain",
     "first_passage",
     "fokker_planck",
+    "harmonic_response",
     "history",
     "impacts",
     "isolators",

@@ -7,7 +7,6 @@ that a sweep that was stopped goes on where it was.
 from __future__ import annotations
 
 import contextlib
-import difflib
 import hashlib
 import itertools
 import json
@@ -27,15 +26,14 @@ from stochvi.results.errors import (
     CheckpointError,
     NotApplicable,
     NotConverged,
-    SceneError,
     StochviError,
 )
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import Response
-from stochvi.scenes.impact_laws.rubber import DAMPING, OF_RUBBER, PAD
 from stochvi.scenes.key_units import key_unit
-from stochvi.scenes.scene import Scene, load_scene, scene_from
+from stochvi.scenes.keys import Change, changed_scene, holder_of, is_place, unknown_key, written_key
+from stochvi.scenes.scene import Scene, load_scene
 from stochvi.views.files import folder_in, to_json, write_text
 
 if TYPE_CHECKING:
@@ -48,9 +46,6 @@ if TYPE_CHECKING:
     from stochvi.statistics.reliability import Reliability
 
 Progress = Callable[[float, str], None]
-Change = tuple[tuple[str, float], ...]
-"""Keys of a scene file, such as "impact_pair.0.law.coefficient", each with its value."""
-
 METHODS = (
     "simulate", "exact", "closure", "fokker-planck", "average", "size", "reliability", "replay"
 )  # fmt: skip
@@ -176,7 +171,7 @@ def _ranges(vary: Mapping[str, Iterable[float]]) -> dict[str, list[float]]:
     """The keys as they are usually written, each with its values as plain Python numbers."""
     if not isinstance(vary, Mapping) or not vary:
         raise ValueError(f"vary must map at least one key of the scene to values, got {vary!r}")
-    return dict(once([(_written(key), _values(key, values)) for key, values in vary.items()]))
+    return dict(once([(written_key(key), _values(key, values)) for key, values in vary.items()]))
 
 
 def once(ranges: Sequence[tuple[str, list[float]]]) -> Sequence[tuple[str, list[float]]]:
@@ -187,16 +182,6 @@ def once(ranges: Sequence[tuple[str, list[float]]]) -> Sequence[tuple[str, list[
             f"vary: {repeated[0]} is given twice; name a key once, with all of its values"
         )
     return ranges
-
-
-def _written(key: str) -> str:
-    """A key with plain numbers for the places in lists: 0 instead of 00."""
-    words = str(key).split(".")
-    return ".".join(str(int(word)) if _is_place(word) else word for word in words)
-
-
-def _is_place(word: str) -> bool:
-    return word.isascii() and word.isdigit()
 
 
 def _values(key: str, values: Any) -> list[float]:
@@ -486,108 +471,6 @@ def _files(part: Any) -> Iterator[Path]:
             yield Path(value)
 
 
-def changed_scene(document: Mapping[str, Any], change: Change) -> Scene:
-    """The scene of a document with some keys set to other values.
-
-    Raises
-    ------
-    SceneError
-        With the nearest key that there is, or what is wrong with the value.
-    """
-    changed = json.loads(json.dumps(document))
-    for key, value in change:
-        _set(changed, key, value)
-    try:
-        return scene_from(changed)
-    except SceneError as error:
-        values = ", ".join(f"{key} = {value:g}" for key, value in change)
-        raise SceneError(f"vary: with {values}, {error}") from None
-
-
-def _set(document: Any, key: str, value: float) -> None:
-    """Set a key that is there, or one that its part of the scene knows but leaves out."""
-    part, last = _holder(document, key)
-    way = key.split(".")
-    if last == "clearance" and way[:1] == ["impact_pair"] and isinstance(part, dict):
-        _set_clearance(part, key, value)
-    elif (
-        isinstance(part, dict)
-        and part.get("kind") in OF_RUBBER
-        and last in (*DAMPING, *PAD, "stiffness")
-    ):
-        _set_rubber(part, last, value)
-    elif isinstance(part, list) and _is_place(last) and int(last) < len(part):
-        part[int(last)] = value
-    elif isinstance(part, dict) and not isinstance(part.get(last), dict | list | str):
-        part[last] = value
-    else:
-        raise _unknown(document, key)
-
-
-def _holder(document: Any, key: str) -> tuple[Any, str]:
-    """The part of a document that holds a key, and the last word of the key."""
-    *way, last = key.split(".")
-    part = document
-    for word in way:
-        if isinstance(part, list) and _is_place(word) and int(word) < len(part):
-            part = part[int(word)]
-        elif isinstance(part, dict) and isinstance(part.get(word), dict | list):
-            part = part[word]
-        else:
-            raise _unknown(document, key)
-    return part, last
-
-
-def _set_rubber(law: dict[str, Any], name: str, value: float) -> None:
-    """Set a key of a law instead of the others that would give the same number of it."""
-    others: tuple[str, ...] = (*DAMPING, "at_speed")
-    match name:
-        case "restitution":
-            others = DAMPING
-        case "stiffness":
-            others = PAD
-        case _ if name in PAD:
-            others = ("stiffness",)
-    for other in others:
-        law.pop(other, None)
-    law[name] = value
-
-
-def _set_clearance(pair: Any, key: str, value: float) -> None:
-    """Set both stops of an impact pair that has them at equal distances."""
-    lower, upper = pair.get("lower"), pair.get("upper")
-    if lower is None or upper is None or not math.isclose(-lower, upper):
-        have = " and ".join(
-            f"{name} = {stop:g}" for name, stop in (("lower", lower), ("upper", upper))
-            if stop is not None
-        )  # fmt: skip
-        raise SceneError(
-            f"vary: {key} is for stops at equal distances, got {have}; vary these instead"
-        )
-    del pair["lower"], pair["upper"]
-    pair["clearance"] = value
-
-
-def _unknown(document: Any, key: str) -> SceneError:
-    known = [name for name, _ in _numbers(document)]
-    within = [name for name in known if name.startswith(f"{key}.")]
-    near = within or difflib.get_close_matches(key, known, n=1, cutoff=0.0)
-    return SceneError(
-        f"vary: {key} is not a number of the scene; did you mean {near[0]!r}? "
-        f"(it has {', '.join(known)})"
-    )
-
-
-def _numbers(part: Any, key: str = "") -> Iterator[tuple[str, float]]:
-    """Every number of a document by its key."""
-    if isinstance(part, dict | list):
-        items = part.items() if isinstance(part, dict) else enumerate(part)
-        for name, value in items:
-            yield from _numbers(value, f"{key}.{name}".lstrip("."))
-    elif isinstance(part, int | float) and not isinstance(part, bool):
-        yield key, part
-
-
 def values_of(text: str, document: Mapping[str, Any]) -> tuple[str, list[float]]:
     """A key and its values from "key=0.3:1:8" (eight values from 0.3 to 1), "key=1:100:5:log"
     (five values with equal ratios) or "key=0.3,0.5,1".
@@ -606,7 +489,7 @@ def values_of(text: str, document: Mapping[str, Any]) -> tuple[str, list[float]]
     [10.0, 100.0]
     """
     key, equals, listed = text.partition("=")
-    key = _written(key)
+    key = written_key(key)
     wrong = ValueError(
         "--vary must be KEY=FIRST:LAST:NUMBER, KEY=FIRST:LAST:NUMBER:log or "
         f"KEY=VALUE,VALUE,..., got {text!r}"
@@ -652,12 +535,12 @@ def _value(key: str, word: str, document: Mapping[str, Any]) -> float:
     except ValueError:
         pass
     words = key.split(".")
-    while _is_place(words[-1]):
+    while is_place(words[-1]):
         words.pop()
-    part, name = _holder(document, ".".join(words))
+    part, name = holder_of(document, ".".join(words))
     unit = key_unit(document, part, name) if isinstance(part, dict) else ""
     if not unit and (not isinstance(part, dict) or name not in part):
-        raise _unknown(document, key)
+        raise unknown_key(document, key)
     try:
         return measured_in(word, unit)
     except ValueError as error:

@@ -161,7 +161,8 @@ class Signal:
     """A force with a memory of its own, f'' + b f' + w^2 f = w^2 (white noise of `intensity`).
 
     A sine is the undamped signal without noise that starts with `amplitude`. `direction` (n,) holds
-    the forces on the coordinates per unit of f, N.
+    the forces on the coordinates per unit of f, N; `on_base` says whether f is an acceleration of
+    the base.
     """
 
     omega: float
@@ -169,6 +170,8 @@ class Signal:
     intensity: float
     amplitude: float
     direction: Vector
+    phase: float = 0.0
+    on_base: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -499,7 +502,7 @@ def _lowered(scene: Scene) -> Model:
         stiffness=stiffness,
         whites=tuple((e.si_intensity, d) for e, d in shaken if isinstance(e, WhiteNoise)),
         constants=tuple(_constants(scene, mass, shaken)),
-        signals=tuple(_signals(shaken)),
+        signals=tuple(_signals(scene, shaken)),
         tables=tuple(_tables(scene, mass, shaken)),
         pairs=tuple(_pair(scene, pair, mass) for pair in scene.impact_pairs),
         moving_base=isinstance(structure, Isolator)
@@ -519,7 +522,7 @@ def _lowered(scene: Scene) -> Model:
     )
 
 
-def _signals(shaken: list[tuple[Excitation, Vector]]) -> Iterator[Signal]:
+def _signals(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[Signal]:
     for excitation, direction in shaken:
         match excitation:
             case FilteredNoise():
@@ -527,7 +530,8 @@ def _signals(shaken: list[tuple[Excitation, Vector]]) -> Iterator[Signal]:
                 yield Signal(excitation.omega, decay, excitation.si_intensity, 0.0, direction)
             case Sine():
                 omega = 2.0 * math.pi * excitation.frequency_hz
-                yield Signal(omega, 0.0, 0.0, excitation.amplitude, direction)
+                on_base = scene.place(excitation) == BASE
+                yield Signal(omega, 0.0, 0.0, excitation.amplitude, direction, on_base=on_base)
             case WhiteNoise() | ConstantLoad() | DensityNoise():
                 pass  # a part of the model of its own
             case _:

@@ -21,10 +21,11 @@ from stochvi.results.estimates import format_with_error
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution, Viscoelastic
+from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.reliability import reliability
-from stochvi.sweeps import changed_scene, sweep, values_of
+from stochvi.sweeps import sweep, values_of
 from stochvi.views.sweep import changes, draw_sweep, quantities, terminal_table, write_sweep
 from support.commands import ELASTIC, Run, refused
 

@@ -1,0 +1,230 @@
+"""What a structure between rigid stops does under a sine: branches of regimes, and jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.results.base import Result, plain
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Branch:
+    """Periodic regimes that follow from each other as a number is varied.
+
+    Parameters
+    ----------
+    form
+        How they were found: "exact".
+    stops
+        "pair side" of each impact of a regime, in their order; none of motion without impacts.
+    periods
+        Periods of the force after which the motion repeats itself.
+    value, frequency_hz
+        The number that is varied, and the frequency of the force, at each point.
+    displacement_max, acceleration_max
+        Largest displacement from the unloaded position (m), and largest absolute acceleration
+        between impacts (m/s^2), of the coordinate that was asked for.
+    phase
+        Phases of the force at the impacts (points, impacts), rad.
+    displacement, velocity
+        The coordinates (points, coordinates) just before the first impact, or at the phase 0 of
+        motion without impacts, m and m/s.
+    impact_speed
+        Incident speeds (points, impacts), m/s.
+    multiplier
+        Largest modulus of the factors by which small disturbances change over the regime.
+    stable, admissible
+        Whether disturbances die away; whether the motion meets no stop besides these impacts.
+    names
+        "fold", "grazing", "period doubling", "symmetry breaking" or "torus" at a special point,
+        else empty.
+    """
+
+    form: str
+    stops: tuple[str, ...]
+    periods: int
+    value: Vector
+    frequency_hz: Vector
+    displacement_max: Vector
+    acceleration_max: Vector
+    phase: Vector
+    displacement: Vector
+    velocity: Vector
+    impact_speed: Vector
+    multiplier: Vector
+    stable: NDArray[np.bool_]
+    admissible: NDArray[np.bool_]
+    names: tuple[str, ...]
+
+    @property
+    def impacts_per_period(self) -> float:
+        """Number of impacts over the number of periods of the force."""
+        share = len(self.stops) / self.periods
+        return int(share) if share.is_integer() else share
+
+    def at(self, value: float) -> list[int]:
+        """The admissible points at a value that was asked for."""
+        near = np.abs(self.value - value) <= 1e-9 * max(abs(value), 1e-300)
+        return [int(i) for i in np.flatnonzero(near & self.admissible) if not self.names[i]]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON document of the branch."""
+        found = {name: getattr(self, name) for name in BRANCH_KEYS}
+        return {name: plain(value) for name, value in found.items()}
+
+
+BRANCH_KEYS = (
+    "form", "impacts_per_period", "periods", "frequency_hz", "displacement_max", "impact_speed",
+    "multiplier", "stable", "admissible",
+)  # fmt: skip
+"""Keys of a branch in a JSON document."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpecialPoint:
+    """A place where regimes appear, vanish or change their stability.
+
+    Parameters
+    ----------
+    name
+        As in `Branch.names`.
+    branch
+        Number of the branch.
+    value, frequency_hz
+        Of the number that is varied, and of the force.
+    """
+
+    name: str
+    branch: int
+    value: float
+    frequency_hz: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jump:
+    """A sudden change of a slow sweep.
+
+    Parameters
+    ----------
+    upwards
+        Whether the sweep goes up.
+    value, frequency_hz
+        Where the regime ends from which the motion jumps.
+    displacement_max, impact_speed
+        Largest displacement (m) and impact speed (m/s, 0 without impacts), before and after.
+    """
+
+    upwards: bool
+    value: float
+    frequency_hz: float
+    displacement_max: tuple[float, float]
+    impact_speed: tuple[float, float]
+
+    @property
+    def size(self) -> float:
+        """How much larger the larger of the two motions is: its relative change."""
+        changes = [
+            abs(after - before) / max(before, after)
+            for before, after in (self.displacement_max, self.impact_speed)
+            if max(before, after) > 0.0
+        ]
+        return max(changes, default=0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class HarmonicResponse(Result):
+    """Regimes of a structure under a sine or a sum of sines.
+
+    `response.at(20.0)` holds the regimes at a frequency; `branches` all of them.
+
+    Parameters
+    ----------
+    key
+        The number that is varied: "frequency_hz", or a key of the scene.
+    coordinate
+        The coordinate whose displacement and acceleration are given.
+    branches
+        The branches; the first is the motion without impacts, where there is one.
+    special_points
+        Folds, grazings and changes of stability, in the order of their values.
+    jumps
+        What a slow sweep up and one down do where the regime that they follow ends.
+    assumptions
+        What was taken for granted, a sentence each.
+    """
+
+    key: str
+    coordinate: str
+    branches: tuple[Branch, ...]
+    special_points: tuple[SpecialPoint, ...] = ()
+    jumps: tuple[Jump, ...] = ()
+    assumptions: Sequence[str] = ()
+
+    def at(self, value: float) -> pd.DataFrame:
+        """The regimes at one of the values that were asked for, the most stable first."""
+        table = self.to_frame()
+        near = np.abs(table["value"] - value) <= 1e-9 * max(abs(value), 1e-300)
+        chosen: pd.DataFrame = table[near & table["admissible"] & (table["name"] == "")]
+        return chosen.sort_values("multiplier").reset_index(drop=True)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each point of each branch, SI units."""
+        import pandas as pd
+
+        tables = []
+        for number, branch in enumerate(self.branches):
+            speeds = branch.impact_speed
+            columns = {
+                "branch": number,
+                "form": branch.form,
+                "impacts": " ".join(stop.replace(" ", "-") for stop in branch.stops),
+                "impacts_per_period": branch.impacts_per_period,
+                "periods": branch.periods,
+                "value": branch.value,
+                "frequency_hz": branch.frequency_hz,
+                "displacement_max": branch.displacement_max,
+                "acceleration_max": branch.acceleration_max,
+                "impact_speed_max": speeds.max(axis=1, initial=0.0),
+                "multiplier": branch.multiplier,
+                "stable": branch.stable,
+                "admissible": branch.admissible,
+                "name": list(branch.names),
+            }
+            tables.append(pd.DataFrame(columns))
+        empty = pd.DataFrame(columns=["value", "admissible", "name", "multiplier"])
+        return pd.concat(tables, ignore_index=True) if tables else empty
+
+    def jump_at(self, *, upwards: bool) -> float | None:
+        """Frequency (hertz) of the largest jump of a slow sweep; None where there is none."""
+        found = [jump for jump in self.jumps if jump.upwards == upwards]
+        largest = max(found, key=lambda jump: jump.size, default=None)
+        return None if largest is None else largest.frequency_hz
+
+    def _document(self) -> dict[str, Any]:
+        found = super()._document()
+        jumps: Mapping[str, float | None] = {
+            "up_hz": self.jump_at(upwards=True), "down_hz": self.jump_at(upwards=False)
+        }  # fmt: skip
+        return {"method": "sine", **found, "jumps": jumps, "all_jumps": self.jumps}
+
+    def summary(self) -> str:
+        """What was found, in a sentence."""
+        stable = sum(bool((each.stable & each.admissible).any()) for each in self.branches)
+        found = (
+            f"{len(self.branches)} branches of periodic regimes, {stable} of them stable somewhere"
+        )
+        for upwards, word in ((True, "up"), (False, "down")):
+            frequency = self.jump_at(upwards=upwards)
+            if frequency is not None:
+                found += f"; a slow sweep {word} jumps at {frequency:.5g} Hz"
+        return found

@@ -1,0 +1,1068 @@
+"""Flights between rigid stops under a periodic force, regimes that repeat, and their branches.
+
+In coordinates q with unit masses, and in units that make all numbers of order one,
+
+    q'' + C q' + K q = B w,    w = (cos p, sin p, cos 2 p, sin 2 p, ..., 1),
+
+p = omega t the phase of the force. A stop s is met where the distance d = row . q - position comes
+from below to 0; an impact takes q' to q' - (1 + R) (row . q') row / (row . row). That is linear:
+the phases of the impacts of a regime determine its motion by linear algebra alone.
+
+Symbols: n coordinates, m stops, h harmonics, z = (q, q', w) of size N = 2 n + 2 h + 1, G the
+generator of z, K impacts with the phases theta in P periods of the force, sigma in [0, 1] the
+parameter of a branch over its range.
+"""
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+TERMS = 15
+"""Number of terms of a Taylor series over a step; the last is 0.5^15 / 15! = 2e-17 of the first."""
+
+NORM = 0.5
+"""Largest 1-norm of a generator times its step for which the series are used."""
+
+ANGLE = 0.25
+"""Longest step times the fastest frequency, rad: no distance turns twice within a step."""
+
+PARTS = 4
+"""Number of parts of a step in which the first root of a distance is looked for."""
+
+MOST_ITERATIONS = 16
+"""Largest number of Newton steps to a regime."""
+
+LONGEST_CHANGE = 0.7
+"""Largest change of a phase in one Newton step, rad."""
+
+CONVERGED = 3e-13
+"""Change of a phase, rad, at which Newton's iteration has converged; rounding leaves some 1e-15."""
+
+WEIGHT = 6.0
+"""Weight of the parameter against the phases in the length of arc of a branch, rad."""
+
+TURN = 0.98
+"""Smallest cosine of the angle between the tangents at two successive points of a branch."""
+
+FREE = -1
+"""State of a motion in which no stop is rested on."""
+
+MOST_IMPACTS = 4000
+"""Largest number of impacts in one period that a simulation follows."""
+
+STILL = 1e-9
+"""Speed after an impact, relative to the largest one of the same path, below which a coordinate
+that its forces press on the stop rests there: bounces would go on for ever."""
+
+GRID, FOLD, VANISHED = range(3)
+"""Kinds of points of a branch: at a value that was asked for; where the branch turns back; where
+the speed of an impact vanishes, or two impacts merge."""
+
+
+class Motion(NamedTuple):
+    """Numbers of one scene, scaled: G (N, N), rows (m, n), positions and restitutions (m,), the
+    frequency, and the output: its row (n,) and the acceleration of the base per unit of w."""
+
+    generator: np.ndarray
+    rows: np.ndarray
+    positions: np.ndarray
+    restitutions: np.ndarray
+    omega: float
+    output: np.ndarray
+    base: np.ndarray
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def motion_at(series, sigma, n, m, h):
+    """The motion at a parameter: numbers are Chebyshev series (terms, numbers) in 2 sigma - 1."""
+    terms, count = series.shape
+    x = 2.0 * sigma - 1.0
+    flat = series[0].copy()
+    before, now = 1.0, x
+    for k in range(1, terms):
+        for i in range(count):
+            flat[i] += now * series[k, i]
+        before, now = now, 2.0 * x * now - before
+    w = 2 * h + 1
+    size = 2 * n + w
+    g = np.zeros((size, size))
+    at = 0
+    for i in range(n):
+        g[i, n + i] = 1.0
+        for j in range(n):
+            g[n + i, j] = -flat[at]
+            g[n + i, n + j] = -flat[at + n * n]
+            at += 1
+    at = 2 * n * n
+    for i in range(n):
+        for j in range(w):
+            g[n + i, 2 * n + j] = flat[at]
+            at += 1
+    rows = flat[at : at + m * n].copy().reshape(m, n)
+    at += m * n
+    positions = flat[at : at + m].copy()
+    restitutions = flat[at + m : at + 2 * m].copy()
+    at += 2 * m
+    omega = flat[at]
+    output = flat[at + 1 : at + 1 + n].copy()
+    base = flat[at + 1 + n : at + 1 + n + w].copy()
+    for k in range(h):
+        i = 2 * n + 2 * k
+        g[i, i + 1] = -(k + 1) * omega
+        g[i + 1, i] = (k + 1) * omega
+    return Motion(g, rows, positions, restitutions, omega, output, base)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def norm_of(g):
+    """1-norm of a matrix."""
+    largest = 0.0
+    for j in range(g.shape[1]):
+        total = 0.0
+        for i in range(g.shape[0]):
+            total += abs(g[i, j])
+        largest = max(largest, total)
+    return largest
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def multiply(a, b, out):
+    """out = a b."""
+    for i in range(a.shape[0]):
+        for j in range(b.shape[1]):
+            out[i, j] = 0.0
+        for k in range(a.shape[1]):
+            value = a[i, k]
+            if value != 0.0:
+                for j in range(b.shape[1]):
+                    out[i, j] += value * b[k, j]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def transition(g, time):
+    """exp(G time) by a Taylor series of a part of the time, squared."""
+    size = len(g)
+    norm = norm_of(g) * abs(time)
+    squarings = 0
+    while norm > NORM:
+        norm *= 0.5
+        squarings += 1
+    part = time / 2.0**squarings
+    powers, found, other = np.empty((3, size, size)), np.zeros((size, size)), np.empty((size, size))
+    for i in range(size):
+        for j in range(size):
+            powers[0, i, j] = g[i, j] * part
+    multiply(powers[0], powers[0], powers[1])
+    multiply(powers[0], powers[1], powers[2])
+    fourth = np.empty((size, size))
+    multiply(powers[1], powers[1], fourth)
+    # sum of X^k / k! to the power 15, by fours
+    inverse = 1.0
+    for k in range(2, 16):
+        inverse /= k
+    for start in (12, 8, 4, 0):
+        if start < 12:
+            multiply(fourth, found, other)
+            found, other = other, found
+        factor = inverse
+        for k in range(3, 0, -1):
+            for i in range(size):
+                for j in range(size):
+                    found[i, j] += factor * powers[k - 1, i, j]
+            factor *= start + k
+        for i in range(size):
+            found[i, i] += factor
+        inverse = factor * start
+    for _ in range(squarings):
+        multiply(found, found, other)
+        found, other = other, found
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def solve(a, b):
+    """a^-1 b in the place of b; False where a is singular. Changes a."""
+    size = len(a)
+    for i in range(size):
+        pivot = i
+        for k in range(i + 1, size):
+            if abs(a[k, i]) > abs(a[pivot, i]):
+                pivot = k
+        if not abs(a[pivot, i]) > 1e-300:
+            return False
+        if pivot != i:
+            for j in range(size):
+                a[i, j], a[pivot, j] = a[pivot, j], a[i, j]
+            for j in range(b.shape[1]):
+                b[i, j], b[pivot, j] = b[pivot, j], b[i, j]
+        for k in range(i + 1, size):
+            factor = a[k, i] / a[i, i]
+            if factor != 0.0:
+                for j in range(i, size):
+                    a[k, j] -= factor * a[i, j]
+                for j in range(b.shape[1]):
+                    b[k, j] -= factor * b[i, j]
+    for i in range(size - 1, -1, -1):
+        for j in range(b.shape[1]):
+            for k in range(i + 1, size):
+                b[i, j] -= a[i, k] * b[k, j]
+            b[i, j] /= a[i, i]
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def force_state(motion, phase, out):
+    """w at a phase of the force."""
+    h = (len(out) - 1) // 2
+    for k in range(h):
+        out[2 * k] = math.cos((k + 1) * phase)
+        out[2 * k + 1] = math.sin((k + 1) * phase)
+    out[2 * h] = 1.0
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def rate(motion, z, out):
+    """(q', q'') of a state z."""
+    for i in range(2 * motion.rows.shape[1]):
+        total = 0.0
+        for j in range(len(z)):
+            total += motion.generator[i, j] * z[j]
+        out[i] = total
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def strike(motion, stop, y):
+    """Take the velocities of y = (q, q') before an impact to those after it; its incident speed."""
+    n = motion.rows.shape[1]
+    row = motion.rows[stop]
+    speed, square = 0.0, 0.0
+    for i in range(n):
+        speed += row[i] * y[n + i]
+        square += row[i] * row[i]
+    for i in range(n):
+        y[n + i] -= (1.0 + motion.restitutions[stop]) * speed / square * row[i]
+    return speed
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def residual(motion, stops, theta, periods, states, left, jacobian, with_jacobian):
+    """How far each impact of a regime is from its stop, and what its phases change.
+
+    The state at the first impact is found from y = M y + c - sum of v_k d_k, M y + c that after the
+    periods, d_k the distance at an impact and v_k a displacement along its row: where all d_k are 0
+    the motion is periodic, also that of a loose mass, which M y + c = y leaves free to move.
+
+    Writes the states (K, 2 n) before each impact, `left` (K,) and the Jacobian (K, K); False where
+    the phases do not determine the motion.
+    """
+    count, n = len(stops), motion.rows.shape[1]
+    two, size = 2 * n, len(motion.generator)
+    ways, struck = np.empty((count, two, two)), np.empty((count, two, two))
+    forced, w = np.empty((count, two)), np.empty(size - two)
+    whole, other = np.eye(two), np.empty((two, two))
+    start, unit = np.zeros((two, 1)), np.empty(two)
+    pulls, held_ = np.zeros((count, n)), np.zeros((two, two))
+    pulled = np.zeros(two)
+    for k in range(count):
+        row, square, distance = motion.rows[stops[k]], 0.0, -motion.positions[stops[k]]
+        for i in range(n):
+            square += row[i] * row[i]
+            distance += row[i] * start[i, 0]
+        for i in range(n):
+            pulls[k, i] = row[i] / square
+            pulled[i] -= pulls[k, i] * distance
+        for j in range(two):
+            total = 0.0
+            for i in range(n):
+                total += row[i] * whole[i, j]
+            for i in range(n):
+                held_[i, j] += pulls[k, i] * total
+        end = theta[k + 1] if k + 1 < count else theta[0] + 2.0 * math.pi * periods
+        flight = transition(motion.generator, (end - theta[k]) / motion.omega)
+        force_state(motion, theta[k], w)
+        for i in range(two):
+            for j in range(two):
+                ways[k, i, j] = flight[i, j]
+            total = 0.0
+            for j in range(len(w)):
+                total += flight[i, two + j] * w[j]
+            forced[k, i] = total
+        for j in range(two):
+            unit[:] = 0.0
+            unit[j] = 1.0
+            strike(motion, stops[k], unit)
+            for i in range(two):
+                total = 0.0
+                for between in range(two):
+                    total += ways[k, i, between] * unit[between]
+                struck[k, i, j] = total
+        multiply(struck[k], whole, other)
+        whole, other = other, whole
+        for i in range(two):
+            total = forced[k, i]
+            for j in range(two):
+                total += struck[k, i, j] * start[j, 0]
+            unit[i] = total
+        for i in range(two):
+            start[i, 0] = unit[i]
+    inverse = np.eye(two)
+    for i in range(two):
+        for j in range(two):
+            other[i, j] = (1.0 if i == j else 0.0) - whole[i, j] + held_[i, j]
+        start[i, 0] += pulled[i]
+    if not solve(other, inverse):
+        return False
+    for i in range(two):
+        total = 0.0
+        for j in range(two):
+            total += inverse[i, j] * start[j, 0]
+        states[0, i] = total
+    for k in range(count - 1):
+        for i in range(two):
+            total = forced[k, i]
+            for j in range(two):
+                total += struck[k, i, j] * states[k, j]
+            states[k + 1, i] = total
+    for k in range(count):
+        row = motion.rows[stops[k]]
+        left[k] = -motion.positions[stops[k]]
+        for i in range(n):
+            left[k] += row[i] * states[k, i]
+    if not with_jacobian:
+        return True
+    arriving, leaving = np.empty((count, two)), np.empty((count, two))
+    z = np.empty(size)
+    for k in range(count):
+        force_state(motion, theta[k], w)
+        z[:two], z[two:] = states[k], w
+        rate(motion, z, arriving[k])
+        strike(motion, stops[k], z[:two])
+        rate(motion, z, unit)
+        for i in range(two):
+            total = 0.0
+            for j in range(two):
+                total += ways[k, i, j] * unit[j]
+            leaving[k, i] = total / motion.omega
+            arriving[k, i] /= motion.omega
+    moved, next_ = np.empty(two), np.empty(two)
+    for column in range(count):
+        # first with the state at the first impact as it is, then with its change
+        moved[:] = 0.0
+        for turn in range(2):
+            pulled[:] = 0.0
+            for k in range(count):
+                change = 0.0
+                for i in range(n):
+                    change += motion.rows[stops[k], i] * moved[i]
+                jacobian[k, column] = change
+                for i in range(n):
+                    pulled[i] -= pulls[k, i] * change
+                for i in range(two):
+                    total = 0.0
+                    for j in range(two):
+                        total += struck[k, i, j] * moved[j]
+                    if k == column:
+                        total -= leaving[k, i]
+                    if (k + 1) % count == column:
+                        total += arriving[column, i]
+                    next_[i] = total
+                moved, next_ = next_, moved
+            if turn == 0:
+                for i in range(two):
+                    total = 0.0
+                    for j in range(two):
+                        total += inverse[i, j] * (moved[j] + pulled[j])
+                    next_[i] = total
+                moved, next_ = next_, moved
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def bordered(series, n, m, h, stops, periods, u, states, left, matrix):
+    """Residual at u = (theta, WEIGHT sigma) and its derivatives, without the last row."""
+    count = len(stops)
+    there, change = np.empty_like(states), 1e-6
+    for turn in range(3):
+        # on either side, for the derivative by sigma, and last at u itself
+        shift = 0.0 if turn == 2 else (change if turn == 1 else -change)
+        motion = motion_at(series, u[count] / WEIGHT + shift, n, m, h)
+        own = states if turn == 2 else there
+        theta, jacobian = u[:count], matrix[:count, :count]
+        if not residual(motion, stops, theta, periods, own, left, jacobian, turn == 2):
+            return False
+        for k in range(count):
+            if turn == 0:
+                matrix[k, count] = -left[k]
+            elif turn == 1:
+                matrix[k, count] = (matrix[k, count] + left[k]) / (2.0 * change * WEIGHT)
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def correct(series, n, m, h, stops, periods, u, normal, states):
+    """Newton's iteration from u to a regime on the plane through u with a normal, in the place of
+    u; the tangent of the branch there is written to `normal`. False where it fails."""
+    count = len(stops)
+    matrix, left = np.empty((count + 1, count + 1)), np.empty(count)
+    at, right = u.copy(), np.empty((count + 1, 1))
+    converged = False
+    for _ in range(MOST_ITERATIONS):
+        if not bordered(series, n, m, h, stops, periods, u, states, left, matrix):
+            return False
+        for k in range(count):
+            right[k, 0] = 0.0 if converged else -left[k]
+        right[count, 0] = 1.0 if converged else 0.0
+        for k in range(count + 1):
+            matrix[count, k] = normal[k]
+            if not converged:
+                right[count, 0] -= normal[k] * (u[k] - at[k])
+        if not solve(matrix, right):
+            return False
+        if converged:
+            break
+        largest = 0.0
+        for k in range(count + 1):
+            largest = max(largest, abs(right[k, 0]))
+        if not largest < 1e6:
+            return False
+        factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
+        for k in range(count + 1):
+            u[k] += factor * right[k, 0]
+        converged = largest < CONVERGED * (1.0 + abs(u[0]))
+    if not converged:
+        return False
+    length = 0.0
+    for k in range(count + 1):
+        length += right[k, 0] ** 2
+    for k in range(count + 1):
+        normal[k] = right[k, 0] / math.sqrt(length)
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def settle(motion, stops, periods, theta, states):
+    """Newton's iteration to a regime of one motion, in the place of theta; False where it fails."""
+    count = len(stops)
+    matrix, left = np.empty((count + 1, count + 1)), np.empty(count)
+    square, right = np.empty((count, count)), np.empty((count, 1))
+    jacobian = matrix[:count, :count]
+    for _ in range(MOST_ITERATIONS):
+        if not residual(motion, stops, theta, periods, states, left, jacobian, True):
+            return False
+        square[:] = jacobian
+        for k in range(count):
+            right[k, 0] = -left[k]
+        if not solve(square, right):
+            return False
+        largest = 0.0
+        for k in range(count):
+            largest = max(largest, abs(right[k, 0]))
+        if not largest < 1e6:
+            return False
+        factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
+        for k in range(count):
+            theta[k] += factor * right[k, 0]
+        if largest < CONVERGED * (1.0 + abs(theta[0])):
+            return residual(motion, stops, theta, periods, states, left, jacobian, False)
+    return False
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def slowest(motion, stops, theta, periods, states):
+    """The smallest impact speed, or the shortest flight, whichever is less: both are above 0."""
+    count, n = len(stops), motion.rows.shape[1]
+    least = np.inf
+    for k in range(count):
+        speed = 0.0
+        for i in range(n):
+            speed += motion.rows[stops[k], i] * states[k, n + i]
+        end = theta[k + 1] if k + 1 < count else theta[0] + 2.0 * math.pi * periods
+        least = min(least, speed, end - theta[k])
+    return least
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def follow(series, n, m, h, stops, periods, u, direction, grid, points, kinds):
+    """Follow a branch from the regime u = (theta, WEIGHT sigma) until it leaves the range, closes,
+    or an impact vanishes.
+
+    `grid` holds values of sigma, rising; `points` (most, K + 1) takes the values of u at these and
+    at special points, in the order of the branch, and `kinds` what they are. Returns their number,
+    and whether the branch has closed.
+    """
+    count = len(stops)
+    states, first = np.empty((count, 2 * n)), u.copy()
+    tangent = np.zeros(count + 1)
+    tangent[count] = 1.0
+    if not correct(series, n, m, h, stops, periods, u, tangent, states):
+        return 0, False
+    if tangent[count] * direction < 0.0:
+        tangent = -tangent
+    found, step, length = 0, 0.02, 0.0
+    fresh, way = u.copy(), tangent.copy()
+    while found < len(points) - 4:
+        for k in range(count + 1):
+            fresh[k] = u[k] + step * tangent[k]
+            way[k] = tangent[k]
+        good = correct(series, n, m, h, stops, periods, fresh, way, states)
+        cosine, apart = 0.0, 0.0
+        for k in range(count + 1):
+            cosine += way[k] * tangent[k]
+            apart += (fresh[k] - u[k]) * tangent[k]
+        if not good or cosine < TURN or apart > 1.1 * step:
+            step *= 0.5
+            if step < 1e-7:
+                return found, False
+            continue
+        length += step
+        motion = motion_at(series, fresh[count] / WEIGHT, n, m, h)
+        if not slowest(motion, stops, fresh[:count], periods, states) > 0.0:
+            # the place where the impact vanishes, by bisection of the step
+            low, high = 0.0, 1.0
+            last = u.copy()
+            for _ in range(50):
+                middle = 0.5 * (low + high)
+                for k in range(count + 1):
+                    fresh[k] = u[k] + middle * step * tangent[k]
+                    way[k] = tangent[k]
+                if not correct(series, n, m, h, stops, periods, fresh, way, states):
+                    high = middle
+                    continue
+                motion = motion_at(series, fresh[count] / WEIGHT, n, m, h)
+                if slowest(motion, stops, fresh[:count], periods, states) > 0.0:
+                    low = middle
+                    last[:] = fresh
+                else:
+                    high = middle
+            found = fill(series, n, m, h, stops, periods, u, last, grid, points, kinds, found)
+            points[found], kinds[found] = last, VANISHED
+            return found + 1, False
+        if way[count] * tangent[count] < 0.0:
+            low, high = 0.0, 1.0
+            turn, bend = u.copy(), tangent.copy()
+            for _ in range(50):
+                middle = 0.5 * (low + high)
+                for k in range(count + 1):
+                    turn[k] = u[k] + middle * step * tangent[k]
+                    bend[k] = tangent[k]
+                if not correct(series, n, m, h, stops, periods, turn, bend, states):
+                    break
+                if bend[count] * tangent[count] > 0.0:
+                    low = middle
+                else:
+                    high = middle
+            found = fill(series, n, m, h, stops, periods, u, turn, grid, points, kinds, found)
+            points[found], kinds[found] = turn, FOLD
+            found = fill(
+                series, n, m, h, stops, periods, turn, fresh, grid, points, kinds, found + 1
+            )
+        else:
+            found = fill(series, n, m, h, stops, periods, u, fresh, grid, points, kinds, found)
+        for k in range(count + 1):
+            u[k], tangent[k] = fresh[k], way[k]
+        if not 0.0 <= u[count] <= WEIGHT:
+            return found, False
+        away = abs(u[count] - first[count])
+        for k in range(count):
+            turns = (u[k] - first[k]) / (2.0 * math.pi)
+            away = max(away, 2.0 * math.pi * abs(turns - math.floor(turns + 0.5)))
+        if length > 4.0 * step + 0.5 and away < step:
+            return found, True
+        step = min(1.5 * step, 0.5)
+    return found, False
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def fill(series, n, m, h, stops, periods, start, end, grid, points, kinds, found):
+    """The regimes at the values of the grid between two points of a branch."""
+    count = len(stops)
+    low, high = start[count] / WEIGHT, end[count] / WEIGHT
+    rising = high >= low
+    u, states = start.copy(), np.empty((count, 2 * n))
+    number = len(grid)
+    for j in range(number):
+        sigma = grid[j] if rising else grid[number - 1 - j]
+        inside = low < sigma <= high if rising else high <= sigma < low
+        if not inside or found >= len(points) - 3:
+            continue
+        share = (sigma - low) / (high - low)
+        for k in range(count + 1):
+            u[k] = start[k] + share * (end[k] - start[k])
+        u[count] = sigma * WEIGHT
+        motion = motion_at(series, sigma, n, m, h)
+        if settle(motion, stops, periods, u[:count], states):
+            away = 0.0
+            for k in range(count):
+                away = max(away, abs(u[k] - start[k] - share * (end[k] - start[k])))
+            if away < 0.5:
+                points[found], kinds[found] = u, GRID
+                found += 1
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def expand(g, z, out):
+    """Taylor coefficients (TERMS, N) of exp(G tau) z."""
+    size = len(g)
+    out[0] = z
+    for k in range(1, TERMS):
+        for i in range(size):
+            total = 0.0
+            for j in range(size):
+                total += g[i, j] * out[k - 1, j]
+            out[k, i] = total / k
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def value_at(c, time):
+    """A polynomial."""
+    total = 0.0
+    for k in range(len(c) - 1, -1, -1):
+        total = total * time + c[k]
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def slope_at(c, time):
+    """Derivative of a polynomial."""
+    total = 0.0
+    for k in range(len(c) - 1, 0, -1):
+        total = total * time + k * c[k]
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def root_between(c, low, high, derivative):
+    """A root of a polynomial, or of its derivative, between two times at which signs differ."""
+    rising = (slope_at(c, high) if derivative else value_at(c, high)) > 0.0
+    time = 0.5 * (low + high)
+    for _ in range(80):
+        value = slope_at(c, time) if derivative else value_at(c, time)
+        if (value > 0.0) == rising:
+            high = time
+        else:
+            low = time
+        if derivative:
+            slope = 0.0
+            for k in range(len(c) - 1, 1, -1):
+                slope = slope * time + k * (k - 1) * c[k]
+        else:
+            slope = slope_at(c, time)
+        fresh = time - value / slope if slope != 0.0 else low
+        if not low < fresh < high:
+            fresh = 0.5 * (low + high)
+        if abs(fresh - time) <= 1e-16 * abs(time) or high - low <= 1e-16 * abs(high):
+            return fresh
+        time = fresh
+    return time
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def first_rise(c, length):
+    """The first time in [0, length] at which a polynomial is above 0; -1 where none."""
+    if c[0] > 0.0:
+        return 0.0
+    start = 0.0
+    for part in range(1, PARTS + 1):
+        end = length * part / PARTS
+        if value_at(c, end) > 0.0:
+            return root_between(c, start, end, False)
+        if slope_at(c, start) > 0.0 and slope_at(c, end) < 0.0:
+            top = root_between(c, start, end, True)
+            if value_at(c, top) > 0.0:
+                return root_between(c, start, top, False)
+        start = end
+    return -1.0
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def step_of(motion):
+    """The longest step in which no distance turns twice and the series converge."""
+    n = motion.rows.shape[1]
+    h = (len(motion.generator) - 2 * n - 1) // 2
+    fastest = max(h, 1) * motion.omega
+    stiffness = 0.0
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += abs(motion.generator[n + i, j])
+        stiffness = max(stiffness, total)
+    fastest = max(fastest, math.sqrt(stiffness))
+    return min(ANGLE / fastest, NORM / norm_of(motion.generator))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def unstruck(motion, phase, states):
+    """The state (1, 2 n) at a phase of the motion without impacts; False where there is none."""
+    two, size = 2 * motion.rows.shape[1], len(motion.generator)
+    whole = transition(motion.generator, 2.0 * math.pi / motion.omega)
+    matrix, right, w = np.empty((two, two)), np.zeros((two, 1)), np.empty(size - two)
+    force_state(motion, phase, w)
+    for i in range(two):
+        for j in range(two):
+            matrix[i, j] = (1.0 if i == j else 0.0) - whole[i, j]
+        for j in range(size - two):
+            right[i, 0] += whole[i, two + j] * w[j]
+    if not solve(matrix, right):
+        return False
+    for i in range(two):
+        states[0, i] = right[i, 0]
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def survey(motion, stops, theta, periods, states):
+    """Margin to further impacts, largest displacement and acceleration of the output, and the
+    factors by which disturbances grow, over a regime; without impacts, theta holds the phase at
+    which it starts.
+
+    The margin is the smallest distance to a stop where the motion turns back without an impact,
+    below 0 where it would pass; the acceleration is the absolute one, between impacts.
+    """
+    n, m = motion.rows.shape[1], len(motion.positions)
+    two, size = 2 * n, len(motion.generator)
+    longest = step_of(motion)
+    margin, displacement, acceleration = np.inf, 0.0, 0.0
+    z, last, w = np.empty(size), np.empty(size), np.empty(size - two)
+    terms, c = np.empty((TERMS, size)), np.empty(TERMS)
+    before, after = np.empty(two), np.empty(two)
+    pull = acceleration_row(motion)
+    slope = np.empty(size)
+    for j in range(size):
+        slope[j] = 0.0
+        for i in range(size):
+            slope[j] += pull[i] * motion.generator[i, j]
+    factors, other = np.eye(two), np.empty((two, two))
+    salt = np.empty((two, two))
+    flights = max(len(stops), 1)
+    for k in range(flights):
+        end = theta[k + 1] if k + 1 < len(theta) else theta[0] + 2.0 * math.pi * periods
+        time = (end - theta[k]) / motion.omega
+        steps = max(1, math.ceil(time / longest))
+        part = time / steps
+        matrix = transition(motion.generator, part)
+        force_state(motion, theta[k], w)
+        z[:two], z[two:] = states[k], w
+        if len(stops):
+            rate(motion, z, before)
+            speed = strike(motion, stops[k], z[:two])
+            rate(motion, z, after)
+            # a disturbed path is struck at another moment, by the old and the new rates
+            for j in range(two):
+                for i in range(two):
+                    salt[i, j] = 1.0 if i == j else 0.0
+                strike(motion, stops[k], salt[:, j])
+            for i in range(two):
+                other[i, 0] = before[i]
+            strike(motion, stops[k], other[:, 0])
+            for i in range(two):
+                for j in range(n):
+                    salt[i, j] += (after[i] - other[i, 0]) * motion.rows[stops[k], j] / speed
+            multiply(salt, factors, other)
+            factors, other = other, factors
+        whole = transition(motion.generator, time)
+        multiply(whole[:two, :two], factors, other)
+        factors, other = other, factors
+        for number in range(steps):
+            last[:] = z
+            apply(matrix, last, z)
+            expanded = False
+            for s in range(-1, m):
+                # the distance to a stop, or the output
+                position = 0.0 if s < 0 else motion.positions[s]
+                start, start_rate, finish, finish_rate = -position, 0.0, -position, 0.0
+                for i in range(n):
+                    row = motion.output[i] if s < 0 else motion.rows[s, i]
+                    start += row * last[i]
+                    start_rate += row * last[n + i]
+                    finish += row * z[i]
+                    finish_rate += row * z[n + i]
+                hit = len(stops) > 0 and s == stops[k] and number == 0
+                if s >= 0 and number == 0 and len(stops) > 0 and s != stops[k]:
+                    margin = min(margin, -start)
+                if s < 0:
+                    displacement = max(displacement, abs(start), abs(finish))
+                if start_rate * finish_rate >= 0.0 or (s >= 0 and start_rate < 0.0):
+                    continue
+                if hit and start_rate > 0.0:
+                    continue
+                if not expanded:
+                    expand(motion.generator, last, terms)
+                    expanded = True
+                for t in range(TERMS):
+                    c[t] = 0.0
+                    for i in range(n):
+                        c[t] += (motion.output[i] if s < 0 else motion.rows[s, i]) * terms[t, i]
+                c[0] -= position
+                top = value_at(c, root_between(c, 0.0, part, True))
+                if s < 0:
+                    displacement = max(displacement, abs(top))
+                else:
+                    margin = min(margin, -top)
+            ends, rates = (dot(pull, last), dot(pull, z)), (dot(slope, last), dot(slope, z))
+            acceleration = max(acceleration, swing(ends, rates, part))
+    return margin, displacement, acceleration, factors
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def acceleration_row(motion):
+    """The row (N,) whose product with a state is the absolute acceleration of the output."""
+    n, size = motion.rows.shape[1], len(motion.generator)
+    found = np.zeros(size)
+    for j in range(size):
+        for i in range(n):
+            found[j] += motion.output[i] * motion.generator[n + i, j]
+    found[2 * n :] += motion.base
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def dot(a, b):
+    """Scalar product."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def apply(matrix, z, out):
+    """out = matrix z."""
+    for i in range(len(matrix)):
+        total = 0.0
+        for j in range(len(z)):
+            total += matrix[i, j] * z[j]
+        out[i] = total
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def swing(ends, rates, time):
+    """Largest size within a step of a quantity whose values and rates at its ends are known, by a
+    cubic."""
+    largest = max(abs(ends[0]), abs(ends[1]))
+    if rates[0] * rates[1] < 0.0:
+        p, q, rise = rates[0] * time, rates[1] * time, ends[1] - ends[0]
+        # value ends[0] + p s + c2 s^2 + c3 s^3 over the share s of the step
+        c2, c3 = 3.0 * rise - 2.0 * p - q, p + q - 2.0 * rise
+        root = math.sqrt(max(c2 * c2 - 3.0 * c3 * p, 0.0))
+        for sign in (-1.0, 1.0):
+            s = -p / (c2 + sign * root) if c2 + sign * root != 0.0 else -1.0
+            if 0.0 < s < 1.0:
+                largest = max(largest, abs(ends[0] + s * (p + s * (c2 + s * c3))))
+    return largest
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def inspect(series, n, m, h, stops, periods, points, found, speeds, factors, starts):
+    """Survey the points (number, K + 1) of a branch: `found` (number, 3) takes the margin, largest
+    displacement and acceleration, `speeds` (number, K), `factors` (number, 2 n, 2 n), and `starts`
+    (number, 2 n) the states before the first impacts; NaN where there is no regime."""
+    count = len(stops)
+    states, left = np.empty((max(count, 1), 2 * n)), np.empty(count)
+    none = np.empty((2, 2))[:1, :1]
+    for number in range(len(points)):
+        theta = points[number, : max(count, 1)]
+        motion = motion_at(series, points[number, count] / WEIGHT, n, m, h)
+        if count == 0:
+            theta = np.zeros(1)
+            good = unstruck(motion, 0.0, states)
+        else:
+            good = residual(motion, stops, theta, periods, states, left, none, False)
+        if not good:
+            found[number] = np.nan
+            factors[number] = np.nan
+            speeds[number] = np.nan
+            starts[number] = np.nan
+            continue
+        starts[number] = states[0]
+        for k in range(count):
+            speeds[number, k] = distance_of(motion, stops[k], states[k])[1]
+        margin, displacement, acceleration, matrix = survey(motion, stops, theta, periods, states)
+        found[number, 0] = margin
+        found[number, 1] = displacement
+        found[number, 2] = acceleration
+        factors[number] = matrix
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def seek(motion, stops, periods, starts, tolerance):
+    """Regimes that Newton's iteration finds from phases (number, K), in their place; returns how
+    many have no further impact, and none whose speed is a tolerance or less."""
+    count, found = len(stops), 0
+    states = np.empty((count, 2 * motion.rows.shape[1]))
+    for number in range(len(starts)):
+        theta = starts[number].copy()
+        if not settle(motion, stops, periods, theta, states):
+            continue
+        if not slowest(motion, stops, theta, periods, states) > tolerance:
+            continue
+        if survey(motion, stops, theta, periods, states)[0] >= -tolerance:
+            starts[found] = theta
+            found += 1
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def held(motion):
+    """Generators (m, N, N) of the motion at rest on each stop."""
+    n, m, size = motion.rows.shape[1], len(motion.positions), len(motion.generator)
+    found = np.empty((m, size, size))
+    for s in range(m):
+        found[s] = motion.generator
+        row = motion.rows[s]
+        square = 0.0
+        for i in range(n):
+            square += row[i] * row[i]
+        for j in range(size):
+            total = 0.0
+            for i in range(n):
+                total += row[i] * motion.generator[n + i, j]
+            for i in range(n):
+                found[s, n + i, j] -= total * row[i] / square
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def sum_terms(terms, time, out):
+    """The state whose Taylor coefficients are known, after a time."""
+    for i in range(terms.shape[1]):
+        total = 0.0
+        for k in range(TERMS - 1, -1, -1):
+            total = total * time + terms[k, i]
+        out[i] = total
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def distance_of(motion, stop, z):
+    """The distance d of a state to a stop, below 0 where it is clear of it, and its rate."""
+    n = motion.rows.shape[1]
+    distance, speed = -motion.positions[stop], 0.0
+    for i in range(n):
+        distance += motion.rows[stop, i] * z[i]
+        speed += motion.rows[stop, i] * z[n + i]
+    return distance, speed
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def push_of(motion, stop, z):
+    """Acceleration towards a stop that the forces of a state give."""
+    n = motion.rows.shape[1]
+    total = 0.0
+    for i in range(n):
+        for j in range(len(z)):
+            total += motion.rows[stop, i] * motion.generator[n + i, j] * z[j]
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def rest_on(motion, stop, z):
+    """Take the rest of the speed towards a stop from a state."""
+    n = motion.rows.shape[1]
+    square, speed = 0.0, 0.0
+    for i in range(n):
+        square += motion.rows[stop, i] ** 2
+        speed += motion.rows[stop, i] * z[n + i]
+    for i in range(n):
+        z[n + i] -= speed / square * motion.rows[stop, i]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def march(motion, start, periods, phase, ends, log):
+    """Simulate from impact to impact: `start` (2 n,) at a phase of the force, over whole periods.
+
+    `ends` (periods + 1, 2 n) takes the state at the start and after each period; `log` (most, 3)
+    the phase, stop and speed of impacts, the last ones in the place of the first where they are too
+    many. Returns the number of impacts (0 or more; -1 where they came too fast to be followed), and
+    the largest displacement of the output over the last period.
+    """
+    n, m = motion.rows.shape[1], len(motion.positions)
+    two, size = 2 * n, len(motion.generator)
+    steps = math.ceil(2.0 * math.pi / motion.omega / step_of(motion))
+    part = 2.0 * math.pi / motion.omega / steps
+    resting = held(motion)
+    matrix = transition(motion.generator, part)
+    z, fresh, w = np.empty(size), np.empty(size), np.empty(size - two)
+    terms, c = np.empty((TERMS, size)), np.empty(TERMS)
+    force_state(motion, phase, w)
+    z[:two], z[two:] = start, w
+    ends[0] = start
+    state, touched, skipped = FREE, FREE, FREE
+    hits, fastest, displacement = 0, 0.0, 0.0
+    for period in range(periods):
+        before = hits
+        # rounding of the turning force does not add up over many periods
+        force_state(motion, phase, w)
+        z[two:] = w
+        for number in range(steps):
+            left = part
+            while left > 0.0:
+                expanded = left < part or state != FREE
+                if expanded:
+                    expand(motion.generator if state == FREE else resting[state], z, terms)
+                    sum_terms(terms, left, fresh)
+                else:
+                    apply(matrix, z, fresh)
+                sooner, event, released = left, FREE, False
+                for s in range(m):
+                    if s in (state, skipped):
+                        continue
+                    start_, start_rate = distance_of(motion, s, z)
+                    end, end_rate = distance_of(motion, s, fresh)
+                    reach = 0.5 * left * (abs(start_rate) + abs(end_rate))
+                    if max(start_, end) + reach < 0.0:
+                        continue
+                    if not expanded:
+                        expand(motion.generator, z, terms)
+                        expanded = True
+                    for k in range(TERMS):
+                        c[k] = 0.0
+                        for i in range(n):
+                            c[k] += motion.rows[s, i] * terms[k, i]
+                    c[0] -= motion.positions[s]
+                    # from the stop itself, or from beyond it by rounding: the next touch
+                    on = s == touched or c[0] > 0.0
+                    at = first_rise(c[1:], sooner) if on else first_rise(c, sooner)
+                    if at >= 0.0 and (at < sooner or event == FREE):
+                        sooner, event = at, s
+                if state != FREE:
+                    for k in range(TERMS):
+                        c[k] = -push_of(motion, state, terms[k])
+                    at = first_rise(c, sooner)
+                    if at >= 0.0:
+                        sooner, event, released = at, FREE, True
+                if event == FREE and not released:
+                    z[:] = fresh
+                    touched, skipped, left = FREE, FREE, 0.0
+                    continue
+                sum_terms(terms, sooner, z)
+                left = max(left - sooner, 0.0)
+                if released:
+                    touched, skipped, state = FREE, state, FREE
+                    continue
+                state = FREE
+                speed = strike(motion, event, z[:two])
+                slot = hits % len(log)
+                log[slot, 0] = (
+                    phase + 2.0 * math.pi * period + motion.omega * ((number + 1) * part - left)
+                )
+                log[slot, 1], log[slot, 2] = event, speed
+                hits += 1
+                fastest = max(fastest, speed)
+                touched = event
+                if hits - before > MOST_IMPACTS:
+                    return -1, displacement
+                if motion.restitutions[event] * speed <= STILL * fastest:
+                    if push_of(motion, event, z) > 0.0:
+                        state = event
+                        rest_on(motion, event, z)
+                    else:
+                        skipped = event
+            if period == periods - 1:
+                value = 0.0
+                for i in range(n):
+                    value += motion.output[i] * z[i]
+                displacement = max(displacement, abs(value))
+        ends[period + 1] = z[:two]
+    return hits, displacement

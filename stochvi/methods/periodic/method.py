@@ -1,0 +1,233 @@
+"""Periodic regimes of a scene under its sines: over frequency, or over any key of the scene."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stochvi.methods.periodic.answer import Branch, HarmonicResponse, Jump, SpecialPoint
+from stochvi.methods.periodic.branches import Finder, Track
+from stochvi.methods.periodic.family import Family, unmet
+from stochvi.methods.periodic.jumps import Sweep
+from stochvi.model.model import Model, model_of
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Cost, provenance
+from stochvi.scenes.excitations import Sine
+from stochvi.scenes.keys import changed_scene
+from stochvi.scenes.scene import Scene
+
+Vector = NDArray[np.float64]
+
+FREQUENCY = "frequency_hz"
+"""Name of what is varied where that is the frequency of the sine itself."""
+
+MARGIN = 1e-3
+"""Share of its value by which a single value is widened to a range."""
+
+MOST_VALUES = 100_000
+"""Largest number of values of what is varied."""
+
+STABLE = 1.0 + 1e-9
+"""Largest multiplier of a stable regime; without damping and loss it is 1 but for rounding."""
+
+
+def harmonic_response(
+    scene: Scene,
+    frequency_hz: ArrayLike | None = None,
+    *,
+    vary: Mapping[str, Sequence[float]] | None = None,
+    coordinate: str | None = None,
+    most_impacts: int = 3,
+    budget: float | None = None,
+) -> HarmonicResponse:
+    """The periodic regimes of a linear structure with rigid stops under a sine or a sum of sines.
+
+    Between impacts the motion is linear and exact. Regimes with a given order of impacts in a
+    number of periods follow from the phases of the impacts by Newton's iteration; branches are
+    followed by length of arc, through folds. The multipliers are those of the map over a period,
+    in which an impact turns a disturbance as by its saltation matrix. Regimes are looked for by
+    simulations from several states, and from many phases of few impacts: one that neither meets is
+    not found.
+
+    Parameters
+    ----------
+    scene
+        A linear structure with rigid stops of any restitution, gap or preload, constant loads, and
+        sines whose frequencies are multiples of one. Noise is left out, with a warning.
+    frequency_hz
+        Frequencies of the lowest common multiple of the sines, at which regimes are wanted; by
+        default that of the scene.
+    vary
+        Instead: one key of the scene with its values.
+    coordinate
+        The coordinate whose displacement and acceleration are given; by default the first.
+    most_impacts
+        Largest number of impacts per period of the regimes that Newton's iteration looks for.
+    budget
+        Seconds of wall time.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene is not of that kind.
+    NotConverged
+        If the budget ends first; the error holds the branches so far.
+
+    Examples
+    --------
+    An isolator that may clatter between its stops where its motion without impacts fits:
+
+    >>> from stochvi import ImpactPair, Oscillator, Restitution, Sine
+    >>> mount = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=12.5, stiffness=62.8**2),
+    ...     impact_pairs=[
+    ...         ImpactPair(lower=-4e-4, upper=4e-4, law=Restitution(coefficient=0.5))
+    ...     ],
+    ...     excitations=[Sine(amplitude=1e-4 * 628.0**2, frequency_hz=628.0 / 6.283185307179586)],
+    ... )
+    >>> found = harmonic_response(mount).at(628.0 / 6.283185307179586)
+    >>> found[found["periods"] == 1][["impact_speed_max", "stable"]].round(4).values.tolist()
+    [[0.2246, True], [0.0, True], [0.1771, False]]
+    """
+    began = time.perf_counter()
+    deadline = Deadline.after(budget)
+    key, values, scene_at = _varied(scene, frequency_hz, vary)
+    model = model_of(scene_at(float(values[0])))
+    if conditions := unmet(model):
+        raise NotApplicable("sine", conditions)
+    low, high = float(values[0]), float(values[-1])
+    if low == high:
+        wide = MARGIN * (abs(low) or 1.0)
+        low, high = low - wide, high + wide
+    family = Family.of(lambda value: model_of(scene_at(value)), low, high, coordinate)
+    finder = Finder(family, family.sigma(values), most_impacts, deadline)
+    with heeding_ctrl_c():
+        finder.find()
+        jumps = _jumps(finder) if len(values) > 1 else ()
+    branches = tuple(_branch(family, track) for track in finder.tracks)
+    answer = HarmonicResponse(
+        key=key,
+        coordinate=coordinate or model.coordinates[0],
+        branches=branches,
+        special_points=_special_points(branches),
+        jumps=jumps,
+        assumptions=(*scene.assumptions(), LOOKED_FOR),
+        warnings=_warnings(model),
+        cost=Cost(wall_time=time.perf_counter() - began),
+        provenance=provenance(scene.document()),
+    )
+    if deadline.passed():
+        raise deadline.fell_short("before all regimes were looked for", "ask for fewer", answer)
+    return answer
+
+
+LOOKED_FOR = (
+    "regimes are looked for by simulations and from many phases of few impacts; one that neither "
+    "meets is not found"
+)
+"""What the search for regimes takes for granted."""
+
+
+def _varied(
+    scene: Scene, frequency_hz: ArrayLike | None, vary: Mapping[str, Sequence[float]] | None
+) -> tuple[str, Vector, Callable[[float], Scene]]:
+    """Name and rising values of what is varied, and the scene at a value."""
+    if vary is not None:
+        if frequency_hz is not None or len(vary) != 1:
+            raise ValueError(
+                "vary must be one key of the scene with its values, without frequency_hz, got "
+                f"{', '.join(vary) or 'none'}"
+            )
+        ((key, given),) = vary.items()
+        document = scene.document(as_written=True)
+        return key, _checked(key, given), lambda value: changed_scene(document, ((key, value),))
+    sines = [each.frequency_hz for each in scene.excitations if isinstance(each, Sine)]
+    if not sines:
+        raise NotApplicable("sine", unmet(model_of(scene)))
+    lowest = min(sines)
+    values = _checked(FREQUENCY, [lowest] if frequency_hz is None else frequency_hz)
+    if not values[0] > 0.0:
+        raise ValueError(f"frequency_hz must be greater than 0, got {values[0]:g}")
+    return FREQUENCY, values, lambda value: _at_frequency(scene, value / lowest)
+
+
+def _checked(key: str, given: ArrayLike) -> Vector:
+    values = np.unique(np.atleast_1d(np.asarray(given, dtype=float)))
+    if not 0 < len(values) <= MOST_VALUES or not np.all(np.isfinite(values)):
+        raise ValueError(
+            f"{key} must have from 1 to {MOST_VALUES} finite values, got {len(values)}"
+        )
+    return values
+
+
+def _at_frequency(scene: Scene, factor: float) -> Scene:
+    """The scene with the frequencies of its sines multiplied."""
+    changed = tuple(
+        each.model_copy(update={"frequency_hz": factor * each.frequency_hz})
+        if isinstance(each, Sine)
+        else each
+        for each in scene.excitations
+    )
+    return scene.model_copy(update={"excitations": changed})
+
+
+def _branch(family: Family, track: Track) -> Branch:
+    sigma, multiplier = track.sigma, track.multiplier
+    return Branch(
+        form="exact",
+        stops=tuple(family.stops[stop] for stop in track.stops),
+        periods=track.periods,
+        value=family.value(sigma),
+        frequency_hz=family.frequency_hz(sigma),
+        displacement_max=track.displacement * family.length,
+        acceleration_max=track.acceleration * family.length / family.time**2,
+        phase=track.points[:, :-1],
+        **family.states(track.starts, sigma),
+        impact_speed=track.speeds * family.speed,
+        multiplier=multiplier,
+        stable=multiplier < STABLE,
+        admissible=track.admissible,
+        names=track.names,
+    )
+
+
+def _special_points(branches: Sequence[Branch]) -> tuple[SpecialPoint, ...]:
+    found = [
+        SpecialPoint(
+            name=name,
+            branch=number,
+            value=float(branch.value[place]),
+            frequency_hz=float(branch.frequency_hz[place]),
+        )
+        for number, branch in enumerate(branches)
+        for place, name in enumerate(branch.names)
+        if name and branch.admissible[place]
+    ]
+    return tuple(sorted(found, key=lambda point: (point.value, point.branch)))
+
+
+def _jumps(finder: Finder) -> tuple[Jump, ...]:
+    family = finder.family
+    return tuple(
+        Jump(
+            upwards=upwards,
+            value=float(family.value(step.sigma)),
+            frequency_hz=float(family.frequency_hz(step.sigma)),
+            displacement_max=(
+                step.displacements[0] * family.length, step.displacements[1] * family.length
+            ),
+            impact_speed=(step.speeds[0] * family.speed, step.speeds[1] * family.speed),
+        )
+        for upwards in (True, False)
+        for step in Sweep(finder, upwards=upwards).steps()
+    )  # fmt: skip
+
+
+def _warnings(model: Model) -> tuple[str, ...]:
+    if not model.noisy:
+        return ()
+    return ("the noise of the scene is left out: these are regimes of its sines alone",)

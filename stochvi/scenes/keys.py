@@ -1,0 +1,131 @@
+"""Keys of a scene file, such as "impact_pair.0.law.coefficient", and the scenes that they change.
+
+In a key a number counts the entries of a list.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from stochvi.results.errors import SceneError
+from stochvi.scenes.impact_laws.rubber import DAMPING, OF_RUBBER, PAD
+from stochvi.scenes.scene import Scene, scene_from
+
+Change = tuple[tuple[str, float], ...]
+"""Keys of a scene file, each with its value."""
+
+
+def written_key(key: str) -> str:
+    """A key with plain numbers for the places in lists: 0 instead of 00."""
+    words = str(key).split(".")
+    return ".".join(str(int(word)) if is_place(word) else word for word in words)
+
+
+def is_place(word: str) -> bool:
+    return word.isascii() and word.isdigit()
+
+
+def changed_scene(document: Mapping[str, Any], change: Change) -> Scene:
+    """The scene of a document with some keys set to other values.
+
+    Raises
+    ------
+    SceneError
+        With the nearest key that there is, or what is wrong with the value.
+    """
+    changed = json.loads(json.dumps(document))
+    for key, value in change:
+        _set(changed, key, value)
+    try:
+        return scene_from(changed)
+    except SceneError as error:
+        values = ", ".join(f"{key} = {value:g}" for key, value in change)
+        raise SceneError(f"vary: with {values}, {error}") from None
+
+
+def _set(document: Any, key: str, value: float) -> None:
+    """Set a key that is there, or one that its part of the scene knows but leaves out."""
+    part, last = holder_of(document, key)
+    way = key.split(".")
+    if last == "clearance" and way[:1] == ["impact_pair"] and isinstance(part, dict):
+        _set_clearance(part, key, value)
+    elif (
+        isinstance(part, dict)
+        and part.get("kind") in OF_RUBBER
+        and last in (*DAMPING, *PAD, "stiffness")
+    ):
+        _set_rubber(part, last, value)
+    elif isinstance(part, list) and is_place(last) and int(last) < len(part):
+        part[int(last)] = value
+    elif isinstance(part, dict) and not isinstance(part.get(last), dict | list | str):
+        part[last] = value
+    else:
+        raise unknown_key(document, key)
+
+
+def holder_of(document: Any, key: str) -> tuple[Any, str]:
+    """The part of a document that holds a key, and the last word of the key."""
+    *way, last = key.split(".")
+    part = document
+    for word in way:
+        if isinstance(part, list) and is_place(word) and int(word) < len(part):
+            part = part[int(word)]
+        elif isinstance(part, dict) and isinstance(part.get(word), dict | list):
+            part = part[word]
+        else:
+            raise unknown_key(document, key)
+    return part, last
+
+
+def _set_rubber(law: dict[str, Any], name: str, value: float) -> None:
+    """Set a key of a law instead of the others that would give the same number of it."""
+    others: tuple[str, ...] = (*DAMPING, "at_speed")
+    match name:
+        case "restitution":
+            others = DAMPING
+        case "stiffness":
+            others = PAD
+        case _ if name in PAD:
+            others = ("stiffness",)
+    for other in others:
+        law.pop(other, None)
+    law[name] = value
+
+
+def _set_clearance(pair: Any, key: str, value: float) -> None:
+    """Set both stops of an impact pair that has them at equal distances."""
+    lower, upper = pair.get("lower"), pair.get("upper")
+    if lower is None or upper is None or not math.isclose(-lower, upper):
+        have = " and ".join(
+            f"{name} = {stop:g}" for name, stop in (("lower", lower), ("upper", upper))
+            if stop is not None
+        )  # fmt: skip
+        raise SceneError(
+            f"vary: {key} is for stops at equal distances, got {have}; vary these instead"
+        )
+    del pair["lower"], pair["upper"]
+    pair["clearance"] = value
+
+
+def unknown_key(document: Any, key: str) -> SceneError:
+    known = [name for name, _ in _numbers(document)]
+    within = [name for name in known if name.startswith(f"{key}.")]
+    near = within or difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+    return SceneError(
+        f"vary: {key} is not a number of the scene; did you mean {near[0]!r}? "
+        f"(it has {', '.join(known)})"
+    )
+
+
+def _numbers(part: Any, key: str = "") -> Iterator[tuple[str, float]]:
+    """Every number of a document by its key."""
+    if isinstance(part, dict | list):
+        items = part.items() if isinstance(part, dict) else enumerate(part)
+        for name, value in items:
+            yield from _numbers(value, f"{key}.{name}".lstrip("."))
+    elif isinstance(part, int | float) and not isinstance(part, bool):
+        yield key, part

@@ -1,0 +1,287 @@
+"""Periodic regimes against a simulation from impact to impact that shares no code with them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from stochvi import (
+    Absorber,
+    ConstantLoad,
+    ImpactPair,
+    Matrices,
+    NotApplicable,
+    Oscillator,
+    Restitution,
+    Scene,
+    Sine,
+    WhiteNoise,
+    harmonic_response,
+)
+from stochvi.methods.periodic import Branch, HarmonicResonance, HarmonicResponse
+from support.bounces import Bounces
+
+ROUNDING = 1e-9
+"""Relative difference of impact speeds that is asked for."""
+
+
+def random_scene(seed: int) -> Scene:
+    """One to four coordinates; one or two stops, or a loose mass in a box; gaps and preloads."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(1, 5))
+    law = Restitution(coefficient=float(random.uniform(0.2, 1.0)))
+    loose = seed % 5 == 4
+    gap = float(random.uniform(0.3, 1.5))
+    drive = Sine(amplitude=float(random.uniform(0.5, 2.0)), frequency_hz=1.0, on="c0")
+    load = ConstantLoad(force=float(random.normal(0.0, 0.2)), on="c0")
+    if loose:
+        carrier = Oscillator(mass=1.0, damping=float(random.uniform(0.05, 0.3)), stiffness=1.0)
+        sine = drive.model_copy(
+            update={"on": "x", "frequency_hz": float(random.uniform(0.8, 1.3)) / (2.0 * math.pi)}
+        )
+        box = Absorber(mass=float(random.uniform(0.05, 0.3)), play=2.0 * gap, law=law)
+        return Scene(structure=carrier, absorber=box, excitations=[sine])
+    root = random.normal(size=(n, n))
+    mass = np.eye(n) + 0.2 * root @ root.T
+    other = random.normal(size=(n, n))
+    stiffness = np.diag(random.uniform(0.5, 4.0, n)) + 0.3 * other @ other.T
+    damping = 0.05 * stiffness + 0.05 * np.diag(random.uniform(0.0, 1.0, n))
+    omega = math.sqrt(stiffness[0, 0] / mass[0, 0]) * float(random.uniform(0.6, 2.5))
+    stops = {"upper": gap if seed % 3 else -0.2 * gap}
+    if seed % 2 and seed % 3:
+        stops["lower"] = -float(random.uniform(0.3, 1.5))
+    return Scene(
+        structure=Matrices(
+            coordinates=[f"c{i}" for i in range(n)],
+            mass=mass.tolist(), damping=damping.tolist(), stiffness=stiffness.tolist(),
+        ),
+        impact_pairs=[ImpactPair(on="c0", law=law, **stops)],
+        excitations=[drive.model_copy(update={"frequency_hz": omega / (2.0 * math.pi)}), load],
+    )  # fmt: skip
+
+
+def regimes(found: HarmonicResponse) -> list[tuple[Branch, int]]:
+    """The admissible regimes with impacts of an answer at one frequency."""
+    return [
+        (branch, int(i))
+        for branch in found.branches
+        for i in np.flatnonzero(branch.admissible)
+        if branch.stops and not branch.names[i]
+    ]
+
+
+def after(flight: Bounces, branch: Branch, i: int, change: float = 0.0) -> np.ndarray:
+    """The state after the first impact, its velocities changed by a share."""
+    start = flight.start(branch.displacement[i], branch.velocity[i], branch.phase[i, 0])
+    start[flight.n : 2 * flight.n] *= 1.0 + change
+    names = [f"{pair.name} {stop.name}" for pair, stop in flight.stops]
+    return flight.struck(start, names.index(branch.stops[0]))
+
+
+def check_regimes(scene: Scene) -> int:
+    """Every regime repeats itself, impact by impact; returns how many there are."""
+    found = harmonic_response(scene)
+    flight = Bounces(scene)
+    names = [f"{pair.name} {stop.name}" for pair, stop in flight.stops]
+    chosen = regimes(found)
+    for branch, i in chosen:
+        period = 2.0 * math.pi * branch.periods / flight.omega
+        hits = flight.impacts(after(flight, branch, i), len(branch.stops), 1.5 * period)
+        order = [*branch.stops[1:], branch.stops[0]]
+        assert [names[hit[1]] for hit in hits] == order
+        speeds = [flight.speed(state, s) for _, s, state in hits]
+        expected = np.roll(branch.impact_speed[i], -1)
+        size = expected.max() * max(1.0, branch.multiplier[i])
+        assert speeds == pytest.approx(expected, abs=ROUNDING * size)
+        assert hits[-1][0] == pytest.approx(period, rel=1e-9)
+    return len(chosen)
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(5), pytest.param(range(5, 200), marks=pytest.mark.verify)]
+)  # fmt: skip
+def test_a_regime_repeats_itself_impact_by_impact(seeds: range) -> None:
+    assert sum(check_regimes(random_scene(seed)) for seed in seeds) > len(seeds) // 2
+
+
+OMEGA, DAMPING, DRIVE = 62.8, 12.5, 628.0
+"""The isolator of the book's section 9, rad/s, 1/s and rad/s."""
+
+
+def mount(clearance: float = 4e-4, restitution: float = 0.5, **changes) -> Scene:
+    """An oscillator between two stops, driven at ten times its natural frequency."""
+    drive = {"amplitude": 1e-4 * DRIVE**2, "frequency_hz": DRIVE / (2.0 * math.pi)}
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=DAMPING, stiffness=OMEGA**2),
+        impact_pairs=[
+            ImpactPair(clearance=clearance, law=Restitution(coefficient=restitution))
+        ],
+        excitations=[Sine(**drive)],
+        **changes,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [1, 7, 4])
+def test_a_simulated_motion_that_settles_is_among_the_regimes(seed: int) -> None:
+    scene = random_scene(seed)
+    found = harmonic_response(scene)
+    flight = Bounces(scene, steps=100)
+    random = np.random.default_rng(seed)
+    state = flight.start(np.zeros(flight.n), random.normal(size=flight.n), 0.0)
+    hits = flight.impacts(state, 150, 40.0 * math.pi / flight.omega)
+    speeds = [flight.speed(before, stop) for _, stop, before in hits]
+    if len(hits) < 150:
+        assert any(not branch.stops and branch.stable.any() for branch in found.branches)
+        return
+    known = [
+        branch for branch, i in regimes(found)
+        if branch.stable[i] and _repeats(speeds, branch.impact_speed[i])
+    ]  # fmt: skip
+    assert known
+
+
+def _repeats(speeds: list[float], regime: np.ndarray) -> bool:
+    """Whether the last impacts are those of a regime, from any of them on."""
+    last = np.array(speeds[-len(regime) :])
+    return any(np.allclose(np.roll(regime, k), last, rtol=1e-5) for k in range(len(regime)))
+
+
+def test_disturbances_grow_by_the_multiplier_or_die_away() -> None:
+    """From a regime that is disturbed by 1e-7, over the periods that keep it small."""
+    scene = mount()
+    found, flight = harmonic_response(scene), Bounces(scene)
+    seen = set()
+    for branch, i in regimes(found):
+        if branch.periods != 1:
+            continue
+        stable, factor = bool(branch.stable[i]), branch.multiplier[i]
+        hits = flight.impacts(after(flight, branch, i, 1e-7), 24, 1.0)
+        speeds = np.array([flight.speed(before, stop) for _, stop, before in hits])
+        away = np.abs(speeds / np.tile(np.roll(branch.impact_speed[i], -1), 12) - 1.0)
+        seen.add(stable)
+        if stable:
+            # the first impacts may be further away than the disturbance was
+            assert away[-4:].max() < away[:4].max() * max(factor, 0.5) ** 4
+        else:
+            assert away[8:10].max() / away[4:6].max() == pytest.approx(factor**2, rel=0.1)
+    assert seen == {True, False}
+
+
+def special(found: HarmonicResponse, name: str, stops: int, periods: int = 1) -> list[float]:
+    """Values of the special points of a name, of branches with so many impacts."""
+    return [
+        point.value
+        for point in found.special_points
+        for branch in [found.branches[point.branch]]
+        if point.name == name and len(branch.stops) == stops and branch.periods == periods
+    ]
+
+
+def test_grazings_and_folds_over_frequency_are_where_theory_has_them() -> None:
+    """The amplitude without stops is the gap; the energy boundary (B 3.17) is the gap."""
+    found = harmonic_response(mount(), [60.0, 90.0, 120.0])
+    (fold,) = special(found, "fold", 2)
+    case = HarmonicResonance(
+        omega=OMEGA, damping_rate=DAMPING, amplitude=1e-4 * DRIVE**2,
+        frequency=2.0 * math.pi * fold, restitution=0.5,
+    )  # fmt: skip
+    assert case.energy_boundary == pytest.approx(4e-4, rel=1e-9)
+    grazing = harmonic_response(mount(), [45.0, 60.0])
+    (free,) = special(grazing, "grazing", 0)
+    w = 2.0 * math.pi * free
+    amplitude = 1e-4 * DRIVE**2 / math.hypot(OMEGA**2 - w**2, DAMPING * w)
+    assert amplitude == pytest.approx(4e-4, rel=1e-9)
+    # the impacts of the slow branch vanish there as well
+    assert any(value == pytest.approx(free, rel=1e-6) for value in special(grazing, "grazing", 2))
+
+
+@pytest.mark.parametrize(("ratio", "printed"), [(1.2, 18.733), (1.6, 6.0479), (1.9, 1.7343)])
+def test_one_stop_exists_up_to_the_gap_of_the_book(ratio: float, printed: float) -> None:
+    """Delta / a = sqrt(1 + 1 / B^2), B = (1 - R) tan(pi / ratio) / ((1 + R) ratio) (B 2.22)."""
+    restitution = 0.8
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.0, stiffness=1.0),
+        impact_pairs=[ImpactPair(upper=1.0, law=Restitution(coefficient=restitution))],
+        excitations=[Sine(amplitude=abs(1.0 - ratio**2), frequency_hz=ratio / (2.0 * math.pi))],
+    )
+    found = harmonic_response(scene, vary={"impact_pair.0.upper": [1.1, 1.5, 20.0]})
+    share = (1.0 - restitution) * math.tan(math.pi / ratio) / ((1.0 + restitution) * ratio)
+    boundary = math.sqrt(1.0 + 1.0 / share**2)
+    assert boundary == pytest.approx(printed, rel=5e-5)
+    assert max(special(found, "fold", 1)) == pytest.approx(boundary, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("impact_pair.0.clearance", [3e-4, 5e-4]),
+        ("excitation.0.amplitude", [34.0, 50.0]),
+        ("impact_pair.0.law.coefficient", [0.3, 0.6]),
+    ],
+)
+def test_any_key_of_the_scene_can_be_varied(key: str, values: list[float]) -> None:
+    """The fold of the resonant branch lies where the energy boundary is the gap."""
+    found = harmonic_response(mount(), vary={key: values})
+    (fold,) = special(found, "fold", 2)
+    given = {"impact_pair.0.clearance": 4e-4, "excitation.0.amplitude": 1e-4 * DRIVE**2}
+    given = {**given, "impact_pair.0.law.coefficient": 0.5, key: fold}
+    case = HarmonicResonance(
+        omega=OMEGA, damping_rate=DAMPING, amplitude=given["excitation.0.amplitude"],
+        frequency=DRIVE, restitution=given["impact_pair.0.law.coefficient"],
+    )  # fmt: skip
+    assert case.energy_boundary == pytest.approx(given["impact_pair.0.clearance"], rel=1e-8)
+
+
+def test_a_period_doubling_has_a_multiplier_of_minus_one() -> None:
+    """Of the map from one period to the next, by differences of the simulated motion."""
+    found = harmonic_response(mount(), vary={"impact_pair.0.clearance": [3e-4, 4.5e-4, 6e-4]})
+    points = [point for point in found.special_points if point.name == "period doubling"]
+    assert points
+    point = points[0]
+    branch = found.branches[point.branch]
+    i = branch.names.index("period doubling")
+    flight = Bounces(mount(float(branch.value[i])))
+    start = flight.start(branch.displacement[i], branch.velocity[i], branch.phase[i, 0])
+    period = 2.0 * math.pi * branch.periods / flight.omega
+    waiting = 0.4 * (branch.phase[i, 0] + 2.0 * math.pi * branch.periods - branch.phase[i, -1])
+    # a place between two impacts, at which a small disturbance changes no time
+    before = flight.flown(start, -waiting / flight.omega)
+    columns = []
+    for k in range(2):
+        moved = []
+        for sign in (1.0, -1.0):
+            z, time = before.copy(), 0.0
+            z[k] += sign * 1e-6 * abs(start[k])
+            for _ in branch.stops:
+                hit = flight.next_impact(z, period)
+                assert hit is not None
+                z, time = flight.struck(hit[2], hit[1]), time + hit[0]
+            moved.append(flight.flown(z, period - time)[:2])
+        columns.append((moved[0] - moved[1]) / (2e-6 * abs(start[k])))
+    values = np.linalg.eigvals(np.array(columns).T)
+    assert np.min(np.abs(values + 1.0)) < 1e-3
+
+
+def test_a_slow_sweep_jumps_where_its_regime_ends() -> None:
+    """Up to the fold with impacts, down to where the motion without them meets the stops."""
+    found = harmonic_response(mount(), [30.0, 45.0, 60.0, 120.0])
+    down = found.jump_at(upwards=False)
+    assert down == pytest.approx(special(found, "grazing", 0)[0], rel=1e-9)
+    assert found.to_dict()["jumps"]["down_hz"] == down
+
+
+def test_noise_is_left_out_with_a_warning_and_the_rest_is_refused_in_a_sentence() -> None:
+    scene = mount()
+    noisy = scene.model_copy(
+        update={"excitations": (*scene.excitations, WhiteNoise(intensity=1e-9))}
+    )
+    assert "noise of the scene is left out" in harmonic_response(noisy).warnings[0]
+    silent = scene.model_copy(update={"excitations": (WhiteNoise(intensity=1e-9),)})
+    with pytest.raises(NotApplicable, match="needs an excitation of kind = 'sine'"):
+        harmonic_response(silent)
+    with pytest.raises(ValueError, match="frequency_hz must be greater than 0"):
+        harmonic_response(scene, [-1.0, 2.0])
+    with pytest.raises(ValueError, match="vary must be one key"):
+        harmonic_response(scene, [1.0], vary={"structure.damping": [1.0]})
