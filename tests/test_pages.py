@@ -41,6 +41,7 @@ LESS = {
     "spectrum": ["--rel-error", "0.3"],
     "impacts": ["--paths", "64"],
     "sweep, simulated": ["--rel-error", "0.2"],
+    "sine": ["--points", "3"],
 }
 """Options after those of a command, where the later of two counts, that ask for less work."""
 

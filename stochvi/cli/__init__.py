@@ -2,7 +2,7 @@
 
 # each module registers its commands, in the order of the help page
 from stochvi.cli import methods, statistics, verification  # isort: skip
-from stochvi.cli import isolators, replay, absorbers, sweeps, demo, scenes  # isort: skip
+from stochvi.cli import isolators, replay, absorbers, sine, sweeps, demo, scenes  # isort: skip
 from stochvi.cli.program import main
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "methods",
     "replay",
     "scenes",
+    "sine",
     "statistics",
     "sweeps",
     "verification",

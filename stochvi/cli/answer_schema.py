@@ -16,6 +16,7 @@ import pandas as pd
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.chances import Gap
+from stochvi.methods.periodic.answer import Jump
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.methods.replay.answer import CoordinateReplay, PairReplay
 from stochvi.results.base import COMMON, Result
@@ -90,6 +91,13 @@ CHANGES = {
     "Explanation": Change(METHOD),
     "FirstPassage": Change(
         {"barriers": Mapping[str, float | None]}, renamed=dict.fromkeys(("lower", "upper"))
+    ),
+    "Branch": Change({"impacts_per_period": float}, {"value": np.ndarray}, dict.fromkeys(
+        ("stops", "value", "acceleration_max", "phase", "displacement", "velocity", "names")
+    )),
+    "HarmonicResponse": Change(
+        METHOD | {"jumps": Mapping[str, float | None], "all_jumps": Sequence[Jump]},
+        renamed={"jumps": None},
     ),
     "History": Change(METHOD | {"columns": list[str], "samples": int}),
     "ImpactStatistics": Change(METHOD, renamed={"pairs": "impact_pairs"}),

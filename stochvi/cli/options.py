@@ -216,6 +216,7 @@ class Chance(click.ParamType):  # type: ignore[type-arg]
 
 
 TIME, SPEED, CHANCE = Quantity("time"), Quantity("speed"), Chance()
+FREQUENCY = Quantity("frequency")
 
 OPTIONS = {
     "json": click.option(

@@ -15,6 +15,7 @@ KINDS = {
     "vehicle": "isolator-vehicle",
     "record": "isolator-record",
     "absorber": "absorber-on-a-tower",
+    "sine": "isolator-sine",
     "rigid-body": "rigid-box",
 }
 """Shipped scenes that `new` copies, by the kind that --kind names."""
@@ -58,7 +59,8 @@ level_db = 0.0
 # white: intensity = S0 (two-sided, SI), or density = .. with unit = ..
 # filtered: the same, of the white noise before it passes a resonance of frequency_hz and zeta
 # (which raises a density to its 1 / (4 zeta^2)-fold at the peak)
-# sine: amplitude (N, or m/s^2 of the base) and frequency_hz
+# sine: frequency_hz and amplitude (N, or m/s^2 of the base), displacement (m) or velocity (m/s) of
+# the base, or unbalance (kg m) of a rotor on the mass; phase_deg where several make one force
 # road: road = "C" (ISO 8608) and speed_kmh; the mount stands on the road itself, or on a vehicle:
 # [vehicle] with kind = "quarter-car" and preset = "golden-car" (see: stochvi new --kind vehicle)
 # record: file = "run.csv" (time, acceleration) and unit = "g"; fs = 1000.0 (Hz) without times,

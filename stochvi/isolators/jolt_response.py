@@ -280,7 +280,7 @@ def _resonance(scene: Scene, sine: Sine) -> HarmonicResonance | None:
         return HarmonicResonance(
             omega=model.omega,
             damping_rate=model.damping_rate,
-            amplitude=sine.amplitude if on_base else sine.amplitude / model.unit_mass,
+            amplitude=sine.peak if on_base else sine.peak / model.unit_mass,
             frequency=2.0 * math.pi * sine.frequency_hz,
             restitution=laws.pop(),
         )

@@ -531,7 +531,8 @@ def _signals(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[
             case Sine():
                 omega = 2.0 * math.pi * excitation.frequency_hz
                 on_base = scene.place(excitation) == BASE
-                yield Signal(omega, 0.0, 0.0, excitation.amplitude, direction, on_base=on_base)
+                phase = math.radians(excitation.phase_deg)
+                yield Signal(omega, 0.0, 0.0, excitation.peak, direction, phase, on_base)
             case WhiteNoise() | ConstantLoad() | DensityNoise():
                 pass  # a part of the model of its own
             case _:

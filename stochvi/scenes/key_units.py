@@ -34,6 +34,8 @@ KEY_UNITS = {
     "level_db": "dB",
     "speed": "m/s",
     "at_speed": "m/s",
+    "displacement": "m",
+    "velocity": "m/s",
     "speed_kmh": "km/h",
     "roughness": "m3",
 }

@@ -344,7 +344,7 @@ class Scene(Checked):
             for name, matrix in zip(names, self.structure.matrices, strict=True):
                 numbers += [("structure", name, float(entry)) for entry in matrix.ravel()]
             for excitation in self.excitations:
-                for word in ("si_intensity", "amplitude", "magnitude"):
+                for word in ("si_intensity", "peak", "magnitude"):
                     strength = getattr(excitation, word, None)
                     numbers.append(("excitation", "its strength", strength))
         elif self.structure.mass is not None and not _fits(self.structure.mass):
@@ -425,6 +425,8 @@ class Scene(Checked):
             return "is a force, which needs structure.mass, got none"
         if isinstance(excitation, ConstantLoad) and (where == BASE) != (excitation.force is None):
             return "takes force on a coordinate and acceleration on the base"
+        if isinstance(excitation, Sine) and (sentence := excitation.misplaced(where)):
+            return sentence
         if not isinstance(excitation, ConstantLoad | Sine):
             try:
                 if excitation.density_unit is not None:
@@ -547,7 +549,7 @@ class Scene(Checked):
         if any(isinstance(law, SpeedRestitution) for law in laws):
             found.append("restitution depends on the speed of the impact alone")
         if any(isinstance(excitation, Sine) for excitation in self.excitations):
-            found.append("the phase of a sine is random, uniform, in each path")
+            found.append("the phase of a sine is random, uniform, in each path of a simulation")
         for excitation in self.excitations:
             if isinstance(excitation, DensityNoise):
                 found += excitation.said(*self._resonance())

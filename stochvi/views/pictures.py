@@ -24,6 +24,7 @@ from stochvi.views.impacts import draw_impacts, plot_histogram
 from stochvi.views.pairs import plot_pairs_risk, plot_structure_screening
 from stochvi.views.replay import plot_clearances, plot_history
 from stochvi.views.report.missions import plot_chances
+from stochvi.views.sine import plot_sine
 from stochvi.views.sizing import plot_risk
 from stochvi.views.spectra import draw_spectrum, plot_curve
 from stochvi.views.verification import (
@@ -298,6 +299,7 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "Design": draw_design,
     "Explanation": plot_explanation,
     "FirstPassage": plot_first_passage,
+    "HarmonicResponse": plot_sine,
     "History": plot_motion,
     "ImpactStatistics": plot_impacts,
     "Jolts": plot_jolts,

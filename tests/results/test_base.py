@@ -70,6 +70,17 @@ ANSWERS: dict[str, Callable[[], Result]] = {
     "Screening": lambda: stochvi.screen(scene_between_stops()),
     "Sizing": lambda: sizing_of(scene_between_stops(), paths=64),
     "FirstPassage": lambda: stochvi.first_passage(lossy(), times=[1.0]),
+    "HarmonicResponse": lambda: stochvi.harmonic_response(
+        Scene(
+            structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+            impact_pairs=[
+                stochvi.ImpactPair(upper=1.0, law=stochvi.Restitution(coefficient=0.5))
+            ],
+            excitations=[stochvi.Sine(amplitude=1.0, frequency_hz=0.2)],
+        ),
+        [0.15, 0.2],
+        sweep="up",
+    ),
     "Transient": lambda: stochvi.transient(oscillator(), [1.0]),
     "Reliability": lambda: stochvi.reliability(
         oscillator(), mission=5.0, barrier=2.0, start="rest", rel_error=0.5, threads=1

@@ -1,4 +1,4 @@
-from .answer import Branch, HarmonicResponse, Jump, SpecialPoint
+from .answer import Branch, HarmonicResponse, Jump, SimulatedSweep, SpecialPoint
 from .method import harmonic_response
 from .resonance import HarmonicResonance, RandomResonance
 
@@ -8,6 +8,7 @@ __all__ = [
     "HarmonicResponse",
     "Jump",
     "RandomResonance",
+    "SimulatedSweep",
     "SpecialPoint",
     "harmonic_response",
 ]

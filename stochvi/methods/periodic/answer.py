@@ -80,6 +80,8 @@ class Branch:
     def to_dict(self) -> dict[str, Any]:
         """The JSON document of the branch."""
         found = {name: getattr(self, name) for name in BRANCH_KEYS}
+        if not np.allclose(self.value, self.frequency_hz, rtol=1e-9, atol=0.0):
+            found["value"] = self.value
         return {name: plain(value) for name, value in found.items()}
 
 
@@ -141,6 +143,26 @@ class Jump:
         return max(changes, default=0.0)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SimulatedSweep:
+    """A slow sweep by simulation from impact to impact, from each value to the next.
+
+    Parameters
+    ----------
+    upwards
+        Whether the sweep goes up.
+    value
+        The values of what is varied, in the order of the sweep.
+    displacement_max, impact_speed_max
+        Largest displacement (m) and impact speed (m/s; 0 without impacts) of the last periods.
+    """
+
+    upwards: bool
+    value: Vector
+    displacement_max: Vector
+    impact_speed_max: Vector
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class HarmonicResponse(Result):
     """Regimes of a structure under a sine or a sum of sines.
@@ -159,6 +181,8 @@ class HarmonicResponse(Result):
         Folds, grazings and changes of stability, in the order of their values.
     jumps
         What a slow sweep up and one down do where the regime that they follow ends.
+    simulated
+        Sweeps by simulation that were asked for.
     assumptions
         What was taken for granted, a sentence each.
     """
@@ -168,6 +192,7 @@ class HarmonicResponse(Result):
     branches: tuple[Branch, ...]
     special_points: tuple[SpecialPoint, ...] = ()
     jumps: tuple[Jump, ...] = ()
+    simulated: tuple[SimulatedSweep, ...] = ()
     assumptions: Sequence[str] = ()
 
     def at(self, value: float) -> pd.DataFrame:

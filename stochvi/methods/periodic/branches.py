@@ -272,8 +272,7 @@ class Finder:
         """The motion without impacts, over the grid."""
         points = kernel.WEIGHT * self.grid[:, None]
         track = self._inspected((), 1, points, [POINT] * len(points))
-        known = np.isfinite(track.margin)
-        if not np.all(known):
+        if np.any(np.isnan(track.margin)):
             return []  # a loose mass, or resonance without damping: there is no such motion
         return self._trimmed(self._located(track))
 

@@ -130,7 +130,8 @@ def numbers_of(model: Model, coordinate: int) -> Numbers:
         part = slice(2 * order - 2, 2 * order)
         forces[:, part] += np.outer(whitening @ sine.direction, wave)
         if sine.on_base:
-            base[part] += wave
+            # of a rigid body, the base moves along one of the coordinates
+            base[part] -= wave * np.linalg.solve(model.mass, sine.direction)[coordinate]
     forces[:, -1] = whitening @ model.constant_force
     stops = [(pair, stop) for pair in model.pairs for stop in pair.stops]
     rows = [stop.side * (whitening @ pair.direction) for pair, stop in stops]

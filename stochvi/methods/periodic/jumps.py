@@ -20,8 +20,9 @@ from stochvi.methods.periodic.branches import (
 SMALLEST = 0.02
 """Relative change of displacement or impact speed from which on a change is a jump."""
 
-BEYOND = 1e-6
-"""Distance from the end of a regime, in shares of the range, at which a simulation starts."""
+BEYOND = (1e-5, 1e-3)
+"""Distances from the end of a regime, in shares of the range, at which simulations go on from it,
+one after the other: near a fold a motion lingers for long."""
 
 
 class Step(NamedTuple):
@@ -64,14 +65,25 @@ class Sweep:
                 return
             sigma = float(further[0])
             if place is not None:
-                settled = self._settled(end + self.direction * BEYOND, state, phase)
-                if settled is None:
-                    return
-                state, phase = settled.state, settled.phase
+                for beyond in BEYOND:
+                    settled = self._settled(end + self.direction * beyond, state, phase)
+                    if settled is None:
+                        return
+                    state, phase = settled.state, settled.phase
                 after = _size(settled)
                 if max(map(_change, before, after)) > SMALLEST:
                     yield Step(end, (before[0], after[0]), (before[1], after[1]))
             settled = self._settled(sigma, state, phase)
+
+    def simulated(self) -> Iterator[tuple[float, float, float]]:
+        """Place, largest displacement and impact speed at each value, each motion from the last."""
+        state, phase = np.zeros(2 * self.finder.family.sizes[0]), 0.0
+        for sigma in self.grid:
+            settled = self._settled(float(sigma), state, phase)
+            if settled is None or self.finder.deadline.passed():
+                return
+            yield float(sigma), *_size(settled)
+            state = settled.state
 
     def _settled(self, sigma: float, state: Vector, phase: float) -> Settled | None:
         return simulate(self.finder.motion(sigma), state, SETTLING, phase)

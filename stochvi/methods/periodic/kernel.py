@@ -946,6 +946,17 @@ def distance_of(motion, stop, z):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def output_of(motion, z):
+    """The displacement of the output, and its rate."""
+    n = motion.rows.shape[1]
+    place, moving = 0.0, 0.0
+    for i in range(n):
+        place += motion.output[i] * z[i]
+        moving += motion.output[i] * z[n + i]
+    return place, moving
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def push_of(motion, stop, z):
     """Acceleration towards a stop that the forces of a state give."""
     n = motion.rows.shape[1]
@@ -990,8 +1001,10 @@ def march(motion, start, periods, phase, ends, log):
     ends[0] = start
     state, touched, skipped = FREE, FREE, FREE
     hits, fastest, displacement = 0, 0.0, 0.0
+    last_hits = -1
     for period in range(periods):
         before = hits
+        last_place, last_moving = output_of(motion, z)
         # rounding of the turning force does not add up over many periods
         force_state(motion, phase, w)
         z[two:] = w
@@ -1051,6 +1064,8 @@ def march(motion, start, periods, phase, ends, log):
                 hits += 1
                 fastest = max(fastest, speed)
                 touched = event
+                if period == periods - 1:
+                    displacement = max(displacement, abs(output_of(motion, z)[0]))
                 if hits - before > MOST_IMPACTS:
                     return -1, displacement
                 if motion.restitutions[event] * speed <= STILL * fastest:
@@ -1060,9 +1075,11 @@ def march(motion, start, periods, phase, ends, log):
                     else:
                         skipped = event
             if period == periods - 1:
-                value = 0.0
-                for i in range(n):
-                    value += motion.output[i] * z[i]
-                displacement = max(displacement, abs(value))
+                place, moving = output_of(motion, z)
+                displacement = max(displacement, abs(place))
+                if hits == last_hits and state == FREE:
+                    ends_, rates = (last_place, place), (last_moving, moving)
+                    displacement = max(displacement, swing(ends_, rates, part))
+                last_hits, last_place, last_moving = hits, place, moving
         ends[period + 1] = z[:two]
     return hits, displacement

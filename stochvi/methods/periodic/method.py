@@ -8,7 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.methods.periodic.answer import Branch, HarmonicResponse, Jump, SpecialPoint
+from stochvi.methods.periodic.answer import (
+    Branch,
+    HarmonicResponse,
+    Jump,
+    SimulatedSweep,
+    SpecialPoint,
+)
 from stochvi.methods.periodic.branches import Finder, Track
 from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.jumps import Sweep
@@ -42,6 +48,7 @@ def harmonic_response(
     vary: Mapping[str, Sequence[float]] | None = None,
     coordinate: str | None = None,
     most_impacts: int = 3,
+    sweep: str | None = None,
     budget: float | None = None,
 ) -> HarmonicResponse:
     """The periodic regimes of a linear structure with rigid stops under a sine or a sum of sines.
@@ -67,6 +74,8 @@ def harmonic_response(
         The coordinate whose displacement and acceleration are given; by default the first.
     most_impacts
         Largest number of impacts per period of the regimes that Newton's iteration looks for.
+    sweep
+        "up", "down" or "both": simulate such a slow sweep as well, 300 periods at each value.
     budget
         Seconds of wall time.
 
@@ -94,6 +103,10 @@ def harmonic_response(
     [[0.2246, True], [0.0, True], [0.1771, False]]
     """
     began = time.perf_counter()
+    if sweep not in SWEEPS:
+        raise ValueError(f"sweep must be 'up', 'down' or 'both', got {sweep!r}")
+    if most_impacts < 1:
+        raise ValueError(f"most_impacts must be at least 1, got {most_impacts}")
     deadline = Deadline.after(budget)
     key, values, scene_at = _varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
@@ -108,6 +121,7 @@ def harmonic_response(
     with heeding_ctrl_c():
         finder.find()
         jumps = _jumps(finder) if len(values) > 1 else ()
+        simulated = tuple(_simulated(finder, upwards) for upwards in SWEEPS[sweep])
     branches = tuple(_branch(family, track) for track in finder.tracks)
     answer = HarmonicResponse(
         key=key,
@@ -115,6 +129,7 @@ def harmonic_response(
         branches=branches,
         special_points=_special_points(branches),
         jumps=jumps,
+        simulated=simulated,
         assumptions=(*scene.assumptions(), LOOKED_FOR),
         warnings=_warnings(model),
         cost=Cost(wall_time=time.perf_counter() - began),
@@ -124,6 +139,11 @@ def harmonic_response(
         raise deadline.fell_short("before all regimes were looked for", "ask for fewer", answer)
     return answer
 
+
+SWEEPS: dict[str | None, tuple[bool, ...]] = {
+    None: (), "up": (True,), "down": (False,), "both": (True, False)
+}  # fmt: skip
+"""Whether each sweep by simulation goes upwards, by what is asked for."""
 
 LOOKED_FOR = (
     "regimes are looked for by simulations and from many phases of few impacts; one that neither "
@@ -225,6 +245,16 @@ def _jumps(finder: Finder) -> tuple[Jump, ...]:
         for upwards in (True, False)
         for step in Sweep(finder, upwards=upwards).steps()
     )  # fmt: skip
+
+
+def _simulated(finder: Finder, upwards: bool) -> SimulatedSweep:
+    rows = np.array(list(Sweep(finder, upwards=upwards).simulated())).reshape(-1, 3)
+    return SimulatedSweep(
+        upwards=upwards,
+        value=finder.family.value(rows[:, 0]),
+        displacement_max=finder.family.length * rows[:, 1],
+        impact_speed_max=finder.family.speed * rows[:, 2],
+    )
 
 
 def _warnings(model: Model) -> tuple[str, ...]:

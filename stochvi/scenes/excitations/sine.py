@@ -6,25 +6,40 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar, Literal, Self
 
+from pydantic import model_validator
+
 from stochvi.mathematics.units import power_ratio
 from stochvi.scenes.excitations.base import BASE, Disturbance
-from stochvi.scenes.validation import Positive
+from stochvi.scenes.validation import Number, Positive, given
+
+STRENGTHS = ("amplitude", "displacement", "velocity", "unbalance")
+"""Keys that give the strength of a sine, of which it takes one."""
 
 
 class Sine(Disturbance):
-    """A sine, amplitude * cos(2 pi frequency_hz t + phase), the phase of each path random.
+    """A sine, a cos(2 pi frequency_hz t + phase), the phase of each path random.
 
     Parameters
     ----------
     amplitude
         Peak of the force on a mass, N, or of the acceleration of the base, m/s^2.
+    displacement, velocity
+        Instead: peak displacement (m) or velocity (m/s) of the base, so that the acceleration grows
+        with the frequency.
+    unbalance
+        Instead: the unbalance of a rotor on the mass, kg m, whose force is unbalance * omega^2.
     frequency_hz
         Frequency, Hz.
+    phase_deg
+        Phase of a among several sines that make one periodic force, degrees. Periodic regimes keep
+        it; every other method draws phases at random.
 
     Examples
     --------
-    >>> Sine(on="base", amplitude=9.80665, frequency_hz=50.0).amplitude
+    >>> Sine(on="base", amplitude=9.80665, frequency_hz=50.0).peak
     9.80665
+    >>> round(Sine(on="base", displacement=1e-4, frequency_hz=50.0).peak, 3)
+    9.87
     """
 
     effect_word: ClassVar[str] = "sine"
@@ -32,15 +47,54 @@ class Sine(Disturbance):
 
     kind: Literal["sine"] = "sine"
     on: str | None = None
-    amplitude: Positive
+    amplitude: Positive | None = None
+    displacement: Positive | None = None
+    velocity: Positive | None = None
+    unbalance: Positive | None = None
     frequency_hz: Positive
+    phase_deg: Number = 0.0
+
+    @model_validator(mode="after")
+    def _one_strength(self) -> Self:
+        if len(self._strengths()) != 1:
+            raise ValueError(
+                "needs exactly one of amplitude (N, or m/s^2 of the base), displacement (m of the "
+                "base), velocity (m/s of the base) and unbalance (kg m), got "
+                f"{given(self, *STRENGTHS)}"
+            )
+        return self
+
+    def _strengths(self) -> dict[str, float]:
+        values = {name: getattr(self, name) for name in STRENGTHS}
+        return {name: value for name, value in values.items() if value is not None}
+
+    @property
+    def strength(self) -> tuple[str, float]:
+        """The key that gives the strength, and its number."""
+        ((name, value),) = self._strengths().items()
+        return name, value
+
+    @property
+    def peak(self) -> float:
+        """Peak force on a mass, N, or peak acceleration of the base, m/s^2."""
+        name, value = self.strength
+        power = {"amplitude": 0, "velocity": 1}.get(name, 2)
+        return float(value * (2.0 * math.pi * self.frequency_hz) ** power)
+
+    def misplaced(self, where: str) -> str:
+        """What is wrong with the strength of a sine that acts there; empty if nothing is."""
+        name, _ = self.strength
+        if name in ("displacement", "velocity") and where != BASE:
+            return f"has {name}, which is that of the base, got on = {where!r}; give amplitude (N)"
+        if name == "unbalance" and where == BASE:
+            return "has unbalance, which acts on a mass, got on = 'base'; give amplitude (m/s^2)"
+        return ""
 
     def louder(self, level_db: float) -> Self:
-        return self.model_copy(
-            update={"amplitude": math.sqrt(power_ratio(level_db)) * self.amplitude}
-        )
+        name, value = self.strength
+        return self.model_copy(update={name: math.sqrt(power_ratio(level_db)) * value})
 
     def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
         unit = "m/s² peak" if where == BASE else "N peak"
-        strength = f"{self.amplitude:.4g} {unit}"
+        strength = f"{self.peak:.4g} {unit}"
         return [(f"Sine on {where}", strength, f"at {self.frequency_hz:g} Hz")]

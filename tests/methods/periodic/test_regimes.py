@@ -11,6 +11,7 @@ from stochvi import (
     Absorber,
     ConstantLoad,
     ImpactPair,
+    Isolator,
     Matrices,
     NotApplicable,
     Oscillator,
@@ -285,3 +286,36 @@ def test_noise_is_left_out_with_a_warning_and_the_rest_is_refused_in_a_sentence(
         harmonic_response(scene, [-1.0, 2.0])
     with pytest.raises(ValueError, match="vary must be one key"):
         harmonic_response(scene, [1.0], vary={"structure.damping": [1.0]})
+
+
+def test_strengths_of_a_sine_grow_with_the_frequency_as_they_should() -> None:
+    """Displacement and unbalance as omega^2, velocity as omega, by the motion without impacts."""
+    for strength, power in (("displacement", 2), ("velocity", 1), ("amplitude", 0)):
+        sine = Sine(frequency_hz=1.0, on="base", **{strength: 0.1})
+        scene = Scene(structure=Isolator(frequency_hz=3.0, zeta=0.1), excitations=[sine])
+        free = harmonic_response(scene, [1.0, 2.0]).branches[0]
+        for f, size in zip(free.frequency_hz, free.displacement_max, strict=True):
+            w, own = 2.0 * math.pi * f, 6.0 * math.pi
+            peak = 0.1 * w**power
+            assert size == pytest.approx(peak / math.hypot(own**2 - w**2, 0.2 * own * w), rel=1e-9)
+            transmitted = math.hypot(own**2, 0.2 * own * w) / math.hypot(
+                own**2 - w**2, 0.2 * own * w
+            )
+            i = list(free.frequency_hz).index(f)
+            assert free.acceleration_max[i] == pytest.approx(peak * transmitted, rel=1e-5)
+    rotor = Sine(frequency_hz=2.0, unbalance=0.3)
+    assert rotor.peak == pytest.approx(0.3 * (4.0 * math.pi) ** 2)
+
+
+def test_a_sum_of_sines_is_one_periodic_force() -> None:
+    """Its regimes repeat themselves; another phase of a harmonic is another force."""
+    scene = mount()
+    (sine,) = scene.excitations
+    speeds = []
+    for phase in (0.0, 90.0):
+        second = Sine(amplitude=20.0, frequency_hz=2.0 * sine.frequency_hz, phase_deg=phase)
+        both = scene.model_copy(update={"excitations": (sine, second)})
+        assert check_regimes(both) > 1
+        found = regimes(harmonic_response(both))
+        speeds.append(max(branch.impact_speed[i].max() for branch, i in found))
+    assert abs(speeds[1] / speeds[0] - 1.0) > 1e-3

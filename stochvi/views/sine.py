@@ -1,0 +1,151 @@
+"""Tables and pictures of periodic regimes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from stochvi.views.axes import COLOURS, add_grid, length_unit
+from stochvi.views.tables import print_frame
+from stochvi.views.words import MM
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from stochvi.methods.periodic.answer import Branch, HarmonicResponse
+
+SIZE = (7.0, 8.0)
+"""Size of the figure of three panels, inches."""
+
+PANELS = {
+    "displacement_max": "largest displacement",
+    "impact_speed_max": "impact speed (m/s)",
+    "acceleration_max": "peak acceleration (m/s²)",
+}
+"""Columns of the table of an answer that are drawn, and their labels."""
+
+
+def print_sine(console: Console, found: HarmonicResponse) -> None:
+    """Print what was found, the branches, the jumps and the special points."""
+    console.print(found.summary(), style="bold", highlight=False)
+    rows = [_row(number, branch) for number, branch in enumerate(found.branches)]
+    if rows:
+        print_frame(console, pd.DataFrame(rows), f"regimes over {_name(found)}")
+    jumps = [
+        {
+            "sweep": "up" if jump.upwards else "down",
+            _name(found): jump.value,
+            "displacement before (mm)": MM * jump.displacement_max[0],
+            "after (mm)": MM * jump.displacement_max[1],
+            "impact speed before (m/s)": jump.impact_speed[0],
+            "after (m/s)": jump.impact_speed[1],
+        }
+        for jump in found.jumps
+    ]
+    if jumps:
+        print_frame(console, pd.DataFrame(jumps), "jumps of a slow sweep")
+    points = [
+        {"what": point.name, _name(found): point.value, "branch": point.branch}
+        for point in found.special_points
+    ]
+    if points:
+        print_frame(console, pd.DataFrame(points), "special points", {_name(found): ".7g"})
+    for line in (
+        "stable: largest and smallest value at which small disturbances die away",
+        "peak acceleration: absolute, between impacts; that of an impact on a rigid stop has none",
+    ):
+        console.print(line, style="dim", highlight=False)
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _name(found: HarmonicResponse) -> str:
+    return "frequency (Hz)" if found.key == "frequency_hz" else found.key
+
+
+def _row(number: int, branch: Branch) -> dict[str, object]:
+    shown = branch.admissible
+    stable = shown & branch.stable
+    return {
+        "branch": number,
+        "form": branch.form,
+        "impacts": ", ".join(branch.stops) or "none",
+        "periods": branch.periods,
+        "from": float(branch.value[shown].min()),
+        "to": float(branch.value[shown].max()),
+        "stable": _range(branch.value[stable]),
+        "displacement (mm)": MM * float(branch.displacement_max[shown].max()),
+        "impact speed (m/s)": float(branch.impact_speed[shown].max(initial=0.0)),
+        "acceleration (m/s²)": float(branch.acceleration_max[shown].max()),
+    }
+
+
+def _range(values: np.ndarray) -> str:
+    if not len(values):
+        return "nowhere"
+    return f"{values.min():.4g} to {values.max():.4g}"
+
+
+def draw_sine(found: HarmonicResponse) -> Axes:
+    """Displacement, impact speed and acceleration of the branches: stable ones full, unstable ones
+    dashed, simulated motions as dots."""
+    _, axes = plt.subplots(3, 1, figsize=SIZE, sharex=True, layout="constrained")
+    for ax, column in zip(axes, PANELS, strict=True):
+        plot_branches(found, ax, column)
+    for ax in axes[:2]:
+        ax.set_xlabel("")
+    first: Axes = axes[0]
+    return first
+
+
+def plot_sine(found: HarmonicResponse, ax: Axes | None = None) -> Axes:
+    """The picture of an answer; in given axes, its impact speeds."""
+    return draw_sine(found) if ax is None else plot_branches(found, ax, "impact_speed_max")
+
+
+def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
+    """One quantity of all branches over what is varied."""
+    unit, name = 1.0, ""
+    tables = [(branch, _columns(branch)) for branch in found.branches]
+    if column == "displacement_max" and tables:
+        largest = max(float(np.nanmax(table[column])) for _, table in tables)
+        unit, name = length_unit(largest)
+    for number, (branch, table) in enumerate(tables):
+        colour = f"C{number % 10}"
+        for stable, style in ((True, "-"), (False, "--")):
+            chosen = branch.admissible & (branch.stable == stable)
+            # a line goes on to the first point of the other style
+            reached = chosen | np.append(chosen[1:], False) | np.insert(chosen[:-1], 0, False)
+            values = np.where(reached & branch.admissible, table[column] / unit, np.nan)
+            ax.plot(branch.value, values, style, color=colour, linewidth=1.3)
+        special = np.array([bool(each) for each in branch.names]) & branch.admissible
+        ax.plot(branch.value[special], table[column][special] / unit, "o", color=colour, ms=3.0)
+    for swept in found.simulated:
+        marker = "^" if swept.upwards else "v"
+        values = swept.displacement_max if column == "displacement_max" else swept.impact_speed_max
+        if column != "acceleration_max":
+            ax.plot(
+                swept.value, values / unit, marker, ms=2.5, color=COLOURS["simulate"], alpha=0.6,
+                label=f"simulated, {'up' if swept.upwards else 'down'}",
+            )  # fmt: skip
+    for jump in found.jumps:
+        ax.axvline(jump.value, color=COLOURS["stop"], linestyle=":", linewidth=1.0)
+    if found.simulated and column != "acceleration_max":
+        ax.legend(fontsize="small")
+    ax.set_xlabel(_name(found))
+    ax.set_ylabel(PANELS[column] + (f" ({name})" if name else ""))
+    ax.set_ylim(bottom=0.0)
+    add_grid(ax)
+    return ax
+
+
+def _columns(branch: Branch) -> dict[str, np.ndarray]:
+    return {
+        "displacement_max": branch.displacement_max,
+        "acceleration_max": branch.acceleration_max,
+        "impact_speed_max": branch.impact_speed.max(axis=1, initial=0.0),
+    }

@@ -1,0 +1,71 @@
+"""`stochvi sine`: documents, files, and what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from stochvi.scenes.datasets import shipped_scene
+from support.commands import Run, one_document, refused
+
+MOUNT = str(shipped_scene("isolator-sine"))
+BRANCH_KEYS = {
+    "form", "impacts_per_period", "periods", "frequency_hz", "displacement_max", "impact_speed",
+    "multiplier", "stable", "admissible",
+}  # fmt: skip
+
+
+def test_branches_jumps_and_files_of_a_sweep(stochvi: Run, tmp_path: Path) -> None:
+    done = stochvi(
+        "sine", MOUNT, "--from", "90", "--to", "0.12kHz", "--points", "3", "--sweep", "up",
+        "--out", str(tmp_path), "--json", "-", "--quiet",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    document = one_document(done.out)
+    assert document["jumps"].keys() == {"up_hz", "down_hz"}
+    assert all(branch.keys() == BRANCH_KEYS for branch in document["branches"])
+    free, *others = document["branches"]
+    assert free["impacts_per_period"] == 0 and free["impact_speed"] == [[], [], []]
+    assert {2} <= {branch["impacts_per_period"] for branch in others}
+    for branch in document["branches"]:
+        assert len(branch["frequency_hz"]) == len(branch["stable"]) == len(branch["impact_speed"])
+    assert (tmp_path / "sine.csv").is_file() and (tmp_path / "sine.png").is_file()
+
+
+def test_a_key_of_the_scene_takes_the_place_of_the_frequency(stochvi: Run) -> None:
+    asked = ("--vary", "impact_pair.0.clearance=0.3mm:0.4mm:2", "--json", "-", "--quiet")
+    document = one_document(stochvi("sine", MOUNT, *asked).out)
+    assert document["key"] == "impact_pair.0.clearance"
+    branch = document["branches"][0]
+    assert branch["value"] == pytest.approx([3e-4, 4e-4])
+    assert branch["frequency_hz"] == pytest.approx([100.0, 100.0])
+
+
+def test_the_table_says_what_was_found(stochvi: Run) -> None:
+    done = stochvi("sine", MOUNT)
+    assert done.code == 0
+    assert "branches of periodic regimes" in done.out
+
+
+def test_a_budget_that_ends_first_is_a_failure_with_what_there_is(stochvi: Run) -> None:
+    done = stochvi("sine", MOUNT, "--from", "90", "--to", "120", "--budget", "1e-6")
+    assert done.code == 1
+    assert "budget" in done.err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--from", "20"), "--from and --to must be two rising frequencies"),
+        (("--from", "30", "--to", "20"), "--from and --to must be two rising frequencies"),
+        (("--from", "20", "--to", "30", "--points", "1"), "--points must be at least 2, got 1"),
+        (("--vary", "a=1:2:3", "--from", "1"), "--vary takes the place of --from and --to"),
+        (("--coordinate", "y"), "coordinate must be one of x, got 'y'"),
+        (("--impacts", "0"), "most_impacts must be at least 1, got 0"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(
+    stochvi: Run, options: tuple[str, ...], words: str
+) -> None:
+    assert words in refused(stochvi("sine", MOUNT, *options))
