@@ -56,7 +56,7 @@ def residuals(
         terms += [-direction[row] * push for direction, _, push in pushes]
         terms.append(-model.constant_force[row] + 0.0 * mean[row])
         # all may vanish by symmetry: the rms force of the coordinate's own spring does not
-        deviation = float(np.mean(moments[coordinate, "variance"])) ** 0.5
+        deviation = _mean(moments[coordinate, "variance"]) ** 0.5
         name = "force" if len(mean) == 1 else f"force on {coordinate}"
         found[name] = sum(terms) / _scale(terms, model.stiffness[row, row] * deviation)
     if model.signals or model.tables:
@@ -119,4 +119,9 @@ def _energies(model: Model, moments: Mapping[tuple[str, str], Any], origin: Any)
 
 
 def _scale(terms: list[Any], floor: float = 0.0) -> float:
-    return max(floor, 1e-300, *(abs(float(np.mean(term))) for term in terms))
+    return max(floor, 1e-300, *(abs(_mean(term)) for term in terms))
+
+
+def _mean(term: Any) -> float:
+    """Of all paths; a number, of which the errors of a response take thousands, is its own mean."""
+    return float(term) if isinstance(term, float) else float(np.mean(term))

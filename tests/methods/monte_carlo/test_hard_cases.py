@@ -32,7 +32,7 @@ CASES: dict[str, Scene] = HARD.CASES
 
 FEW_PATHS = {
     "overdamped, zeta = 50, R = 0.5": {"paths": 24, "duration": 200.0},
-    "two modes, frequencies 1 : 1e4": {"paths": 16, "duration": 0.2},
+    "two modes, frequencies 1 : 1e4": {"paths": 8, "duration": 0.2},
     "filtered noise at 1000 times the resonance": {"paths": 24, "duration": 50.0},
     "sine alone, overdamped (zeta = 15)": {"paths": 24, "duration": 50.0},
     "static force 100 on a stop, R = 0": {"paths": 512, "duration": 0.002},
