@@ -106,7 +106,9 @@ def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
     ax.set_xlabel(f"clearance per side ({name})")
     ax.set_ylabel(f"chance of any hit in {spoken_mission(sizing.mission)}")
     add_grid(ax)
-    ax.legend(framealpha=0.9, edgecolor="none", loc="best", fontsize="small")
+    ax.legend(
+        frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
+    )
     return ax
 
 
