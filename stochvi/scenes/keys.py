@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from stochvi.results.errors import SceneError
-from stochvi.scenes.impact_laws.rubber import DAMPING, OF_RUBBER, PAD
+from stochvi.scenes.impact_laws.rubber_data import DAMPING, OF_RUBBER, PAD
 from stochvi.scenes.scene import Scene, scene_from
 
 Change = tuple[tuple[str, float], ...]

@@ -27,7 +27,7 @@ from stochvi.scenes.excitations import (
     check_unit,
 )
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
-from stochvi.scenes.impact_laws.rubber import AS_WRITTEN
+from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
 from stochvi.scenes.rigid_body import AXES, RigidBody, Triple
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.text import read_text

@@ -15,7 +15,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Viscoelastic
-from stochvi.scenes.impact_laws.rubber import DAMPING, PAD
+from stochvi.scenes.impact_laws.rubber_data import DAMPING, PAD
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.validation import PYTHON_ONLY, Checked
 

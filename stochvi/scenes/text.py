@@ -1,9 +1,10 @@
-"""Tables of numbers in text as instruments, spreadsheets and people write them."""
+"""Tables of numbers in text as instruments, spreadsheets and people write them: which lines are
+rows, and the numbers in them. `headings.py` reads the names and units of columns, `cells.py` splits
+a line."""
 
 from __future__ import annotations
 
 import codecs
-import csv
 import difflib
 import math
 import re
@@ -17,16 +18,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.mathematics.units import DENSITIES, DIMENSIONS, Unit, unit
+from stochvi.mathematics.units import DENSITIES, Unit
 from stochvi.results.errors import SceneError
+from stochvi.scenes.cells import (
+    CLOCK,
+    DELIMITERS,
+    MISSING,
+    STAMP,
+    count_values,
+    is_number,
+    split_cells,
+)
+from stochvi.scenes.headings import Heading, headings_above, stated_density
 
 Vector = NDArray[np.float64]
 
 LARGEST_TEXT_FILE = 10_000_000
 """Largest size of a table or scene file, bytes: such files have some kilobytes."""
-
-DELIMITERS = (";", "\t", "|", ",", None)
-"""What may part the cells of a line; None is any number of blanks."""
 
 COMMENTS = ("#", "%", "//")
 """What a line of comment starts with."""
@@ -34,14 +42,8 @@ COMMENTS = ("#", "%", "//")
 SAMPLE = 1000
 """Number of lines at the start of a file from which its layout is found."""
 
-LAST_HEADINGS = 3
-"""Number of lines above the numbers that may name the columns and their units."""
-
 DAY = 86_400.0
 """Length of a day, s."""
-
-GLUE = "\0"
-"""Stands for a blank at which a line is not split; decoded text holds none."""
 
 VALUES = (*DENSITIES, "acceleration", "force")
 """Quantities of what is read over frequency or time."""
@@ -49,11 +51,6 @@ VALUES = (*DENSITIES, "acceleration", "force")
 COLUMNS_LISTED = 20
 """Number of columns that a sentence lists."""
 
-NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?")
-CLOCK = re.compile(r"\d\d:\d\d:\d\d(?:[.,]\d+)?")
-"""A time of day without a date."""
-
-STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d\S*|" + CLOCK.pattern)
 SLASHED = re.compile(r'^("?\d{4})/(\d\d)/(\d\d)(?=[T ;,|\t]+\d\d:\d\d)', re.M)
 """A date with slashes at the start of a line, year first, 2024/05/01 before a time of day."""
 
@@ -80,33 +77,6 @@ POWER_OF_TEN = re.compile(
 
 PLAIN = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹\u2010\u2011\u2012\u2013\u2212", "+-0123456789-----")
 """Typeset digits and signs of a power, and those that Python reads."""
-
-MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--", "---", "inf", "-inf"))
-"""Cells, in small letters, that stand for a value that was not measured."""
-
-ABSCISSAE = {
-    "time": r"t|time\w*|zeit\w*|temps|date\w*|datum",
-    "frequency": r"f|freq\w*|frequenz|fréquence|k?hz",
-}
-"""Quantity of the column that runs -> words by which headings call it."""
-
-NAMED_UNIT = re.compile(
-    r"(?:acc[a-z]*|a|beschleunigung|force|density|psd|asd|time|t|zeit|frequency|freq|f|level)"
-    r"(?:[_ ][xyz])?(?:_| in | )(\w+)", re.I,
-)  # fmt: skip
-"""A name such as acceleration_g, accel_z_g, density_g2_per_hz or "Time ms", and its unit."""
-
-LABELLED_UNIT = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)(?:[_ ]label)?\s*[:=]\s*(\S+)", re.I)
-"""A line such as "Unit: g", and the unit in it."""
-
-ROW_OF_UNITS = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)\b|(?:[xy][_ ])?unit_label", re.I)
-"""What the first cell of a line of units may say, as those of LabVIEW do, far above the rows."""
-
-COUNTING = re.compile(
-    r"(?:#|no|nr|n|i|index|idx|sample\w*|point\w*|row|line|count\w*|scan\w*|rpm|order|period)\b"
-    r"|#", re.I,
-)  # fmt: skip
-"""What the heading of a column starts with that holds neither times nor frequencies, but rises."""
 
 
 def read_text(path: Path, largest: int | None = None) -> str:
@@ -154,43 +124,6 @@ def _alike(path: Path) -> str:
         return ""
     near = [names[name] for name in difflib.get_close_matches(path.name.lower(), names, n=1)]
     return f"; did you mean {path.with_name(near[0])}?" if near and near[0].isprintable() else ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Heading:
-    """What stands above a column: its cells from the top down, its unit, and where that stands."""
-
-    cells: tuple[str, ...] = ()
-    unit: Unit | None = None
-    line: int = 0
-
-    @property
-    def name(self) -> str:
-        """The lowest cell that is no unit, empty if there is no cell."""
-        lowest = self.cells[-1] if self.cells else ""
-        return next((cell for cell in reversed(self.cells) if not _is_unit(cell)), lowest)
-
-    def called(self, name: str) -> bool:
-        """Whether the column goes by a name, with or without the unit in it, in any case."""
-        wanted = name.strip().casefold()
-        return any(
-            wanted in (cell.casefold(), re.sub(r"\s*[\[(].*", "", cell).casefold())
-            for cell in self.cells
-        )
-
-    def mentions(self, name: str) -> bool:
-        """Whether a name is one of the words of the heading, in any case."""
-        return any(name.strip().casefold() in cell.casefold().split() for cell in self.cells)
-
-    def is_of(self, quantity: str) -> bool:
-        """Whether the heading says that the column holds times, or frequencies."""
-        named = re.match(rf"(?:{ABSCISSAE[quantity]})\b", self.name, re.I)
-        return self.unit.quantity == quantity if self.unit else named is not None
-
-    @property
-    def counts(self) -> bool:
-        """Whether the heading says that the column numbers the rows, or holds rpm or orders."""
-        return self.unit is None and COUNTING.match(self.name) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,7 +185,7 @@ class TextTable:
 
     def is_stamp(self, place: int) -> bool:
         """Whether a column holds dates with times of day."""
-        return bool(STAMP.fullmatch(_cells(self.lines[0][1], self.delimiter)[place]))
+        return bool(STAMP.fullmatch(split_cells(self.lines[0][1], self.delimiter)[place]))
 
     def columns(self, *places: int) -> list[Vector]:
         """The numbers of some columns, NaN where one is missing; of time stamps, s after the first.
@@ -267,7 +200,7 @@ class TextTable:
         found = [array("d") for _ in places]
         first: dict[int, datetime] = {}
         for line, text in self.lines:
-            cells = _cells(text, self.delimiter)
+            cells = split_cells(text, self.delimiter)
             while len(cells) > count and not cells[-1]:
                 cells.pop()
             if len(cells) != count:
@@ -421,10 +354,10 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     delimiter, count, full = _layout([line for _, line in content[:SAMPLE]], needed)
     begin = 0
     for number, line in content if count else ():
-        cells = _cells(line, delimiter)
+        cells = split_cells(line, delimiter)
         while len(cells) > count and not cells[-1]:
             cells.pop()
-        values = _values(cells)
+        values = count_values(cells)
         if len(cells) == count and (values == count if full else values >= needed):
             break
         if not _is_count(line, content[begin + 1 :], delimiter, count):
@@ -432,7 +365,7 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         begin += 1
     if not count or begin == len(content):
         for number, line in content:
-            if names[0] == "time" and _number(line.strip()):
+            if names[0] == "time" and is_number(line.strip()):
                 raise SceneError(
                     f"{path}, line {number}: expected {wanted}, got {line[:60]!r}; for values "
                     "without times give fs, the sampling rate in Hz"
@@ -448,16 +381,16 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     rows = content[begin:]
     above = [(number, line) for number, line in lines if number < rows[0][0]]
     below = [(number, line) for number, line in lines[len(above) :] if not _uncommented(line)]
-    some = [_cells(line, delimiter) for _, line in rows[:SAMPLE]]
-    stated, stated_line = _stated_density(above)
+    some = [split_cells(line, delimiter) for _, line in rows[:SAMPLE]]
+    stated, stated_line = stated_density(above)
     _check_thousands(path, rows, delimiter)
     return TextTable(
         path=path, lines=rows, remarks=above + below, delimiter=delimiter,
         stated=stated, stated_line=stated_line,
-        headings=_headings(
+        headings=headings_above(
             above, delimiter, count, len(some[0]), bool(STAMP.fullmatch(some[0][0]))
         ),
-        decimal_comma=any("," in cell for cells in some for cell in cells if _number(cell)),
+        decimal_comma=any("," in cell for cells in some for cell in cells if is_number(cell)),
     )  # fmt: skip
 
 
@@ -494,7 +427,7 @@ def _check_thousands(path: Path, rows: Sequence[tuple[int, str]], delimiter: str
     """Refuse numbers of which nothing says whether their commas are decimal or part thousands."""
     example = ""
     for line, row in rows[:SAMPLE]:
-        for cell in filter(_number, _cells(row, delimiter)):
+        for cell in filter(is_number, split_cells(row, delimiter)):
             if re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", cell):
                 example = example or f"{path}, line {line}: {cell!r}"
             elif not cell.lstrip("+-").isdigit():
@@ -520,25 +453,6 @@ def _uncommented(line: str) -> str:
     return (line.split("#")[0] if "#" in line else line).strip(" \ufeff")
 
 
-def _number(cell: str) -> bool:
-    return bool(NUMBER.fullmatch(cell))
-
-
-def _values(cells: Sequence[str]) -> int:
-    """How many cells hold a number or a time stamp, or say that one is missing beside one."""
-    held = sum(_number(cell) or bool(STAMP.fullmatch(cell)) for cell in cells)
-    return held and held + sum(cell.casefold() in MISSING for cell in cells)
-
-
-def _cells(line: str, delimiter: str | None) -> list[str]:
-    if '"' in line:
-        around = {"skipinitialspace": True, "delimiter": delimiter or " "}
-        return [cell.strip() for cell in next(csv.reader([line.strip()], **around))]  # type: ignore[arg-type]
-    if delimiter is None:
-        return line.split()
-    return [cell.strip() for cell in line.split(delimiter)]
-
-
 def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
     """What parts the cells of most lines that hold numbers, how many cells a line has, and whether
     all of them are numbers."""
@@ -547,14 +461,16 @@ def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
     for delimiter in DELIMITERS:
         whole: Counter[int] = Counter()
         part: Counter[int] = Counter()
-        rows = [_cells(line, delimiter) for line in lines]
+        rows = [split_cells(line, delimiter) for line in lines]
         # counts of cells of rows whose last cell is used, if only now and then
-        used = {len(cells) for cells in rows if cells and cells[-1] and _values(cells) > needed}
+        used = {
+            len(cells) for cells in rows if cells and cells[-1] and count_values(cells) > needed
+        }
         for cells in rows:
             if len(cells) > needed and not cells[-1] and len(cells) not in used:
                 cells.pop()  # the delimiter ends the line
             if sum(map(bool, cells)) >= needed and (delimiter is None or len(cells) > 1):
-                values = _values(cells)
+                values = count_values(cells)
                 whole[len(cells)] += values == len(cells)
                 part[len(cells)] += values >= needed
         for counts, full in ((whole, True), (part, False)):
@@ -569,7 +485,7 @@ def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
 
 def _decimal_fractions(lines: Sequence[str]) -> bool:
     """Whether a comma in "0,07" is a decimal sign: no whole number starts with a zero."""
-    pairs = [cells for line in lines if len(cells := _cells(line, ",")) == 2]
+    pairs = [cells for line in lines if len(cells := split_cells(line, ",")) == 2]
     whole = all((cell.lstrip("+-") or "0").isdigit() for cells in pairs for cell in cells)
     return whole and any(re.fullmatch(r"0\d+", cells[1]) for cells in pairs)
 
@@ -581,12 +497,12 @@ def _is_count(
     alone = line.strip()
     if count < 2 or not re.fullmatch(r"[0-9]{1,9}", alone):
         return False
-    return int(alone) == sum(_values(_cells(row, delimiter)) >= count for _, row in below)
+    return int(alone) == sum(count_values(split_cells(row, delimiter)) >= count for _, row in below)
 
 
 def _check_heading(path: Path, number: int, line: str, cells: Sequence[str], count: int) -> None:
     """A line above the rows is a heading, unless it looks like a row that is wrong."""
-    numeric = [_number(cell) for cell in cells]
+    numeric = [is_number(cell) for cell in cells]
     typing_error = (
         len(cells) == count and any(numeric) and re.match(r"[+-]?[.,]?[\dOo][.,\d]?", cells[0])
         and not all(numeric) and not re.match(r"[Oo][^.,\d]", cells[0])
@@ -601,136 +517,3 @@ def _check_heading(path: Path, number: int, line: str, cells: Sequence[str], cou
 
 def _counted(count: int) -> str:
     return {1: "one number", 2: "two numbers"}.get(count, f"{count} numbers")
-
-
-# headings ---------------------------------------------------------------------------------
-
-
-def _headings(
-    above: Sequence[tuple[int, str]], delimiter: str | None, count: int, longest: int, stamped: bool
-) -> list[Heading]:
-    """The headings of the columns, from the last lines above the rows that have as many cells, and
-    from a line that says that it holds units. `longest` is the number of cells of a row with the
-    empty ones at its end, which a heading may name."""
-    fitting: list[tuple[int, list[str]]] = []
-    for number, line in above[:-LAST_HEADINGS]:
-        cells = _heading_cells(line, delimiter, count, longest, stamped)
-        if cells and count > 1 and ROW_OF_UNITS.match(cells[0]):
-            fitting.append((number, ["", *cells[1:]]))
-    for number, line in above[-LAST_HEADINGS:]:
-        if cells := _heading_cells(line, delimiter, count, longest, stamped):
-            fitting.append((number, cells))
-    found = []
-    # the name of a column is not looked for in a line of units
-    named = sorted(fitting, key=lambda each: not _holds_units(each[1]))
-    for place in range(count):
-        stack = tuple(row[place] for _, row in named if row[place])
-        unit_line = [
-            (known, number)
-            for number, row in reversed(fitting)
-            if (known := unit_in(row[place], all(map(_is_unit, filter(None, row)))))
-        ]
-        known, number = unit_line[0] if unit_line else (None, 0)
-        found.append(Heading(cells=stack, unit=known, line=number))
-    return found
-
-
-def _holds_units(cells: Sequence[str]) -> bool:
-    """Whether most cells of a heading are units."""
-    filled = list(filter(None, cells))
-    return 2 * sum(map(_is_unit, filled)) > len(filled)
-
-
-def _heading_cells(
-    line: str, delimiter: str | None, count: int, longest: int, stamped: bool
-) -> list[str] | None:
-    """The cells of a heading, one for each column; None of a line that has another number."""
-    text = re.sub(r"^\s*(?:#|%|//)+\s*", "", line)
-    # a unit in brackets belongs to the name before it
-    glued = re.sub(r"\s+(?=[\[(])", GLUE, text.strip())
-    for each in (delimiter, *(other for other in DELIMITERS if other != delimiter)):
-        cells = _cells(glued if each is None else text, each)
-        while len(cells) > count and not cells[-1]:
-            cells.pop()
-        if stamped and len(cells) == count + 1:
-            cells = [f"{cells[0]} {cells[1]}", *cells[2:]]  # a date and a time of day
-        if (len(cells) == count or (each and count < len(cells) <= longest)) and any(cells):
-            return [cell.replace(GLUE, " ") for cell in cells[:count]]
-    return None
-
-
-def _is_unit(cell: str) -> bool:
-    return _known(cell.strip("[]()")) is not None or _known(cell) is not None
-
-
-def _known(spelling: str) -> Unit | None:
-    """The unit of a spelling; None for what is no unit."""
-    try:
-        return unit(spelling)
-    except ValueError:
-        return None
-
-
-def unit_in(text: str, alone: bool = False) -> Unit | None:
-    """The unit that a heading states: in brackets, at its end, or after an underscore.
-
-    Parameters
-    ----------
-    alone
-        Whether the heading is of a line of units, so that a single letter is one as well.
-
-    Examples
-    --------
-    >>> unit_in("ASD run 1 (g^2/Hz)").name, unit_in("PSD (m/s2)^2/Hz").name
-    ('g2/Hz', '(m/s2)2/Hz')
-    >>> unit_in("acceleration_g").name, unit_in("G"), unit_in("G", alone=True).name
-    ('g', None, 'g')
-    """
-    found: Unit | None
-    for inner in _bracketed(text):
-        if found := _known(inner):
-            return found
-    words = text.strip().split()
-    for start in range(len(words)):
-        ending = " ".join(words[start:])
-        if start and _number(words[start - 1]):
-            break  # a value and its unit, as in "sampling rate: 400 Hz"
-        if re.search(r"[/^²]", ending) or ending.casefold() in ("hz", "khz"):
-            found = _known(ending)
-            if found and (found.quantity in DIMENSIONS.values() or start == len(words) - 1):
-                return found
-    if after := re.search(r",\s*(\S+)$", text):
-        return _known(after[1])
-    if labelled := LABELLED_UNIT.fullmatch(text.strip()):
-        return _known(labelled[1])
-    if named := NAMED_UNIT.fullmatch(text.strip()):
-        return _known(named[1].replace("_per_", "/"))
-    return _known(text.strip().strip("[]()")) if alone else None
-
-
-def _bracketed(text: str) -> list[str]:
-    """What stands in outermost brackets after which a word ends."""
-    found, depth, start = [], 0, 0
-    for place, letter in enumerate(text):
-        if letter in "([":
-            start = place + 1 if depth == 0 else start
-            depth += 1
-        elif letter in ")]" and depth:
-            depth -= 1
-            if depth == 0 and (place + 1 == len(text) or text[place + 1] in " ,:;"):
-                found.append(text[start:place])
-    return found
-
-
-def _stated_density(above: Sequence[tuple[int, str]]) -> tuple[Unit | None, int]:
-    """The unit of a density that lines above the rows state, if they state one alone."""
-    found: dict[tuple[str, bool], tuple[Unit, int]] = {}
-    for number, line in above:
-        pieces = [*_bracketed(line), *re.split(r"[;,\t|]", line)]
-        known = [unit_in(piece) or (_known(piece) if "/" in piece else None) for piece in pieces]
-        if not any(known) and "dB" not in line:
-            known = [_known(word.strip("[],;:")) for word in line.split() if "/" in word]
-        for each in known:
-            if each and each.quantity.endswith("density"):
-                found[each.name, each.decibels] = each, number
-    return next(iter(found.values())) if len(found) == 1 else (None, 0)

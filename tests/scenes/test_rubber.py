@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from stochvi import Elastic, ImpactPair, Isolator, Scene, SceneError, Viscoelastic, WhiteNoise
 from stochvi.mathematics.kelvin_voigt import damping_ratio_of
-from stochvi.scenes.impact_laws.rubber import youngs_modulus
+from stochvi.scenes.impact_laws.rubber_data import youngs_modulus
 
 STIFFNESS, MASS = 2.0e5, 1.7
 

@@ -11,7 +11,7 @@ import pytest
 
 from stochvi.cli.scenes import KINDS
 from stochvi.scenes.datasets import data_folder
-from stochvi.scenes.impact_laws.rubber import DAMPING, PAD
+from stochvi.scenes.impact_laws.rubber_data import DAMPING, PAD
 from stochvi.scenes.schema import RUBBER, scene_schema
 from support.commands import Run
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from stochvi import SceneError
-from stochvi.scenes.text import read_table, read_text, read_text_table, unit_in
+from stochvi.scenes.headings import unit_in
+from stochvi.scenes.text import read_table, read_text, read_text_table
 
 WANTED = [[10.0, 20.5, 40.0], [0.002, 0.01, 0.04]]
 """Columns that each of `LAYOUTS` holds."""

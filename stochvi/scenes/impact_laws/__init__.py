@@ -10,8 +10,8 @@ from pydantic import Discriminator, Tag
 from stochvi.scenes.impact_laws.base import CompliantLaw
 from stochvi.scenes.impact_laws.force_table import ForceTable
 from stochvi.scenes.impact_laws.hertz import Hertz
-from stochvi.scenes.impact_laws.linear import Elastic, Viscoelastic
 from stochvi.scenes.impact_laws.rigid import Restitution, SpeedRestitution
+from stochvi.scenes.impact_laws.viscoelastic import Elastic, Viscoelastic
 
 __all__ = [
     "CompliantLaw",

@@ -1,4 +1,7 @@
-"""Numbers of a linear stop from what is known of its rubber: hardness, loss factor, restitution."""
+"""Numbers of a linear stop from what is known of its rubber: hardness, loss factor, restitution.
+
+The laws themselves are in `viscoelastic.py`.
+"""
 
 from __future__ import annotations
 

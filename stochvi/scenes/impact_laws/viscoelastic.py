@@ -1,4 +1,7 @@
-"""Stops with a linear spring, and with a damper beside it."""
+"""Stops of rubber and steel: a linear spring, alone or with a damper beside it.
+
+`rubber_data.py` makes their numbers from hardness, loss factor or restitution.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.kelvin_voigt import Impact, half_contact, kelvin_voigt
 from stochvi.scenes.impact_laws.base import Form, inside
-from stochvi.scenes.impact_laws.rubber import RubberLaw, with_damping_ratio, with_stiffness
+from stochvi.scenes.impact_laws.rubber_data import RubberLaw, with_damping_ratio, with_stiffness
 from stochvi.scenes.validation import NonNegative, Positive
 
 Vector = NDArray[np.float64]
