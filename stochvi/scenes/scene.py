@@ -143,6 +143,9 @@ class Scene(Checked):
         Loose masses in boxes that the structure carries: one, or a list.
     vehicle
         The vehicle that stands between a road and the base.
+    cross_densities
+        How the accelerations of two axes of one base depend on each other. `cross_density` in a
+        file.
 
     Raises
     ------
