@@ -81,7 +81,7 @@ def residual_vibration(play: float, restitution: float, law: str = "flight") -> 
     """Amplitude (m) that `tuned_force` leaves of a structure in resonance, with a light loose mass.
 
     As printed, a_x1 = beta a_x / (M2 w) (B 17.12), with beta = p M2 w and p = (1 - R^2) / pi for
-    two walls (B 7.61): a_x1 = p a_x (B 17.13). In straight flights of speed u = 2 w Delta / pi the
+    two walls (B 7.62): a_x1 = p a_x (B 17.13). In straight flights of speed u = 2 w Delta / pi the
     wall must return what is lost, with a speed u (1 - R) / (1 + R) against the mass, so that
     a_x1 = (2 Delta / pi) (1 - R) / (1 + R).
 

@@ -120,6 +120,7 @@ def new(file: Path, kind: str) -> None:
     try_it = {
         "any": f"check {file}",
         "absorber": f"absorber {file} --out out",
+        "sine": f"sine {file} --from 60 --to 120 --out out",
         "rigid-body": f"explain {file}",
     }.get(kind, f"size {file} --probability 0.01 --out out")
     click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)

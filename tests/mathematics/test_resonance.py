@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
+from stochvi import ImpactPair, Oscillator, Restitution, Scene, Sine, harmonic_response
 from stochvi.methods.periodic.resonance import HarmonicResonance, RandomResonance
 from stochvi.results.estimates import Estimate
 from stochvi.testing import assert_agrees
@@ -27,9 +28,10 @@ def test_the_isolator_of_the_book(restitution, boundary):
     case = mount(restitution)
     assert case.free_amplitude == pytest.approx(1.010e-4, rel=5e-4)
     assert case.energy_boundary == pytest.approx(boundary, rel=5e-5)
-    printed = {0.5: 3.85e-4, 1.0: 50e-4}.get(restitution)
-    if printed:
-        assert case.harmonic_boundary == pytest.approx(printed, rel=7e-3)  # read off a chart
+    # the book prints 3.24e-4 and 52e-4 (p. 135), which its own formula 9.15 with 7.62 does not give
+    computed = {0.5: 3.866e-4, 1.0: 50.24e-4}.get(restitution)
+    if computed:
+        assert case.harmonic_boundary == pytest.approx(computed, rel=2e-4)
 
 
 # Direct simulation ------------------------------------------------------------------------
@@ -234,9 +236,49 @@ def test_the_regime_is_a_free_motion_from_impact_to_impact(name):
 def test_power_loss_counts_the_impacts_of_a_period():
     two, one = rattle("two stops"), rattle("one stop")
     for case, impacts in ((two, 2), (one, 1)):
-        lost = impacts * 0.5 * (1.0 - 0.64) * case.impact_speed**2 * case.frequency / (2 * math.pi)
+        lost = impacts * 2.0 * (0.2 / 1.8) * case.impact_speed**2 * case.frequency / (2 * math.pi)
         expected = 0.02 * case.velocity_mean_square + lost
         assert case.power_loss == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize(("restitution", "within"), [(0.9, 0.01), (0.8, 0.02), (0.5, 0.1)])
+def test_the_impact_loss_is_near_that_of_the_regime_that_a_sine_just_keeps_up(
+    restitution: float, within: float
+) -> None:
+    """There the force is in phase with the velocity, as the power balance takes it: the smallest
+    force, at the fold over its amplitude. The loss of impacts at the speed of the regime without
+    loss is the negative control: it is low by 10 to 40 %."""
+    b, w = 0.01, 2.0
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=b, stiffness=1.0),
+        impact_pairs=[ImpactPair(clearance=1.0, law=Restitution(coefficient=restitution))],
+        excitations=[Sine(amplitude=1.0, frequency_hz=w / (2.0 * math.pi))],
+    )
+    found = harmonic_response(scene, vary={"excitation.0.amplitude": [0.02, 1.0]})
+    (branch,) = (
+        each for each in found.branches
+        if len(each.stops) == 2 and each.periods == 1 and "fold" in each.names
+    )  # fmt: skip
+    speed = branch.impact_speed[branch.names.index("fold")].mean()
+    exact = 0.5 * (1.0 - restitution**2) * speed**2 * w / math.pi
+    case = RandomResonance(
+        omega=1.0, damping_rate=b, clearance=1.0, restitution=restitution, frequency=w
+    )
+    book = case.power_loss - b * case.velocity_mean_square
+    plain = 0.5 * (1.0 - restitution**2) * case.impact_speed**2 * w / math.pi
+    assert book == pytest.approx(exact, rel=within)
+    assert plain < (1.0 - 4.0 * within) * exact
+
+
+@pytest.mark.parametrize(
+    ("restitution", "loss", "longest"), [(0.8, 0.15785, 2.771), (0.5, 0.4408, 0.355)]
+)
+def test_the_longest_time_of_the_book_with_its_loss(restitution, loss, longest):
+    case = RandomResonance(
+        omega=1.0, damping_rate=0.01, clearance=1.0, restitution=restitution, frequency=2.0
+    )
+    assert case.power_loss == pytest.approx(loss, rel=2e-4)
+    assert case.longest(intensity=0.01) == pytest.approx(longest, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["two stops", "one stop"])

@@ -43,9 +43,9 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
         closure (of two stops its variant "box") corrected by the law of the energy, the best of
         them for one oscillator between rigid stops in white noise.
     variant
-        "consistent"; "book": the factors of m_F as in (B 13.12) for "motion", and of beta as in
-        (B 8.54) for "force"; "box" for the closure between two rigid stops: hits as those of a
-        free mass in a box as far as impacts take the energy, nearly everywhere better.
+        "consistent"; "book": the factors of m_F and k as in (B 13.12) for "motion", and of beta
+        as in (B 8.54) for "force"; "box" for the closure between two rigid stops: hits as those
+        of a free mass in a box as far as impacts take the energy, nearly everywhere better.
 
     Returns
     -------

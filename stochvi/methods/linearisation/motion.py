@@ -89,7 +89,8 @@ def normal_law(gap: Gap, mean: float, deviation: float) -> CutNormal:
 
 
 def motion_factor(restitution: float, book: bool) -> float:
-    """Mean stop force over p(stop) E v^2: (1 + R) / 2, or as printed (B 8.75, 13.12)."""
+    """Mean stop force over p(stop) E v^2: (1 + R) / 2, or as printed (B 8.75), and in the stiffness
+    of that force (B 13.12)."""
     return (1.0 + restitution**2) / 4.0 if book else (1.0 + restitution) / 2.0
 
 
