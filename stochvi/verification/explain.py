@@ -12,12 +12,14 @@ from stochvi.methods.averaging import unmet as unmet_by_averaging
 from stochvi.methods.closed_form import unmet as unmet_by_closed_form
 from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
+from stochvi.methods.linearisation.method import unmet as unmet_by_linearisation
 from stochvi.methods.monte_carlo import Prospect, prospect
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.model.natural_modes import NaturalMode, RestingGap, at_rest, natural_modes
 from stochvi.results.base import COMMON, Result
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import provenance
 from stochvi.scenes.excitations import BASE, RecordedNoise, TabulatedNoise
@@ -27,6 +29,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 APPLIES = "applies"
+
+SECONDS = 3.0
+"""Seconds that an explanation takes at most, if no kernel must be compiled."""
+
+MOST_BREAKPOINTS = 10_000
+"""Number of breakpoints of all tables from which no linearisation is tried: it would integrate them
+a hundred times."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -75,11 +84,16 @@ class Explanation(Result):
         return {"method": "explain", **super()._document()}
 
 
-def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
+def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS) -> Explanation:
     """List the effects, the methods that apply, and the expected price of a simulation.
 
     An effect that is absent from the scene is absent from the compiled code. The price comes
     from a short pilot run on this machine.
+
+    Parameters
+    ----------
+    budget
+        Seconds for all of it; the pilot gets what is left, `PILOT_SECONDS` at most.
 
     Examples
     --------
@@ -92,6 +106,7 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
     >>> explain(free).absent
     ('filtered noise', 'tabulated noise', 'sine', 'constant load', 'stop lower', 'stop upper')
     """
+    deadline = Deadline.after(budget)
     model, effects = model_of(scene), scene.effects()
     methods = {
         "exact": "; ".join(unmet_by_closed_form(model)) or APPLIES,
@@ -99,13 +114,16 @@ def explain(scene: Scene, *, threads: int | None = None) -> Explanation:
         "average": "; ".join(unmet_by_averaging(model)) or APPLIES,
         "linearise": APPLIES,
     }
-    try:
-        linearise(scene)
-    except (NotApplicable, NotConverged) as reason:
-        methods["linearise"] = _conditions(reason)
+    if sum(len(table.frequency_hz) for table, _ in model.tables) > MOST_BREAKPOINTS:
+        methods["linearise"] = "; ".join(unmet_by_linearisation(model)) or APPLIES
+    else:
+        try:
+            linearise(scene)
+        except (NotApplicable, NotConverged) as reason:
+            methods["linearise"] = _conditions(reason)
     simulation = None
     try:
-        simulation = prospect(scene, threads=threads)
+        simulation = prospect(scene, threads=threads, budget=deadline.rest)
         methods["simulate"] = APPLIES
     except NotApplicable as reason:
         methods["simulate"] = _conditions(reason)

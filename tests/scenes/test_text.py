@@ -278,3 +278,20 @@ def test_a_line_that_counts_the_rows_below_is_no_row(tmp_path: Path, text: str) 
     (tmp_path / "run.csv").write_text(text.replace("3", "4", 1))
     with pytest.raises(SceneError, match="line 1: expected two numbers as in the lines below"):
         read_text_table(tmp_path / "run.csv", names)
+
+
+def test_a_large_table_that_is_read_at_once_holds_the_same_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "large.csv"
+    rows = [f"{1.1 * n!r}, {10.0**-n!r}" for n in range(40)]
+    file.write_text("\n".join(["frequency,density", *rows]), encoding="utf-8")
+    slow = read_text_table(file, ("frequency", "density")).columns(0, 1)
+    monkeypatch.setattr("stochvi.scenes.text.MANY_ROWS", 1)
+    table = read_text_table(file, ("frequency", "density"))
+    assert table._plain_columns(2) is not None
+    for own, other in zip(table.columns(0, 1), slow, strict=True):
+        np.testing.assert_array_equal(own, other)
+    file.write_text("\n".join(["frequency,density", *rows, "7.0,missing"]), encoding="utf-8")
+    with pytest.raises(SceneError, match="line 42"):
+        read_text_table(file, ("frequency", "density")).columns(0, 1)

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stochvi import Isolator, Oscillator, Scene, TabulatedNoise, WhiteNoise, explain, simulate
@@ -100,3 +101,20 @@ def test_steps_of_a_path_are_those_of_the_plan(lower: float | None) -> None:
     plan = explain(oscillator(lower, 1.0, 1.0)).simulation
     assert plan is not None
     assert plan.steps_per_path == pytest.approx((plan.burn_in + plan.duration) / plan.step, abs=2)
+
+
+def test_a_long_table_is_explained_without_a_linearisation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def never(scene: Scene) -> None:
+        raise AssertionError("a linearisation of a long table takes seconds")
+
+    monkeypatch.setattr("stochvi.verification.explain.linearise", never)
+    frequency = np.geomspace(5.0, 500.0, 20_000)
+    table = TabulatedNoise(
+        frequency_hz=frequency.tolist(), density=[0.01] * len(frequency), unit="g2/Hz"
+    )
+    mount = Isolator(frequency_hz=12.0, zeta=0.1)
+    found = explain(Scene(structure=mount, excitations=[table]), budget=0.01)
+    assert found.methods["linearise"] == "applies"
+    assert found.simulation is not None and found.simulation.nanoseconds_per_step > 0.0

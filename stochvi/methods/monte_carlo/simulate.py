@@ -28,6 +28,7 @@ from stochvi.methods.monte_carlo.quantities import (
     Key,
 )
 from stochvi.methods.monte_carlo.rounds import (
+    COMPILING_SECONDS,
     FEWEST_PATHS,
     Progress,
     Run,
@@ -45,8 +46,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-PILOT_SECONDS = 1.5
-"""Seconds that the pilot run of `prospect` takes at most, without compilation."""
+PILOT_SECONDS, LEAST_PILOT_SECONDS = 1.5, 0.2
+"""Seconds that the pilot run of `prospect` takes at most, without compilation, and seconds that it
+gets where no time is left."""
 
 FEWEST_IN_PILOT = 16
 """Fewest paths from which the pilot predicts a price: the price goes as the square of errors, which
@@ -323,31 +325,38 @@ class Prospect:
     governed_by: str
 
 
-def prospect(scene: Scene, *, threads: int | None = None, seed: int = 0) -> Prospect:
-    """Predict the cost of `simulate` from a pilot run of one block or two, `PILOT_SECONDS` at most.
+def prospect(
+    scene: Scene, *, threads: int | None = None, seed: int = 0, budget: float | None = None
+) -> Prospect:
+    """Predict the cost of `simulate` from a pilot run of one block or two, `PILOT_SECONDS` at most,
+    or of less than `budget` (s).
 
     Standard errors fall with the square root of the scene time, so seconds(rel_error) =
     seconds(pilot) (pilot error / rel_error)^2, from the quantity that converges last.
     """
     model = model_of(scene)
     plan = make_plan(model)
+    deadline = Deadline.after(budget)
     compile_time, _ = _compile(plan)
+    seconds = PILOT_SECONDS
+    if compile_time < COMPILING_SECONDS:
+        seconds = max(min(seconds, deadline.left), LEAST_PILOT_SECONDS)
     with crew_of(None, threads) as crew:
         run = Run(scene, plan, seed, crew, None, compile_time)
         with suppress(NotConverged):  # two paths take longer than that
-            run.add_paths(max(2 * plan.block, FEWEST_PATHS), Deadline.after(PILOT_SECONDS))
+            run.add_paths(max(2 * plan.block, FEWEST_PATHS), Deadline.after(seconds))
         elapsed = run.elapsed
     step_seconds = (
         elapsed / run.state.steps
         if run.state.steps
-        else seconds_of_first_paths(plan, seed, Deadline.after(PILOT_SECONDS))
+        else seconds_of_first_paths(plan, seed, Deadline.after(seconds))
         / (FEWEST_AT_ONCE * plan.steps_per_path)
     )
     relative = relative_standard_errors(run) if run.fine.count >= FEWEST_IN_PILOT else {}
     slowest = max(relative, key=lambda key: relative[key], default=None)
     unseen = any((pair.name, "impact_speed_rate") not in relative for pair in model.pairs)
     if slowest is None:
-        governed_by = f"not even {FEWEST_IN_PILOT} paths were simulated in {PILOT_SECONDS:g} s"
+        governed_by = f"not even {FEWEST_IN_PILOT} paths were simulated in {seconds:.2g} s"
     else:
         governed_by = "no impact was seen" if unseen else _spoken(model, slowest)
     known = slowest is not None and not unseen
