@@ -46,7 +46,10 @@ REQUIRED = (0.1, 0.01, 0.001)
 """Chances of any hit in the mission whose clearances every answer lists."""
 
 LOWEST_SIGMA, SIGMA_STEP = 1.0, 0.25
-"""First clearance of the curve of a pair and distance to the next, in standard deviations."""
+"""Smallest clearance of the curve of a pair and distance to the next, in standard deviations."""
+
+CLUSTERED = 1e3
+"""Largest number of crossings for a first hit that the curve of a pair leaves room for."""
 
 RISK_STEP = 2.5
 """Largest factor from one risk per pair to the next: the chance of any hit over it changes slowly,
@@ -202,12 +205,17 @@ class _PairsJob:
         self.report(0.5 * number / len(self.sized), self.names[k])
         sigma, speed = self.sigma[k], self.speed[k]
         crossings = speed / sigma / math.pi * max(self.mission, 2.0 * math.pi * sigma / speed)
-        least = 0.1 * self._least_risk
+        most, least = CLUSTERED * ROOM * float(self._hazards[-1]), 0.1 * self._least_risk
+        lowest = math.sqrt(2.0 * math.log(max(crossings / most, 1.0)))
         highest = math.sqrt(2.0 * math.log(crossings / least)) + 2.0 * SIGMA_STEP
-        levels = sigma * np.arange(LOWEST_SIGMA, highest, SIGMA_STEP)
+        levels = sigma * np.arange(max(lowest, LOWEST_SIGMA), highest, SIGMA_STEP)
         rows = np.full((len(levels), *self.own.shape), math.inf)
         for side in np.flatnonzero(np.isfinite(self.own[:, k])):
             rows[:, side, k] = levels
+        if number and self.deadline.passed():
+            raise self.deadline.fell_short(
+                f"after {number} of {len(self.sized)} pairs were looked at alone", "raise budget"
+            )
         share = SHARE_OF_CURVES / (len(self.sized) - SHARE_OF_CURVES * number)
         return RiskCurve.of(self._crossings(rows, share).of_one(k), self.mission)
 
