@@ -201,10 +201,9 @@ def _gap(place: float, speed: float, mean: float, stops: dict[str, float]) -> Ga
 
 
 def _accelerations(model: Model, motion: FreeMotion) -> list[float | None]:
-    """Standard deviations of the absolute accelerations of all outputs, -M^-1 (C q' + K q); None
-    where noise acts on the masses themselves."""
+    """Standard deviations of the absolute accelerations of all outputs; None where noise acts on
+    the masses themselves."""
     if not model.base_alone_moves:
         return [None] * len(model.outputs)
-    found = absolute_accelerations(motion.modes, motion.law, model.output_rows)
-    deviations: list[float | None] = np.sqrt(found).tolist()
-    return deviations
+    squares = absolute_accelerations(motion.modes, motion.law, model.output_rows)
+    return [math.sqrt(max(float(square), 0.0)) for square in squares]
