@@ -80,6 +80,8 @@ def sweep(
 
     Parameters
     ----------
+    scene
+        The scene.
     vary
         The values of each key of the scene file. In a key a number counts the entries of a list.
     method
@@ -93,9 +95,20 @@ def sweep(
     common
         Whether all rows use the same seed, so that rows differ by their scenes and not by their
         random numbers. Otherwise each row has a seed of its own, made of `seed` and its scene.
-    arguments
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    executor
+        Executor of `concurrent.futures` that does the work; by default threads.
+    progress
+        Called now and then with what is done and what was reached.
+    **arguments
         Passed to the method: rel_error, paths, duration, threads, budget for "simulate"; the
         target and mission for "size"; mission and limits for "reliability".
+
+    Returns
+    -------
+    DataFrame
+        A row for each combination, or for each sample.
 
     Raises
     ------
@@ -105,6 +118,11 @@ def sweep(
     ValueError
         If a value is not a number, a key has no values, a key is named twice, or the values have
         more combinations than `MOST_ROWS`.
+
+    See Also
+    --------
+    stochvi.simulate : The same by Monte Carlo.
+    stochvi.size : The clearance that is needed.
 
     Examples
     --------

@@ -159,9 +159,20 @@ def design_absorber(
         The robust box is best in the worst case from this much below to this much above.
     rel_error
         Relative error of the points close to the best one.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    threads
+        Number of threads; by default all cores.
     budget
         Seconds for all points together, compilation apart, in proportion to the accuracy that is
         asked for there. None for no limit.
+    progress
+        Called now and then with what is done and what was reached.
+
+    Returns
+    -------
+    Design
+        The best box, and all that were tried.
 
     Raises
     ------

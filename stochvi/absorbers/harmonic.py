@@ -63,6 +63,11 @@ def tuned_force(mass: float, play: float, omega: float, law: str = "flight") -> 
     law
         "flight": a_x = 8 Delta / pi^2, of straight flights. "book": a_x = 4 Delta / pi (B 17.17).
 
+    Returns
+    -------
+    float
+        The number, SI units.
+
     Raises
     ------
     ValueError
@@ -93,6 +98,11 @@ def residual_vibration(play: float, restitution: float, law: str = "flight") -> 
         R of both walls; at 1 nothing is left.
     law
         "flight" or "book", as for `tuned_force`.
+
+    Returns
+    -------
+    float
+        The number, SI units.
 
     Raises
     ------

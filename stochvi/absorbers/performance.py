@@ -204,9 +204,20 @@ def absorber(
         Levels of all that shakes, dB about the scene's own; constant loads stay.
     rel_error
         Relative error of the simulated mean squares and rates, as for `simulate`.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    threads
+        Number of threads; by default all cores.
     budget
         Seconds for all levels together, compilation apart; each gets as much of what is left as
         any other that is still to come. None for no limit.
+    progress
+        Called now and then with what is done and what was reached.
+
+    Returns
+    -------
+    AbsorberReport
+        With and without the absorber, at each level.
 
     Raises
     ------
@@ -215,6 +226,10 @@ def absorber(
     NotConverged
         If the budget ends first, or `Interrupted` after Ctrl-C: it carries the levels that were
         simulated, with the errors they got to, and names those that were not.
+
+    See Also
+    --------
+    stochvi.absorbers.design_absorber : The best box for a mass.
 
     Examples
     --------

@@ -170,6 +170,13 @@ def jolts(
         Number of paths for each jolt.
     duration
         Seconds after the jolt; by default 100 windows of 10 periods.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+
+    Returns
+    -------
+    Jolts
+        Captures and escapes of each jolt.
 
     Raises
     ------

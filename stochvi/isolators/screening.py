@@ -101,6 +101,21 @@ def screen(scene: Scene) -> Screening | StructureScreening:
     An isolator on its moving base is screened as `screen_isolator` says, a structure of several
     coordinates or pairs as `screen_structure` says.
 
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Returns
+    -------
+    Screening | StructureScreening
+        The linear answer; of several coordinates that of each.
+
+    See Also
+    --------
+    stochvi.size : The clearance that is needed.
+    stochvi.isolators.clearance_curve : Hit rates over clearances.
+
     Examples
     --------
     >>> from stochvi.scenes.excitations import TabulatedNoise
@@ -237,6 +252,16 @@ def clearance_curve(
     clearances
         Metres per side from the mean position; of several pairs, of all of them, or a row (pairs,)
         each.
+    rel_error
+        Relative standard error to reach.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    threads
+        Number of threads; by default all cores.
+    budget
+        Seconds of wall time after which an answer is given with what was reached.
+    progress
+        Called now and then with what is done and what was reached.
 
     Returns
     -------

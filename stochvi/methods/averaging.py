@@ -48,6 +48,8 @@ def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
 
     Parameters
     ----------
+    scene
+        The scene.
     variant
         "finite jumps", "continuous" or "unfolded".
 
@@ -61,6 +63,11 @@ def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
     ------
     NotApplicable
         With every condition that the scene does not meet.
+
+    See Also
+    --------
+    stochvi.fokker_planck : The same from the Fokker-Planck equation.
+    stochvi.simulate : The same by Monte Carlo.
 
     Examples
     --------
@@ -145,7 +152,18 @@ def _warnings(model: Model, law: EnergyLaw) -> list[str]:
 
 
 def unmet(model: Model) -> list[str]:
-    """The conditions of averaging that a model does not meet; empty where it meets all."""
+    """The conditions of averaging that a model does not meet; empty where it meets all.
+
+    Parameters
+    ----------
+    model
+        The model of a scene.
+
+    Returns
+    -------
+    list[str]
+        Sentences, empty where everything is met.
+    """
     found = beyond_one_oscillator(model)
     if found:
         return found

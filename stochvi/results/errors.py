@@ -50,8 +50,7 @@ class NotConverged(StochviError):
 
 
 class CheckpointError(StochviError, ValueError):
-    """A checkpoint is damaged, or of another scene, version, processor or seed; or there is no
-    writing it where it was asked for."""
+    """A checkpoint is damaged, of another scene, version or seed, or cannot be written."""
 
 
 class Interrupted(KeyboardInterrupt):

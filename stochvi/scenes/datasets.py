@@ -35,6 +35,13 @@ def data_folder() -> Path:
 def profiles() -> dict[str, Profile]:
     """Every profile that ships, by name.
 
+    Returns
+    -------
+    dict[str, Profile]
+        Profiles by the names that scenes use.
+
+    Examples
+    --------
     >>> profiles()["navmat-p-9492"].frequency_hz
     (20.0, 80.0, 350.0, 2000.0)
     """
@@ -55,7 +62,23 @@ def profiles() -> dict[str, Profile]:
 
 
 def shipped_scene(name: str) -> Path:
-    """Path of a scene that ships, `data/scenes/NAME.toml`."""
+    """Path of a scene that ships, `data/scenes/NAME.toml`.
+
+    Parameters
+    ----------
+    name
+        Name of the scene.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Examples
+    --------
+    >>> shipped_scene("isolator-truck").name
+    'isolator-truck.toml'
+    """
     path = data_folder() / "scenes" / f"{name}.toml"
     if not path.is_file():
         known = ", ".join(sorted(entry.stem for entry in path.parent.glob("*.toml")))

@@ -275,10 +275,16 @@ def read_record(
 
     Parameters
     ----------
+    path
+        File of the record.
     fs
         Sampling rate, 1/s; beside times it must agree with them.
     column
         Of a text file with several columns of values: name or number of the one that is read.
+    variables
+        Names of the vectors of a MATLAB file.
+    dataset
+        Number of the dataset of a UFF file, from 1.
     gaps
         "refuse" them, or "split" the record there into segments.
 

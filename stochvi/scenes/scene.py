@@ -621,10 +621,30 @@ def _range_sentence(name: str, value: float) -> str:
 def load_scene(path: str | Path) -> Scene:
     """Read a scene file (TOML); the tables that it names are looked for in its folder.
 
+    Parameters
+    ----------
+    path
+        The scene file.
+
+    Returns
+    -------
+    Scene
+        The scene, checked.
+
     Raises
     ------
     SceneError
         In one sentence per problem: the key, what was got, what was expected.
+
+    See Also
+    --------
+    stochvi.explain : What will be simulated, and which methods apply.
+
+    Examples
+    --------
+    >>> from stochvi.scenes.datasets import shipped_scene
+    >>> load_scene(shipped_scene("oscillator-lossy")).effects()
+    ('white noise on x', 'rigid stop lower', 'rigid stop upper')
     """
     path = Path(path)
     text = read_text(path)

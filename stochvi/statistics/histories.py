@@ -138,12 +138,22 @@ def history(
         Samples per second. The step of the simulation if not given; every k-th step where it is
         lower, k the largest that keeps the rate; a finer simulation where it is higher.
 
+    Returns
+    -------
+    History
+        Samples and impacts.
+
     Raises
     ------
     NotApplicable
         If `simulate` does not cover the scene, or the path would be too long to keep.
     ValueError
         If an argument is out of range.
+
+    See Also
+    --------
+    stochvi.simulate : The same by Monte Carlo.
+    stochvi.replay : What the record itself does.
 
     Examples
     --------

@@ -182,6 +182,31 @@ def check(
     are approximations: their errors are shown, not judged. Where the budget ends first, what was
     simulated by then is judged; after Ctrl-C `Interrupted` carries the verdict on that.
 
+    Parameters
+    ----------
+    scene
+        The scene.
+    rel_error
+        Relative standard error to reach.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    threads
+        Number of threads; by default all cores.
+    budget
+        Seconds of wall time after which an answer is given with what was reached.
+    progress
+        Called now and then with what is done and what was reached.
+
+    Returns
+    -------
+    Check
+        The verdict, every comparison and every response.
+
+    See Also
+    --------
+    stochvi.simulate : The same by Monte Carlo.
+    stochvi.explain : What will be simulated, and which methods apply.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution

@@ -39,6 +39,16 @@ WORST_SHOWN = 3
 def zoo(*names: str) -> dict[str, Scene]:
     """The scenes of `data/scenes/zoo` by name: all of them, or those of the names given.
 
+    Parameters
+    ----------
+    *names
+        Names of scenes of the zoo; none for all.
+
+    Returns
+    -------
+    dict[str, Scene]
+        Scenes by name.
+
     Examples
     --------
     >>> scenes = zoo("linear", "lossy-0.5")
@@ -211,6 +221,11 @@ def check_many(
         share of what is left. A scene that is not begun in time is not judged.
     progress
         Called with the fraction done and the name of a scene.
+
+    Returns
+    -------
+    Checks
+        The verdict on all scenes.
 
     Raises
     ------

@@ -326,6 +326,8 @@ def cost(
 
     Parameters
     ----------
+    scene
+        The scene.
     budget
         Seconds of wall time to spend. How many paths that gives depends on the machine.
     paths
@@ -333,12 +335,22 @@ def cost(
     seed, threads, executor, progress
         The same arguments as those of `simulate`.
 
+    Returns
+    -------
+    WorkPrecision
+        Errors, biases and prices.
+
     Raises
     ------
     NotApplicable
         With every condition of `simulate` that the scene does not meet.
     NotConverged
         If the budget is over before there are enough paths for a standard error.
+
+    See Also
+    --------
+    stochvi.simulate : The same by Monte Carlo.
+    stochvi.explain : What will be simulated, and which methods apply.
 
     Examples
     --------

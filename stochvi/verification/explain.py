@@ -92,8 +92,22 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
 
     Parameters
     ----------
+    scene
+        The scene.
+    threads
+        Number of threads; by default all cores.
     budget
         Seconds for all of it; the pilot gets what is left, `PILOT_SECONDS` at most.
+
+    Returns
+    -------
+    Explanation
+        Effects, methods and the expected price.
+
+    See Also
+    --------
+    stochvi.check : Whether all methods agree.
+    stochvi.cost : Error against time.
 
     Examples
     --------

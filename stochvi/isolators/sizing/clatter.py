@@ -80,6 +80,10 @@ def clatter(
     rel_error
         Relative standard error of the mean largest acceleration to reach, if `budget` (seconds
         for each row) allows it.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    budget
+        Seconds of wall time after which an answer is given with what was reached.
     threads, executor, progress
         The same arguments as those of `simulate`; the fraction is that of the rows that are done.
 

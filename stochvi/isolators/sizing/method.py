@@ -151,8 +151,7 @@ def size(
     budget: float = 60.0,
     progress: Progress | None = None,
 ) -> Sizing | PairsSizing:
-    """The clearance per side that an isolator needs, or that each of several pairs needs, for
-    exactly one target.
+    """The clearance per side that an isolator, or each of several pairs, needs for one target.
 
     Parameters
     ----------
@@ -167,6 +166,8 @@ def size(
     impact_speed, peak_acceleration
         The largest of all hits of the mission (m/s; m/s^2, of the mass, absolute), which is to be
         exceeded with the chance `exceedance` alone. An acceleration needs stops with a stiffness.
+    exceedance
+        Accepted chance that the hardest hit of a mission exceeds the limit.
     pair
         Of several pairs, the one whose clearance is searched for while the stops of the others stay
         where they are; by default all pairs share the risk equally: each alone would be hit with
@@ -178,9 +179,20 @@ def size(
         Seconds of exposure, from a stationary start.
     rel_error
         Relative standard error of the risk (chance, rate) at the clearance.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    threads
+        Number of threads; by default all cores.
     budget
         Seconds of wall time; where it ends first, the interval of a probability or of a rate is
         wider, and a warning says so.
+    progress
+        Called now and then with what is done and what was reached.
+
+    Returns
+    -------
+    Sizing | PairsSizing
+        The clearance, its interval and its evidence; of several pairs that of each.
 
     Raises
     ------
@@ -190,6 +202,11 @@ def size(
         If the rate at which a speed or an acceleration is exceeded was not known to `rel_error` in
         the budget, or bursts of hits do not end, or `Interrupted` after Ctrl-C; `response` holds
         the `Sizing` with the clearance that it got to.
+
+    See Also
+    --------
+    stochvi.screen : The linear answer.
+    stochvi.reliability : The chance that a mission goes wrong.
 
     Examples
     --------

@@ -78,8 +78,16 @@ def sensitivity(
 
     Parameters
     ----------
+    sizing
+        The answer of `size` that is varied.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    threads
+        Number of threads; by default all cores.
     budget
         Seconds for all rows together, which share them evenly; None for no limit.
+    progress
+        Called now and then with what is done and what was reached.
 
     Returns
     -------

@@ -37,8 +37,15 @@ def autocorrelation(scene: Scene, lag: ArrayLike) -> Vector:
 
     Parameters
     ----------
+    scene
+        The scene.
     lag
         Times, s, of either sign.
+
+    Returns
+    -------
+    Vector
+        One value for each place or time, SI units.
 
     Raises
     ------

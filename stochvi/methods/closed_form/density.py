@@ -120,6 +120,16 @@ class ExactDensity:
 def exact_density(scene: Scene) -> ExactDensity:
     """The exact law of one oscillator; conditions as for `exact`.
 
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Returns
+    -------
+    ExactDensity
+        The joint density, its tails and that of impact speeds.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution
@@ -146,7 +156,30 @@ def exact_density(scene: Scene) -> ExactDensity:
 
 
 def displacement_density(scene: Scene, x: ArrayLike) -> Vector:
-    """Exact probability density of the displacement, 1/m; conditions as for `exact`."""
+    """Exact probability density of the displacement, 1/m; conditions as for `exact`.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    x
+        Displacements, m.
+
+    Returns
+    -------
+    Vector
+        One value for each displacement, 1/m.
+
+    Examples
+    --------
+    >>> from stochvi import Oscillator, Scene, WhiteNoise
+    >>> free = Scene(
+    ...     structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+    ...     excitations=[WhiteNoise(intensity=0.2)],
+    ... )
+    >>> displacement_density(free, [0.0]).round(6).tolist()
+    [0.398942]
+    """
     return exact_density(scene).displacement_density(x)
 
 

@@ -28,10 +28,25 @@ def exact(scene: Scene) -> Response:
     of a linear structure to Gaussian noise is Gaussian: white and filtered noise through the
     Lyapunov equation, tables as integrals over frequency.
 
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Returns
+    -------
+    Response
+        Moments, rates and their errors, SI units.
+
     Raises
     ------
     NoExactSolution
         With every condition that the scene does not meet.
+
+    See Also
+    --------
+    stochvi.fokker_planck : The same from the Fokker-Planck equation.
+    stochvi.simulate : The same by Monte Carlo.
 
     Examples
     --------
@@ -58,7 +73,18 @@ def exact(scene: Scene) -> Response:
 
 
 def unmet(model: Model) -> list[str]:
-    """The conditions of a closed form that a model does not meet; empty where it meets all."""
+    """The conditions of a closed form that a model does not meet; empty where it meets all.
+
+    Parameters
+    ----------
+    model
+        The model of a scene.
+
+    Returns
+    -------
+    list[str]
+        Sentences, empty where everything is met.
+    """
     return one.unmet(model) if one_oscillator(model) else many.unmet(model)
 
 

@@ -11,7 +11,18 @@ from stochvi.results.errors import NotApplicable
 
 
 def unmet(model: Model) -> list[str]:
-    """The conditions of `fokker_planck` that a model does not meet; empty where it meets all."""
+    """The conditions of `fokker_planck` that a model does not meet; empty where it meets all.
+
+    Parameters
+    ----------
+    model
+        The model of a scene.
+
+    Returns
+    -------
+    list[str]
+        Sentences, empty where everything is met.
+    """
     found = beyond_one_oscillator(model, with_functions=True)
     if found:
         return found
@@ -28,7 +39,18 @@ def unmet(model: Model) -> list[str]:
 
 
 def unmet_by_transient(model: Model) -> list[str]:
-    """The conditions of `transient` that a model does not meet; empty where it meets all."""
+    """The conditions of `transient` that a model does not meet; empty where it meets all.
+
+    Parameters
+    ----------
+    model
+        The model of a scene.
+
+    Returns
+    -------
+    list[str]
+        Sentences, empty where everything is met.
+    """
     return beyond_one_oscillator(model) or [*unmet(model), *model.not_rigid()]
 
 
@@ -36,6 +58,20 @@ def unmet_by_first_passage(model: Model, lower: float | None, upper: float | Non
     """The conditions of `first_passage` that a model and two barriers (m) do not meet.
 
     A barrier that is None is left out; where both are, the stops of the model are the barriers.
+
+    Parameters
+    ----------
+    model
+        The model of a scene.
+    lower
+        Lower barrier, m; None for none.
+    upper
+        Upper barrier, m; None for none.
+
+    Returns
+    -------
+    list[str]
+        Sentences, empty where everything is met.
     """
     found = beyond_one_oscillator(model)
     if found:

@@ -88,6 +88,11 @@ def fokker_planck(
     NotApplicable, NotConverged
         With every unmet condition; if the finest mesh does not reach rtol, with its `response`.
 
+    See Also
+    --------
+    stochvi.exact : The same in closed form, where there is one.
+    stochvi.simulate : The same by Monte Carlo.
+
     Examples
     --------
     >>> from stochvi import ImpactPair, Oscillator, Restitution, Scene, WhiteNoise
@@ -120,6 +125,20 @@ def fokker_planck_density(
     scene: Scene, *, rtol: float = 1e-4, speed_threshold: float | None = None
 ) -> StationaryDensity:
     """The stationary density itself, with its response; arguments and errors of `fokker_planck`.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    rtol
+        Relative error of deviations, F1 and F2.
+    speed_threshold
+        Slowest impact that a rate counts, m/s.
+
+    Returns
+    -------
+    StationaryDensity
+        The joint density, its tails and that of impact speeds.
 
     Examples
     --------

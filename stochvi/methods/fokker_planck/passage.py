@@ -177,6 +177,11 @@ def first_passage(
         With every condition that the scene does not meet; if the finest mesh does not reach
         rtol (`response` holds what it reached); if an argument is out of range.
 
+    See Also
+    --------
+    stochvi.reliability : The chance that a mission goes wrong.
+    stochvi.transient : Density and moments in time.
+
     Examples
     --------
     >>> from stochvi.scenes.excitations import WhiteNoise

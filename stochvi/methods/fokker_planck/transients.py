@@ -192,6 +192,11 @@ def transient(
         With every condition that the scene does not meet; if the finest mesh does not reach rtol
         (`response` holds what it reached); if an argument is out of range.
 
+    See Also
+    --------
+    stochvi.first_passage : The chance of a first passage.
+    stochvi.fokker_planck : The same from the Fokker-Planck equation.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution

@@ -63,6 +63,11 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
         If there is no such form or variant; with every condition that the scene does not meet;
         if the iteration converges from none of its starts.
 
+    See Also
+    --------
+    stochvi.simulate : The same by Monte Carlo.
+    stochvi.check : Whether all methods agree.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution
@@ -91,6 +96,20 @@ def linearise_all(
     seen then depends on how the motion began, and each warns of the others. The one next to the
     response without stops comes first. Of several coordinates those are returned that starts at
     several speeds lead to. Parameters and exceptions are those of `linearise`.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    form
+        Form of the linearisation, as for `linearise`.
+    variant
+        Variant of the form, as for `linearise`.
+
+    Returns
+    -------
+    tuple[Response, ...]
+        Every solution that was found, SI units.
 
     Examples
     --------

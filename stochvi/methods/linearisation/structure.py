@@ -81,6 +81,11 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
         Any that `linearise` covers by the closure, a loose mass in a box by the springs and
         dampers of the closure too.
 
+    Returns
+    -------
+    tuple[LinearisedStructure, ...]
+        Every linear structure that was found.
+
     Raises
     ------
     NotApplicable, NotConverged

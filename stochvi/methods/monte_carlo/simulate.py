@@ -82,6 +82,8 @@ def simulate(
 
     Parameters
     ----------
+    scene
+        The scene.
     rel_error
         Run until mean squares, rate, F1 and F2 have this relative standard error (means:
         relative to the standard deviation). 0.01 if `paths` is not given either.
@@ -117,6 +119,11 @@ def simulate(
         rel_error, paths, duration and seed, to the digits of a run that never stopped. That of a
         run that ended gives its result again.
 
+    Returns
+    -------
+    Response
+        Moments, rates and their errors, SI units.
+
     Raises
     ------
     NotApplicable
@@ -128,6 +135,11 @@ def simulate(
         cannot be written, or is a file of something else.
     Interrupted
         A KeyboardInterrupt that carries the response so far.
+
+    See Also
+    --------
+    stochvi.check : Whether all methods agree.
+    stochvi.cost : Error against time.
 
     Examples
     --------
@@ -262,6 +274,24 @@ def record_path(
     has more than one oscillator under white or tabulated noise, the columns say of what they are,
     as in "displacement of absorber".
 
+    Parameters
+    ----------
+    scene
+        The scene.
+    duration
+        Seconds of each path after burn-in.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    path
+        Number of the path.
+    step
+        Time between two samples, s.
+
+    Returns
+    -------
+    DataFrame
+        A row for each combination, or for each sample.
+
     Examples
     --------
     >>> from stochvi.scenes.excitations import WhiteNoise
@@ -293,6 +323,24 @@ def record_paths(
     """Several paths of a scene of several coordinates at once, as `record_path` gives one.
 
     Returns the time, s, after which they have settled, and the records, `duration` longer.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    duration
+        Seconds of each path after burn-in.
+    paths
+        Number of paths.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+    first_path
+        Number of the first path.
+
+    Returns
+    -------
+    tuple[float, list[pd.DataFrame]]
+        Burn-in, s, and a table for each path.
     """
     import pandas as pd
 
@@ -333,6 +381,20 @@ def prospect(
 
     Standard errors fall with the square root of the scene time, so seconds(rel_error) =
     seconds(pilot) (pilot error / rel_error)^2, from the quantity that converges last.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    threads
+        Number of threads; by default all cores.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
+
+    Returns
+    -------
+    Prospect
+        States, steps and predicted times.
     """
     model = model_of(scene)
     plan = make_plan(model)

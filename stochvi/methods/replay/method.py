@@ -51,11 +51,21 @@ def replay(
     threads
         Number of clearances that are replayed at a time, by default all cores.
 
+    Returns
+    -------
+    Replay
+        Motion and hits at each clearance.
+
     Raises
     ------
     NotApplicable
         If the scene has no record, has noise that is none, a spring, damper or restitution that is
         a function, or records of different lengths.
+
+    See Also
+    --------
+    stochvi.screen : The linear answer.
+    stochvi.size : The clearance that is needed.
 
     Examples
     --------

@@ -134,11 +134,18 @@ def impacts(
     first_hits
         Simulate first crossings, too, for the rate of first hits without stops (one oscillator
         under Gaussian noise, a pair about its mean).
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
     threads, executor, progress
         The same arguments as those of `simulate`.
     budget
         Seconds after which `NotConverged` is raised with the answer so far; None for no limit.
         Ctrl-C does the same, with `Interrupted`.
+
+    Returns
+    -------
+    ImpactStatistics
+        Rates, densities and intervals of each pair.
 
     Raises
     ------
@@ -148,6 +155,11 @@ def impacts(
         If time ends first, or nothing is hit in `MOST_UNSEEN` paths; it carries the answer so far.
     ValueError
         If an argument is out of range.
+
+    See Also
+    --------
+    stochvi.simulate : The same by Monte Carlo.
+    stochvi.spectrum : Densities by frequency.
 
     Examples
     --------

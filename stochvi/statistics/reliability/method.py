@@ -95,6 +95,10 @@ def reliability(
         "crude", "splitting" or "first crossings" instead of what the pilot would choose.
     rel_error
         Relative standard error of each chance, and of the expected hits.
+    confidence
+        Confidence level of intervals.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
     threads, executor, progress
         The same arguments as those of `simulate`.
     budget
@@ -113,6 +117,11 @@ def reliability(
         With every condition that is not met; if the accuracy is not reached, or an event was never
         seen (its chance is then 0 with an upper limit) or is out of reach; if an argument is out of
         range.
+
+    See Also
+    --------
+    stochvi.first_passage : The chance of a first passage.
+    stochvi.size : The clearance that is needed.
 
     Examples
     --------

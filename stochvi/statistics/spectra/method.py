@@ -116,11 +116,18 @@ def spectrum(
         Frequency up to which to estimate, Hz; by default four times that of the fastest mode.
     segment
         Length of a segment, s; by default 21 over the narrowest half-power bandwidth.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
     threads, executor, progress
         The same arguments as those of `simulate`.
     budget
         Seconds after which `NotConverged` is raised with the answer so far; None for no limit.
         Ctrl-C does the same, with `Interrupted`.
+
+    Returns
+    -------
+    ResponseSpectrum
+        Densities with bands of each coordinate.
 
     Raises
     ------
@@ -130,6 +137,11 @@ def spectrum(
         If time ends first; it carries the answer so far.
     ValueError
         If an argument is out of range.
+
+    See Also
+    --------
+    stochvi.impacts : Statistics of impacts.
+    stochvi.history : One realisation in time.
 
     Examples
     --------

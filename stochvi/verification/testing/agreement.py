@@ -11,6 +11,15 @@ Z = 4.5
 def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
     """Fail unless `truth` lies within z standard errors and the stated bias of the estimate.
 
+    Parameters
+    ----------
+    estimate
+        The sampled number.
+    truth
+        What it should be.
+    z
+        Standard errors that it may be off.
+
     Raises
     ------
     AssertionError

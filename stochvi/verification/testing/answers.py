@@ -22,8 +22,13 @@ def known_answers(*names: str) -> dict[str, Response]:
 
     Parameters
     ----------
-    names
+    *names
         Scenes of the zoo; without names, all scenes that have a known response.
+
+    Returns
+    -------
+    dict[str, Response]
+        Answers by the names of their scenes.
 
     Raises
     ------

@@ -260,6 +260,16 @@ class ProblemFile(Checked):
 def read_problem(path: str | Path) -> Problem:
     """The problem of a file that `stochvi problems --out` wrote; its numbers may have been changed.
 
+    Parameters
+    ----------
+    path
+        File of the problem.
+
+    Returns
+    -------
+    Problem
+        The numbers of the problem.
+
     Raises
     ------
     SceneError

@@ -230,6 +230,8 @@ def judge(
         under white noise or noise of a tabulated density, whose answer is known.
     paths, relaxations
         How many paths, and of how many relaxation times of the oscillator.
+    seed
+        Seed of the random numbers: the same seed gives the same digits.
     allowed_percent
         A bias that you find harmless, in per cent of each quantity.
 
@@ -398,6 +400,20 @@ def _too_rare(problem: Problem, quantity: str, value: float, error: float, truth
 
 def as_response(problem: Problem, returned: Mapping[str, Any], method: str = "") -> Response:
     """The numbers that an integrator returned, as a `Response` for comparisons and tables.
+
+    Parameters
+    ----------
+    problem
+        The problem that was integrated.
+    returned
+        What the integrator returned.
+    method
+        Name of the integrator.
+
+    Returns
+    -------
+    Response
+        Moments, rates and their errors, SI units.
 
     Examples
     --------

@@ -146,6 +146,24 @@ def problem_of(
 ) -> Problem:
     """The numbers of a scene, for `paths` paths that last `relaxations` relaxation times each.
 
+    Parameters
+    ----------
+    scene
+        The scene.
+    name
+        Name of the scene.
+    paths
+        Number of paths.
+    relaxations
+        Length of a path in relaxation times of the oscillator.
+    speed_threshold
+        Slowest impact that a rate counts, m/s.
+
+    Returns
+    -------
+    Problem
+        The numbers of the problem.
+
     Raises
     ------
     NotApplicable
