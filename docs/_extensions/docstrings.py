@@ -1,8 +1,8 @@
 """Check the docstrings of public names by numpydoc: `python docs/_extensions/docstrings.py`.
 
-The checks stand in `pyproject.toml`, under `tool.numpydoc_validation`: of every public name, besides of
-every function, and besides of every function at the top of the package. Classes of pydantic and
-dataclasses have their parameters as fields; those are checked where the schemas are made.
+The checks stand in `pyproject.toml`, under `tool.numpydoc_validation`: those of every public name,
+those of functions, and those of functions at the top of the package. Parameters of classes are
+their fields, which are checked where the schemas are made.
 """
 
 import importlib
