@@ -25,6 +25,7 @@ lint: .venv/dev-installed
 
 docs: .venv/docs-installed
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --nitpicky -b html docs docs/_build/html
+	$(BIN)/python docs/_extensions/links.py docs/_build/html
 
 studies: .venv/test-installed
 	for study in studies/*/run.py; do $(BIN)/python $$study || exit 1; done

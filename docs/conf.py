@@ -2,6 +2,7 @@
 
 import os
 import sys
+import tempfile
 from importlib.metadata import version as version_of
 from pathlib import Path
 
@@ -11,6 +12,12 @@ sys.path.insert(0, str(HERE / "_extensions"))
 # cells that call the command find the one of this environment, and write plain text of one width
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 os.environ |= {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "MPLBACKEND": "agg"}
+startup = Path(tempfile.mkdtemp()) / "profile_default" / "startup"
+startup.mkdir(parents=True)
+(startup / "plain.py").write_text(
+    "import os\nos.environ.pop('FORCE_COLOR', None)  # of the kernel\n"
+)
+os.environ["IPYTHONDIR"] = str(startup.parents[1])
 
 project = "stochvi"
 author = "The stochvi developers"
@@ -45,6 +52,17 @@ nb_execution_timeout = 120
 nb_execution_in_temp = True
 nb_merge_streams = True
 nb_output_stderr = "remove"  # progress of commands
+
+# inventories lie in the repository (`inventories/make.py`): a build fetches none
+intersphinx_mapping = {
+    name: (place, f"inventories/{name}.inv")
+    for name, place in {
+        "python": "https://docs.python.org/3",
+        "numpy": "https://numpy.org/doc/stable",
+        "pandas": "https://pandas.pydata.org/docs",
+        "matplotlib": "https://matplotlib.org/stable",
+    }.items()
+}
 
 html_math_renderer = "mathml"
 html_theme = "furo"
