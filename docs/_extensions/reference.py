@@ -115,7 +115,7 @@ def groups(parts: Mapping[str, Any]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {
         "Structures: `[structure]`": [], "Stops: `[[impact_pair]]`": ["ImpactPair"],
         "Impact laws: `law`": [], "Excitations: `[[excitation]]`": [],
-        "Absorbers and vehicles: `[absorber]`, `[vehicle]`": [],
+        "Absorbers, vehicles and what else a scene may hold": [],
     }  # fmt: skip
     heads = list(found)
     for name in parts:
@@ -128,7 +128,7 @@ def groups(parts: Mapping[str, Any]) -> dict[str, list[str]]:
         elif "excitations" in home:
             found[heads[3]].append(name)
         elif name != "ImpactPair":
-            found[heads[0 if kind is None else 4]].append(name)
+            found[heads[0 if name == "Mount" else 4]].append(name)
     return found
 
 
