@@ -79,12 +79,21 @@ def harmonic_response(
     budget
         Seconds of wall time.
 
+    Returns
+    -------
+    HarmonicResponse
+        Every regime that was found, its stability, and what was simulated.
+
     Raises
     ------
     NotApplicable
         If the scene is not of that kind.
     NotConverged
         If the budget ends first; the error holds the branches so far.
+
+    See Also
+    --------
+    stochvi.simulate : The motion under noise, with or without a sine.
 
     Examples
     --------
