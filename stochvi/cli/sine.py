@@ -23,6 +23,10 @@ from stochvi.cli.program import main
     "--sweep", type=click.Choice(["up", "down", "both"]),
     help="Simulate a slow sweep from value to value beside the branches.",
 )  # fmt: skip
+@click.option(
+    "--form", type=click.Choice(["exact", "motion", "force"]), default="exact", show_default=True,
+    help="Exact, or by harmonic linearisation, with its error.",
+)  # fmt: skip
 @click.option("--coordinate", metavar="NAME", help="Whose displacement is shown [the first].")
 @click.option(
     "--impacts", type=int, default=3, show_default=True,
@@ -31,7 +35,7 @@ from stochvi.cli.program import main
 @common("budget", "json", "out", "quiet")
 def sine(
     options: Common, scene: str, start: float | None, end: float | None, points: int,
-    vary: str | None, sweep: str | None, coordinate: str | None, impacts: int,
+    vary: str | None, sweep: str | None, form: str, coordinate: str | None, impacts: int,
 ) -> None:  # fmt: skip
     """What a structure between rigid stops does under a sine: all regimes, jumps, stability.
 
@@ -62,7 +66,7 @@ def sine(
         asked["frequency_hz"] = np.linspace(start, end, points)
     shown(
         lambda: harmonic_response(
-            loaded, **asked, sweep=sweep, coordinate=coordinate, most_impacts=impacts,
+            loaded, **asked, form=form, sweep=sweep, coordinate=coordinate, most_impacts=impacts,
             budget=options.budget,
         ),
         lambda found: _show(options, found, print_sine, draw_sine),

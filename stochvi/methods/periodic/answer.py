@@ -24,7 +24,8 @@ class Branch:
     Parameters
     ----------
     form
-        How they were found: "exact".
+        How they were found: "exact", or by harmonic linearisation by "motion" or by "force", which
+        knows neither phases nor multipliers (NaN).
     stops
         "pair side" of each impact of a regime, in their order; none of motion without impacts.
     periods
@@ -181,6 +182,10 @@ class HarmonicResponse(Result):
         Folds, grazings and changes of stability, in the order of their values.
     jumps
         What a slow sweep up and one down do where the regime that they follow ends.
+    model_error
+        Of harmonic linearisation: "median" and "largest" relative difference of its impact speeds
+        from those of the fastest exact stable regime of a period, and "without_exact", the share
+        of its stable regimes where there is no such; None of exact regimes.
     simulated
         Sweeps by simulation that were asked for.
     assumptions
@@ -194,6 +199,7 @@ class HarmonicResponse(Result):
     jumps: tuple[Jump, ...] = ()
     simulated: tuple[SimulatedSweep, ...] = ()
     assumptions: Sequence[str] = ()
+    model_error: Mapping[str, float | None] | None = None
 
     def at(self, value: float) -> pd.DataFrame:
         """The regimes at one of the values that were asked for, the most stable first."""
@@ -252,4 +258,9 @@ class HarmonicResponse(Result):
             frequency = self.jump_at(upwards=upwards)
             if frequency is not None:
                 found += f"; a slow sweep {word} jumps at {frequency:.5g} Hz"
+        if self.model_error is not None and (median := self.model_error["median"]) is not None:
+            found += (
+                f"; impact speeds are off by {100.0 * median:.2g} % from the exact regimes "
+                f"(median; up to {100.0 * (self.model_error['largest'] or 0.0):.2g} %)"
+            )
         return found

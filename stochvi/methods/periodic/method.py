@@ -18,6 +18,7 @@ from stochvi.methods.periodic.answer import (
 from stochvi.methods.periodic.branches import Finder, Track
 from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.jumps import Sweep
+from stochvi.methods.periodic.linearised import FORMS, linearised, not_covered
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
@@ -45,6 +46,7 @@ def harmonic_response(
     scene: Scene,
     frequency_hz: ArrayLike | None = None,
     *,
+    form: str = "exact",
     vary: Mapping[str, Sequence[float]] | None = None,
     coordinate: str | None = None,
     most_impacts: int = 3,
@@ -68,6 +70,9 @@ def harmonic_response(
     frequency_hz
         Frequencies of the lowest common multiple of the sines, at which regimes are wanted; by
         default that of the scene.
+    form
+        "exact"; or harmonic linearisation of one oscillator by "motion" or by "force" (B 9.13),
+        beside the exact motion without impacts and with its error against the exact regimes.
     vary
         Instead: one key of the scene with its values.
     coordinate
@@ -112,6 +117,8 @@ def harmonic_response(
     [[0.2246, True], [0.0, True], [0.1771, False]]
     """
     began = time.perf_counter()
+    if form not in FORMS:
+        raise ValueError(f"form must be one of {', '.join(FORMS)}, got {form!r}")
     if sweep not in SWEEPS:
         raise ValueError(f"sweep must be 'up', 'down' or 'both', got {sweep!r}")
     if most_impacts < 1:
@@ -119,8 +126,8 @@ def harmonic_response(
     deadline = Deadline.after(budget)
     key, values, scene_at = _varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
-    if conditions := unmet(model):
-        raise NotApplicable("sine", conditions)
+    if conditions := unmet(model) if form == "exact" else not_covered(model):
+        raise NotApplicable("sine" if form == "exact" else f"sine:{form}", conditions)
     low, high = float(values[0]), float(values[-1])
     if low == high:
         wide = MARGIN * (abs(low) or 1.0)
@@ -132,14 +139,20 @@ def harmonic_response(
         jumps = _jumps(finder) if len(values) > 1 else ()
         simulated = tuple(_simulated(finder, upwards) for upwards in SWEEPS[sweep])
     branches = tuple(_branch(family, track) for track in finder.tracks)
+    error = None
+    if form != "exact":
+        found = linearised(lambda value: model_of(scene_at(value)), values, form)
+        error = _error(found, branches)
+        branches = (*(each for each in branches if not each.stops), *found)
     answer = HarmonicResponse(
         key=key,
         coordinate=coordinate or model.coordinates[0],
         branches=branches,
-        special_points=_special_points(branches),
+        special_points=_special_points(branches) if form == "exact" else (),
         jumps=jumps,
         simulated=simulated,
-        assumptions=(*scene.assumptions(), LOOKED_FOR),
+        model_error=error,
+        assumptions=(*scene.assumptions(), LOOKED_FOR if form == "exact" else HARMONIC),
         warnings=_warnings(model),
         cost=Cost(wall_time=time.perf_counter() - began),
         provenance=provenance(scene.document()),
@@ -148,6 +161,12 @@ def harmonic_response(
         raise deadline.fell_short("before all regimes were looked for", "ask for fewer", answer)
     return answer
 
+
+HARMONIC = (
+    "the motion is taken for a mean and one harmonic, and impacts for a spring and a damper; the "
+    "speed of impacts is that of the harmonic, frequency times amplitude"
+)
+"""What harmonic linearisation takes for granted."""
 
 SWEEPS: dict[str | None, tuple[bool, ...]] = {
     None: (), "up": (True,), "down": (False,), "both": (True, False)
@@ -254,6 +273,30 @@ def _jumps(finder: Finder) -> tuple[Jump, ...]:
         for upwards in (True, False)
         for step in Sweep(finder, upwards=upwards).steps()
     )  # fmt: skip
+
+
+def _error(found: Sequence[Branch], exact: Sequence[Branch]) -> dict[str, float | None]:
+    """How far stable harmonic regimes are from the fastest exact stable ones at the same values."""
+    differences, missing = list[float](), 0
+    for branch in found:
+        if not branch.stable.any():
+            continue
+        for value, speed in zip(branch.value, branch.impact_speed[:, 0], strict=True):
+            known = [
+                float(each.impact_speed[place].mean())
+                for each in exact
+                for place in each.at(float(value))
+                if each.stable[place] and each.periods == 1 and each.impacts_per_period
+                and len(each.stops) == len(branch.stops)
+            ]  # fmt: skip
+            missing += not known
+            differences += [abs(float(speed) / max(known) - 1.0)] if known else []
+    total = len(differences) + missing
+    return {
+        "median": float(np.median(differences)) if differences else None,
+        "largest": max(differences, default=None),
+        "without_exact": missing / total if total else None,
+    }
 
 
 def _simulated(finder: Finder, upwards: bool) -> SimulatedSweep:
