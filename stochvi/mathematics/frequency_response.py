@@ -55,7 +55,7 @@ class Steering:
 
 
 Force = Vector | Steering
-"""Forces (n,) per unit of a source, or what says them at each frequency."""
+"""Forces (n,) per unit of a source: one vector, or a function of frequency."""
 
 Tables = Sequence[tuple[Table, Force]]
 """Each density, with the modal forces per unit of the quantity that the density describes."""

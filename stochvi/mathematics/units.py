@@ -109,7 +109,7 @@ DIMENSIONS = {
 """Base units, as pint writes them -> quantity."""
 
 LONGEST_SPELLING = 60
-"""Number of characters from which a text is no unit."""
+"""Largest number of characters of the spelling of a unit; a longer text is not taken for one."""
 
 
 @dataclass(frozen=True)

@@ -367,8 +367,8 @@ def _mass_of(cells: VelocityCells) -> Array:
 Vector = NDArray[np.float64]
 
 RESOLVED = 10.0
-"""Factor on the speed of the slowest impacts that a mesh resolves, from which on their density is
-right."""
+"""Multiple of the slowest impact speed that a mesh resolves, above which the density of impact
+speeds is right."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -54,7 +54,7 @@ class Projection(NamedTuple):
 
 
 GROWN = 1e100
-"""Size from which on a state can only be a mode that grows."""
+"""Size of a state above which it must be a mode of the mesh that grows without bound."""
 
 
 def projections(mass: csc_array, solve: Solve, source: Array, shift: float) -> Iterator[Projection]:

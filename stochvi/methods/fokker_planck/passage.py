@@ -71,7 +71,8 @@ HIGHEST = 10.0
 natural frequency, where rounding would decide."""
 
 PLAUSIBLE = 10.0
-"""Size of a probability from which on it is a mode that grows, and no mere error."""
+"""Computed probability above which it comes from a mode of the mesh that grows, not from a mere
+error."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -290,8 +291,8 @@ class _Values(NamedTuple):
 
 
 EARLY = 20.0
-"""How much later the settled rate is compared with, as a phase of the inner dynamics: three natural
-periods."""
+"""Delay by which the settled rate must have acted, as a phase of the inner dynamics (three natural
+periods), in the probability that errors are relative to."""
 
 
 def _refined(

@@ -59,7 +59,8 @@ UNSOLVED = (
 )
 
 KEPT = 0.1
-"""Part of what the highest polynomials hold that stays unrefined."""
+"""Share of the content of the highest polynomials that strips and cells may hold without being
+split."""
 
 
 class Patch(NamedTuple):

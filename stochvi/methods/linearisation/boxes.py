@@ -52,8 +52,8 @@ error of a scene."""
 
 AMPLITUDES = 1200
 SMALLEST, LARGEST = 0.003, 6.0
-"""Amplitudes over which is averaged, in rms displacements without absorber: beyond the last one
-lies a share exp(-18) without a box, less with one."""
+"""Smallest and largest of the amplitudes that are averaged, in rms displacements without absorber.
+Without a box a share exp(-18) of the amplitudes lies above the largest one, with a box less."""
 
 NO_RATES = (
     "rates and the mean speed of impacts are not known where a box is linearised at every "
