@@ -376,8 +376,7 @@ class Prospect:
 def prospect(
     scene: Scene, *, threads: int | None = None, seed: int = 0, budget: float | None = None
 ) -> Prospect:
-    """Predict the cost of `simulate` from a pilot run of one block or two, `PILOT_SECONDS` at most,
-    or of less than `budget` (s).
+    """Predict the cost of `simulate` from a pilot run of one block or two.
 
     Standard errors fall with the square root of the scene time, so seconds(rel_error) =
     seconds(pilot) (pilot error / rel_error)^2, from the quantity that converges last.
@@ -390,6 +389,8 @@ def prospect(
         Number of threads; by default all cores.
     seed
         Seed of the random numbers: the same seed gives the same digits.
+    budget
+        Seconds that the pilot may take; `PILOT_SECONDS` at most.
 
     Returns
     -------
