@@ -22,6 +22,7 @@ import numpy as np
 
 from stochvi.mathematics.units import MEASURED, measured_in, plain_number
 from stochvi.results.base import plain
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import (
     CheckpointError,
     NotApplicable,
@@ -118,6 +119,8 @@ def sweep(
     ValueError
         If a value is not a number, a key has no values, a key is named twice, or the values have
         more combinations than `MOST_ROWS`.
+    Interrupted
+        After Ctrl-C, before the next row; rows that are complete are kept in `out`.
 
     See Also
     --------
@@ -157,7 +160,10 @@ def sweep(
         changed_scene(document, change)
     folder = None if out is None else folder_in(Path(out), "rows")
     rows = []
+    deadline = Deadline.after(None)
     for number, change in enumerate(grid):
+        if deadline.interrupted:
+            raise deadline.fell_short(f"after row {number} of {len(grid)}", "")
 
         def report(done: float, text: str, number: int = number) -> None:
             if progress:

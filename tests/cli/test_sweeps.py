@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import signal
 import time
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from stochvi.isolators import size
 from stochvi.methods.closed_form import exact
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
+from stochvi.results.deadline import heeding_ctrl_c
 from stochvi.results.errors import Interrupted, SceneError
 from stochvi.results.estimates import format_with_error
 from stochvi.scenes.absorbers import Absorber
@@ -152,6 +154,19 @@ def test_rows_are_kept_and_a_stopped_one_goes_on(
     sweep(oscillator(), vary, out=tmp_path, **(asked | {"paths": 3000}))
     assert len(seen) == 4  # another question
     assert not list((tmp_path / "rows").glob("*.checkpoint"))
+
+
+def test_ctrl_c_ends_a_sweep_before_its_next_row(tmp_path: Path, monkeypatch) -> None:
+    row = stochvi.sweeps.Job.row
+
+    def pressed(self, *arguments):
+        signal.raise_signal(signal.SIGINT)
+        return row(self, *arguments)
+
+    monkeypatch.setattr(stochvi.sweeps.Job, "row", pressed)
+    with heeding_ctrl_c(), pytest.raises(Interrupted, match="after row 1 of 3"):
+        sweep(oscillator(), {R: [1.0, 0.9, 0.8]}, method="closure", out=tmp_path)
+    assert len(list((tmp_path / "rows").glob("*.json"))) == 1
 
 
 def test_a_table_that_changed_is_another_row(tmp_path: Path) -> None:
