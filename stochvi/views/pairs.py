@@ -142,7 +142,7 @@ def plot_pairs_clearances(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
     ax.invert_yaxis()
     ax.set_xlim(left=0.0)
     ax.set_xlabel(f"clearance per side ({unit_name})")
-    ax.legend(frameon=False, fontsize="small", loc="lower right")
+    _legend_above(ax)
     return ax
 
 
@@ -163,5 +163,12 @@ def plot_structure_screening(found: StructureScreening, ax: Axes | None = None) 
     ax.set_yticks(range(len(gaps)), list(gaps))
     ax.invert_yaxis()
     ax.set_xlabel(f"gap, from its mean ({unit_name})")
-    ax.legend(framealpha=0.9, edgecolor="none", fontsize="small")
+    _legend_above(ax)
     return ax
+
+
+def _legend_above(ax: Axes) -> None:
+    """The legend above the Axes of bars, where it hides none of them."""
+    ax.legend(
+        frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3
+    )
