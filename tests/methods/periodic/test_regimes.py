@@ -170,6 +170,24 @@ def test_disturbances_grow_by_the_multiplier_or_die_away() -> None:
     assert seen == {True, False}
 
 
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+def test_every_symmetric_regime_between_two_stops_is_found(restitution: float) -> None:
+    """Those of the closed form (B 3.17), in one and in three periods, fast and slow."""
+    for periods, gap in ((1, 1.5e-4), (1, 3.5e-4), (3, 2e-4)):
+        case = HarmonicResonance(
+            omega=OMEGA, damping_rate=DAMPING, amplitude=1e-4 * DRIVE**2, frequency=DRIVE,
+            restitution=restitution, periods=periods,
+        )  # fmt: skip
+        known = [each for each in case.regimes(gap) if each.admissible]
+        speeds = [
+            branch.impact_speed[i].max()
+            for branch, i in regimes(harmonic_response(mount(gap, restitution)))
+            if branch.periods == periods and len(branch.stops) == 2
+        ]
+        for each in known:
+            assert any(speed == pytest.approx(each.impact_speed, rel=1e-9) for speed in speeds)
+
+
 def special(found: HarmonicResponse, name: str, stops: int, periods: int = 1) -> list[float]:
     """Values of the special points of a name, of branches with so many impacts."""
     return [
