@@ -47,8 +47,8 @@ class CoordinateResponse(Quantities[Estimate | None]):
     velocity_std, velocity_mean_square
         Moments of the velocity, m/s and m^2/s^2.
     acceleration_std
-        Standard deviation of the absolute acceleration, m/s^2; of several coordinates with rigid
-        stops, that between the impacts. None where it is infinite or not known.
+        Standard deviation of the absolute acceleration, m/s^2; with rigid stops that between the
+        impacts. None where it is infinite or not known.
     upcrossing_rate
         Rate of upcrossings of the mean, 1/s.
     """

@@ -37,7 +37,7 @@ from stochvi.model.modal import (
 )
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.model.responses import StationaryMoments, build_response
-from stochvi.model.scales import PairScale, scales_of
+from stochvi.model.scales import UNSHAKEN, PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
@@ -163,9 +163,18 @@ def _starts(
 ) -> Iterator[list[float]]:
     """Speeds of all gaps to start from: those without stops, and multiples of the rough ones."""
     if free is not None:
-        yield [math.sqrt(free.variances(row, modes.size)) for row in modes.gaps]
+        speeds = _free_speeds(modes, free)
+        if all(speeds):
+            yield speeds
     for factor in START_SPEEDS:
         yield [factor * scale.speed for scale in scales]
+
+
+def _free_speeds(modes: ModalForm, free: LinearLaw) -> list[float]:
+    """Rms speeds of the gaps without stops, m/s; 0 where impacts alone would move a gap."""
+    still = UNSHAKEN * free.largest_variance(modes.size)
+    squares = [free.variances(row, modes.size) for row in modes.gaps]
+    return [math.sqrt(square) if square > still else 0.0 for square in squares]
 
 
 def _gaps(model: Model, scales: Sequence[PairScale], speeds: Sequence[float]) -> list[_PairGap]:
@@ -211,11 +220,15 @@ def _same(one: _Solution, two: _Solution) -> bool:
 
 
 def _apart(modes: ModalForm, one: _Solution, free: LinearLaw) -> float:
-    """Largest difference of the logarithms of the speeds of a gap, with stops and without."""
-    squares = [free.variances(row, modes.size) for row in modes.gaps]
+    """Largest difference of the logarithms of the speeds of a gap, with stops and without, of the
+    gaps that move without."""
     return max(
-        abs(math.log(candidate.velocity_mean_square / square))
-        for candidate, square in zip(one.candidates, squares, strict=True)
+        (
+            abs(math.log(candidate.velocity_mean_square / speed**2))
+            for candidate, speed in zip(one.candidates, _free_speeds(modes, free), strict=True)
+            if speed > 0.0
+        ),
+        default=0.0,
     )
 
 

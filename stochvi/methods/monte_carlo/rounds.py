@@ -65,6 +65,11 @@ COMPILING_SECONDS = 2.5
 """Seconds after which a message says that kernels are being compiled. Kernels that an earlier run
 has compiled are loaded in less time than that."""
 
+BETWEEN_IMPACTS = (
+    "accelerations are those between impacts: without the impulses of rigid stops, which have none"
+)
+"""What the accelerations of an answer are where a stop is rigid."""
+
 REPORT_SECONDS = 0.5
 """Seconds between two sentences of progress: making one evaluates the standard errors of all
 quantities that `rel_error` governs."""
@@ -370,8 +375,9 @@ class Run:
         model = self.model
         if (name, "aa") in self.layout.rows:
             return self.estimate(acceleration_std(name))
-        if model.pairs or beyond_one_oscillator(model):
+        if not all(pair.rigid for pair in model.pairs) or beyond_one_oscillator(model):
             return None
+        # E x v = 0 also where impacts turn v, as they leave x where it is
         if not model.moving_base or model.noise_on_mass:
             return None
         (x,) = model.coordinates
@@ -383,7 +389,14 @@ class Run:
         return [
             f"{plan.method}, step {plan.step:.3g} s, burn-in {plan.burn_in:.3g} s per path",
             "standard errors from independent paths (delta method)",
+            *([BETWEEN_IMPACTS] if self._accelerates_at_rigid_stops else []),
         ]
+
+    @property
+    def _accelerates_at_rigid_stops(self) -> bool:
+        """Whether accelerations are given that leave the impulses of rigid stops out."""
+        rigid = any(stop.rigid for stop in self.model.stops)
+        return rigid and self._acceleration(self.model.coordinates[0]) is not None
 
     def _warnings(self) -> Iterator[str]:
         if len(self.state.machines) > 1:

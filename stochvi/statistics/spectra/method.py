@@ -315,7 +315,9 @@ def _answer(
         if name == "coherence":
             segments = moments.count * len(layout.starts) * len(layout.tapers)
             bias += (1.0 - value) ** 2 / segments
-        spread = np.exp(quantile * error / value)
+        # a coordinate that nothing moves has no error either
+        relative = np.divide(error, value, out=np.zeros_like(error), where=value > 0.0)
+        spread = np.exp(quantile * relative)
         told = inside
         if UNITS[name] == "1":
             into = quantities[owner, "excitation"](moments.mean)

@@ -90,3 +90,38 @@ def test_a_corner_hits_a_far_snubber_at_the_rate_of_rice(rel_error: float) -> No
     assert hits is not None
     # an excursion is hardly ever followed by another one within the memory of the motion
     assert_agrees(hits, rate)
+
+
+def test_a_snubber_that_impacts_alone_would_move_is_no_obstacle() -> None:
+    """A symmetric box shaken along z does not move sideways until its corner hits."""
+    corners = [(x, y, 0.0) for x in (-0.2, 0.2) for y in (-0.1, 0.1)]
+    mounts = [{"at": at, "stiffness": [2e4, 2e4, 3e4], "zeta": 0.1} for at in corners]
+    body = RigidBody(mass=10.0, inertia=[0.2, 0.2, 0.2], mount=mounts)
+    law = {"kind": "restitution", "coefficient": 0.5}
+    pairs = [
+        {"name": name, "at": [0.2, 0.1, 0.1], "direction": to, "clearance": 0.003, "law": law}
+        for name, to in (("up", [0, 0, 1]), ("side", [1, 0, 0]))
+    ]
+    scene = Scene(structure=body, impact_pair=pairs, excitations=[tables()[2]])
+    found = linearise(scene)
+    rates = {name: float(found.impact_pairs[name].collision_rate) for name in ("up", "side")}
+    assert rates["up"] > 0.0 and 0.0 <= rates["side"] < rates["up"]
+
+
+def test_rms_values_are_those_of_the_frequency_solver_of_pyyeti() -> None:
+    solvers = pytest.importorskip("pyyeti.ode", reason="pyYeti is in the extra `bench`")
+    structure = box()
+    mass, damping, stiffness = structure.matrices
+    solver = solvers.SolveUnc(mass, damping, stiffness)
+    squares = np.zeros((3, 6))
+    for column, (frequency, density) in enumerate(TABLES.values()):
+        f = np.geomspace(frequency[0], frequency[-1], 4000)
+        found = solver.fsolve(-np.outer(mass[:, column], np.ones(len(f))), f)
+        power = np.exp(np.interp(np.log(f), np.log(frequency), np.log(density)))
+        absolute = found.a + np.eye(6)[column][:, None]
+        for row, motion in enumerate((found.d, found.v, absolute)):
+            squares[row] += np.trapezoid(power * STANDARD_GRAVITY**2 * np.abs(motion) ** 2, f)
+    expected = np.sqrt(squares)
+    mine = linearise(scene_with(structure))
+    for column, name in enumerate(structure.coordinates):
+        assert moments(mine, name) == pytest.approx(expected[:, column].tolist(), rel=1e-3)

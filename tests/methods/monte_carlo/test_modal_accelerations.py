@@ -8,6 +8,7 @@ import pytest
 from stochvi import (
     Elastic,
     ImpactPair,
+    Isolator,
     Matrices,
     Restitution,
     Scene,
@@ -17,6 +18,7 @@ from stochvi import (
     linearise,
     simulate,
 )
+from stochvi.methods.monte_carlo.rounds import BETWEEN_IMPACTS
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.model import model_of
@@ -61,6 +63,19 @@ def test_between_elastic_rigid_stops_springs_and_dampers_pull() -> None:
     law = law_of_a(scene)
     square = B**2 * THETA + OMEGA**4 * law.variance
     assert_agrees(acceleration(scene), math.sqrt(square))
+
+
+def test_one_oscillator_between_rigid_stops_has_the_acceleration_between_impacts() -> None:
+    law = Restitution(coefficient=1.0)
+    scene = Scene(
+        structure=Isolator(mass=2.0, damping=2.0 * B, stiffness=2.0 * OMEGA**2),
+        impact_pairs=[ImpactPair(lower=-0.5, upper=0.9, law=law)],
+        excitations=[WhiteNoise(intensity=2.0 * B * THETA)],
+    )
+    found = simulate(scene, rel_error=0.02, seed=4, threads=1)
+    square = B**2 * THETA + OMEGA**4 * law_of_a(scene).variance
+    assert_agrees(found.coordinates["x"].acceleration_std, math.sqrt(square))
+    assert BETWEEN_IMPACTS in found.assumptions
 
 
 def test_stops_that_give_way_pull_as_well() -> None:
