@@ -121,7 +121,6 @@ def new(file: Path, kind: str) -> None:
         "any": f"check {file}",
         "absorber": f"absorber {file} --out out",
         "sine": f"sine {file} --from 60 --to 120 --out out",
-        "rigid-body": f"explain {file}",
     }.get(kind, f"size {file} --probability 0.01 --out out")
     click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)
 

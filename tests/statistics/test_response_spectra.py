@@ -21,6 +21,7 @@ from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.statistics.spectra import Curve, method, spectrum
+from stochvi.statistics.spectra.quantities import channels_of, quantities_of
 from stochvi.statistics.spectra.segments import layout_of, products
 
 B, S0 = 0.2, 0.4
@@ -377,3 +378,30 @@ def test_a_record_that_ends_before_it_was_promised_to_is_refused() -> None:
     longer = replace(plan, duration=2.0 * plan.duration)
     with pytest.raises(AssertionError, match="samples, 1000 were promised"):
         longer.histories(1, 0, 2)
+
+
+def test_stops_that_give_way_push_on_every_coordinate_of_a_structure() -> None:
+    masses, law = np.array([2.0, 3.0]), Elastic(stiffness=50.0)
+    structure = Matrices(
+        coordinates=["a", "b"], mass=np.diag(masses), damping=np.diag([0.4, 0.6]),
+        stiffness=[[9.0, -2.0], [-2.0, 8.0]],
+    )  # fmt: skip
+    pairs = [
+        ImpactPair(name="on a", on="a", upper=0.5, law=law),
+        ImpactPair(name="rigid", on="b", upper=0.7, law=Restitution(coefficient=0.5)),
+        ImpactPair(name="between", between=["a", "b"], lower=-0.2, upper=0.3, law=law),
+    ]
+    noise = WhiteNoise(on="base", intensity=0.3)
+    scene = Scene(structure=structure, impact_pairs=pairs, excitations=[noise])
+    plan = plan_histories(scene)
+    x = np.array([[[0.6, 0.0]], [[0.1, 0.4]]])
+    moved = SimpleNamespace(displacement=x, velocity=0.0 * x, excitation=None)
+    channels = channels_of(plan, moved)
+    assert channels[2:, 0].tolist() == pytest.approx(np.array([[5.0, 0.0], [10.0, -10.0]]))
+    found, _ = quantities_of(scene, plan, np.array([1.0, 2.0]))
+    for channel, direction in ((2, [1.0, 0.0]), (3, [1.0, -1.0])):
+        rows = np.zeros((4 + 4 * 3, 2))
+        rows[channel] = 1.0
+        for name, to, mass in zip("ab", direction, masses, strict=True):
+            density = found[name, "acceleration"](rows)
+            assert density.tolist() == pytest.approx([(to / mass) ** 2] * 2)

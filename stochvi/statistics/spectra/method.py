@@ -317,7 +317,8 @@ def _answer(
             bias += (1.0 - value) ** 2 / segments
         # a coordinate that nothing moves has no error either
         relative = np.divide(error, value, out=np.zeros_like(error), where=value > 0.0)
-        spread = np.exp(quantile * relative)
+        with np.errstate(over="ignore"):  # of a density that is rounding, nothing is known
+            spread = np.exp(quantile * relative)
         told = inside
         if UNITS[name] == "1":
             into = quantities[owner, "excitation"](moments.mean)

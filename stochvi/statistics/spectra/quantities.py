@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stochvi.methods.monte_carlo.histories import HistoryPlan
 from stochvi.methods.monte_carlo.plan import Histories
 from stochvi.methods.monte_carlo.quantities import gap_of
-from stochvi.model.model import Model
+from stochvi.model.model import Model, Pair
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.segments import Matrix, Quantity, Vector
@@ -20,25 +20,23 @@ Weights = NDArray[np.complex128]
 
 
 def channels_of(plan: HistoryPlan, histories: Histories) -> NDArray[np.float64]:
-    """(channels, paths, samples): displacements, forces of stops that give way per unit mass (of
-    one oscillator), and the excitation if it is known."""
+    """(channels, paths, samples): displacements, the force of each pair whose stops give way, N,
+    and the excitation if it is known."""
     found = [*histories.displacement]
-    if _gives_way(plan.model):
-        found.append(_stop_force(plan.model, histories))
+    for pair in _soft_pairs(plan.model):
+        gap, rate = (
+            np.tensordot(pair.direction, motion, axes=1)
+            for motion in (histories.displacement, histories.velocity)
+        )
+        found.append(pair.force(gap, rate))
     if histories.excitation is not None:
         found.append(histories.excitation)
     return np.stack(found)
 
 
-def _gives_way(model: Model) -> bool:
-    return bool(model.not_rigid())
-
-
-def _stop_force(model: Model, histories: Histories) -> Matrix:
-    """Force of the stops on one oscillator per unit mass, positive at the upper stop, (paths,
-    samples); rigid ones, beside another that gives way, are left out."""
-    (pair,) = model.pairs
-    return pair.force(histories.displacement[0], histories.velocity[0]) / pair.mass
+def _soft_pairs(model: Model) -> list[Pair]:
+    """The pairs with a stop that gives way; a rigid one beside it has no force."""
+    return [pair for pair in model.pairs if not pair.rigid]
 
 
 def quantities_of(
@@ -46,9 +44,9 @@ def quantities_of(
 ) -> tuple[dict[tuple[str, str], Quantity], dict[str, str]]:
     """What is asked of the rows of `products`, by owner and name; and what it means here."""
     model = plan.model
-    n, gives_way = len(model.coordinates), _gives_way(model)
+    n, soft = len(model.coordinates), _soft_pairs(model)
     known = plan.plan.excitation_known
-    channels = n + gives_way + known
+    channels = n + len(soft) + known
     found: dict[tuple[str, str], Quantity] = {}
     owners = dict(zip(model.outputs, model.output_rows, strict=True))
     owners |= {gap_of(pair): pair.direction for pair in model.pairs if pair.relative}
@@ -63,8 +61,8 @@ def quantities_of(
     )
     carried = np.zeros((n, channels, len(omega)), complex)
     carried[:, :n] = -np.moveaxis(pulled, 0, -1)
-    if gives_way:
-        carried[:, n] = -1.0
+    for channel, pair in enumerate(soft, start=n):
+        carried[:, channel] = -np.linalg.solve(model.mass, pair.direction)[:, None]
     meanings = _meanings(scene, plan)
     if "acceleration" in _present(scene):
         for owner, row in zip(model.outputs, model.output_rows, strict=True):
@@ -88,7 +86,7 @@ def _present(scene: Scene) -> list[str]:
 
 
 def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
-    rigid = plan.model.pairs and not _gives_way(plan.model)
+    rigid = any(stop.rigid for stop in plan.model.stops)
     if not _present(scene):
         acceleration = "left out: a force acts on a mass, whose acceleration has it in it"
     elif rigid:
