@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,18 +144,18 @@ class Track:
     factors: NDArray[np.float64]
     starts: Matrix
 
-    @property
+    @cached_property
     def sigma(self) -> Vector:
         """Places in the range."""
         return np.asarray(self.points[:, -1] / kernel.WEIGHT)
 
-    @property
+    @cached_property
     def admissible(self) -> NDArray[np.bool_]:
         """Whether there is no further impact, and every impact comes from the free side."""
         slow = self.speeds.min(axis=1, initial=np.inf) >= -TOLERANCE
         return np.asarray((self.margin >= -TOLERANCE) & slow)
 
-    @property
+    @cached_property
     def multiplier(self) -> Vector:
         """The largest modulus of the multipliers of a period of the regime."""
         return np.asarray(np.abs(np.linalg.eigvals(self.factors)).max(axis=1))
