@@ -1,6 +1,7 @@
 """How Sphinx builds the manual: `make docs`. Nothing is fetched, neither here nor by a reader."""
 
 import os
+import shutil
 import sys
 import tempfile
 from importlib.metadata import version as version_of
@@ -11,12 +12,10 @@ sys.path.insert(0, str(HERE / "_extensions"))
 
 # cells that call the command find the one of this environment, and write plain text of one width
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-os.environ |= {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb", "MPLBACKEND": "agg"}
+os.environ |= {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
 startup = Path(tempfile.mkdtemp()) / "profile_default" / "startup"
 startup.mkdir(parents=True)
-(startup / "plain.py").write_text(
-    "import os\nos.environ.pop('FORCE_COLOR', None)  # of the kernel\n"
-)
+shutil.copy(HERE / "_extensions" / "startup.py", startup)
 os.environ["IPYTHONDIR"] = str(startup.parents[1])
 
 project = "stochvi"
