@@ -30,6 +30,10 @@ of complex ones has the modulus 1."""
 TOLERANCE = 1e-9
 """Depth to which a regime may pass a stop, relative to the unit of length: rounding leaves less."""
 
+FASTEST = 1e6
+"""Impact speed, in the units of the kernels, above which a solution is rounding: the phases of its
+impacts leave the motion undetermined."""
+
 SAME = 1e-6
 """Difference of phases, rad, up to which two regimes are one."""
 
@@ -153,7 +157,8 @@ class Track:
     def admissible(self) -> NDArray[np.bool_]:
         """Whether there is no further impact, and every impact comes from the free side."""
         slow = self.speeds.min(axis=1, initial=np.inf) >= -TOLERANCE
-        return np.asarray((self.margin >= -TOLERANCE) & slow)
+        fast = self.speeds.max(axis=1, initial=0.0) > FASTEST
+        return np.asarray((self.margin >= -TOLERANCE) & slow & ~fast)
 
     @cached_property
     def multiplier(self) -> Vector:
