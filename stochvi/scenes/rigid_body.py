@@ -55,6 +55,10 @@ def _plain(values: object) -> object:
     return values.tolist() if hasattr(values, "tolist") else values
 
 
+def _finite(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
 Triple = Annotated[tuple[Number, Number, Number], BeforeValidator(_plain)]
 """Three numbers, along x, y and z."""
 
@@ -180,6 +184,13 @@ class RigidBody(Checked):
         if not isinstance(value, list | tuple) or len(value) != 3:
             raise ValueError(
                 "must be three moments of inertia (kg m^2) or a matrix of three rows, got "
+                f"{str(value)[:60]}"
+            )
+        rows = [row if isinstance(row, list | tuple) else [row] for row in value]
+        entries = [each for row in rows for each in row]
+        if {len(row) for row in rows} not in ({1}, {3}) or not all(map(_finite, entries)):
+            raise ValueError(
+                "must hold three finite moments of inertia (kg m^2), or three rows of three, got "
                 f"{str(value)[:60]}"
             )
         return tuple(tuple(row) if isinstance(row, list) else row for row in value)

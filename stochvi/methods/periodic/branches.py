@@ -34,6 +34,10 @@ FASTEST = 1e6
 """Impact speed, in the units of the kernels, above which a solution is rounding: the phases of its
 impacts leave the motion undetermined."""
 
+FREE = 1e-10
+"""Distance of a multiplier from 1 up to which a motion counts as free to move without a force:
+rounding leaves some 1e-15, and the motion under a force then has a relative error of 1e-5."""
+
 SAME = 1e-6
 """Difference of phases, rad, up to which two regimes are one."""
 
@@ -273,15 +277,21 @@ class Finder:
             ((stop,), periods) for stop in range(m) for periods in SUBHARMONICS
         ]
         found += [((a, b), 3) for a, b in itertools.combinations(range(m), 2)]
-        for count in range(2, self.most_impacts + 1):
-            words = itertools.product(range(m), repeat=count)
-            found += [(word, 1) for word in words if word == min(_rotations(word))]
-        return found[: max(MOST_WORDS, m * len(SUBHARMONICS))]
+        longer = (
+            (word, 1)
+            for count in range(2, self.most_impacts + 1)
+            for word in itertools.product(range(m), repeat=count)
+            if word == min(_rotations(word))
+        )
+        most = max(MOST_WORDS, m * len(SUBHARMONICS))
+        return list(itertools.islice(itertools.chain(found, longer), most))
 
     def _simulated(self, sigma: float) -> Iterator[Regime]:
         """Regimes that simulations settle to, from rest and from motions of some sizes."""
         motion = self.motion(sigma)
         for start in self.starts():
+            if self.deadline.passed():
+                return
             settled = simulate(motion, start, SETTLING)
             if settled is not None and (found := settled.regime(motion, sigma)) is not None:
                 yield found
@@ -309,8 +319,12 @@ class Finder:
         """The motion without impacts, over the grid."""
         points = kernel.WEIGHT * self.grid[:, None]
         track = self._inspected((), 1, points, [POINT] * len(points))
-        if np.any(np.isnan(track.margin)):
-            return []  # a loose mass, or resonance without damping: there is no such motion
+        # a loose mass, or resonance without damping: there is no such motion, or no single one
+        if not np.all(known := _determined(track)):
+            if not np.any(known):
+                return []
+            points = points[known]
+            track = self._inspected((), 1, points, [POINT] * len(points))
         return self._trimmed(self._located(track))
 
     def _followed(self, seed: Regime) -> list[Track]:
@@ -414,6 +428,14 @@ class Finder:
         return [track.part(slice(max(good[0] - 1, 0), good[-1] + 2))]
 
 
+def _determined(track: Track) -> NDArray[np.bool_]:
+    """Whether the force determines the motion without impacts: no multiplier is 1. Without damping
+    one is where the natural frequency is a multiple of that of the force."""
+    whole = np.all(np.isfinite(track.factors), axis=(1, 2))
+    away = np.abs(np.linalg.eigvals(np.where(whole[:, None, None], track.factors, 0.0)) - 1.0)
+    return np.asarray(whole & (away.min(axis=1) > FREE))
+
+
 def _breaking(track: Track) -> Vector:
     return np.asarray(np.linalg.det(track.factors - np.eye(track.factors.shape[1])))
 
@@ -423,10 +445,12 @@ def _doubling(track: Track) -> Vector:
 
 
 def _torus(track: Track) -> Vector:
-    """The largest modulus of complex multipliers, less 1."""
+    """The largest modulus of complex multipliers, less 1; 0 where it is 1 but for rounding, as
+    everywhere without damping and loss."""
     values = np.linalg.eigvals(track.factors)
     complex_ = np.abs(values.imag) > 1e-9 * np.abs(values)
-    return np.asarray(np.where(complex_, np.abs(values), 0.0).max(axis=1) - 1.0)
+    beyond = np.where(complex_, np.abs(values), 0.0).max(axis=1) - 1.0
+    return np.asarray(np.where(np.abs(beyond) > TOLERANCE, beyond, 0.0))
 
 
 def _margin(track: Track) -> Vector:

@@ -252,7 +252,8 @@ def residual(motion, stops, theta, periods, states, left, jacobian, with_jacobia
 
     The state at the first impact is found from y = M y + c - sum of v_k d_k, M y + c that after the
     periods, d_k the distance at an impact and v_k a displacement along its row: where all d_k are 0
-    the motion is periodic, also that of a loose mass, which M y + c = y leaves free to move.
+    the motion is periodic, also that of a loose mass, which M y + c = y leaves free to move, and
+    without damping at resonance. The v_k differ in size: there alike ones may cancel each other.
 
     Writes the states (K, 2 n) before each impact, `left` (K,) and the Jacobian (K, K); False where
     the phases do not determine the motion.
@@ -271,7 +272,7 @@ def residual(motion, stops, theta, periods, states, left, jacobian, with_jacobia
             square += row[i] * row[i]
             distance += row[i] * start[i, 0]
         for i in range(n):
-            pulls[k, i] = row[i] / square
+            pulls[k, i] = row[i] / square / (k + 1)
             pulled[i] -= pulls[k, i] * distance
         for j in range(two):
             total = 0.0

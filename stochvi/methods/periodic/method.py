@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.methods.periodic import kernel
 from stochvi.methods.periodic.answer import (
     Branch,
     HarmonicResponse,
@@ -34,6 +35,14 @@ FREQUENCY = "frequency_hz"
 
 MARGIN = 1e-3
 """Share of its value by which a single value is widened to a range."""
+
+WIDEST = 1e5
+"""Largest ratio of the frequencies of one range, over which series of the numbers of a scene know
+the lowest ones to 1e-8."""
+
+MOST_STEPS = 20_000
+"""Largest number of steps in a period of the force: with more, a simulation from one start takes
+seconds."""
 
 MOST_VALUES = 100_000
 """Largest number of values of what is varied."""
@@ -129,11 +138,18 @@ def harmonic_response(
     if conditions := unmet(model) if form == "exact" else not_covered(model):
         raise NotApplicable("sine" if form == "exact" else f"sine:{form}", conditions)
     low, high = float(values[0]), float(values[-1])
+    if key == FREQUENCY and high > WIDEST * low:
+        raise ValueError(
+            f"frequency_hz must span at most a factor of {WIDEST:g}, got {low:g} to {high:g} Hz; "
+            "ask for narrower ranges one by one"
+        )
     if low == high:
         wide = MARGIN * (abs(low) or 1.0)
         low, high = low - wide, high + wide
     family = Family.of(lambda value: model_of(scene_at(value)), low, high, coordinate)
     finder = Finder(family, family.sigma(values), most_impacts, deadline)
+    if slow := _too_slow(finder):
+        raise NotApplicable("sine", [slow])
     with heeding_ctrl_c():
         finder.find()
         jumps = _jumps(finder) if len(values) > 1 else ()
@@ -210,6 +226,20 @@ def _checked(key: str, given: ArrayLike) -> Vector:
             f"{key} must have from 1 to {MOST_VALUES} finite values, got {len(values)}"
         )
     return values
+
+
+def _too_slow(finder: Finder) -> str:
+    """Why periods of the force hold too many steps at an end of the range; empty if they do not."""
+    for sigma in (0.0, 1.0):
+        motion = finder.motion(sigma)
+        steps = 2.0 * np.pi / motion.omega / kernel.step_of(motion)
+        if not 0.0 < steps <= MOST_STEPS:
+            return (
+                "the force must not be so much slower than the structure: a period at "
+                f"{float(finder.family.frequency_hz(sigma)):.3g} Hz takes {steps:.3g} steps, at "
+                f"most {MOST_STEPS} are made; ask for higher frequencies"
+            )
+    return ""
 
 
 def _at_frequency(scene: Scene, factor: float) -> Scene:

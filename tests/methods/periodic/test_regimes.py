@@ -337,3 +337,48 @@ def test_a_sum_of_sines_is_one_periodic_force() -> None:
         found = regimes(harmonic_response(both))
         speeds.append(max(branch.impact_speed[i].max() for branch, i in found))
     assert abs(speeds[1] / speeds[0] - 1.0) > 1e-3
+
+
+def undamped(restitution: float | None, turns: float = 1.0) -> Scene:
+    """A unit mass on a unit spring under 0.3 cos(turns t), with or without stops at -1 and 1."""
+    law = None if restitution is None else Restitution(coefficient=restitution)
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.0, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=law)] if law else [],
+        excitations=[Sine(amplitude=0.3, frequency_hz=turns / (2.0 * math.pi))],
+    )
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.5])
+def test_resonance_without_damping_is_held_by_its_stops(restitution: float) -> None:
+    # over half a period at resonance the force gives the momentum 0.3 pi / 2, which two opposite
+    # impacts lose
+    found = harmonic_response(undamped(restitution))
+    branch = found.branches[0]
+    assert len(found.branches) == 1
+    assert branch.impact_speed == pytest.approx(0.15 * math.pi / (1.0 + restitution))
+    assert branch.displacement_max == pytest.approx(1.0)
+
+
+def test_resonance_without_damping_and_stops_has_no_regime() -> None:
+    assert not harmonic_response(undamped(None)).branches
+    beside = harmonic_response(undamped(None, turns=1.01))
+    assert beside.branches[0].displacement_max == pytest.approx(0.3 / (1.01**2 - 1.0))
+
+
+def test_rounding_of_motion_without_damping_is_no_change_of_stability() -> None:
+    found = harmonic_response(undamped(None), np.linspace(0.05, 0.5, 12))
+    assert len(found.branches) == 1
+    assert not found.special_points
+
+
+def test_forces_too_slow_and_ranges_too_wide_are_refused() -> None:
+    with pytest.raises(NotApplicable, match="slower than the structure"):
+        harmonic_response(undamped(0.5), [1e-9, 1e-8])
+    with pytest.raises(ValueError, match="factor"):
+        harmonic_response(undamped(0.5), [1e-9, 1e9])
+
+
+def test_no_more_orders_of_impacts_are_listed_than_are_tried() -> None:
+    few, many = (harmonic_response(undamped(0.5), most_impacts=most) for most in (6, 40))
+    assert [each.stops for each in few.branches] == [each.stops for each in many.branches]
