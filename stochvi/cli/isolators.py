@@ -74,6 +74,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     from stochvi.isolators.screening import screen as solve
     from stochvi.isolators.structure_screening import StructureScreening
     from stochvi.results.base import plain
+    from stochvi.results.errors import NotApplicable
     from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_clearance, write_pairs_clearance
     from stochvi.views.isolator_tables import print_clearance, print_record
@@ -84,6 +85,11 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     if isinstance(linear, StructureScreening):
         stds: Any = {name: gap.displacement_std for name, gap in linear.impact_pairs.items()}
         record, notes = None, linear.notes
+        if still := [name for name, std in stds.items() if not std > 0.0]:
+            raise NotApplicable(
+                "clearance",
+                [f"excitation must move the gap of {', '.join(still)}; leave out what stays still"],
+            )
         places = np.transpose([lengths("--gaps", gaps, plain=std) for std in stds.values()])
     else:
         record, stds = linear.record, linear.displacement_std

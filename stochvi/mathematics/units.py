@@ -284,8 +284,8 @@ def measured_in(text: str, name: str) -> float:
 CLOCK = re.compile(r"\s*(\d+):([0-5]\d):([0-5]\d(?:\.\d*)?)\s*")
 """A duration as hours, minutes and seconds: 1:30:00."""
 
-PARTS = re.compile(r"(?:\s*(?:\d+\.?\d*|\.\d+)\s*[A-Za-zµμ]+){2,}\s*")
-"""A duration of several parts, each with its unit: 1h 5min."""
+PARTS = re.compile(r"(?:\s*(?:\d+\.?\d*|\.\d+)\s*(?![eE]\d)[A-Za-zµμ]+){2,}\s*")
+"""A duration of several parts, each with its unit: 1h 5min; 1e9 s is one number."""
 
 
 def _seconds(text: str) -> float | None:

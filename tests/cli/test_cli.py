@@ -112,6 +112,24 @@ def test_the_cost_of_accuracy_is_a_table_a_document_and_a_picture(stochvi: Run, 
     assert (code, "budget must be" in err) == (2, True)
 
 
+def test_clearance_names_the_pair_whose_gap_stays_still(stochvi: Run, tmp_path: Path):
+    two = {
+        "structure": {
+            "kind": "matrices", "coordinates": ["a", "b"], "mass": [[1.0, 0.0], [0.0, 1.0]],
+            "damping": [[0.1, 0.0], [0.0, 0.1]], "stiffness": [[1.0, 0.0], [0.0, 1.0]],
+        },
+        "impact_pair": [
+            {"name": name, "on": on, "lower": -1.0, "upper": 1.0,
+             "law": {"kind": "restitution", "coefficient": 0.5}}
+            for name, on in (("shaken", "a"), ("quiet", "b"))
+        ],
+        "excitation": [{"kind": "white", "on": "a", "intensity": 0.1}],
+    }  # fmt: skip
+    (tmp_path / "two.toml").write_text(to_toml(two), "utf-8")
+    code, _, err = stochvi("clearance", tmp_path / "two.toml", "--quiet")
+    assert (code, "quiet" in err, "shaken" in err) == (2, True, False)
+
+
 def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_path: Path):
     truck = shipped_scene("isolator-truck")
     code, out, _ = stochvi("screen", truck, "--json", tmp_path / "screen.json")

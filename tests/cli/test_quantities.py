@@ -10,7 +10,7 @@ from support.commands import ISOLATOR, Run, one_document, refused
     ("text", "seconds"),
     [("90", 90.0), ("90s", 90.0), ("30 min", 1800.0), ("10h", 36000.0), ("250ms", 0.25),
      ("1.5e3", 1500.0), ("2 d", 172800.0), (60.0, 60.0),
-     ("1h 5min", 3900.0), ("1h5min2.5s", 3902.5),
+     ("1e9 s", 1e9), ("1.5E3s", 1500.0), ("1h 5min", 3900.0), ("1h5min2.5s", 3902.5),
      ("1 d 2 hours", 93600.0), ("1:30:00", 5400.0), ("100:00:01.5", 360001.5)],
 )  # fmt: skip
 def test_times(text: str | float, seconds: float) -> None:
