@@ -10,11 +10,14 @@ from stochvi import (
     Elastic,
     FilteredNoise,
     ImpactPair,
+    Matrices,
     NotApplicable,
     NotConverged,
     Oscillator,
+    Restitution,
     Scene,
     Sine,
+    WhiteNoise,
     exact,
     reliability,
 )
@@ -286,3 +289,21 @@ def test_a_barrier_on_the_command_line(
     options = ("--mission", "10", "--start", "rest", "--rel-error", "0.5", "--threads", "1")
     done = stochvi("reliability", path, f"--barrier={barrier}", *options)
     assert done.code == code and said in done.out + done.err
+
+
+@pytest.mark.parametrize("gap", [30.0, 60.0])
+def test_stops_that_are_out_of_reach_have_a_chance_that_is_known(gap: float) -> None:
+    stops = {"lower": -gap, "upper": gap, "law": Restitution(coefficient=0.5)}
+    scene = Scene(
+        structure=Matrices(
+            coordinates=("x", "z"), mass=[[1, 0], [0, 1]],
+            damping=[[0.1, 0], [0, 0.1]], stiffness=[[1, 0], [0, 1]],
+        ),
+        impact_pairs=[ImpactPair(name=name, on=name, **stops) for name in ("x", "z")],
+        excitations=[WhiteNoise(intensity=0.2, on="x"), WhiteNoise(intensity=0.2, on="z")],
+    )  # fmt: skip
+    # unit variance: crossings of one stop of four in a second, exp(-gap^2 / 2) / (2 pi)
+    rice = 100.0 * 4.0 * math.exp(-(gap**2) / 2.0) / (2.0 * math.pi)
+    chance = reliability(scene, mission=100.0, threads=1, seed=1).chances["hit"]
+    assert chance.estimate.value == pytest.approx(rice, rel=0.05)
+    assert chance.upper < 1e-100

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from dataclasses import replace
 
@@ -84,6 +85,11 @@ def first_hits_of_pairs(
     return _from_crossings("hit", estimate, crossings.ages.shape[-2], jobs, started), risks
 
 
+SMALLEST = sys.float_info.min
+"""Smallest chance that a number holds in full: stops some 38 standard deviations away are crossed
+less often, which is known without a record, and then the chance is given as 0."""
+
+
 def _from_crossings(
     event: str, estimate: Estimate, paths: int, jobs: Jobs, started: float
 ) -> Chance:
@@ -96,7 +102,7 @@ def _from_crossings(
         limit=None,
         estimate=estimate,
         lower=lower,
-        upper=min(upper, 1.0),
+        upper=min(upper, 1.0) if estimate.value > 0.0 else SMALLEST,
         confidence=jobs.confidence,
         rule=f"Student's, of the logarithm, from a jackknife over {paths} paths",
         way="first crossings",

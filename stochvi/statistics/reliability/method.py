@@ -490,7 +490,7 @@ def _inaccurate(chances: dict[str, Chance], jobs: Jobs) -> dict[str, str]:
     ended = "" if budget is None else f" when the budget of {budget:g} s ended"
     for name, chance in chances.items():
         estimate = chance.estimate
-        if estimate.value == 0.0:
+        if estimate.value == 0.0 and chance.way != "first crossings":
             found[name] = (
                 f"it was not seen once{ended}: its chance is at most {chance.upper:.3g} "
                 f"({100.0 * chance.confidence:g} %); raise budget, or ask for a lower limit"
