@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -20,6 +21,9 @@ from support.commands import Finished, Run
 # file again: 10 s of each run. Some machines ask for that by default; the suite does not follow.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+# A shell that starts the suite in the background lets it ignore Ctrl-C, of which it tests a lot.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,8 +26,10 @@ from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.excitations import Sine
+from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.keys import changed_scene
-from stochvi.scenes.scene import Scene
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Oscillator
 
 Vector = NDArray[np.float64]
 
@@ -91,7 +94,8 @@ def harmonic_response(
     sweep
         "up", "down" or "both": simulate such a slow sweep as well, 300 periods at each value.
     budget
-        Seconds of wall time.
+        Seconds of wall time, after the kernels are loaded; they compile once on each machine, which
+        takes about a minute.
 
     Returns
     -------
@@ -132,6 +136,8 @@ def harmonic_response(
         raise ValueError(f"sweep must be 'up', 'down' or 'both', got {sweep!r}")
     if most_impacts < 1:
         raise ValueError(f"most_impacts must be at least 1, got {most_impacts}")
+    if budget is not None:
+        _load_kernels()
     deadline = Deadline.after(budget)
     key, values, scene_at = _varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
@@ -226,6 +232,19 @@ def _checked(key: str, given: ArrayLike) -> Vector:
             f"{key} must have from 1 to {MOST_VALUES} finite values, got {len(values)}"
         )
     return values
+
+
+@cache
+def _load_kernels() -> None:
+    """Load the kernels by a small case, or compile them, which takes a minute once on each machine
+    and is no part of a budget."""
+    law = Restitution(coefficient=0.5)
+    mount = Scene(
+        structure=Oscillator(mass=1.0, damping=0.2, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=law)],
+        excitations=[Sine(amplitude=1.0, frequency_hz=0.16)],
+    )
+    harmonic_response(mount, [0.16, 0.17], most_impacts=1, sweep="up")
 
 
 def _too_slow(finder: Finder) -> str:
