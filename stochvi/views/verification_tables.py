@@ -188,7 +188,7 @@ def _print_modes(console: Console, explanation: Explanation) -> None:
             zeta = "-" if mode.damping_ratio is None else f"{mode.damping_ratio:.3g}"
             moved = [f"{mode.effective_mass[axis]:.3g}" for axis in axes]
             table.add_row(str(number), f"{mode.frequency_hz:.4g}", zeta, *moved, mode.motion)
-        console.print(table)
+        print_table(console, table)
     if explanation.rest:
         listed = ", ".join(
             f"{name} {1e3 * value:.3g} {'mrad' if name in ROTATIONS else 'mm'}"
@@ -215,8 +215,8 @@ def print_cost(console: Console, found: WorkPrecision) -> None:
         noise.add_row(
             _whose(found, *key), *(f"{100.0 * row.error_of_a_second:.2g}" for row in rows)
         )
-    console.print(bias)
-    console.print(noise)
+    print_table(console, bias)
+    print_table(console, noise)
     _print_prices(console, found)
     _print_models(console, found)
     against = f"biases are measured against: {found.reference}"

@@ -5,7 +5,10 @@ import io
 import pandas as pd
 from rich.console import Console
 
+from stochvi import explain, load_scene
+from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.tables import print_frame
+from stochvi.views.verification_tables import print_explanation
 
 
 def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
@@ -25,3 +28,13 @@ def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
         "6.000           4          0.5  by counting",
         "10.00           -            -  -",
     ]
+
+
+def test_the_modes_of_a_box_are_not_cut_to_the_width_of_the_terminal() -> None:
+    found = explain(load_scene(shipped_scene("rigid-box")), threads=1)
+    written = io.StringIO()
+    print_explanation(Console(file=written, width=60), found)
+    lines = [line.rstrip() for line in written.getvalue().splitlines()]
+    for mode in found.modes:
+        assert any(line.endswith(mode.motion) for line in lines)
+    assert any("zeta  along x (kg)  along y (kg)  along z (kg)" in line for line in lines)
