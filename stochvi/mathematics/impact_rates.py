@@ -6,7 +6,7 @@ import math
 from functools import cache
 from typing import NamedTuple
 
-from scipy.optimize import brentq
+import scipy
 
 COLLAPSE_RESTITUTION = math.exp(-math.pi / math.sqrt(3.0))
 """At and below this restitution the rate of impacts under white noise is infinite (S. J. Cornell,
@@ -87,7 +87,7 @@ def corner_exponent(restitution: float) -> float:
         low, high = 2.0 + 1e-9, 2.5 - 1e-12
     if balance(low) * balance(high) > 0.0:
         return 2.0 if abs(restitution / COLLAPSE_RESTITUTION - 1.0) < 1e-3 else high
-    return float(brentq(balance, low, high))
+    return float(scipy.optimize.brentq(balance, low, high))
 
 
 def rice_rate(distance: float, displacement_std: float, velocity_std: float) -> float:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm, solve_continuous_lyapunov
 
 Matrix = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ def transition(generator: Matrix, step: float) -> Matrix:
     array([[1., 2.],
            [0., 1.]])
     """
-    exponential: Matrix = expm(generator * step)
+    exponential: Matrix = scipy.linalg.expm(generator * step)
     return exponential
 
 
@@ -48,7 +48,7 @@ def step_covariance(generator: Matrix, noise: Matrix, step: float) -> Matrix:
     scale = float(np.max(np.abs(noise))) or 1.0  # the noise may have any unit, unlike rates
     block[:size, :size], block[:size, size:] = -generator, noise / scale
     block[size:, size:] = generator.T
-    grown = expm(block * short)
+    grown = scipy.linalg.expm(block * short)
     forward = grown[size:, size:].T
     covariance = scale * (forward @ grown[:size, size:])
     for _ in range(doublings):
@@ -65,7 +65,7 @@ def stationary_covariance(generator: Matrix, noise: Matrix) -> Matrix:
     array([[1., 0.],
            [0., 1.]])
     """
-    solution = solve_continuous_lyapunov(generator, -noise)
+    solution = scipy.linalg.solve_continuous_lyapunov(generator, -noise)
     return np.asarray((solution + solution.T) / 2.0, float)
 
 

@@ -16,8 +16,8 @@ from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq, minimize_scalar
 
 from stochvi.mathematics.cut_normal import CUT, NODES, WEIGHTS
 from stochvi.mathematics.impact_rates import ContactStatistics
@@ -285,7 +285,7 @@ class GibbsLaw:
         rise = self._rise(places - start, start)
         best = int(np.argmin(rise))
         around = float(places[max(best - 1, 0)]), float(places[min(best + 1, len(places) - 1)])
-        found = minimize_scalar(
+        found = scipy.optimize.minimize_scalar(
             lambda x: float(self._rise(x - start, start)), bounds=around, method="bounded",
             options={"xatol": 1e-10 * (around[1] - around[0])},
         )  # fmt: skip
@@ -304,7 +304,7 @@ class GibbsLaw:
             if function(far) >= 0.0:
                 break
             near, far = far, 2.0 * far
-        return float(brentq(function, near, far, xtol=1e-14 * far, rtol=1e-14))
+        return float(scipy.optimize.brentq(function, near, far, xtol=1e-14 * far, rtol=1e-14))
 
     # Quadrature ---------------------------------------------------------------------------
 

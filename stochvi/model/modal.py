@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from stochvi.mathematics.frequency_response import Tables
 from stochvi.mathematics.frequency_response import covariance as tabulated_covariance
@@ -123,7 +123,7 @@ class ModalForm(NamedTuple):
 
 def modal_form(model: Model) -> ModalForm:
     """A model in modal coordinates, with its signals as states."""
-    squares, shapes = eigh(model.stiffness, model.mass)
+    squares, shapes = scipy.linalg.eigh(model.stiffness, model.mass)
     squares = np.where(squares > RIGID_BODY * max(float(squares[-1]), 0.0), squares, 0.0)
     load = shapes.T @ model.constant_force
     free = squares == 0.0

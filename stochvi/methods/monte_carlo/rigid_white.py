@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from stochvi.mathematics.cut_normal import CutNormal
@@ -537,7 +537,7 @@ def expected_speed(model: Model) -> float:
     low = high - 1.0
     while excess(low) > 0.0:
         low -= 2.0
-    return math.exp(float(brentq(excess, low, high, xtol=1e-6)))
+    return math.exp(float(scipy.optimize.brentq(excess, low, high, xtol=1e-6)))
 
 
 def _law(model: Model, speed: float, *, about_rest: bool = False) -> CutNormal:
