@@ -239,10 +239,9 @@ class Finder:
             starts = 2.0 * np.pi * random.random((len(gaps), 1)) + np.roll(ends, 1, axis=1)
             starts[:, 0] -= 2.0 * np.pi * periods
             starts = np.concatenate([self._even(motion, word, periods), starts])
-            stops = np.array(word)
-            found = kernel.seek(motion, stops, periods, starts, TOLERANCE)
-            for theta in starts[:found]:
-                yield Regime(word, periods, theta, sigma).shortest()
+            for theta in starts:
+                if _settles(motion, np.array(word), periods, theta):
+                    yield Regime(word, periods, theta, sigma).shortest()
 
     def _even(self, motion: kernel.Motion, word: tuple[int, ...], periods: int) -> Matrix:
         """Phases (number, impacts) at which impacts evenly in time meet the first stop.
@@ -254,12 +253,11 @@ class Finder:
         apart = 2.0 * np.pi * periods / count * np.arange(count)
         samples = 2 * self.family.sizes[2] + 1
         states, left = np.empty((count, 2 * self.family.sizes[0])), np.empty(count)
+        no_jacobian = np.empty((0, 0))
         distances = []
         for phase in 2.0 * np.pi * np.arange(samples) / samples:
-            none = np.empty((2, 2))[:1, :1]
-            if not kernel.residual(
-                motion, stops, phase + apart, periods, states, left, none, False
-            ):
+            theta = phase + apart
+            if not kernel.residual(motion, stops, theta, periods, states, left, no_jacobian):
                 return np.empty((0, count))
             distances.append(left[0])
         # coefficients of e^(i k phase) from the highest k to the lowest
@@ -468,6 +466,17 @@ def _rotations(word: tuple[int, ...]) -> list[tuple[int, ...]]:
     return [word[first:] + word[:first] for first in range(len(word))]
 
 
+def _settles(motion: kernel.Motion, stops: Whole, periods: int, theta: Vector) -> bool:
+    """Whether Newton's iteration, in the place of theta, ends at a regime that has no further
+    impact, and none whose speed or following flight is too short to be told from rounding."""
+    states = np.empty((len(stops), 2 * motion.rows.shape[1]))
+    return bool(
+        kernel.settle(motion, stops, periods, theta, states)
+        and kernel.slowest(motion, stops, theta, periods, states) > TOLERANCE
+        and kernel.survey(motion, stops, theta, periods, states)[0] >= -TOLERANCE
+    )
+
+
 def _passes(track: Track, seed: Regime) -> bool:
     """Whether a branch goes through a regime."""
     if track.periods != seed.periods or sorted(track.stops) != sorted(seed.stops):
@@ -518,14 +527,7 @@ class Settled:
         turns = math.floor(impacts[0, 0] / (2.0 * math.pi))
         phases, stops = impacts[:, 0] - 2.0 * math.pi * turns, impacts[:, 1].astype(np.int64)
         theta = phases.copy()
-        states = np.empty((len(stops), self.ends.shape[1]))
-        if not kernel.settle(motion, stops, periods, theta, states):
-            return None
-        if np.max(np.abs(theta - phases)) > 0.2:
-            return None
-        if kernel.slowest(motion, stops, theta, periods, states) <= TOLERANCE:
-            return None
-        if kernel.survey(motion, stops, theta, periods, states)[0] < -TOLERANCE:
+        if not _settles(motion, stops, periods, theta) or np.max(np.abs(theta - phases)) > 0.2:
             return None
         return Regime(tuple(stops.tolist()), periods, theta, sigma).shortest()
 

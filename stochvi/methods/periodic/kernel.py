@@ -141,6 +141,14 @@ def multiply(a, b, out):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def put(values, out):
+    """Copy a vector. The loop compiles within a hundredth of the time of `out[:] = values`, for
+    which numba compiles broadcasting and the text of its error messages."""
+    for i in range(len(values)):
+        out[i] = values[i]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def transition(g, time):
     """exp(G time) by a Taylor series of a part of the time, squared."""
     size = len(g)
@@ -247,7 +255,7 @@ def strike(motion, stop, y):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def residual(motion, stops, theta, periods, states, left, jacobian, with_jacobian):
+def residual(motion, stops, theta, periods, states, left, jacobian):
     """How far each impact of a regime is from its stop, and what its phases change.
 
     The state at the first impact is found from y = M y + c - sum of v_k d_k, M y + c that after the
@@ -255,8 +263,8 @@ def residual(motion, stops, theta, periods, states, left, jacobian, with_jacobia
     the motion is periodic, also that of a loose mass, which M y + c = y leaves free to move, and
     without damping at resonance. The v_k differ in size: there alike ones may cancel each other.
 
-    Writes the states (K, 2 n) before each impact, `left` (K,) and the Jacobian (K, K); False where
-    the phases do not determine the motion.
+    Writes the states (K, 2 n) before each impact, `left` (K,) and the Jacobian (K, K), which is not
+    computed if its array has the shape (0, 0); False where the phases do not determine the motion.
     """
     count, n = len(stops), motion.rows.shape[1]
     two, size = 2 * n, len(motion.generator)
@@ -331,13 +339,13 @@ def residual(motion, stops, theta, periods, states, left, jacobian, with_jacobia
         left[k] = -motion.positions[stops[k]]
         for i in range(n):
             left[k] += row[i] * states[k, i]
-    if not with_jacobian:
+    if len(jacobian) == 0:
         return True
     arriving, leaving = np.empty((count, two)), np.empty((count, two))
     z = np.empty(size)
     for k in range(count):
-        force_state(motion, theta[k], w)
-        z[:two], z[two:] = states[k], w
+        put(states[k], z[:two])
+        force_state(motion, theta[k], z[two:])
         rate(motion, z, arriving[k])
         strike(motion, stops[k], z[:two])
         rate(motion, z, unit)
@@ -385,19 +393,23 @@ def bordered(series, n, m, h, stops, periods, u, states, left, matrix):
     """Residual at u = (theta, WEIGHT sigma) and its derivatives, without the last row."""
     count = len(stops)
     there, change = np.empty_like(states), 1e-6
+    none, jacobian = np.empty((0, 0)), np.empty((count, count))
     for turn in range(3):
         # on either side, for the derivative by sigma, and last at u itself
         shift = 0.0 if turn == 2 else (change if turn == 1 else -change)
         motion = motion_at(series, u[count] / WEIGHT + shift, n, m, h)
         own = states if turn == 2 else there
-        theta, jacobian = u[:count], matrix[:count, :count]
-        if not residual(motion, stops, theta, periods, own, left, jacobian, turn == 2):
+        wanted = jacobian if turn == 2 else none
+        if not residual(motion, stops, u[:count], periods, own, left, wanted):
             return False
         for k in range(count):
             if turn == 0:
                 matrix[k, count] = -left[k]
             elif turn == 1:
                 matrix[k, count] = (matrix[k, count] + left[k]) / (2.0 * change * WEIGHT)
+            else:
+                for j in range(count):
+                    matrix[k, j] = jacobian[k, j]
     return True
 
 
@@ -446,16 +458,13 @@ def correct(series, n, m, h, stops, periods, u, normal, states):
 def settle(motion, stops, periods, theta, states):
     """Newton's iteration to a regime of one motion, in the place of theta; False where it fails."""
     count = len(stops)
-    matrix, left = np.empty((count + 1, count + 1)), np.empty(count)
-    square, right = np.empty((count, count)), np.empty((count, 1))
-    jacobian = matrix[:count, :count]
+    left, jacobian, right = np.empty(count), np.empty((count, count)), np.empty((count, 1))
     for _ in range(MOST_ITERATIONS):
-        if not residual(motion, stops, theta, periods, states, left, jacobian, True):
+        if not residual(motion, stops, theta, periods, states, left, jacobian):
             return False
-        square[:] = jacobian
         for k in range(count):
             right[k, 0] = -left[k]
-        if not solve(square, right):
+        if not solve(jacobian, right):
             return False
         largest = 0.0
         for k in range(count):
@@ -466,7 +475,7 @@ def settle(motion, stops, periods, theta, states):
         for k in range(count):
             theta[k] += factor * right[k, 0]
         if largest < CONVERGED * (1.0 + abs(theta[0])):
-            return residual(motion, stops, theta, periods, states, left, jacobian, False)
+            return residual(motion, stops, theta, periods, states, left, np.empty((0, 0)))
     return False
 
 
@@ -501,7 +510,9 @@ def follow(series, n, m, h, stops, periods, u, direction, grid, points, kinds):
         return 0, False
     if tangent[count] * direction < 0.0:
         tangent = -tangent
-    found, step, length = 0, 0.02, 0.0
+    # of a stated type: numba would compile `fill` once more for the literal 0
+    found = np.int64(0)
+    step, length = 0.02, 0.0
     fresh, way = u.copy(), tangent.copy()
     while found < len(points) - 4:
         for k in range(count + 1):
@@ -534,11 +545,12 @@ def follow(series, n, m, h, stops, periods, u, direction, grid, points, kinds):
                 motion = motion_at(series, fresh[count] / WEIGHT, n, m, h)
                 if slowest(motion, stops, fresh[:count], periods, states) > 0.0:
                     low = middle
-                    last[:] = fresh
+                    put(fresh, last)
                 else:
                     high = middle
             found = fill(series, n, m, h, stops, periods, u, last, grid, points, kinds, found)
-            points[found], kinds[found] = last, VANISHED
+            put(last, points[found])
+            kinds[found] = VANISHED
             return found + 1, False
         if way[count] * tangent[count] < 0.0:
             low, high = 0.0, 1.0
@@ -555,7 +567,8 @@ def follow(series, n, m, h, stops, periods, u, direction, grid, points, kinds):
                 else:
                     high = middle
             found = fill(series, n, m, h, stops, periods, u, turn, grid, points, kinds, found)
-            points[found], kinds[found] = turn, FOLD
+            put(turn, points[found])
+            kinds[found] = FOLD
             found = fill(
                 series, n, m, h, stops, periods, turn, fresh, grid, points, kinds, found + 1
             )
@@ -598,7 +611,8 @@ def fill(series, n, m, h, stops, periods, start, end, grid, points, kinds, found
             for k in range(count):
                 away = max(away, abs(u[k] - start[k] - share * (end[k] - start[k])))
             if away < 0.5:
-                points[found], kinds[found] = u, GRID
+                put(u, points[found])
+                kinds[found] = GRID
                 found += 1
     return found
 
@@ -607,7 +621,7 @@ def fill(series, n, m, h, stops, periods, start, end, grid, points, kinds, found
 def expand(g, z, out):
     """Taylor coefficients (TERMS, N) of exp(G tau) z."""
     size = len(g)
-    out[0] = z
+    put(z, out[0])
     for k in range(1, TERMS):
         for i in range(size):
             total = 0.0
@@ -726,7 +740,7 @@ def survey(motion, stops, theta, periods, states):
     two, size = 2 * n, len(motion.generator)
     longest = step_of(motion)
     margin, displacement, acceleration = np.inf, 0.0, 0.0
-    z, last, w = np.empty(size), np.empty(size), np.empty(size - two)
+    z, last = np.empty(size), np.empty(size)
     terms, c = np.empty((TERMS, size)), np.empty(TERMS)
     before, after = np.empty(two), np.empty(two)
     pull = acceleration_row(motion)
@@ -744,8 +758,8 @@ def survey(motion, stops, theta, periods, states):
         steps = max(1, math.ceil(time / longest))
         part = time / steps
         matrix = transition(motion.generator, part)
-        force_state(motion, theta[k], w)
-        z[:two], z[two:] = states[k], w
+        put(states[k], z[:two])
+        force_state(motion, theta[k], z[two:])
         if len(stops):
             rate(motion, z, before)
             speed = strike(motion, stops[k], z[:two])
@@ -767,7 +781,7 @@ def survey(motion, stops, theta, periods, states):
         multiply(whole[:two, :two], factors, other)
         factors, other = other, factors
         for number in range(steps):
-            last[:] = z
+            put(z, last)
             apply(matrix, last, z)
             expanded = False
             for s in range(-1, m):
@@ -815,7 +829,8 @@ def acceleration_row(motion):
     for j in range(size):
         for i in range(n):
             found[j] += motion.output[i] * motion.generator[n + i, j]
-    found[2 * n :] += motion.base
+    for j in range(size - 2 * n):
+        found[2 * n + j] += motion.base[j]
     return found
 
 
@@ -862,7 +877,7 @@ def inspect(series, n, m, h, stops, periods, points, found, speeds, factors, sta
     (number, 2 n) the states before the first impacts; NaN where there is no regime."""
     count = len(stops)
     states, left = np.empty((max(count, 1), 2 * n)), np.empty(count)
-    none = np.empty((2, 2))[:1, :1]
+    none = np.empty((0, 0))
     for number in range(len(points)):
         theta = points[number, : max(count, 1)]
         motion = motion_at(series, points[number, count] / WEIGHT, n, m, h)
@@ -870,39 +885,22 @@ def inspect(series, n, m, h, stops, periods, points, found, speeds, factors, sta
             theta = np.zeros(1)
             good = unstruck(motion, 0.0, states)
         else:
-            good = residual(motion, stops, theta, periods, states, left, none, False)
+            good = residual(motion, stops, theta, periods, states, left, none)
         if not good:
             found[number] = np.nan
             factors[number] = np.nan
             speeds[number] = np.nan
             starts[number] = np.nan
             continue
-        starts[number] = states[0]
+        put(states[0], starts[number])
         for k in range(count):
             speeds[number, k] = distance_of(motion, stops[k], states[k])[1]
         margin, displacement, acceleration, matrix = survey(motion, stops, theta, periods, states)
         found[number, 0] = margin
         found[number, 1] = displacement
         found[number, 2] = acceleration
-        factors[number] = matrix
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def seek(motion, stops, periods, starts, tolerance):
-    """Regimes that Newton's iteration finds from phases (number, K), in their place; returns how
-    many have no further impact, and none whose speed is a tolerance or less."""
-    count, found = len(stops), 0
-    states = np.empty((count, 2 * motion.rows.shape[1]))
-    for number in range(len(starts)):
-        theta = starts[number].copy()
-        if not settle(motion, stops, periods, theta, states):
-            continue
-        if not slowest(motion, stops, theta, periods, states) > tolerance:
-            continue
-        if survey(motion, stops, theta, periods, states)[0] >= -tolerance:
-            starts[found] = theta
-            found += 1
-    return found
+        for i in range(2 * n):
+            put(matrix[i], factors[number, i])
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -911,7 +909,8 @@ def held(motion):
     n, m, size = motion.rows.shape[1], len(motion.positions), len(motion.generator)
     found = np.empty((m, size, size))
     for s in range(m):
-        found[s] = motion.generator
+        for i in range(size):
+            put(motion.generator[i], found[s, i])
         row = motion.rows[s]
         square = 0.0
         for i in range(n):
@@ -995,20 +994,20 @@ def march(motion, start, periods, phase, ends, log):
     part = 2.0 * math.pi / motion.omega / steps
     resting = held(motion)
     matrix = transition(motion.generator, part)
-    z, fresh, w = np.empty(size), np.empty(size), np.empty(size - two)
+    z, fresh = np.empty(size), np.empty(size)
     terms, c = np.empty((TERMS, size)), np.empty(TERMS)
-    force_state(motion, phase, w)
-    z[:two], z[two:] = start, w
-    ends[0] = start
-    state, touched, skipped = FREE, FREE, FREE
+    put(start, z[:two])
+    put(start, ends[0])
+    # of a stated type: numba would compile what takes a stop once more for the literal FREE
+    state = np.int64(FREE)
+    touched, skipped = state, state
     hits, fastest, displacement = 0, 0.0, 0.0
     last_hits = -1
     for period in range(periods):
         before = hits
         last_place, last_moving = output_of(motion, z)
         # rounding of the turning force does not add up over many periods
-        force_state(motion, phase, w)
-        z[two:] = w
+        force_state(motion, phase, z[two:])
         for number in range(steps):
             left = part
             while left > 0.0:
@@ -1018,7 +1017,7 @@ def march(motion, start, periods, phase, ends, log):
                     sum_terms(terms, left, fresh)
                 else:
                     apply(matrix, z, fresh)
-                sooner, event, released = left, FREE, False
+                sooner, event, released = left, np.int64(FREE), False
                 for s in range(m):
                     if s in (state, skipped):
                         continue
@@ -1047,7 +1046,7 @@ def march(motion, start, periods, phase, ends, log):
                     if at >= 0.0:
                         sooner, event, released = at, FREE, True
                 if event == FREE and not released:
-                    z[:] = fresh
+                    put(fresh, z)
                     touched, skipped, left = FREE, FREE, 0.0
                     continue
                 sum_terms(terms, sooner, z)
@@ -1082,5 +1081,5 @@ def march(motion, start, periods, phase, ends, log):
                     ends_, rates = (last_place, place), (last_moving, moving)
                     displacement = max(displacement, swing(ends_, rates, part))
                 last_hits, last_place, last_moving = hits, place, moving
-        ends[period + 1] = z[:two]
+        put(z[:two], ends[period + 1])
     return hits, displacement
