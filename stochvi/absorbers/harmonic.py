@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stochvi.mathematics.state_space import transition
+from stochvi.methods.periodic.even import even_regimes
+from stochvi.methods.periodic.family import Numbers
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-
-ADMISSIBLE_SAMPLES = 720
-"""Number of instants of half a period at which the mass must lie inside its box."""
+UPPER_LOWER = (0, 1)
+"""Walls that are hit, in their order."""
 
 LAWS = {"book": 4.0 / math.pi, "flight": 8.0 / math.pi**2}
 """First harmonic of the relative motion over half the play: of a square wave, as the harmonic
@@ -134,16 +130,8 @@ def symmetric_regimes(
 ) -> list[SymmetricRegime]:
     """The exact regimes with one impact on each wall per period of a sine force on the structure.
 
-    Between impacts m x1'' + c x1' + k x1 = a cos(w t + phi) and x2' = u or -u. With j = 2 u m2 / m
-    the jump of x1' at an impact, F the transition over half a period and (P, Q)' = -(I + F)^-1 F
-    (0, 1)', motion that turns its sign every half period has before the upper impact
-
-        x1 = Re A + P j,  x1' = -w Im A + Q j,  A = a e^(i phi) / (k - m w^2 + i c w),
-
-    which must be x1 = pi u / (2 w) - play / 2 and x1' = u - (2 u + j) / (1 + R): a quadratic
-    equation for u. Roots at which the mass would pass a wall in between are left out. A regime is
-    stable where all eigenvalues of its map from impact to impact lie inside the unit circle; where
-    none is, the absorber works in bursts.
+    Those of `harmonic_response` with these impacts: all of them, since the distance at an impact is
+    a sine of the phase. Where none is stable, the absorber works in bursts, or idles.
 
     Parameters
     ----------
@@ -180,99 +168,32 @@ def symmetric_regimes(
         force=force, omega=omega,
     )  # fmt: skip
     _check_restitution(restitution)
-    generator = np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]])
-    half = transition(generator, math.pi / omega)
-    before = -np.linalg.solve(np.eye(2) + half, half @ [0.0, 1.0])
-    share = absorber_mass / mass
-    receptance = 1.0 / complex(stiffness - mass * omega**2, damping * omega)
-    # Re A = u along - play / 2 and -w Im A = u across
-    along = math.pi / (2.0 * omega) - 2.0 * share * before[0]
-    across = 1.0 - 2.0 * (1.0 + share) / (1.0 + restitution) - 2.0 * share * before[1]
-    roots = np.roots(
-        [
-            along**2 + (across / omega) ** 2,
-            -along * play,
-            play**2 / 4.0 - force**2 * abs(receptance) ** 2,
-        ]
+    roots = np.sqrt([mass, absorber_mass])
+    numbers = Numbers(
+        stiffness=np.diag([stiffness / mass, 0.0]),
+        damping=np.diag([damping / mass, 0.0]),
+        forces=np.array([[force / roots[0], 0.0, 0.0], [0.0, 0.0, 0.0]]),
+        rows=np.outer([1.0, -1.0], np.array([-1.0, 1.0]) / roots),
+        distances=np.full(2, play / 2.0),
+        restitutions=np.full(2, restitution),
+        omega=omega,
+        output=np.array([1.0 / roots[0], 0.0]),
+        base=np.zeros(3),
+        shapes=np.diag(1.0 / roots),
     )
-    speeds = sorted((float(u.real) for u in roots if u.imag == 0.0 and u.real > 0.0), reverse=True)
-    motion = _Motion.of(generator, share, omega, mass)
-    found = []
-    for speed in speeds:
-        wave = complex(speed * along - play / 2.0, -speed * across / omega)
-        push = 4.0 * absorber_mass * speed * omega / math.pi
-        impact_speed = 2.0 * speed * (1.0 + share) / (1.0 + restitution)
-        phase = cmath.phase(wave / receptance)
-        at = speed * math.pi / (2.0 * omega)
-        state = np.array(
-            [at - play / 2.0, speed - impact_speed, at, speed, force * math.cos(phase),
-             force * math.sin(phase)]
-        )  # fmt: skip
-        reset = motion.reset(restitution)
-        if motion.stays_inside(reset @ state, play / 2.0):
-            found.append(
-                SymmetricRegime(
-                    absorber_speed=speed,
-                    impact_speed=impact_speed,
-                    amplitude=abs(wave + receptance * push),
-                    amplitude_without=force * abs(receptance),
-                    phase=phase,
-                    stable=motion.forgets(state, reset),
-                )
-            )
-    return found
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """Free motion of (x1, x1', x2, x2', a cos, a sin): generator, mass share m2 / m, rad/s."""
-
-    generator: Matrix
-    share: float
-    omega: float
-
-    @classmethod
-    def of(cls, structure: Matrix, share: float, omega: float, mass: float) -> _Motion:
-        generator = np.zeros((6, 6))
-        generator[:2, :2] = structure
-        generator[1, 4] = 1.0 / mass
-        generator[2, 3] = 1.0
-        generator[4, 5], generator[5, 4] = -omega, omega
-        return cls(generator, share, omega)
-
-    def reset(self, restitution: float) -> Matrix:
-        """The matrix that takes the velocities before an impact to those after it."""
-        found = np.eye(6)
-        exchange = (1.0 + restitution) / (1.0 + self.share)
-        found[3, [1, 3]] += exchange, -exchange
-        found[1, [1, 3]] += -self.share * exchange, self.share * exchange
-        return found
-
-    def stays_inside(self, after: Vector, half_play: float) -> bool:
-        """Whether x2 - x1 keeps within the box on its way to the lower wall."""
-        onwards = transition(self.generator, math.pi / self.omega / ADMISSIBLE_SAMPLES)
-        for _ in range(1, ADMISSIBLE_SAMPLES):
-            after = onwards @ after
-            if not abs(after[2] - after[0]) <= half_play:
-                return False
-        return True
-
-    def forgets(self, before: Vector, reset: Matrix) -> bool:
-        """Whether disturbances of (x1, x1', x2', phase) at an impact shrink to the next one."""
-        wall = np.array([-1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-        # half a period later the state is its own negative
-        rate = -self.generator @ before
-        late = np.eye(6) - np.outer(rate, wall) / (wall @ rate)
-        cosine, sine = before[4:]
-        disturbed = np.zeros((6, 4))
-        disturbed[[0, 2, 1, 3], [0, 0, 1, 2]] = 1.0
-        disturbed[4:, 3] = -sine, cosine
-        read = np.zeros((4, 6))
-        read[[0, 1, 2], [0, 1, 3]] = 1.0
-        read[3, 4:] = np.array([-sine, cosine]) / (cosine**2 + sine**2)
-        half = transition(self.generator, math.pi / self.omega)
-        multipliers = np.linalg.eigvals(read @ late @ half @ reset @ disturbed)
-        return bool(np.max(np.abs(multipliers)) < 1.0)
+    without = force / abs(complex(stiffness - mass * omega**2, damping * omega))
+    return [
+        SymmetricRegime(
+            absorber_speed=float(each.velocity[1]),
+            impact_speed=float(each.impact_speed[0]),
+            amplitude=each.amplitude,
+            amplitude_without=without,
+            phase=math.remainder(float(each.phase[0]), 2.0 * math.pi),
+            stable=each.multiplier < 1.0,
+        )
+        for each in even_regimes(numbers, UPPER_LOWER)
+        if each.admissible
+    ]
 
 
 def _relative_amplitude(play: float, law: str) -> float:

@@ -178,6 +178,41 @@ def test_beyond_the_energy_boundary_no_kick_starts_a_regime(restitution):
         assert lasted == expected
 
 
+@pytest.mark.parametrize("restitution", [0.0, 0.4, 1.0])
+def test_a_regime_is_admissible_where_its_motion_stays_between_the_stops(restitution):
+    """By samples of the motion; at R = 0 a mass that is pressed on does not leave the stop."""
+    seen = set()
+    for ratio in (0.4, 0.8, 1.2, 1.7, 2.5, 3.3):
+        case = mount(
+            restitution, omega=1.0, damping_rate=0.01, amplitude=1.0, frequency=ratio,
+        )  # fmt: skip
+        for clearance in np.array([0.2, 0.9, 1.1]) * case.free_amplitude:
+            flight = Flight(case, clearance)
+            for regime in case.regimes(clearance):
+                time, state = after_impact(case, clearance, regime, 0.0)
+                free = state - flight.forced(time)
+                places = []
+                for _ in range(99):
+                    free = flight.one_step @ free
+                    time += flight.step
+                    places.append(abs((free + flight.forced(time))[0]))
+                assert regime.admissible == (max(places) <= clearance * (1.0 + 1e-9))
+                seen.add(regime.admissible)
+    assert seen == {True, False}
+
+
+def test_without_loss_two_regimes_remain_at_any_clearance():
+    """The force does no work: D - v tan(pi omega / 2 w) / omega = a or -a."""
+    case = mount(1.0, omega=1.0, damping_rate=0.0, amplitude=2.0, frequency=1.7)
+    assert case.energy_boundary == math.inf
+    rate = 1.0 / math.tan(math.pi / 3.4)
+    for share in (1.5, 40.0):
+        clearance = share * case.free_amplitude
+        expected = [(clearance + sign * case.free_amplitude) * rate for sign in (1.0, -1.0)]
+        found = [regime.impact_speed for regime in case.regimes(clearance)]
+        assert found == pytest.approx(expected, rel=1e-12)
+
+
 def test_what_is_out_of_range_is_refused():
     for changes, words in [
         ({"restitution": 1.2}, r"restitution must be in \[0, 1\], got 1.2"),

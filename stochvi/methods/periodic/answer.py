@@ -35,6 +35,8 @@ class Branch:
     displacement_max, acceleration_max
         Largest displacement from the unloaded position (m), and largest absolute acceleration
         between impacts (m/s^2), of the coordinate that was asked for.
+    amplitude
+        Amplitude of the first harmonic of that displacement, m.
     phase
         Phases of the force at the impacts (points, impacts), rad.
     displacement, velocity
@@ -57,6 +59,7 @@ class Branch:
     value: Vector
     frequency_hz: Vector
     displacement_max: Vector
+    amplitude: Vector
     acceleration_max: Vector
     phase: Vector
     displacement: Vector
@@ -224,6 +227,7 @@ class HarmonicResponse(Result):
                 "value": branch.value,
                 "frequency_hz": branch.frequency_hz,
                 "displacement_max": branch.displacement_max,
+                "amplitude": branch.amplitude,
                 "acceleration_max": branch.acceleration_max,
                 "impact_speed_max": speeds.max(axis=1, initial=0.0),
                 "multiplier": branch.multiplier,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from stochvi.methods.periodic import kernel
+from stochvi.methods.periodic.even import TOLERANCE, even_phases
 from stochvi.methods.periodic.family import Family
 from stochvi.results.deadline import NEVER, Deadline
 
@@ -26,9 +27,6 @@ POINT, FOLD, GRAZING, DOUBLING, BREAKING, TORUS = (
 """Names of points of a branch: of an ordinary one; where it turns back; where an impact vanishes or
 a further one appears; where a multiplier is -1; where it is 1 and the branch goes on; where a pair
 of complex ones has the modulus 1."""
-
-TOLERANCE = 1e-9
-"""Depth to which a regime may pass a stop, relative to the unit of length: rounding leaves less."""
 
 FASTEST = 1e6
 """Impact speed, in the units of the kernels, above which a solution is rounding: the phases of its
@@ -49,10 +47,6 @@ MOST_WORDS = 16
 
 STARTS = 10
 """Number of starts of Newton's iteration for each impact of an order."""
-
-NEAR_CIRCLE = 1e-3
-"""Distance from the unit circle up to which a root counts as a phase; at a grazing two roots meet
-on it."""
 
 SUBHARMONICS = (1, 2, 3)
 """Periods in which a regime of one impact, or of one on each of two stops, is looked for."""
@@ -238,35 +232,10 @@ class Finder:
             ends = 2.0 * np.pi * periods * np.cumsum(gaps, axis=1)
             starts = 2.0 * np.pi * random.random((len(gaps), 1)) + np.roll(ends, 1, axis=1)
             starts[:, 0] -= 2.0 * np.pi * periods
-            starts = np.concatenate([self._even(motion, word, periods), starts])
+            starts = np.concatenate([even_phases(motion, word, periods), starts])
             for theta in starts:
                 if _settles(motion, np.array(word), periods, theta):
                     yield Regime(word, periods, theta, sigma).shortest()
-
-    def _even(self, motion: kernel.Motion, word: tuple[int, ...], periods: int) -> Matrix:
-        """Phases (number, impacts) at which impacts evenly in time meet the first stop.
-
-        The distance at the first impact is a sum of harmonics of its phase, so that all its roots
-        are known: all regimes of one impact, and the symmetric ones of two between equal stops.
-        """
-        count, stops = len(word), np.array(word)
-        apart = 2.0 * np.pi * periods / count * np.arange(count)
-        samples = 2 * self.family.sizes[2] + 1
-        states, left = np.empty((count, 2 * self.family.sizes[0])), np.empty(count)
-        no_jacobian = np.empty((0, 0))
-        distances = []
-        for phase in 2.0 * np.pi * np.arange(samples) / samples:
-            theta = phase + apart
-            if not kernel.residual(motion, stops, theta, periods, states, left, no_jacobian):
-                return np.empty((0, count))
-            distances.append(left[0])
-        # coefficients of e^(i k phase) from the highest k to the lowest
-        waves = np.fft.fftshift(np.fft.fft(distances))[::-1]
-        if not np.all(np.isfinite(waves)) or not np.any(waves[:-1]):
-            return np.empty((0, count))
-        roots = np.roots(waves)
-        first = np.angle(roots[np.abs(np.abs(roots) - 1.0) < NEAR_CIRCLE])
-        return np.asarray(first[:, None] + apart)
 
     def _words(self) -> list[tuple[tuple[int, ...], int]]:
         """Orders of impacts, each once up to rotation, with their periods; the shortest first."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.methods.periodic import kernel
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
@@ -59,6 +60,17 @@ class Numbers:
         )  # fmt: skip
         return np.concatenate([np.ravel(part) for part in parts])
 
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """(n, m, h): coordinates, stops, harmonics."""
+        return *self.rows.shape[::-1], (self.forces.shape[1] - 1) // 2
+
+    def motion(self, units: Numbers) -> kernel.Motion:
+        """What the kernels take, in these units."""
+        series = (self.flat / units.flat)[None]
+        motion: kernel.Motion = kernel.motion_at(series, 0.5, *self.sizes)
+        return motion
+
     def units(self) -> tuple[Numbers, float, float]:
         """The units in which all numbers are of order one, and of these the length and the time."""
         reach = float(np.max(np.linalg.norm(self.rows, axis=1), initial=0.0)) or 1.0
@@ -83,6 +95,61 @@ class Numbers:
             length,
             1.0 / rate,
         )
+
+
+def parts_of(flat: Matrix, sizes: tuple[int, int, int]) -> dict[str, NDArray[np.float64]]:
+    """The numbers by their names, each with a first axis of points, from (points, numbers)."""
+    n, m, h = sizes
+    w = 2 * h + 1
+    shapes = {
+        "stiffness": (n, n), "damping": (n, n), "forces": (n, w), "rows": (m, n),
+        "distances": (m,), "restitutions": (m,), "omega": (), "output": (n,), "base": (w,),
+        "shapes": (n, n),
+    }  # fmt: skip
+    ends = np.cumsum([math.prod(shape) for shape in shapes.values()])
+    parts = np.split(flat, ends[:-1], axis=1)
+    return {
+        name: part.reshape(len(flat), *shape)
+        for (name, shape), part in zip(shapes.items(), parts, strict=True)
+    }
+
+
+def amplitudes(
+    flat: Matrix, sizes: tuple[int, int, int], stops: Sequence[int], periods: int, theta: Matrix,
+    speeds: Matrix,
+) -> Vector:  # fmt: skip
+    """Amplitude of the first harmonic of the output of regimes, from their impulses.
+
+    q = (K - w^2 + i w C)^-1 (B_cos - i B_sin + w / (pi P) sum of J_k e^(-i theta_k)), with P
+    periods and the change J_k = -(1 + R) v_k row / (row . row) of q' by an impact.
+
+    Parameters
+    ----------
+    flat, sizes
+        Numbers (points, numbers), and (n, m, h).
+    stops, periods, theta, speeds
+        Regimes: their stops, and phases and speeds (points, impacts).
+
+    Returns
+    -------
+    Vector
+        (points,), in the unit of length of the numbers; NaN at resonance without damping.
+    """  # fmt: skip
+    parts = parts_of(flat, sizes)
+    omega, word = parts["omega"][:, None], list(stops)
+    forces = parts["forces"]
+    pushed = forces[:, :, 0] - 1j * forces[:, :, 1] if sizes[2] else 0j * forces[:, :, 0]
+    if word:
+        rows, squares = parts["rows"], np.sum(parts["rows"] ** 2, axis=2)
+        sizes_of_jumps = (1.0 + parts["restitutions"][:, word]) * speeds / squares[:, word]
+        waves = -omega / (math.pi * periods) * sizes_of_jumps * np.exp(-1j * theta)
+        pushed = pushed + np.einsum("pk,pki->pi", waves, rows[:, word])
+    omega = omega[:, :, None]
+    stiffness = parts["stiffness"] - omega**2 * np.eye(sizes[0]) + 1j * omega * parts["damping"]
+    resonant = np.abs(np.linalg.det(stiffness)) == 0.0
+    stiffness[resonant] = np.nan * np.eye(sizes[0])
+    moved = np.linalg.solve(stiffness, pushed[:, :, None])[:, :, 0]
+    return np.asarray(np.abs(np.einsum("pi,pi->p", parts["output"], moved)))
 
 
 def unmet(model: Model) -> list[str]:
@@ -203,7 +270,7 @@ class Family:
             low=low,
             high=high,
             series=_series(at),
-            sizes=(len(middle.mass), len(pairs), (numbers.forces.shape[1] - 1) // 2),
+            sizes=numbers.sizes,
             stops=tuple(f"{pair.name} {stop.name}" for pair, stop in pairs),
             length=length,
             time=time,
@@ -224,10 +291,7 @@ class Family:
 
     def states(self, starts: Matrix, sigma: Vector) -> dict[str, Matrix]:
         """Displacements (m) and velocities (m/s) of the coordinates, from states of the kernels."""
-        n = self.sizes[0]
-        at = 2.0 * np.asarray(sigma) - 1.0
-        flat = np.polynomial.chebyshev.chebval(at, self.series[:, -n * n :])
-        shapes = flat.T.reshape(-1, n, n)
+        n, shapes = self.sizes[0], parts_of(self.flat(sigma), self.sizes)["shapes"]
         moved, moving = starts[:, :n], starts[:, n:]
         return {
             "displacement": self.length * np.einsum("kij,kj->ki", shapes, moved),
@@ -236,11 +300,13 @@ class Family:
 
     def frequency_hz(self, sigma: Vector | float) -> Vector:
         """Frequency of the force."""
-        n, m, h = self.sizes
-        place = 2 * n * n + n * (2 * h + 1) + m * n + 2 * m
-        at = 2.0 * np.asarray(sigma) - 1.0
-        omega = np.polynomial.chebyshev.chebval(at, self.series[:, place])
+        omega = parts_of(self.flat(sigma), self.sizes)["omega"].reshape(np.shape(sigma))
         return np.asarray(omega / self.time / (2.0 * math.pi))
+
+    def flat(self, sigma: Vector | float) -> Matrix:
+        """The scaled numbers (points, numbers) at places of the range."""
+        at = 2.0 * np.atleast_1d(sigma) - 1.0
+        return np.asarray(np.polynomial.chebyshev.chebval(at, self.series).T)
 
 
 def _place(model: Model, coordinate: str) -> int:

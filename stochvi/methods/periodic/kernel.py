@@ -40,6 +40,13 @@ LONGEST_CHANGE = 0.7
 CONVERGED = 3e-13
 """Change of a phase, rad, at which Newton's iteration has converged; rounding leaves some 1e-15."""
 
+SHRINKING, ROUNDED = 0.75, 1e-7
+"""A Newton step shrinks where it is less than this share of the one before. One that does not, and
+is smaller than this (rad), is rounding: that of 1e-16 is divided by the loss in a period."""
+
+UNLIKE = 0.6180339887498949
+"""Golden section: the fractional parts of its multiples are all different and spread evenly."""
+
 WEIGHT = 6.0
 """Weight of the parameter against the phases in the length of arc of a branch, rad."""
 
@@ -259,9 +266,10 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
     """How far each impact of a regime is from its stop, and what its phases change.
 
     The state at the first impact is found from y = M y + c - sum of v_k d_k, M y + c that after the
-    periods, d_k the distance at an impact and v_k a displacement along its row: where all d_k are 0
-    the motion is periodic, also that of a loose mass, which M y + c = y leaves free to move, and
-    without damping at resonance. The v_k differ in size: there alike ones may cancel each other.
+    periods, d_k the distance at an impact and v_k a change along its row: where all d_k are 0 the
+    motion is periodic, also that of a loose mass, which M y + c = y leaves free to move, and where
+    nothing or little is lost. The v_k mix displacement and velocity in unlike parts: alike ones may
+    cancel each other, and leave a motion that loses little undetermined but for its rounding.
 
     Writes the states (K, 2 n) before each impact, `left` (K,) and the Jacobian (K, K), which is not
     computed if its array has the shape (0, 0); False where the phases do not determine the motion.
@@ -272,21 +280,24 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
     forced, w = np.empty((count, two)), np.empty(size - two)
     whole, other = np.eye(two), np.empty((two, two))
     start, unit = np.zeros((two, 1)), np.empty(two)
-    pulls, held_ = np.zeros((count, n)), np.zeros((two, two))
+    pulls, held_ = np.zeros((count, two)), np.zeros((two, two))
     pulled = np.zeros(two)
     for k in range(count):
         row, square, distance = motion.rows[stops[k]], 0.0, -motion.positions[stops[k]]
         for i in range(n):
             square += row[i] * row[i]
             distance += row[i] * start[i, 0]
+        angle = 0.5 * math.pi * ((k + 1) * UNLIKE % 1.0)
         for i in range(n):
-            pulls[k, i] = row[i] / square / (k + 1)
+            pulls[k, i] = row[i] / square * math.cos(angle)
+            pulls[k, n + i] = row[i] / square * math.sin(angle)
+        for i in range(two):
             pulled[i] -= pulls[k, i] * distance
         for j in range(two):
             total = 0.0
             for i in range(n):
                 total += row[i] * whole[i, j]
-            for i in range(n):
+            for i in range(two):
                 held_[i, j] += pulls[k, i] * total
         end = theta[k + 1] if k + 1 < count else theta[0] + 2.0 * math.pi * periods
         flight = transition(motion.generator, (end - theta[k]) / motion.omega)
@@ -366,7 +377,7 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
                 for i in range(n):
                     change += motion.rows[stops[k], i] * moved[i]
                 jacobian[k, column] = change
-                for i in range(n):
+                for i in range(two):
                     pulled[i] -= pulls[k, i] * change
                 for i in range(two):
                     total = 0.0
@@ -414,13 +425,19 @@ def bordered(series, n, m, h, stops, periods, u, states, left, matrix):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def has_converged(change, before, phase):
+    """Whether the last change of Newton's iteration, after the one before, is rounding."""
+    return change < CONVERGED * (1.0 + abs(phase)) or SHRINKING * before <= change < ROUNDED
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def correct(series, n, m, h, stops, periods, u, normal, states):
     """Newton's iteration from u to a regime on the plane through u with a normal, in the place of
     u; the tangent of the branch there is written to `normal`. False where it fails."""
     count = len(stops)
     matrix, left = np.empty((count + 1, count + 1)), np.empty(count)
     at, right = u.copy(), np.empty((count + 1, 1))
-    converged = False
+    converged, before = False, np.inf
     for _ in range(MOST_ITERATIONS):
         if not bordered(series, n, m, h, stops, periods, u, states, left, matrix):
             return False
@@ -443,7 +460,7 @@ def correct(series, n, m, h, stops, periods, u, normal, states):
         factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
         for k in range(count + 1):
             u[k] += factor * right[k, 0]
-        converged = largest < CONVERGED * (1.0 + abs(u[0]))
+        converged, before = has_converged(largest, before, u[0]), largest
     if not converged:
         return False
     length = 0.0
@@ -459,6 +476,7 @@ def settle(motion, stops, periods, theta, states):
     """Newton's iteration to a regime of one motion, in the place of theta; False where it fails."""
     count = len(stops)
     left, jacobian, right = np.empty(count), np.empty((count, count)), np.empty((count, 1))
+    before = np.inf
     for _ in range(MOST_ITERATIONS):
         if not residual(motion, stops, theta, periods, states, left, jacobian):
             return False
@@ -474,8 +492,9 @@ def settle(motion, stops, periods, theta, states):
         factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
         for k in range(count):
             theta[k] += factor * right[k, 0]
-        if largest < CONVERGED * (1.0 + abs(theta[0])):
+        if has_converged(largest, before, theta[0]):
             return residual(motion, stops, theta, periods, states, left, np.empty((0, 0)))
+        before = largest
     return False
 
 
@@ -794,14 +813,15 @@ def survey(motion, stops, theta, periods, states):
                     start_rate += row * last[n + i]
                     finish += row * z[i]
                     finish_rate += row * z[n + i]
-                hit = len(stops) > 0 and s == stops[k] and number == 0
+                if len(stops) > 0 and s == stops[k] and number == 0:
+                    # a restitution of 0 leaves a rate of rounding: pressed on, the stop is passed
+                    stopped = abs(start_rate) <= 1e-12 * speed
+                    start_rate = push_of(motion, s, last) if stopped else start_rate
                 if s >= 0 and number == 0 and len(stops) > 0 and s != stops[k]:
                     margin = min(margin, -start)
                 if s < 0:
                     displacement = max(displacement, abs(start), abs(finish))
                 if start_rate * finish_rate >= 0.0 or (s >= 0 and start_rate < 0.0):
-                    continue
-                if hit and start_rate > 0.0:
                     continue
                 if not expanded:
                     expand(motion.generator, last, terms)

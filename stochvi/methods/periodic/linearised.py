@@ -231,6 +231,7 @@ def _branch(
         value=np.array([value for value, _, _, _ in rows]),
         frequency_hz=frequency / (2.0 * math.pi),
         displacement_max=np.array([_largest(*row[1:], form) for row in rows]),
+        amplitude=amplitude,
         acceleration_max=amplitude * (springs if based else frequency**2),
         phase=unknown,
         displacement=unknown[:, :1],

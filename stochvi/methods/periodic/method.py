@@ -18,7 +18,7 @@ from stochvi.methods.periodic.answer import (
     SpecialPoint,
 )
 from stochvi.methods.periodic.branches import Finder, Track
-from stochvi.methods.periodic.family import Family, unmet
+from stochvi.methods.periodic.family import Family, amplitudes, unmet
 from stochvi.methods.periodic.jumps import Sweep
 from stochvi.methods.periodic.linearised import FORMS, linearised, not_covered
 from stochvi.model.model import Model, model_of
@@ -281,6 +281,7 @@ def _branch(family: Family, track: Track) -> Branch:
         value=family.value(sigma),
         frequency_hz=family.frequency_hz(sigma),
         displacement_max=track.displacement * family.length,
+        amplitude=family.length * _amplitude(family, track),
         acceleration_max=track.acceleration * family.length / family.time**2,
         phase=track.points[:, :-1],
         **family.states(track.starts, sigma),
@@ -290,6 +291,12 @@ def _branch(family: Family, track: Track) -> Branch:
         admissible=track.admissible,
         names=track.names,
     )
+
+
+def _amplitude(family: Family, track: Track) -> Vector:
+    phases = track.points[:, :-1]
+    flat = family.flat(track.sigma)
+    return amplitudes(flat, family.sizes, track.stops, track.periods, phases, track.speeds)
 
 
 def _special_points(branches: Sequence[Branch]) -> tuple[SpecialPoint, ...]:

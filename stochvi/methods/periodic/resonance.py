@@ -14,15 +14,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 from scipy.special import ndtri
 
 from stochvi.mathematics.quadrature import gauss_legendre
+from stochvi.methods.periodic.even import even_regimes, widest
+from stochvi.methods.periodic.family import Numbers
+from stochvi.methods.periodic.linearised import Harmonic
 
 Vector = NDArray[np.float64]
 
-SAMPLES = 400
-"""Number of places in half a period at which a regime is checked for passing through a stop."""
+BOTH = (0, 1)
+"""Impacts of a regime between two stops, in their order: on the upper one and on the lower one."""
 
 HARMONICS = 63
 """Number of harmonics of the velocity of a regime. Those beyond have 0.6 % of the power of a jump,
@@ -109,43 +111,43 @@ class HarmonicResonance:
         w = self.frequency
         return self.amplitude / math.hypot(self.omega**2 - w**2, self.damping_rate * w)
 
-    @cached_property
-    def _flight(self) -> NDArray[np.float64]:
-        """Matrix F of the free motion over half of a regime, h = pi l / w."""
-        generator = np.array([[0.0, 1.0], [-(self.omega**2), -self.damping_rate]])
-        return np.asarray(expm(generator * math.pi * self.periods / self.frequency))
+    def _between(self, clearance: float) -> Numbers:
+        """The oscillator between stops at -clearance and clearance."""
+        return Numbers(
+            stiffness=np.array([[self.omega**2]]),
+            damping=np.array([[self.damping_rate]]),
+            forces=np.array([[self.amplitude, 0.0, 0.0]]),
+            rows=np.array([[1.0], [-1.0]]),
+            distances=np.array([clearance, clearance]),
+            restitutions=np.array([self.restitution, self.restitution]),
+            omega=self.frequency,
+            output=np.ones(1),
+            base=np.zeros(3),
+            shapes=np.eye(1),
+        )
 
     @cached_property
-    def _response(self) -> tuple[float, float]:
-        """(P, Q) = (F + I)^-1 (R F_12, R F_22 - 1): at an impact of the speed v the motion that the
-        impacts add to the one without stops is v P, its velocity v (1 + Q)."""
-        flight, r = self._flight, self.restitution
-        right = np.array([r * flight[0, 1], r * flight[1, 1] - 1.0])
-        p, q = np.linalg.solve(flight + np.eye(2), right)
-        return float(p), float(q)
-
-    @property
     def energy_boundary(self) -> float:
-        """Largest clearance with a regime, D = a sqrt(1 + (P w / Q)^2), m (B 3.17).
+        """Largest clearance with a regime, m (B 3.17).
 
         Beyond it the force cannot supply what impacts and damper take at any phase.
         """
-        p, q = self._response
-        return self.free_amplitude * math.hypot(1.0, p * self.frequency / q) if q else math.inf
+        clearance = self.free_amplitude
+        return clearance * widest(self._between(clearance), BOTH, self.periods)
 
     @property
     def harmonic_boundary(self) -> float:
         """The same by harmonic linearisation, a_p / ((b + (1 - R^2) w / pi) w), m (B 9.15)."""
-        w = self.frequency
-        loss = (1.0 - self.restitution**2) * w / math.pi
-        total = (self.damping_rate + loss) * w
-        return self.amplitude / total if total else math.inf
+        return Harmonic(
+            omega=self.omega, damping_rate=self.damping_rate, peak=self.amplitude,
+            frequency=self.frequency, gap=0.0, restitution=self.restitution, both_sides=True,
+        ).boundary  # fmt: skip
 
     def regimes(self, clearance: float) -> tuple[Regime, ...]:
         """Regimes between stops at -clearance and clearance (m), fastest first.
 
-        The speed solves (D - v P)^2 + (v Q / w)^2 = a^2: up to the energy boundary there are two
-        of them where D is above the amplitude without stops, of which the slower is unstable.
+        Up to the energy boundary there are two of them where the clearance is above the amplitude
+        without stops, of which the slower is unstable.
 
         Examples
         --------
@@ -158,51 +160,18 @@ class HarmonicResonance:
         >>> mount.regimes(4.6e-4)
         ()
         """
-        p, q = self._response
-        w, a = self.frequency, self.free_amplitude
-        square = p**2 + (q / w) ** 2
-        root = (clearance * p) ** 2 - square * (clearance**2 - a**2)
-        if root < 0.0 or square == 0.0:
-            return ()
-        speeds = [(clearance * p + sign * math.sqrt(root)) / square for sign in (1.0, -1.0)]
-        return tuple(self._regime(clearance, v) for v in sorted(speeds, reverse=True) if v > 0.0)
-
-    def _regime(self, clearance: float, v: float) -> Regime:
-        p, q = self._response
-        phase = math.atan2(v * q / self.frequency, clearance - v * p)
-        return Regime(
-            impact_speed=v,
-            phase=phase,
-            multiplier=self._multiplier(clearance, v, phase),
-            admissible=self._stays_inside(clearance, v, phase),
+        w = self.frequency
+        lag = math.atan2(self.damping_rate * w, self.omega**2 - w**2)
+        return tuple(
+            Regime(
+                impact_speed=float(each.impact_speed[0]),
+                phase=math.remainder(float(each.phase[0]) - lag, 2.0 * math.pi),
+                # half of the period, after which the motion is its own mirror image
+                multiplier=math.sqrt(each.multiplier),
+                admissible=each.admissible,
+            )
+            for each in even_regimes(self._between(clearance), BOTH, self.periods)
         )
-
-    def _multiplier(self, clearance: float, v: float, phase: float) -> float:
-        """Largest eigenvalue of flight after impact for a small disturbance.
-
-        An impact turns a disturbance (dx, dv) into (-R dx, -R dv + (g+ + R g-) dx / v), g the
-        acceleration before and after it.
-        """
-        r, w, b = self.restitution, self.frequency, self.damping_rate
-        a = self.free_amplitude
-        force = a * ((self.omega**2 - w**2) * math.cos(phase) - b * w * math.sin(phase))
-        spring = force - self.omega**2 * clearance
-        before, after = spring - b * v, spring + b * r * v
-        impact = np.array([[-r, 0.0], [(after + r * before) / v, -r]])
-        return float(np.abs(np.linalg.eigvals(self._flight @ impact)).max())
-
-    def _stays_inside(self, clearance: float, v: float, phase: float) -> bool:
-        p, q = self._response
-        w, a = self.frequency, self.free_amplitude
-        times = np.linspace(0.0, math.pi * self.periods / w, SAMPLES + 1)[1:-1]
-        added = np.array([v * p, v * (1.0 + q) - (1.0 + self.restitution) * v])
-        generator = np.array([[0.0, 1.0], [-(self.omega**2), -self.damping_rate]])
-        step = np.asarray(expm(generator * times[0]))
-        places = []
-        for time in times:
-            added = step @ added
-            places.append(a * math.cos(w * time + phase) + float(added[0]))
-        return bool(np.max(np.abs(places)) <= clearance * (1.0 + 1e-9))
 
 
 @dataclass(frozen=True, kw_only=True)
