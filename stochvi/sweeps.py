@@ -12,7 +12,7 @@ import itertools
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +31,7 @@ from stochvi.results.errors import (
 )
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.results.response import Response
 from stochvi.scenes.key_units import key_unit
 from stochvi.scenes.keys import Change, changed_scene, holder_of, is_place, unknown_key, written_key
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from stochvi.methods.replay import Replay
     from stochvi.statistics.reliability import Reliability
 
-Progress = Callable[[float, str], None]
 METHODS = (
     "simulate", "exact", "closure", "fokker-planck", "average", "size", "reliability", "replay"
 )  # fmt: skip
@@ -59,6 +59,7 @@ ERROR, BIAS, LIMIT = "standard_error", "bias", "upper_95"
 """Endings of the columns of a table that hold the errors of a quantity."""
 
 
+@shown_in_notebooks
 def sweep(
     scene: Scene | str | Path,
     vary: Mapping[str, Sequence[float]],

@@ -16,13 +16,13 @@ from scipy.ndimage import maximum_filter1d
 from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.absorbers.tuned_damper import TunedDamper, tuned_damper
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.simulate import compile_kernels
 from stochvi.results.base import Result, total_cost
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import Restitution
@@ -122,6 +122,7 @@ class Design(Result):
         return {"method": "absorber design", **found, "scene": self.scene.document()}
 
 
+@shown_in_notebooks
 def design_absorber(
     structure: Scene,
     *,

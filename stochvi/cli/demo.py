@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from stochvi.cli.options import Common, common
-from stochvi.cli.output import Report, console_for, progress_bar
+from stochvi.cli.output import console_for, progress_bar
 from stochvi.cli.program import FAILED, main, stop
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from stochvi.results.progress import Progress
     from stochvi.scenes.scene import Scene
     from stochvi.verification.check import Check
 
@@ -41,7 +42,7 @@ def demo(options: Common, out: Path) -> None:
         stop("the methods disagree, see above", FAILED)
 
 
-def run_demo(options: Common, out: Path, console: Console, report: Report) -> bool:
+def run_demo(options: Common, out: Path, console: Console, report: Progress) -> bool:
     """Run the demo, print its tables, write them with pictures to `out`; True if all agree."""
     from stochvi.scenes.datasets import shipped_scene
     from stochvi.scenes.scene import load_scene
@@ -95,7 +96,7 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
 
 
 def _show_isolator(
-    scene: Scene, out: Path, options: Common, console: Console, report: Report
+    scene: Scene, out: Path, options: Common, console: Console, report: Progress
 ) -> None:
     from stochvi.isolators.screening import clearance_curve, predicted_curve, screen_isolator
     from stochvi.statistics.overview import overview

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from stochvi.cli.output import Report, console_for, progress_bar
+from stochvi.cli.output import console_for, progress_bar
 from stochvi.cli.program import FAILED, stop
 from stochvi.results.deadline import Deadline, asked_for, heeding_ctrl_c
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.results.origin import Origin
+    from stochvi.results.progress import Progress
 
 BUDGET = 60.0
 """Seconds of wall time that a command may take to reach an accuracy, unless --budget is given."""
@@ -128,7 +129,7 @@ class Common:
         rest = self.until(self.budget).rest
         return {"seed": self.seed, "threads": self.threads, "budget": rest}
 
-    def progress(self, title: str) -> AbstractContextManager[Report]:
+    def progress(self, title: str) -> AbstractContextManager[Progress]:
         """Progress of a calculation on standard error, unless --quiet is given."""
         return progress_bar(self.quiet, title)
 

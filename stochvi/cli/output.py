@@ -7,18 +7,17 @@ import os
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, TextIO
 
 import click
+
+from stochvi.results.progress import Pace, Progress
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from rich.console import Console
-
-Report = Callable[[float, str], None]
-"""A function of the fraction of the work that is done and of the name of the current step."""
 
 LINE_SECONDS = 2.0
 """Seconds between two lines of progress, where standard error is not a terminal."""
@@ -70,10 +69,10 @@ def visible(text: str) -> str:
 
 
 @contextlib.contextmanager
-def progress_bar(quiet: bool, title: str, console: Console | None = None) -> Iterator[Report]:
+def progress_bar(quiet: bool, title: str, console: Console | None = None) -> Iterator[Progress]:
     """A bar on a terminal, elsewhere a line every few seconds."""
+    from rich import progress
     from rich.markup import escape
-    from rich.progress import Progress
 
     if quiet:
         yield lambda done, text: None
@@ -82,30 +81,24 @@ def progress_bar(quiet: bool, title: str, console: Console | None = None) -> Ite
         yield _progress_in_lines(title)
         return
     terminal = console if console and console.is_terminal else new_console(sys.stderr)
-    with Progress(console=terminal, transient=True) as bar:
+    with progress.Progress(console=terminal, transient=True) as bar:
         task = bar.add_task(title, total=1.0)
         yield lambda done, text: bar.update(
             task, completed=done, description=escape(visible(f"{title}: {text}"))
         )
 
 
-def _progress_in_lines(title: str) -> Report:
-    """Progress in plain lines, the first after some seconds.
-
-    The time left follows from the rate at which the fraction has grown since the first report.
-    """
-    start = last = time.monotonic()
-    first: float | None = None
+def _progress_in_lines(title: str) -> Progress:
+    """Progress in plain lines, the first after some seconds."""
+    pace = Pace(title)
+    last = time.monotonic()
 
     def line(done: float, text: str) -> None:
-        nonlocal first, last
-        first, now = done if first is None else first, time.monotonic()
-        if now - last < LINE_SECONDS:
-            return
-        last = now
-        grown = done - first
-        left = f", {(1.0 - done) * (now - start) / grown:.0f} s left" if grown > 0.0 else ""
-        echo(f"{title}: {100.0 * done:.0f} %, {text}{left}")
+        nonlocal last
+        sentence, now = pace(done, text), time.monotonic()
+        if now - last >= LINE_SECONDS:
+            last = now
+            echo(sentence)
 
     return line
 

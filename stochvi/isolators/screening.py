@@ -18,7 +18,6 @@ from stochvi.mathematics.spectra import LinearMoments, Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
@@ -27,6 +26,7 @@ from stochvi.results.base import COMMON, Result
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, provenance
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -232,6 +232,7 @@ def with_clearances(scene: Scene, clearances: Vector) -> Scene:
     return whole.model_copy(update={"impact_pairs": tuple(pairs)})
 
 
+@shown_in_notebooks
 def clearance_curve(
     scene: Scene,
     clearances: Sequence[float] | Matrix,

@@ -240,9 +240,15 @@ class Response(Result):
             raise ValueError(f"the document of a response lacks or misnames {error}") from error
 
     def __repr__(self) -> str:
-        lines = [
-            f"  {owner}.{name} = {format_with_error(estimate.value, estimate.standard_error)} "
-            f"{in_angles(owner, QUANTITY_UNITS[name])}"
-            for (owner, name), estimate in self.estimates().items()
-        ]
-        return "\n".join([f"<{self.method}", *lines]) + ">"
+        lines = [f"<{self.method}"]
+        for (owner, name), estimate in self.estimates().items():
+            value = format_with_error(estimate.value, estimate.standard_error)
+            bias = estimate.bias
+            if bias is None:
+                off = ", bias not known"
+            else:
+                off = f", bias up to {bias:.2g}" if bias > estimate.standard_error else ""
+            lines.append(
+                f"  {owner}.{name} = {value} {in_angles(owner, QUANTITY_UNITS[name])}{off}"
+            )
+        return "\n".join(lines) + ">"

@@ -131,7 +131,8 @@ def _heading_cells(
 
 
 def _is_unit(cell: str) -> bool:
-    return _known(cell.strip("[]()")) is not None or _known(cell) is not None
+    inner = cell[1:-1] if cell[:1] + cell[-1:] in ("[]", "()") else cell
+    return _known(inner) is not None or _known(cell) is not None
 
 
 def _known(spelling: str) -> Unit | None:

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
-from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
+from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
 from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, Records, crossing_plan

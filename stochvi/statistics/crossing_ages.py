@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
-from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
+from stochvi.results.progress import Progress
 
 Vector = NDArray[np.float64]
 

@@ -31,7 +31,6 @@ from scipy.fft import ifft
 from scipy.special import ndtr
 
 from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
-from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.tabulated import (
     MOST_SAMPLES,
     WARM_UP_RELAXATIONS,
@@ -41,6 +40,7 @@ from stochvi.methods.monte_carlo.tabulated import (
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import STRIDES, CrossingAges, until_accurate
 
@@ -78,6 +78,7 @@ class FirstCrossings(CrossingAges):
     velocity_std: float
 
 
+@shown_in_notebooks
 def first_crossings(
     scene: Scene,
     clearances: ArrayLike | None = None,

@@ -21,12 +21,12 @@ from scipy.special import ndtr, ndtri
 
 from stochvi.methods.monte_carlo.gap_response import GapResponse, plan_gaps
 from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
-from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.tabulated import MOST_SAMPLES
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import STRIDES, CrossingAges, until_accurate
 from stochvi.statistics.first_crossings import (
@@ -114,6 +114,7 @@ class PairCrossings(CrossingAges):
         )
 
 
+@shown_in_notebooks
 def pair_crossings(
     scene: Scene,
     *,

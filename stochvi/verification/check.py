@@ -12,7 +12,6 @@ from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.results.base import COMMON, Result, total_cost
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
@@ -24,6 +23,7 @@ from stochvi.results.intervals import (
     satterthwaite_degrees,
     student_quantile,
 )
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
@@ -161,6 +161,7 @@ class MethodResponses:
         return compared + sum(len(response.identities) for response in self.responses)
 
 
+@shown_in_notebooks
 def check(
     scene: Scene,
     *,

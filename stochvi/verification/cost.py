@@ -27,7 +27,7 @@ from stochvi.methods.monte_carlo.quantities import (
     of_coordinate,
 )
 from stochvi.methods.monte_carlo.rigid_white import LARGEST_ANGLE
-from stochvi.methods.monte_carlo.rounds import FEWEST_PATHS, Progress
+from stochvi.methods.monte_carlo.rounds import FEWEST_PATHS
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.model.model import model_of
@@ -36,6 +36,7 @@ from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import thread_seconds
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import ROUNDING, approximations
@@ -300,6 +301,7 @@ def spoken_time(seconds: float) -> str:
     return f"{amount:.2g} {name}" if amount < 100.0 else f"{amount:.0f} {name}"
 
 
+@shown_in_notebooks
 def cost(
     scene: Scene,
     *,

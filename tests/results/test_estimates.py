@@ -262,3 +262,12 @@ def test_the_box_of_a_loose_mass_says_what_it_does_not_know():
     response = linearise(load_scene(shipped_scene("absorber-in-a-box")))
     assert response.impact_pairs["box"].collision_rate is None
     assert any("rates" in warning for warning in response.warnings)
+
+
+def test_a_response_shows_the_bias_that_its_digits_do_not_hold() -> None:
+    scene = load_scene(shipped_scene("oscillator-lossy"))
+    line = next(each for each in repr(linearise(scene)).splitlines() if "x.velocity_std" in each)
+    bias = linearise(scene).coordinates["x"]["velocity_std"].bias
+    assert bias is not None
+    assert line.endswith(f"m/s, bias up to {bias:.2g}")
+    assert "bias" not in repr(exact(oscillator()))

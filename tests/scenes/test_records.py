@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from stochvi import RecordedNoise, SceneError, screen
+from stochvi import RecordedNoise, SceneError, TabulatedNoise, screen
 from stochvi.mathematics.spectra import response_moments
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.readers import TIME_RESPONSE
@@ -311,6 +311,16 @@ def test_one_of_several_columns_is_chosen(tmp_path: Path, column: str | int) -> 
     with pytest.raises(SceneError, match=r"unit is 'm/s2', but line 1 of .* says 'g'"):
         RecordedNoise(file=path, column=column, unit="m/s2")
     assert RecordedNoise(file=path, column=column, unit="gn").density_unit == "g2/Hz"
+
+
+def test_columns_are_listed_by_their_names_not_by_the_units_below(tmp_path: Path) -> None:
+    path = tmp_path / "lab.csv"
+    heading = "Frequenz;PSD;Phase\n[Hz];[(m/s²)²/Hz];[°]\n"
+    path.write_text(f"{heading}5,0;0,5;0\n10,0;1,9;0\n20,0;1,9;0\n", encoding="utf-8")
+    with pytest.raises(SceneError, match="column = 'PSD'") as failure:
+        TabulatedNoise(file=str(path))
+    assert "2 PSD" in str(failure.value)
+    assert TabulatedNoise(file=str(path), column="PSD").density_unit == "(m/s2)2/Hz"
 
 
 def test_fs_agrees_with_times_or_is_refused_and_stands_for_them(tmp_path: Path) -> None:

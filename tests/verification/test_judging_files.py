@@ -467,6 +467,16 @@ def test_a_file_that_cannot_be_judged_is_refused_by_row_and_column(
         assert word in sentence
 
 
+def test_a_name_is_the_problem_though_a_program_is_called_the_same(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "linear").write_bytes(b"\x7fELF\x80")
+    (tmp_path / "mine.csv").write_text(GOOD, encoding="utf-8")
+    assert stochvi("judge", "mine.csv", "--problem", "linear").code == 0
+    assert "not JSON" in refused(stochvi("judge", "mine.csv", "--problem", "./linear"))
+
+
 def test_a_problem_that_is_not_there_is_refused(stochvi: Run, tmp_path: Path) -> None:
     file = tmp_path / "mine.csv"
     file.write_text(GOOD, encoding="utf-8")

@@ -26,12 +26,12 @@ from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.pair_tolerances import tolerance_table
 from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
-from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, as_far_as_it_got
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
+from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import MISSED, largest_error
 from stochvi.statistics.pair_crossings import PairCrossings, PairMotion, own_distances

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -44,11 +44,9 @@ from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.intervals import upper_limit_unseen
+from stochvi.results.progress import Progress
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
-
-Progress = Callable[[float, str], None]
-"""A function that is called with the fraction done (0 to 1) and a sentence about the progress."""
 
 FIRST_BLOCKS = 1
 """Number of blocks of paths in the first round."""

@@ -30,7 +30,6 @@ from stochvi.methods.monte_carlo.quantities import (
 from stochvi.methods.monte_carlo.rounds import (
     COMPILING_SECONDS,
     FEWEST_PATHS,
-    Progress,
     Run,
     compiling,
     relative_standard_errors,
@@ -39,6 +38,7 @@ from stochvi.methods.monte_carlo.rounds import (
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotConverged
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
@@ -55,6 +55,7 @@ FEWEST_IN_PILOT = 16
 16 paths give to 18 %, so that it is good to 40 %."""
 
 
+@shown_in_notebooks
 def simulate(
     scene: Scene,
     *,

@@ -32,6 +32,7 @@ from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts.answer import Exponent, ImpactStatistics, PairStatistics
@@ -51,7 +52,6 @@ from stochvi.statistics.impacts.tallies import (
 )
 
 Vector = NDArray[np.float64]
-Progress = Callable[[float, str], None]
 
 SLOWEST_SHARE, FASTEST_SHARE = 0.01, 10.0
 """Speeds that a histogram holds, in rms speeds; from the threshold if that is more."""
@@ -100,6 +100,7 @@ MOST_UNSEEN = 2**17
 """Paths without any impact after which none is looked for, also where there is time left."""
 
 
+@shown_in_notebooks
 def impacts(
     scene: Scene,
     *,

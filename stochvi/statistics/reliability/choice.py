@@ -12,7 +12,7 @@ import numpy as np
 
 from stochvi.methods.monte_carlo.blocks import Block, Crew, Work, blocks_between
 from stochvi.methods.monte_carlo.missions import MissionPlan
-from stochvi.methods.monte_carlo.rounds import Progress, compiling
+from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.splitting import (
     PARTICLES,
     SHARE,
@@ -30,6 +30,7 @@ from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import logarithmic_interval
+from stochvi.results.progress import Progress
 from stochvi.statistics.reliability.answer import Chance
 
 Way = Literal["crude", "splitting", "first crossings"]

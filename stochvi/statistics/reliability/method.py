@@ -26,13 +26,13 @@ from stochvi.methods.monte_carlo.missions import (
     passage_plan,
     settling_time,
 )
-from stochvi.methods.monte_carlo.rounds import Progress
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import deviations
 from stochvi.statistics.reliability.answer import Chance, Reliability
@@ -50,6 +50,7 @@ AT_ONCE = 0.05
 """Share of P(hit) that is there at the start, from which a warning tells its size."""
 
 
+@shown_in_notebooks
 def reliability(
     scene: Scene,
     *,

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from concurrent.futures import Executor
 from functools import partial
 from typing import Literal
@@ -35,6 +34,7 @@ from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import CONFIDENCE, PathMoments, delta_method, student_quantile
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.answer import UNITS, Curve, ResponseSpectrum
@@ -47,8 +47,6 @@ from stochvi.statistics.spectra.segments import (
     moments_of,
     products,
 )
-
-Progress = Callable[[float, str], None]
 
 SEGMENT_BANDWIDTHS = 21.0
 """Segment times half-power bandwidth. Hann's kernel has the variance 1 / (3 T^2), a resonance the
@@ -80,6 +78,7 @@ EXCITED = 1e-3
 transmissibility and coherence are told above."""
 
 
+@shown_in_notebooks
 def spectrum(
     scene: Scene,
     *,

@@ -128,7 +128,10 @@ def problem_named(
     problem: str | Path, *, paths: int = PATHS, relaxations: float = RELAXATIONS
 ) -> tuple[Problem, Response]:
     """A problem by its name or from its file, with its answer."""
-    if Path(problem).suffix.lower() == ".json" or Path(problem).is_file():
+    # a name comes before a file of that name, which may be the program that is judged
+    if str(problem) not in known_answers() and (
+        Path(problem).suffix.lower() == ".json" or Path(problem).is_file()
+    ):
         own = read_problem(problem)
         truth = solved(own.scene, own.speed_threshold)
         thresholds = {pair["speed_threshold"] for pair in truth.impact_pairs.values()}

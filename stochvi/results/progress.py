@@ -1,0 +1,112 @@
+"""How far a calculation is: who is called with that, and what a notebook shows of it."""
+
+from __future__ import annotations
+
+import functools
+import html
+import sys
+import time
+from collections.abc import Callable
+from threading import Lock
+from typing import Any, ParamSpec, TypeVar
+
+Progress = Callable[[float, str], None]
+"""A function that is called with the fraction done (0 to 1) and a sentence about the progress."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+FIRST_SECONDS = 1.0
+"""Seconds before a notebook shows the progress of a calculation: shorter ones would only blink."""
+
+NEXT_SECONDS = 0.2
+"""Seconds between two changes of what a notebook shows."""
+
+_CELL = Lock()
+"""Held while a notebook shows progress: what a calculation calls does not show its own."""
+
+
+class Pace:
+    """Progress as a sentence, with the time left.
+
+    The time left follows from the rate at which the fraction has grown since the first report.
+
+    Examples
+    --------
+    >>> Pace("size")(0.25, "first crossings")
+    'size: 25 %, first crossings'
+    """
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self.start = time.monotonic()
+        self.first: float | None = None
+
+    def __call__(self, done: float, text: str) -> str:
+        self.first = done if self.first is None else self.first
+        grown, passed = done - self.first, time.monotonic() - self.start
+        left = f", {(1.0 - done) * passed / grown:.0f} s left" if grown > 0.0 else ""
+        return f"{self.title}: {100.0 * done:.0f} %, {text}{left}"
+
+
+def shown_in_notebooks(function: Callable[P, T]) -> Callable[P, T]:
+    """Let a function show its progress in a notebook, if its argument `progress` is left out.
+
+    Outside notebooks the function stays silent, as programs expect it.
+    """
+
+    @functools.wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        display = _display_of_notebook()
+        if display is None or kwargs.get("progress") or not _CELL.acquire(blocking=False):
+            return function(*args, **kwargs)
+        bar = _Bar(function.__name__, display)
+        kwargs["progress"] = bar
+        try:
+            return function(*args, **kwargs)
+        finally:
+            bar.clear()
+            _CELL.release()
+
+    return run
+
+
+def _display_of_notebook() -> Callable[..., Any] | None:
+    """The function `display` of the notebook that runs this process, None where there is none."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython else None
+    if getattr(shell, "kernel", None) is None:
+        return None
+    # a notebook draws HTML itself; the bars of rich and tqdm there need ipywidgets besides
+    from IPython.display import display
+
+    return display
+
+
+class _Bar:
+    """A bar and a sentence in the output of a cell, which goes when the calculation ends."""
+
+    def __init__(self, title: str, display: Callable[..., Any]) -> None:
+        self.pace = Pace(title)
+        self.display = display
+        self.next = time.monotonic() + FIRST_SECONDS
+        self.handle: Any = None
+
+    def __call__(self, done: float, text: str) -> None:
+        sentence = self.pace(done, text)
+        if time.monotonic() < self.next:
+            return
+        self.next = time.monotonic() + NEXT_SECONDS
+        page = f'<progress max="1" value="{done:.3f}"></progress> {html.escape(sentence)}'
+        self._show({"text/html": page, "text/plain": sentence})
+
+    def clear(self) -> None:
+        """Leave nothing behind in the notebook that is saved."""
+        if self.handle:
+            self._show({"text/html": "", "text/plain": ""})
+
+    def _show(self, forms: dict[str, str]) -> None:
+        if self.handle:
+            self.handle.update(forms, raw=True)
+        else:
+            self.handle = self.display(forms, raw=True, display_id=True)
