@@ -43,6 +43,8 @@ LESS = {
     "impacts": ["--paths", "64"],
     "sweep, simulated": ["--rel-error", "0.2"],
     "sine": ["--points", "3"],
+    "basins": ["--start", "displacement.x=0", "--start", "velocity.x=-0.1:0.1:3"],
+    "bifurcation": ["--points", "3"],
 }
 """Options after those of a command, where the later of two counts, that ask for less work."""
 

@@ -80,6 +80,8 @@ RECORD = {"record": RecordVerdict}
 
 CHANGES = {
     "AbsorberReport": Change(METHOD, renamed={"performances": "levels"}),
+    "Basins": Change(METHOD),
+    "Bifurcation": Change(METHOD),
     "Check": Change(JUDGED),
     "Checks": Change(
         JUDGED | {"summary": str, "alarms": ROWS, "scenes": Mapping[str, dict[str, Any]]},

@@ -1,13 +1,16 @@
-"""The command of periodic regimes: what a structure with stops does under a sine."""
+"""Commands of motions under a sine: regimes, basins and bifurcations."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from stochvi.cli.options import FREQUENCY, Common, common, shown
 from stochvi.cli.program import main
+
+if TYPE_CHECKING:
+    from stochvi.scenes.scene import Scene
 
 
 @main.command()
@@ -43,36 +46,153 @@ def sine(
     scene; where a slow sweep jumps is stated. Without --from and --to: at the frequency of the
     scene. Noise of the scene is left out.
     """
-    import numpy as np
-
     from stochvi.methods.periodic import harmonic_response
     from stochvi.scenes.scene import load_scene
-    from stochvi.sweeps import values_of
     from stochvi.views.sine import draw_sine, print_sine
 
     loaded = load_scene(scene)
-    asked: dict[str, Any] = {}
-    if vary is not None:
-        if start is not None or end is not None:
-            raise ValueError("--vary takes the place of --from and --to, got both; leave out one")
-        asked["vary"] = dict([values_of(vary, loaded.document(as_written=True))])
-    elif start is not None or end is not None:
-        if start is None or end is None or not start < end:
-            raise ValueError(
-                f"--from and --to must be two rising frequencies (Hz), got {start} and {end}"
-            )
-        if points < 2:
-            raise ValueError(f"--points must be at least 2, got {points}")
-        asked["frequency_hz"] = np.linspace(start, end, points)
+    asked = _varied(loaded, start, end, points, vary)
     shown(
         lambda: harmonic_response(
             loaded, **asked, form=form, sweep=sweep, coordinate=coordinate, most_impacts=impacts,
             budget=options.budget,
         ),
-        lambda found: _show(options, found, print_sine, draw_sine),
+        lambda found: _show(options, found, print_sine, draw_sine, "sine"),
     )  # fmt: skip
 
 
-def _show(options: Common, found: Any, tell: Any, draw: Any) -> None:
-    options.show(found, tell, "sine")
-    options.draw("sine", lambda: draw(found))
+def _varied(
+    scene: Scene, start: float | None, end: float | None, points: int, vary: str | None
+) -> dict[str, Any]:
+    """What --from, --to and --points, or --vary, ask for."""
+    import numpy as np
+
+    from stochvi.sweeps import values_of
+
+    if vary is not None:
+        if start is not None or end is not None:
+            raise ValueError("--vary takes the place of --from and --to, got both; leave out one")
+        return {"vary": dict([values_of(vary, scene.document(as_written=True))])}
+    if start is None and end is None:
+        return {}
+    if start is None or end is None or not start < end:
+        raise ValueError(
+            f"--from and --to must be two rising frequencies (Hz), got {start} and {end}"
+        )
+    if points < 2:
+        raise ValueError(f"--points must be at least 2, got {points}")
+    return {"frequency_hz": np.linspace(start, end, points)}
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--start", "sides", multiple=True, metavar="NAME=FIRST:LAST:NUMBER",
+    help="Twice: the starts, as displacement.x=-1mm:1mm:300 and velocity.x=-0.5:0.5:300.",
+)  # fmt: skip
+@click.option(
+    "--phase", type=float, default=0.0, show_default=True,
+    help="Phase of the force at the start, degrees.",
+)  # fmt: skip
+@click.option(
+    "--periods", type=int, default=300, show_default=True, help="Periods that a start is flown for."
+)
+@common("threads", "budget", "json", "out", "quiet")
+def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, periods: int) -> None:
+    """Which of the motions that coexist under a sine a structure ends in, from many starts.
+
+    Each start in a plane of two displacements or velocities, all others at rest, is flown to the
+    regime that it ends in, and the plane is coloured by these. Noise of the scene is left out.
+    """
+    from stochvi.methods.periodic import basins as map_of
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.basins import plot_basins, print_basins
+
+    loaded = load_scene(scene)
+    plane = dict(_numbers_of(side) for side in sides) or None
+    shown(
+        lambda: map_of(
+            loaded, plane, phase_deg=phase, periods=periods, threads=options.threads,
+            budget=options.budget,
+        ),
+        lambda found: _show(options, found, print_basins, plot_basins, "basins"),
+    )  # fmt: skip
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--from", "first", type=FREQUENCY, metavar="F", help="Lowest frequency, Hz ...")
+@click.option("--to", "last", type=FREQUENCY, metavar="F", help="... and the highest.")
+@click.option("--points", type=int, default=400, show_default=True, help="Frequencies in between.")
+@click.option(
+    "--vary", metavar="KEY=FIRST:LAST:NUMBER",
+    help="Instead: values of a key of the scene, as excitation.0.amplitude=1:3:400.",
+)  # fmt: skip
+@click.option(
+    "--sweep", type=click.Choice(["up", "down", "both"]), default="both", show_default=True,
+    help="Each motion goes on from that at the value before.",
+)  # fmt: skip
+@click.option(
+    "--settling", type=int, default=300, show_default=True,
+    help="Periods that pass at each value before its motion is watched.",
+)  # fmt: skip
+@click.option(
+    "--watched", type=int, default=128, show_default=True, help="Periods in which it is watched."
+)
+@click.option(
+    "--start", "starts", multiple=True, metavar="NAME=VALUE",
+    help="State before the first value, as velocity.x=0.2 [at rest].",
+)  # fmt: skip
+@common("budget", "json", "out", "quiet")
+def bifurcation(
+    options: Common, scene: str, first: float | None, last: float | None, points: int,
+    vary: str | None, sweep: str, settling: int, watched: int, starts: tuple[str, ...],
+) -> None:  # fmt: skip
+    """Impact speeds that a slow sweep goes through, period doublings and chaos included.
+
+    By simulation from impact to impact, with the Lyapunov exponent at each value. Noise of the
+    scene is left out.
+    """
+    from stochvi.methods.periodic import bifurcation as diagram_of
+    from stochvi.scenes.scene import load_scene
+    from stochvi.views.basins import draw_bifurcation, print_bifurcation
+
+    loaded = load_scene(scene)
+    asked = _varied(loaded, first, last, points, vary)
+    if not asked:
+        raise ValueError("--from and --to, or --vary, must say what is varied, got neither")
+    begun = {name: values[0] for name, values in map(_numbers_of, starts)}
+    shown(
+        lambda: diagram_of(
+            loaded, **asked, sweep=sweep, settling=settling, watched=watched, start=begun,
+            budget=options.budget,
+        ),
+        lambda found: _show(options, found, print_bifurcation, draw_bifurcation, "bifurcation"),
+    )  # fmt: skip
+
+
+def _show(options: Common, found: Any, tell: Any, draw: Any, name: str) -> None:
+    options.show(found, tell, name)
+    options.draw(name, lambda: draw(found))
+
+
+def _numbers_of(text: str) -> tuple[str, list[float]]:
+    """Name and values of a displacement (m) or velocity (m/s), from "NAME=FIRST:LAST:NUMBER" or
+    "NAME=VALUE,VALUE"."""
+    import numpy as np
+
+    from stochvi.mathematics.units import measured_in
+
+    name, _, listed = text.partition("=")
+    unit = "m/s" if name.startswith("velocity") else "m"
+    try:
+        if ":" not in listed:
+            return name, [measured_in(word, unit) for word in listed.split(",")]
+        first, last, number = listed.split(":")
+        ends = measured_in(first, unit), measured_in(last, unit)
+        return name, np.linspace(*ends, int(number)).tolist()
+    except ValueError:
+        raise ValueError(
+            f"--start must be NAME=FIRST:LAST:NUMBER or NAME=VALUE, such as displacement.x=-1mm:"
+            f"1mm:300 or velocity.x=0.2, got {text!r}"
+        ) from None

@@ -19,6 +19,7 @@ from stochvi.views.axes import (
     length_unit,
     thinned,
 )
+from stochvi.views.basins import draw_bifurcation, plot_basins
 from stochvi.views.first_passage import plot_first_passage
 from stochvi.views.impacts import draw_impacts, plot_histogram
 from stochvi.views.pairs import plot_pairs_risk, plot_structure_screening
@@ -294,6 +295,8 @@ def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
 
 PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "AbsorberReport": draw_levels,
+    "Basins": plot_basins,
+    "Bifurcation": draw_bifurcation,
     "Check": plot_check,
     "Checks": draw_scores,
     "Design": draw_design,

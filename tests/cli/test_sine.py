@@ -1,4 +1,4 @@
-"""`stochvi sine`: documents, files, and what it refuses."""
+"""`stochvi sine`, `basins` and `bifurcation`: documents, files, and what they refuse."""
 
 from __future__ import annotations
 
@@ -69,3 +69,47 @@ def test_what_cannot_be_asked_is_refused(
     stochvi: Run, options: tuple[str, ...], words: str
 ) -> None:
     assert words in refused(stochvi("sine", MOUNT, *options))
+
+
+STARTS = ("--start", "displacement.x=-0.3mm:0.3mm:3", "--start", "velocity.x=-0.2,0.2")
+
+
+def test_a_map_of_starts_and_its_files(stochvi: Run, tmp_path: Path) -> None:
+    asked = (*STARTS, "--out", str(tmp_path), "--json", "-", "--quiet", "--threads", "1")
+    done = stochvi("basins", MOUNT, *asked)
+    assert done.code == 0, done.err
+    document = one_document(done.out)
+    assert document["plane"] == ["displacement.x", "velocity.x"]
+    assert document["across"] == pytest.approx([-3e-4, 0.0, 3e-4])
+    assert [len(row) for row in document["ends"]] == [3, 3]
+    assert sum(regime["share"] for regime in document["regimes"]) == pytest.approx(1.0)
+    assert {"name", "kind", "multiplier", "lyapunov"} <= document["regimes"][0].keys()
+    assert (tmp_path / "basins.csv").is_file() and (tmp_path / "basins.png").is_file()
+
+
+def test_a_diagram_of_impact_speeds_and_its_files(stochvi: Run, tmp_path: Path) -> None:
+    done = stochvi(
+        "bifurcation", MOUNT, "--from", "100", "--to", "101", "--points", "2", "--sweep", "up",
+        "--start", "velocity.x=-0.3m/s", "--out", str(tmp_path), "--json", "-",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    (sweep,) = one_document(done.out)["sweeps"]
+    assert sweep["value"] == pytest.approx([100.0, 101.0])
+    assert [len(speeds) for speeds in sweep["impact_speed"]] == [2 * 128, 2 * 128]
+    assert (tmp_path / "bifurcation.csv").is_file() and (tmp_path / "bifurcation.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "words"),
+    [
+        ("basins", ("--start", "velocity.x=fast"), "--start must be NAME=FIRST:LAST:NUMBER"),
+        ("basins", ("--start", "velocity.x=1"), "plane must be two of displacement.x"),
+        ("basins", ("--periods", "0"), "periods must be at least 1, got 0"),
+        ("bifurcation", (), "--from and --to, or --vary, must say what is varied"),
+        ("bifurcation", ("--from", "1", "--to", "2", "--watched", "3"), "watched at least 64"),
+    ],
+)
+def test_what_cannot_be_started_is_refused(
+    stochvi: Run, command: str, options: tuple[str, ...], words: str
+) -> None:
+    assert words in refused(stochvi(command, MOUNT, *options))

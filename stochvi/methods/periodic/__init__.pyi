@@ -1,8 +1,14 @@
 from .answer import Branch, HarmonicResponse, Jump, SimulatedSweep, SpecialPoint
+from .basins import BasinRegime, Basins, basins
+from .bifurcation import Bifurcation, BifurcationSweep, bifurcation, lyapunov_exponent
 from .method import harmonic_response
 from .resonance import HarmonicResonance, RandomResonance
 
 __all__ = [
+    "BasinRegime",
+    "Basins",
+    "Bifurcation",
+    "BifurcationSweep",
     "Branch",
     "HarmonicResonance",
     "HarmonicResponse",
@@ -10,5 +16,8 @@ __all__ = [
     "RandomResonance",
     "SimulatedSweep",
     "SpecialPoint",
+    "basins",
+    "bifurcation",
     "harmonic_response",
+    "lyapunov_exponent",
 ]

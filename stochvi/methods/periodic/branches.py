@@ -285,13 +285,13 @@ class Finder:
     def _without_impacts(self) -> list[Track]:
         """The motion without impacts, over the grid."""
         points = kernel.WEIGHT * self.grid[:, None]
-        track = self._inspected((), 1, points, [POINT] * len(points))
+        track = self.inspected((), 1, points, [POINT] * len(points))
         # a loose mass, or resonance without damping: there is no such motion, or no single one
         if not np.all(known := _determined(track)):
             if not np.any(known):
                 return []
             points = points[known]
-            track = self._inspected((), 1, points, [POINT] * len(points))
+            track = self.inspected((), 1, points, [POINT] * len(points))
         return self._trimmed(self._located(track))
 
     def _followed(self, seed: Regime) -> list[Track]:
@@ -316,10 +316,10 @@ class Finder:
             before, before_names = other[0]
             points = np.concatenate([before[::-1], points])
             names = [*before_names[::-1], *names]
-        track = self._inspected(seed.stops, seed.periods, points, names)
+        track = self.inspected(seed.stops, seed.periods, points, names)
         return self._trimmed(self._located(track))
 
-    def _inspected(
+    def inspected(
         self, stops: tuple[int, ...], periods: int, points: Matrix, names: Sequence[str]
     ) -> Track:
         number, n = len(points), self.family.sizes[0]
@@ -368,7 +368,7 @@ class Finder:
         places = [number + 1 for number, _, _ in inserted]
         points = np.concatenate([point for _, point, _ in inserted])
         names = [name for _, _, name in inserted]
-        return track.with_points(places, self._inspected(track.stops, track.periods, points, names))
+        return track.with_points(places, self.inspected(track.stops, track.periods, points, names))
 
     def _root(self, track: Track, number: int, test: Callable[[Track], Vector]) -> Matrix | None:
         """Where a test of a branch changes its sign between two of its points."""
@@ -377,7 +377,7 @@ class Finder:
             point = self._at(track, share, number)
             if point is None:
                 raise ArithmeticError
-            at = self._inspected(track.stops, track.periods, point, [POINT])
+            at = self.inspected(track.stops, track.periods, point, [POINT])
             return float(test(at)[0])
 
         try:

@@ -139,7 +139,7 @@ def harmonic_response(
     if budget is not None:
         _load_kernels()
     deadline = Deadline.after(budget)
-    key, values, scene_at = _varied(scene, frequency_hz, vary)
+    key, values, scene_at = varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
     if conditions := unmet(model) if form == "exact" else not_covered(model):
         raise NotApplicable("sine" if form == "exact" else f"sine:{form}", conditions)
@@ -154,7 +154,7 @@ def harmonic_response(
         low, high = low - wide, high + wide
     family = Family.of(lambda value: model_of(scene_at(value)), low, high, coordinate)
     finder = Finder(family, family.sigma(values), most_impacts, deadline)
-    if slow := _too_slow(finder):
+    if slow := too_slow(finder):
         raise NotApplicable("sine", [slow])
     with heeding_ctrl_c():
         finder.find()
@@ -175,7 +175,7 @@ def harmonic_response(
         simulated=simulated,
         model_error=error,
         assumptions=(*scene.assumptions(), LOOKED_FOR if form == "exact" else HARMONIC),
-        warnings=_warnings(model),
+        warnings=noise_left_out(model),
         cost=Cost(wall_time=time.perf_counter() - began),
         provenance=provenance(scene.document()),
     )
@@ -202,7 +202,7 @@ LOOKED_FOR = (
 """What the search for regimes takes for granted."""
 
 
-def _varied(
+def varied(
     scene: Scene, frequency_hz: ArrayLike | None, vary: Mapping[str, Sequence[float]] | None
 ) -> tuple[str, Vector, Callable[[float], Scene]]:
     """Name and rising values of what is varied, and the scene at a value."""
@@ -247,7 +247,7 @@ def _load_kernels() -> None:
     harmonic_response(mount, [0.16, 0.17], most_impacts=1, sweep="up")
 
 
-def _too_slow(finder: Finder) -> str:
+def too_slow(finder: Finder) -> str:
     """Why periods of the force hold too many steps at an end of the range; empty if they do not."""
     for sigma in (0.0, 1.0):
         motion = finder.motion(sigma)
@@ -365,7 +365,7 @@ def _simulated(finder: Finder, upwards: bool) -> SimulatedSweep:
     )
 
 
-def _warnings(model: Model) -> tuple[str, ...]:
+def noise_left_out(model: Model) -> tuple[str, ...]:
     if not model.noisy:
         return ()
     return ("the noise of the scene is left out: these are regimes of its sines alone",)

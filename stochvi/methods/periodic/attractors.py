@@ -1,0 +1,377 @@
+"""What flights end in: stable periodic regimes and what surrounds them, and other motions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_lyapunov
+from scipy.spatial import cKDTree
+
+from stochvi.methods.periodic import flights, kernel
+from stochvi.methods.periodic.branches import SETTLING, Finder, Track, simulate
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+PERIODIC, REGULAR, CHAOTIC = "periodic", "other regular", "chaotic"
+"""Kinds of motion: a stable regime of the exact solver; another one whose disturbances do not grow,
+as a motion that rests on a stop for a while, one of many impacts, or one of two frequencies; one
+whose disturbances grow."""
+
+ATTRACTING = 1.0 - 1e-7
+"""Largest multiplier of a regime that motions end in: without damping and loss it is 1, but for
+rounding and the steps of Newton's iteration."""
+
+SAMPLES = 256
+"""Number of states by which a neighbourhood of a regime is tried: half of them on its edge."""
+
+LARGEST, HALVINGS = 16.0, 60
+"""Limit of the first neighbourhood that is tried, in multiples of the largest eigenvalue of its
+form (states are of order 1), and how often it is halved until motions from it approach."""
+
+LINGERING = 4096
+"""Periods that one flight is given to reach a known regime before its own motion is looked at."""
+
+WATCHED = 4096
+"""Periods over which the motion of a flight is looked at."""
+
+BATCHES = 32
+"""Number of parts of a flight whose means give the standard error of an exponent."""
+
+SIGNIFICANT = 4.0
+"""Standard errors from which on an exponent above 0 means chaos: 3e-5 by chance."""
+
+SLOWEST_GROWTH = 1e-3
+"""Smallest exponent, per period, that means chaos: that of a motion of two frequencies approaches 0
+as log(n) / n over n periods, 2e-3 at 4096, and half of it beyond the first part."""
+
+LONGEST_CYCLE = 64
+"""Largest number of periods in which a motion is looked at for repeating itself."""
+
+REPEATED = 1e-6
+"""Difference of states, relative to the largest, at which a motion repeats itself."""
+
+NEAR = 3.0
+"""Distance to the states of a long flight, in multiples of the largest from one half of them to the
+other, up to which a state lies among them."""
+
+LAST = 8
+"""Number of last periods in which a flight must lie among the states of another one to have ended
+in the same motion."""
+
+FRUITLESS = 8
+"""Number of flights one after the other that may reveal no new motion before no more are tried."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Attractor:
+    """A motion that flights end in, in the units of the kernels.
+
+    Parameters
+    ----------
+    kind
+        One of those above.
+    track
+        The regime of a periodic motion, a branch of one point; None of others.
+    points
+        Its states (number, 2 n) at the phase at which flights are looked at: one for each of its
+        periods, or those of a long flight.
+    forms, limits
+        Quadratic forms around the points and their values up to which flights end in it, of
+        periodic ones.
+    growth
+        Logarithm by which small disturbances grow in each period of a long flight.
+    impacts
+        Phases, stops and speeds of the impacts of a long flight.
+    """
+
+    kind: str
+    points: Matrix
+    track: Track | None = None
+    forms: Matrix | None = None
+    limits: Vector | None = None
+    growth: Vector | None = None
+    impacts: Matrix | None = None
+    cycle: int = 0
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points)
+
+    @cached_property
+    def _near(self) -> float:
+        """Distance up to which a state lies among the points."""
+        if self.cycle:
+            return 1e-3 * float(np.abs(self.points).max())
+        between = cKDTree(self.points[::2]).query(self.points[1::2])[0]
+        return NEAR * float(np.max(between))
+
+    def holds(self, states: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether flights (number, periods, 2 n) lie among the points all the time."""
+        number, periods, size = states.shape
+        apart = np.asarray(self._tree.query(states.reshape(-1, size))[0])
+        return np.asarray(np.all(apart.reshape(number, periods) < self._near, axis=1))
+
+
+def exponent(growth: Vector) -> tuple[float, float]:
+    """Mean growth per period, and its standard error by the means of parts; -inf where disturbances
+    vanish."""
+    if not np.all(np.isfinite(growth)):
+        return -math.inf, 0.0
+    means = np.array([part.mean() for part in np.array_split(growth, BATCHES)])
+    return float(growth.mean()), float(means.std(ddof=1) / math.sqrt(BATCHES))
+
+
+def unit_disturbance(size: int) -> Matrix:
+    """A small change of a state in no direction of its own."""
+    random = np.random.default_rng(1).normal(size=(size, 1))
+    return np.asarray(random / np.linalg.norm(random))
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A flight that was watched: states after each period, impacts and growth of disturbances."""
+
+    ends: Matrix
+    impacts: Matrix
+    growth: Vector
+
+    def cycle(self) -> int:
+        """Number of periods after which it repeats itself; 0 where it does not."""
+        size = float(np.abs(self.ends).max()) or 1.0
+        last = self.ends[-1]
+        for periods in range(1, min(LONGEST_CYCLE, len(self.ends) - 1) + 1):
+            if np.all(np.abs(self.ends[-1 - periods] - last) < REPEATED * size):
+                return periods
+        return 0
+
+
+def watch(
+    course: flights.Course, state: Vector, skipped: int, periods: int, most: int
+) -> Flight | None:
+    """Fly on from a state, in its place, and watch the last periods; at most so many impacts are
+    kept. None where impacts come too fast to be followed."""
+    log, ends = np.zeros((most, 3)), np.empty((periods, len(state)))
+    growth = np.empty(periods)
+    hits = flights.watch_flight(
+        course, state, periods, skipped, log, ends, growth, unit_disturbance(len(state))
+    )
+    if hits < 0:
+        return None
+    kept = log[: min(hits, most)]
+    return Flight(ends, kept[np.argsort(kept[:, 0], kind="stable")], growth)
+
+
+class Attractors:
+    """The motions that flights at one place of a family end in, as they become known.
+
+    Flights are looked at once a period, at a phase of the force that lies far from the impacts of
+    all regimes.
+    """
+
+    def __init__(self, finder: Finder, sigma: float) -> None:
+        self.finder, self.sigma = finder, sigma
+        self.motion = finder.motion(sigma)
+        chosen = [
+            (track, int(number))
+            for track in finder.tracks
+            for number in np.flatnonzero(np.abs(track.sigma - sigma) < 1e-12)
+            if track.admissible[number] and not track.names[number]
+        ]
+        struck = [track.points[number, :-1] for track, number in chosen if track.stops]
+        self.phase = _farthest(np.concatenate(struck) if struck else np.zeros(1))
+        self.course = flights.course_of(self.motion, self.phase, 2.0 * math.pi)
+        self.found: list[Attractor] = []
+        for track, number in chosen:
+            self._add(track.part(slice(number, number + 1)))
+
+    def _add(self, track: Track) -> None:
+        """Take a regime in, if it attracts."""
+        if not track.multiplier[0] < ATTRACTING:
+            return
+        points = self._points(track)
+        if any(_same(points, known.points) for known in self.found if known.kind == PERIODIC):
+            return
+        forms, limits = [], []
+        for point in points:
+            form, limit = self._surroundings(track, point)
+            forms.append(form)
+            limits.append(limit)
+        self.found.append(
+            Attractor(
+                kind=PERIODIC, track=track, points=points, forms=np.array(forms),
+                limits=np.array(limits),
+            )
+        )  # fmt: skip
+
+    def _points(self, track: Track) -> Matrix:
+        """The states of a regime at the phase at which flights are looked at."""
+        y, touch = track.starts[0].copy(), flights.free_touch()
+        phase = 0.0
+        if track.stops:
+            phase = float(track.points[0, 0])
+            touch.fastest[0] = kernel.strike(self.motion, track.stops[0], y)
+            touch.on[1] = track.stops[0]
+        none, log = np.empty((len(y), 0)), np.empty((0, 3))
+        angle = (self.phase - phase) % (2.0 * math.pi)
+        if angle > 0.0:
+            flights.fly(flights.course_of(self.motion, phase, angle), y, touch, none, log, 0)
+        points = [y.copy()]
+        for _ in range(track.periods - 1):
+            flights.fly(self.course, y, touch, none, log, 0)
+            points.append(y.copy())
+        return np.array(points)
+
+    def _surroundings(self, track: Track, point: Vector) -> tuple[Matrix, float]:
+        """A quadratic form around a state of a regime, and its value up to which flights approach.
+
+        Without impacts the energy of the difference falls as long as no stop is met: it cannot be
+        met where it is too small. Elsewhere the form falls over the periods of the regime for small
+        differences, and the limit is lowered until it falls for many states within it.
+        """
+        if not track.stops and (known := self._by_energy(float(track.margin[0]))) is not None:
+            return known
+        eye = np.eye(len(point))
+        factors, y = eye.copy(), point.copy()
+        touch = flights.free_touch()
+        for _ in range(track.periods):
+            flights.fly(self.course, y, touch, factors, np.empty((0, 3)), 0)
+        share = math.sqrt(max(float(np.abs(np.linalg.eigvals(factors)).max()), 1e-6))
+        form = np.asarray(solve_discrete_lyapunov(factors.T / share, eye), float)
+        form = np.asarray(0.5 * (form + form.T), float)
+        root = np.linalg.inv(np.linalg.cholesky(form)).T
+        random = np.random.default_rng(2)
+        ways = random.normal(size=(SAMPLES, len(point)))
+        ways /= np.linalg.norm(ways, axis=1)[:, None]
+        ways[::2] *= random.random((SAMPLES // 2, 1))
+        ways = ways @ root.T
+        limit = LARGEST * float(np.linalg.eigvalsh(form)[-1])
+        for _ in range(HALVINGS):
+            starts = np.asarray(point + math.sqrt(limit) * ways, float)
+            starts = starts[self.possible(starts)]
+            if len(starts) and self._approach(starts, point, form, track.periods):
+                return form, limit
+            limit *= 0.5
+        return form, 0.0
+
+    def _approach(self, starts: Matrix, point: Vector, form: Matrix, periods: int) -> bool:
+        before = np.einsum("ki,ij,kj->k", starts - point, form, starts - point)
+        lost = self._flown(starts, periods)
+        after = np.einsum("ki,ij,kj->k", starts - point, form, starts - point)
+        return not lost and bool(np.all(after < before))
+
+    def _flown(self, states: Matrix, periods: int) -> bool:
+        """Fly states over periods, in their place; whether one could not be followed."""
+        n = states.shape[1]
+        none = np.empty((0, n)), np.empty((0, n, n)), np.empty(0)
+        found = np.empty(len(states), np.int64)
+        lead = flights.course_of(self.motion, self.phase, 0.0)
+        flights.settle_flights(lead, self.course, states, periods, *none, found)
+        return bool(np.any(found == flights.LOST))
+
+    def _by_energy(self, margin: float) -> tuple[Matrix, float] | None:
+        """The energy of a difference and its value below which no stop within a margin is met; None
+        where damping may add energy, or a mass is free."""
+        generator, rows = self.motion.generator, self.motion.rows
+        n = rows.shape[1]
+        stiffness, damping = -generator[n : 2 * n, :n], -generator[n : 2 * n, n : 2 * n]
+        even = np.allclose(stiffness, stiffness.T, rtol=0.0, atol=1e-12 * np.abs(stiffness).max())
+        if not even or np.linalg.eigvalsh(damping + damping.T)[0] < 0.0:
+            return None
+        if np.linalg.eigvalsh(stiffness)[0] <= 1e-9:
+            return None
+        form = np.zeros((2 * n, 2 * n))
+        form[:n, :n], form[n:, n:] = stiffness, np.eye(n)
+        reach = np.einsum("si,ij,sj->s", rows, np.linalg.inv(stiffness), rows)
+        if not len(rows):
+            return form, math.inf
+        return form, max(margin, 0.0) ** 2 / float(reach.max())
+
+    def possible(self, states: Matrix) -> NDArray[np.bool_]:
+        """Whether states lie beyond no stop."""
+        n = self.motion.rows.shape[1]
+        distances = states[:, :n] @ self.motion.rows.T - self.motion.positions
+        return np.asarray(np.all(distances <= 1e-12, axis=1))
+
+    def targets(self) -> tuple[Matrix, NDArray[np.float64], Vector, NDArray[np.int64]]:
+        """Points, forms and limits of the periodic motions in turn, and whose each is."""
+        size = 2 * self.motion.rows.shape[1]
+        owners = [
+            number
+            for number, each in enumerate(self.found)
+            if each.kind == PERIODIC
+            for _ in each.points
+        ]
+        known = [each for each in self.found if each.kind == PERIODIC]
+        return (
+            np.concatenate([np.empty((0, size)), *(each.points for each in known)]),
+            np.concatenate([np.empty((0, size, size)), *(each.forms for each in known)]),
+            np.concatenate([np.empty(0), *(each.limits for each in known)]),
+            np.array(owners, np.int64),
+        )
+
+    def reveal(self, state: Vector) -> int | None:
+        """What one flight from a state ends in: the number of a known motion or of one that is
+        added; None where that is not clear."""
+        points, forms, limits, owners = self.targets()
+        states, found = state[None].copy(), np.empty(1, np.int64)
+        lead = flights.course_of(self.motion, self.phase, 0.0)
+        flights.settle_flights(lead, self.course, states, LINGERING, points, forms, limits, found)
+        if found[0] == flights.LOST:
+            return None
+        if found[0] != flights.WANDERS:
+            return int(owners[found[0]])
+        settled = simulate(self.motion, states[0], SETTLING, self.phase)
+        regime = None if settled is None else settled.regime(self.motion, self.sigma)
+        if regime is not None:
+            points_ = np.append(regime.theta, kernel.WEIGHT * regime.sigma)[None]
+            track = self.finder.inspected(regime.stops, regime.periods, points_, [""])
+            known = len(self.found)
+            self._add(track)
+            if len(self.found) > known:
+                return known
+        return self._watched(states[0])
+
+    def _watched(self, state: Vector) -> int | None:
+        flight = watch(self.course, state, WATCHED, WATCHED, 16 * WATCHED)
+        if flight is None:
+            return None
+        cycle = flight.cycle()
+        last = flight.ends[-LAST:][None]
+        for number, each in enumerate(self.found):
+            if each.kind != PERIODIC and each.holds(last)[0]:
+                return number
+        mean, error = exponent(flight.growth)
+        if mean > max(SIGNIFICANT * error, SLOWEST_GROWTH):
+            kind = CHAOTIC
+        elif cycle or abs(mean) <= max(SIGNIFICANT * error, SLOWEST_GROWTH):
+            kind = REGULAR
+        else:
+            return None
+        self.found.append(
+            Attractor(
+                kind=kind, points=flight.ends[-cycle:] if cycle else flight.ends,
+                growth=flight.growth, impacts=flight.impacts, cycle=cycle,
+            )
+        )  # fmt: skip
+        return len(self.found) - 1
+
+
+def _farthest(phases: Vector) -> float:
+    """The phase, in [0, 2 pi), that lies farthest from some phases."""
+    known = np.sort(np.mod(phases, 2.0 * math.pi))
+    gaps = np.diff(np.append(known, known[0] + 2.0 * math.pi))
+    widest = int(np.argmax(gaps))
+    return float((known[widest] + 0.5 * gaps[widest]) % (2.0 * math.pi))
+
+
+def _same(one: Matrix, other: Matrix) -> bool:
+    """Whether two regimes pass through the same states."""
+    if len(one) != len(other):
+        return False
+    size = float(np.abs(one).max()) or 1.0
+    return any(np.all(np.abs(each - one[0]) < 1e-6 * size) for each in other)

@@ -1,0 +1,567 @@
+"""Basins: which of the motions that coexist under a sine a structure ends in, from many starts."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.methods.periodic import flights
+from stochvi.methods.periodic.attractors import (
+    FRUITLESS,
+    LAST,
+    PERIODIC,
+    Attractor,
+    Attractors,
+    exponent,
+)
+from stochvi.methods.periodic.branches import Finder
+from stochvi.methods.periodic.family import Family, unmet
+from stochvi.methods.periodic.method import MARGIN, noise_left_out, too_slow, varied
+from stochvi.methods.periodic.states import States
+from stochvi.model.model import model_of
+from stochvi.results.base import Result
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.scenes.excitations import Sine
+from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Oscillator
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+UNDECIDED, BEYOND = -1, -2
+"""Numbers in a map of basins: of a start whose motion has not been recognised, and of one that lies
+beyond a stop."""
+
+BLOCK = 256
+"""Number of starts that are flown between looks at the clock: some hundredths of a second."""
+
+ACROSS = 1.25
+"""Half the width of a map that is not given, in multiples of the largest motion of a regime."""
+
+NUMBER = 200
+"""Number of values on each side of a map that is not given."""
+
+FIRST = 50
+"""Periods that all starts are flown for before those that have reached no regime are looked at."""
+
+MOST_STARTS = 4_000_000
+"""Largest number of starts of a map: 0.2 GB of states."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BasinRegime:
+    """A motion that starts end in.
+
+    Parameters
+    ----------
+    name
+        Its impacts, each by pair and stop, and its periods where they are several.
+    kind
+        "periodic", a stable regime as of `harmonic_response`; "other regular", a motion that
+        repeats itself after many impacts or with rests on a stop, or one of two frequencies;
+        "chaotic".
+    periods, impacts
+        Periods after which it repeats itself (0: never), and impacts in these.
+    multiplier
+        Largest modulus of the factors by which disturbances change over its periods; None where it
+        is not known exactly.
+    lyapunov
+        Rate at which small disturbances grow, 1/s: exact for a periodic regime, else of one long
+        motion; None where they vanish at once, by resting on a stop.
+    impact_speed_max
+        Largest impact speed, m/s; 0 without impacts.
+    displacement, velocity
+        A state of it (coordinates,) at the phase of the starts, m and m/s.
+    share
+        Share of the starts between the stops that end in it.
+    """
+
+    name: str
+    kind: str
+    periods: int
+    impacts: int
+    multiplier: float | None
+    lyapunov: Estimate | None
+    impact_speed_max: float
+    displacement: Vector
+    velocity: Vector
+    share: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Basins(Result):
+    """Where motions from a plane of starts end.
+
+    Parameters
+    ----------
+    plane
+        Names of the two numbers that are varied, as "displacement.x" and "velocity.x".
+    across, up
+        Their values, m or m/s.
+    phase_deg
+        Phase of the force at which motions start, degrees.
+    frequency_hz
+        Frequency of the force.
+    regimes
+        The motions that are reached, the most frequent first.
+    ends
+        Number of the regime of each start (up, across); -1 where it is undecided, -2 beyond a stop.
+    periods
+        Largest number of periods that a start was flown for.
+    undecided
+        Share of the starts between the stops whose end was not recognised.
+    assumptions
+        What was taken for granted, a sentence each.
+    """
+
+    plane: tuple[str, str]
+    across: Vector
+    up: Vector
+    phase_deg: float
+    frequency_hz: float
+    regimes: tuple[BasinRegime, ...]
+    ends: Whole
+    periods: int
+    undecided: float
+    assumptions: Sequence[str] = ()
+
+    def at(self, across: float, up: float) -> BasinRegime | None:
+        """The regime of the start that is nearest to a point of the plane; None without one."""
+        column = int(np.argmin(np.abs(self.across - across)))
+        row = int(np.argmin(np.abs(self.up - up)))
+        number = int(self.ends[row, column])
+        return None if number < 0 else self.regimes[number]
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each start: where it is, and what it ends in."""
+        import pandas as pd
+
+        up, across = np.meshgrid(self.up, self.across, indexing="ij")
+        names = [*(regime.name for regime in self.regimes), "beyond a stop", "undecided"]
+        return pd.DataFrame(
+            {
+                self.plane[0]: across.ravel(),
+                self.plane[1]: up.ravel(),
+                "regime": self.ends.ravel(),
+                "name": [names[number] for number in self.ends.ravel()],
+            }
+        )
+
+    def table(self) -> pd.DataFrame:
+        """One row for each regime."""
+        import pandas as pd
+
+        rows = []
+        for regime in self.regimes:
+            rate = regime.lyapunov
+            rows.append(
+                {
+                    "regime": regime.name,
+                    "kind": regime.kind,
+                    "share": regime.share,
+                    "impact_speed_max": regime.impact_speed_max,
+                    "multiplier": math.nan if regime.multiplier is None else regime.multiplier,
+                    "lyapunov": -math.inf if rate is None else rate.value,
+                    "lyapunov_error": 0.0 if rate is None else rate.standard_error,
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def _shown(self) -> pd.DataFrame:
+        return self.table()
+
+    def _document(self) -> dict[str, Any]:
+        return {"method": "basins", **super()._document()}
+
+    def summary(self) -> str:
+        """Which motions coexist, and what share of the starts each takes."""
+        found = ", ".join(f"{100.0 * each.share:.3g} % {each.name}" for each in self.regimes)
+        rest = (
+            f"; {100.0 * self.undecided:.3g} % undecided after {self.periods} periods"
+            if self.undecided
+            else ""
+        )
+        number = int(np.sum(self.ends != BEYOND))
+        return f"of {number} starts end in: {found or 'no motion that was recognised'}{rest}"
+
+
+def basins(
+    scene: Scene,
+    plane: Mapping[str, Sequence[float]] | None = None,
+    *,
+    phase_deg: float = 0.0,
+    periods: int = 300,
+    most_impacts: int = 3,
+    threads: int | None = None,
+    budget: float | None = None,
+) -> Basins:
+    """Which of the motions that coexist under a sine a structure ends in, from a plane of starts.
+
+    Every start is flown from impact to impact, by the exact linear motion between them, until it
+    reaches the surroundings of a stable regime of `harmonic_response`. Those that reach none reveal
+    further motions: one of them is flown on, over thousands of periods, and the others are compared
+    with it.
+
+    Parameters
+    ----------
+    scene
+        As for `harmonic_response`.
+    plane
+        Two numbers of a start with their values: "displacement.NAME" (m) or "velocity.NAME" (m/s)
+        of a coordinate; all others are those at rest under the constant loads. By default the
+        displacement and velocity of the first coordinate.
+    phase_deg
+        Phase of the force at the start, degrees of the lowest common multiple of the sines.
+    periods
+        Periods that each start is flown for.
+    most_impacts
+        As for `harmonic_response`.
+    threads
+        Number of threads, by default that of the cores.
+    budget
+        Seconds of wall time, after the kernels are loaded.
+
+    Returns
+    -------
+    Basins
+        The regime of each start.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene is not of that kind.
+    NotConverged
+        If the budget ends first; the starts that were not flown are undecided.
+
+    See Also
+    --------
+    harmonic_response : The regimes, stable or not, exactly.
+    bifurcation : What a slow sweep goes through.
+
+    Examples
+    --------
+    A mount that may clatter or stay clear of its stops:
+
+    >>> import stochvi
+    >>> from stochvi.scenes.datasets import shipped_scene
+    >>> mount = stochvi.load_scene(shipped_scene("isolator-sine"))
+    >>> speeds = {"displacement.x": [0.0], "velocity.x": [0.0, 0.2]}
+    >>> [each.name for each in basins(mount, speeds).regimes]
+    ['no impacts', 'wall lower, wall upper']
+    """
+    began = time.perf_counter()
+    if periods < 1:
+        raise ValueError(f"periods must be at least 1, got {periods}")
+    if budget is not None:
+        load_kernels()
+    deadline = Deadline.after(budget)
+    with heeding_ctrl_c():
+        place = Place(scene, most_impacts, deadline)
+        place.finder.find()
+        known = Attractors(place.finder, place.sigma)
+        names, sides = place.plane(plane, known)
+        up, across = np.meshgrid(sides[1], sides[0], indexing="ij")
+        starts = place.states.starts({names[0]: across.ravel(), names[1]: up.ravel()})
+        phase = math.radians(phase_deg)
+        flown = Flown(known, starts, phase, periods, threads or os.cpu_count() or 1, deadline)
+        ends = flown.ends()
+    order, shares = _shares(ends, len(known.found))
+    renumbered = np.full(len(known.found) + 2, UNDECIDED)
+    renumbered[order] = np.arange(len(order))
+    renumbered[BEYOND] = BEYOND
+    answer = Basins(
+        plane=names,
+        across=sides[0],
+        up=sides[1],
+        phase_deg=float(phase_deg),
+        frequency_hz=float(place.family.frequency_hz(place.sigma)),
+        regimes=place.described(known, order, shares, phase),
+        ends=renumbered[ends].reshape(len(sides[1]), len(sides[0])),
+        periods=periods,
+        undecided=float(np.sum(ends == UNDECIDED)) / max(int(np.sum(ends != BEYOND)), 1),
+        assumptions=(*scene.assumptions(), RECOGNISED),
+        warnings=noise_left_out(place.model),
+        cost=Cost(wall_time=time.perf_counter() - began, paths=int(np.sum(ends != BEYOND))),
+        provenance=provenance(scene.document()),
+    )
+    if deadline.passed():
+        raise deadline.fell_short("before all starts were flown", "ask for fewer", answer)
+    return answer
+
+
+RECOGNISED = (
+    "a motion ends in a regime where it enters surroundings from which the regime is approached: "
+    "without impacts by its energy, else as found for 256 states around the regime"
+)
+"""What the recognition of regimes takes for granted."""
+
+
+@cache
+def load_kernels() -> None:
+    """Load the kernels by a small case, or compile them, which is no part of a budget."""
+    mount = Scene(
+        structure=Oscillator(mass=1.0, damping=0.2, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.5))],
+        excitations=[Sine(amplitude=1.0, frequency_hz=0.16)],
+    )
+    basins(mount, {"displacement.x": [0.0], "velocity.x": [0.0]}, periods=1, most_impacts=1)
+
+
+class Place:
+    """A scene as it is: its regimes, and what motions it can start from."""
+
+    def __init__(self, scene: Scene, most_impacts: int, deadline: Deadline) -> None:
+        self.model = model_of(scene)
+        if conditions := unmet(self.model):
+            raise NotApplicable("sine", conditions)
+        _, values, scene_at = varied(scene, None, None)
+        value = float(values[0])
+        low, high = (1.0 - MARGIN) * value, (1.0 + MARGIN) * value
+        self.family = Family.of(lambda each: model_of(scene_at(each)), low, high, None)
+        self.sigma = float(self.family.sigma(value))
+        self.states = States(self.model, self.family, self.sigma)
+        self.finder = Finder(self.family, np.array([self.sigma]), most_impacts, deadline)
+        if slow := too_slow(self.finder):
+            raise NotApplicable("sine", [slow])
+
+    @property
+    def period(self) -> float:
+        """Period of the force, s."""
+        return 1.0 / float(self.family.frequency_hz(self.sigma))
+
+    def plane(
+        self, given: Mapping[str, Sequence[float]] | None, known: Attractors
+    ) -> tuple[tuple[str, str], tuple[Vector, Vector]]:
+        """The two numbers that are varied, and their values."""
+        names = self.states.names
+        if given is None:
+            first = self.model.coordinates[0]
+            return (f"displacement.{first}", f"velocity.{first}"), self._sides(known)
+        chosen = tuple(given)
+        if len(chosen) != 2 or not set(chosen) <= set(names):
+            raise ValueError(
+                f"plane must be two of {', '.join(names)} with their values, got "
+                f"{', '.join(map(str, chosen)) or 'none'}"
+            )
+        sides = tuple(np.asarray(given[name], dtype=float).ravel() for name in chosen)
+        for name, side in zip(chosen, sides, strict=True):
+            if not len(side) or not np.all(np.isfinite(side)):
+                raise ValueError(f"{name} must have finite values, at least one, got {len(side)}")
+        if len(sides[0]) * len(sides[1]) > MOST_STARTS:
+            raise ValueError(
+                f"plane must have at most {MOST_STARTS} starts, got "
+                f"{len(sides[0]) * len(sides[1])}; ask for fewer values"
+            )
+        return (chosen[0], chosen[1]), (sides[0], sides[1])
+
+    def _sides(self, known: Attractors) -> tuple[Vector, Vector]:
+        """Displacements between the stops of the first coordinate, or over the motions of all
+        regimes, and speeds over those of all regimes."""
+        speeds, places = [0.0], [0.0]
+        for each in known.found:
+            states = self.states.physical(each.points)
+            n = len(self.model.mass)
+            places += [float(np.abs(states[:, 0]).max())]
+            speeds += [float(np.abs(states[:, n]).max())]
+            if each.track is not None:
+                places += [float(each.track.displacement[0]) * self.family.length]
+                speeds += [float(each.track.speeds.max(initial=0.0)) * self.family.speed]
+        reach = ACROSS * (max(places) or self.family.length)
+        low, high = -reach, reach
+        unit = np.eye(len(self.model.mass))[0]
+        for pair in self.model.pairs:
+            if np.allclose(pair.direction, unit):
+                low = max(low, pair.lower.position) if pair.lower else low
+                high = min(high, pair.upper.position) if pair.upper else high
+        fastest = 1.5 * ACROSS * (max(speeds) or self.family.speed)
+        return np.linspace(low, high, NUMBER), np.linspace(-fastest, fastest, NUMBER)
+
+    def described(
+        self, known: Attractors, order: Sequence[int], shares: Vector, phase: float
+    ) -> tuple[BasinRegime, ...]:
+        """The motions in an order."""
+        found: list[BasinRegime] = []
+        for number in order:
+            each = known.found[number]
+            name = self._name(each)
+            same = sum(other.name.partition(" (")[0] == name for other in found)
+            found.append(
+                self._described(
+                    each, known, f"{name} ({same + 1})" if same else name, shares[number], phase
+                )
+            )
+        return tuple(found)
+
+    def _name(self, each: Attractor) -> str:
+        if each.track is None:
+            return each.kind if not each.cycle else f"repeats after {each.cycle} periods"
+        stops = ", ".join(sorted(self.family.stops[stop] for stop in each.track.stops))
+        if each.track.periods == 1:
+            return stops or "no impacts"
+        return f"{stops} in {each.track.periods} periods"
+
+    def _described(
+        self, each: Attractor, known: Attractors, name: str, share: float, phase: float
+    ) -> BasinRegime:
+        state = each.points[-1].copy()
+        lead = flights.course_of(known.motion, known.phase, (phase - known.phase) % (2.0 * math.pi))
+        none = np.empty((len(state), 0))
+        flights.fly(lead, state, flights.free_touch(), none, np.empty((0, 3)), 0)
+        (there,) = self.states.physical(state[None])
+        n = len(self.model.mass)
+        if each.track is not None:
+            multiplier = float(each.track.multiplier[0])
+            periods, impacts = each.track.periods, len(each.track.stops)
+            fastest = float(each.track.speeds.max(initial=0.0))
+            # of a superstable regime, disturbances vanish
+            rate = math.log(multiplier) / periods if multiplier > 0.0 else -math.inf
+            mean, error, how = rate, 0.0, "multipliers of the regime"
+        else:
+            assert each.growth is not None
+            assert each.impacts is not None
+            multiplier, periods = math.nan, each.cycle
+            kept = each.impacts[:, 0] > 2.0 * math.pi * (len(each.growth) - periods) + known.phase
+            impacts = int(np.sum(kept)) if periods else 0
+            fastest = float(each.impacts[:, 2].max(initial=0.0))
+            mean, error = exponent(each.growth)
+            how = f"growth of a disturbance over {len(each.growth)} periods"
+        return BasinRegime(
+            name=name,
+            kind=each.kind,
+            periods=periods,
+            impacts=impacts,
+            multiplier=None if math.isnan(multiplier) else multiplier,
+            lyapunov=rate_of(mean, error, self.period, how),
+            impact_speed_max=fastest * self.family.speed,
+            displacement=there[:n],
+            velocity=there[n:],
+            share=float(share),
+        )
+
+
+def rate_of(mean: float, error: float, period: float, how: str) -> Estimate | None:
+    """The growth of disturbances per second from that per period; None where they vanish."""
+    if not math.isfinite(mean):
+        return None
+    return Estimate(value=mean / period, standard_error=error / period, how=how)
+
+
+class Flown:
+    """Starts that are flown to the motions that they end in."""
+
+    def __init__(
+        self, known: Attractors, starts: Matrix, phase: float, periods: int, threads: int,
+        deadline: Deadline,
+    ) -> None:  # fmt: skip
+        self.known, self.states, self.periods = known, starts, periods
+        self.threads, self.deadline = threads, deadline
+        self.phase = phase
+
+    def ends(self) -> Whole:
+        """Number of the motion of each start, or UNDECIDED or BEYOND."""
+        known = self.known
+        ends = np.where(known.possible(self.states), UNDECIDED, BEYOND)
+        if not np.any(ends == UNDECIDED):
+            raise ValueError(
+                "plane must hold starts between the stops, got none; all its points lie beyond a "
+                "stop"
+            )
+        angle = (known.phase - self.phase) % (2.0 * math.pi)
+        first = min(self.periods, FIRST)
+        ends = self._settle(ends, angle, first)
+        ends = self._reveal(ends, first)
+        if self.periods > first and np.any(ends == UNDECIDED):
+            ends = self._settle(ends, 0.0, self.periods - first)
+            ends = self._reveal(ends, self.periods - first)
+        return ends
+
+    def _reveal(self, ends: Whole, periods: int) -> Whole:
+        """Follow some of the undecided starts to the end, and compare the others with them."""
+        known, fruitless = self.known, 0
+        while fruitless < FRUITLESS and not self.deadline.passed():
+            left = np.flatnonzero(ends == UNDECIDED)
+            if not len(left):
+                break
+            before = len(known.found)
+            # spread over the plane: neighbours tend to end alike
+            chosen = left[(len(left) * (2 * fruitless + 1)) // (2 * FRUITLESS)]
+            number = known.reveal(self.states[chosen])
+            if number is not None:
+                ends[chosen] = number
+            if len(known.found) == before:
+                fruitless += 1
+            elif known.found[-1].kind == PERIODIC:
+                ends = self._settle(ends, 0.0, periods)
+            else:
+                ends = self._compare(ends)
+        return ends
+
+    def _settle(self, ends: Whole, angle: float, periods: int) -> Whole:
+        """Fly the undecided starts over an angle and some periods, or to a periodic regime."""
+        left = np.flatnonzero(ends == UNDECIDED)
+        points, forms, limits, owners = self.known.targets()
+        lead = flights.course_of(self.known.motion, (self.known.phase - angle), angle)
+        owners = np.append(owners, [BEYOND, UNDECIDED])  # LOST is -2, WANDERS is -1
+
+        def fly(block: Whole) -> tuple[Whole, Matrix, Whole]:
+            states = self.states[block]
+            found = np.full(len(block), flights.WANDERS)
+            if not self.deadline.passed():
+                flights.settle_flights(
+                    lead, self.known.course, states, periods, points, forms, limits, found
+                )
+            found[found == flights.LOST] = flights.WANDERS
+            return block, states, owners[found]
+
+        blocks = np.array_split(left, max(1, math.ceil(len(left) / BLOCK)))
+        with ThreadPoolExecutor(self.threads) as pool:
+            for block, states, owner in pool.map(fly, blocks):
+                self.states[block], ends[block] = states, owner
+        return ends
+
+    def _compare(self, ends: Whole) -> Whole:
+        """Give the undecided starts that lie among the states of the last motion to it."""
+        left = np.flatnonzero(ends == UNDECIDED)
+        if not len(left):
+            return ends
+        empty = self.known.targets()
+        none = tuple(each[:0] for each in empty[:3])
+        lead = flights.course_of(self.known.motion, self.known.phase, 0.0)
+
+        def fly(block: Whole) -> tuple[Whole, NDArray[np.bool_]]:
+            states = self.states[block].copy()
+            path = np.empty((len(block), LAST, states.shape[1]))
+            found = np.empty(len(block), np.int64)
+            for period in range(LAST):
+                path[:, period] = states
+                flights.settle_flights(lead, self.known.course, states, 1, *none, found)
+            return block, self.known.found[-1].holds(path) & (found != flights.LOST)
+
+        blocks = np.array_split(left, max(1, math.ceil(len(left) / BLOCK)))
+        with ThreadPoolExecutor(self.threads) as pool:
+            for block, held in pool.map(fly, blocks):
+                ends[block[held]] = len(self.known.found) - 1
+        return ends
+
+
+def _shares(ends: Whole, number: int) -> tuple[list[int], Vector]:
+    """Motions that are reached, the most frequent first, and the share of each."""
+    counted = np.array([np.sum(ends == each) for each in range(number)], dtype=float)
+    order = [int(each) for each in np.argsort(-counted, kind="stable") if counted[each] > 0.0]
+    return order, counted / max(float(np.sum(ends != BEYOND)), 1.0)

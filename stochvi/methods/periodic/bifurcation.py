@@ -1,0 +1,352 @@
+"""Bifurcation diagrams: impact speeds of the motions that a slow sweep goes through."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stochvi.methods.periodic import flights
+from stochvi.methods.periodic.attractors import (
+    BATCHES,
+    LONGEST_CYCLE,
+    SIGNIFICANT,
+    Flight,
+    exponent,
+    watch,
+)
+from stochvi.methods.periodic.basins import Place, load_kernels, rate_of
+from stochvi.methods.periodic.branches import Finder
+from stochvi.methods.periodic.family import Family
+from stochvi.methods.periodic.method import (
+    SWEEPS,
+    noise_left_out,
+    too_slow,
+    varied,
+)
+from stochvi.methods.periodic.states import States
+from stochvi.model.model import model_of
+from stochvi.results.base import Result
+from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Vector = NDArray[np.float64]
+
+MOST_DRAWN = 8
+"""Impacts for each period that is watched, up to which all are kept; the last of more."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BifurcationSweep:
+    """A slow sweep by simulation, from each value to the next.
+
+    Parameters
+    ----------
+    upwards
+        Whether the sweep goes up.
+    value, frequency_hz
+        The values of what is varied in the order of the sweep, and the frequency of the force.
+    periods
+        Periods of the force after which the motion repeats itself (0: it does not).
+    impact_speed, stop
+        Impact speeds (m/s) of the periods that were watched, and the stops, for each value.
+    lyapunov, lyapunov_error
+        Rate at which small disturbances grow, 1/s, with its standard error; -inf where they vanish
+        by resting on a stop.
+    """
+
+    upwards: bool
+    value: Vector
+    frequency_hz: Vector
+    periods: NDArray[np.int64]
+    impact_speed: tuple[Vector, ...]
+    stop: tuple[tuple[str, ...], ...]
+    lyapunov: Vector
+    lyapunov_error: Vector
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Bifurcation(Result):
+    """Motions that a structure between stops goes through as a number is varied slowly.
+
+    Parameters
+    ----------
+    key
+        The number that is varied: "frequency_hz", or a key of the scene.
+    sweeps
+        One sweep, or one up and one down.
+    settling, watched
+        Periods that pass at each value before, and in which, its motion is watched.
+    assumptions
+        What was taken for granted, a sentence each.
+    """
+
+    key: str
+    sweeps: tuple[BifurcationSweep, ...]
+    settling: int
+    watched: int
+    assumptions: Sequence[str] = ()
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each impact that was kept, and one of speed 0 for a value without impacts."""
+        import pandas as pd
+
+        tables = []
+        for sweep in self.sweeps:
+            for number, value in enumerate(sweep.value):
+                speeds = sweep.impact_speed[number]
+                tables.append(
+                    pd.DataFrame(
+                        {
+                            "sweep": "up" if sweep.upwards else "down",
+                            "value": value,
+                            "frequency_hz": sweep.frequency_hz[number],
+                            "periods": sweep.periods[number],
+                            "lyapunov": sweep.lyapunov[number],
+                            "lyapunov_error": sweep.lyapunov_error[number],
+                            "stop": list(sweep.stop[number]) or [""],
+                            "impact_speed": speeds if len(speeds) else [0.0],
+                        }
+                    )
+                )
+        return pd.concat(tables, ignore_index=True)
+
+    def table(self) -> pd.DataFrame:
+        """One row for each value of each sweep."""
+        import pandas as pd
+
+        tables = [
+            pd.DataFrame(
+                {
+                    "sweep": "up" if sweep.upwards else "down",
+                    "value": sweep.value,
+                    "periods": sweep.periods,
+                    "impacts per period": [len(each) / self.watched for each in sweep.impact_speed],
+                    "impact_speed_max": [each.max(initial=0.0) for each in sweep.impact_speed],
+                    "lyapunov": sweep.lyapunov,
+                    "lyapunov_error": sweep.lyapunov_error,
+                }
+            )
+            for sweep in self.sweeps
+        ]
+        return pd.concat(tables, ignore_index=True)
+
+    def _shown(self) -> pd.DataFrame:
+        return self.table()
+
+    def _document(self) -> dict[str, Any]:
+        return {"method": "bifurcation", **super()._document()}
+
+    def summary(self) -> str:
+        """How many values have motions that repeat themselves, and how many are chaotic."""
+        table = self.table()
+        regular = int((table["periods"] > 0).sum())
+        growing = table["lyapunov"] > SIGNIFICANT * table["lyapunov_error"]
+        chaotic = int((growing & (table["periods"] == 0) & (table["lyapunov"] > 0.0)).sum())
+        return (
+            f"of {len(table)} values of {self.key}, the motion repeats itself within "
+            f"{LONGEST_CYCLE} periods at {regular}; small disturbances grow at {chaotic}"
+        )
+
+
+def bifurcation(
+    scene: Scene,
+    frequency_hz: ArrayLike | None = None,
+    *,
+    vary: Mapping[str, Sequence[float]] | None = None,
+    sweep: str = "up",
+    settling: int = 300,
+    watched: int = 128,
+    start: Mapping[str, float] | None = None,
+    budget: float | None = None,
+) -> Bifurcation:
+    """What a slow sweep goes through: impact speeds, and the Lyapunov exponent, at each value.
+
+    The motion at each value goes on from that at the last one, from impact to impact, with the
+    exact linear motion between them.
+
+    Parameters
+    ----------
+    scene
+        As for `harmonic_response`.
+    frequency_hz
+        Values of the frequency of the force.
+    vary
+        Instead: one key of the scene with its values.
+    sweep
+        "up", "down" or "both".
+    settling
+        Periods of the force that pass at each value before its motion is watched.
+    watched
+        Periods in which it is watched: at least 64.
+    start
+        The state before the first value, as {"velocity.x": 0.2}; by default at rest.
+    budget
+        Seconds of wall time, after the kernels are loaded.
+
+    Returns
+    -------
+    Bifurcation
+        The sweeps.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene is not of that kind.
+    NotConverged
+        If the budget ends first; the error holds the values so far.
+
+    See Also
+    --------
+    harmonic_response : The regimes, stable or not, exactly.
+    basins : What coexists at one value.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> from stochvi.scenes.datasets import shipped_scene
+    >>> mount = stochvi.load_scene(shipped_scene("isolator-sine"))
+    >>> found = bifurcation(mount, [90.0, 100.0, 110.0], start={"velocity.x": 0.2})
+    >>> found.table()["periods"].tolist()
+    [1, 1, 1]
+    """
+    began = time.perf_counter()
+    if sweep not in SWEEPS or not SWEEPS[sweep]:
+        raise ValueError(f"sweep must be 'up', 'down' or 'both', got {sweep!r}")
+    if settling < 0 or watched < 64:
+        raise ValueError(
+            f"settling must be at least 0 and watched at least 64, got {settling} and {watched}"
+        )
+    if budget is not None:
+        load_kernels()
+    deadline = Deadline.after(budget)
+    key, values, scene_at = varied(scene, frequency_hz, vary)
+    low, high = float(values[0]), float(values[-1])
+    if low == high:
+        raise ValueError(f"{key} must have at least two values, got {low:g}")
+    family = Family.of(lambda value: model_of(scene_at(value)), low, high, None)
+    finder = Finder(family, family.sigma(values), 1, deadline)
+    if slow := too_slow(finder):
+        raise NotApplicable("sine", [slow])
+    with heeding_ctrl_c():
+        sweeps = tuple(
+            _swept(finder, upwards, settling, watched, States(model_of(scene), family, 0.5), start)
+            for upwards in SWEEPS[sweep]
+        )
+    answer = Bifurcation(
+        key=key,
+        sweeps=sweeps,
+        settling=settling,
+        watched=watched,
+        assumptions=scene.assumptions(),
+        warnings=noise_left_out(model_of(scene)),
+        cost=Cost(wall_time=time.perf_counter() - began),
+        provenance=provenance(scene.document()),
+    )
+    if deadline.passed():
+        raise deadline.fell_short("before the last value", "ask for fewer", answer)
+    return answer
+
+
+def _swept(
+    finder: Finder, upwards: bool, settling: int, watched: int, states: States,
+    start: Mapping[str, float] | None,
+) -> BifurcationSweep:  # fmt: skip
+    """One sweep; it ends where impacts come too fast to be followed."""
+    family = finder.family
+    (state,) = states.starts(start or {})
+    sigmas, flown = [], list[Flight]()
+    for sigma in finder.grid if upwards else finder.grid[::-1]:
+        course = flights.course_of(finder.motion(float(sigma)), 0.0, 2.0 * math.pi)
+        flight = watch(course, state, settling, watched, MOST_DRAWN * watched)
+        if flight is None or finder.deadline.passed():
+            break
+        sigmas.append(float(sigma))
+        flown.append(flight)
+    frequency = family.frequency_hz(np.array(sigmas))
+    rates = np.array([exponent(each.growth) for each in flown]).reshape(-1, 2)
+    return BifurcationSweep(
+        upwards=upwards,
+        value=family.value(np.array(sigmas)),
+        frequency_hz=frequency,
+        periods=np.array([each.cycle() for each in flown], np.int64),
+        impact_speed=tuple(family.speed * each.impacts[:, 2] for each in flown),
+        stop=tuple(tuple(family.stops[int(stop)] for stop in each.impacts[:, 1]) for each in flown),
+        lyapunov=rates[:, 0] * frequency,
+        lyapunov_error=rates[:, 1] * frequency,
+    )
+
+
+def lyapunov_exponent(
+    scene: Scene,
+    start: Mapping[str, float] | None = None,
+    *,
+    settling: int = 1000,
+    periods: int = 4000,
+) -> Estimate:
+    """Rate at which a small disturbance of a motion under a sine grows, 1/s.
+
+    The disturbance is turned by the linear motion between impacts, and at an impact as by its
+    saltation matrix, which knows that a disturbed motion is struck at another moment. The rate is
+    above 0 where the motion is chaotic, 0 where it has two frequencies, and the logarithm of the
+    largest multiplier per time where it approaches a stable regime.
+
+    Parameters
+    ----------
+    scene
+        As for `harmonic_response`.
+    start
+        The state at phase 0 of the force, as {"velocity.x": 0.2}; by default at rest.
+    settling, periods
+        Periods of the force that pass before, and over which the rate is taken.
+
+    Returns
+    -------
+    Estimate
+        The rate, with the standard error by the means of 32 parts of the motion.
+
+    Raises
+    ------
+    NotApplicable
+        If the scene is not of that kind, or its motion rests on a stop, where disturbances vanish.
+
+    See Also
+    --------
+    bifurcation : The exponent over a range of values.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> from stochvi.scenes.datasets import shipped_scene
+    >>> mount = stochvi.load_scene(shipped_scene("isolator-sine"))
+    >>> round(float(lyapunov_exponent(mount, periods=320)), 2)
+    -6.28
+    """
+    if settling < 0 or periods < BATCHES:
+        raise ValueError(
+            f"settling must be at least 0 and periods at least {BATCHES}, got {settling} and "
+            f"{periods}"
+        )
+    place = Place(scene, 1, NEVER)
+    (state,) = place.states.starts(start or {})
+    course = flights.course_of(place.finder.motion(place.sigma), 0.0, 2.0 * math.pi)
+    flight = watch(course, state, settling, periods, 1)
+    if flight is None:
+        raise NotApplicable("sine", ["impacts must not come too fast to be followed one by one"])
+    how = f"growth of a disturbance over {periods} periods"
+    found = rate_of(*exponent(flight.growth), place.period, how)
+    if found is None:
+        raise NotApplicable(
+            "sine", ["the motion must not rest on a stop, where disturbances vanish at once"]
+        )
+    return found

@@ -1,0 +1,331 @@
+"""Many flights under a periodic force: to the regimes that they end in, with what disturbances do.
+
+The symbols are those of `kernel`. A period is divided into even steps at fixed phases of the force,
+so that what the force adds in each step is known once for all flights; where a stop may be met
+within a step, the flight goes on from impact to impact by Taylor series.
+"""
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from stochvi.methods.periodic.kernel import (
+    FREE,
+    MOST_IMPACTS,
+    STILL,
+    TERMS,
+    Motion,
+    distance_of,
+    expand,
+    first_rise,
+    force_state,
+    held,
+    push_of,
+    rate,
+    rest_on,
+    step_of,
+    strike,
+    sum_terms,
+    transition,
+)
+
+WANDERS = -1
+"""Number of the regime of a flight that has reached none."""
+
+LOST = -2
+"""Number of the regime of a flight whose impacts came too fast to be followed."""
+
+
+class Course(NamedTuple):
+    """An interval of phases of the force, divided into steps: their number of seconds, the matrix
+    (2 n, 2 n) of a step, what the force adds in each (steps, 2 n), w before each (steps, W), the
+    phase at the start, and the generators `resting` (m, N, N) at rest on each stop."""
+
+    motion: Motion
+    part: float
+    matrix: np.ndarray
+    forced: np.ndarray
+    waves: np.ndarray
+    phase: float
+    resting: np.ndarray
+
+
+class Touch(NamedTuple):
+    """What a flight keeps besides its state: `on` (3,), the stop that is rested on, the one that
+    was struck last and the one to be passed over; `fastest` (1,), the largest impact speed."""
+
+    on: np.ndarray
+    fastest: np.ndarray
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def course_of(motion, phase, angle):
+    """The course over an angle of phases (rad) from one on."""
+    n = motion.rows.shape[1]
+    two, size = 2 * n, len(motion.generator)
+    time = angle / motion.omega
+    steps = max(1, math.ceil(time / step_of(motion)))
+    part = time / steps
+    whole = transition(motion.generator, part)
+    forced, waves = np.empty((steps, two)), np.empty((steps, size - two))
+    for k in range(steps):
+        force_state(motion, phase + motion.omega * part * k, waves[k])
+        for i in range(two):
+            total = 0.0
+            for j in range(size - two):
+                total += whole[i, two + j] * waves[k, j]
+            forced[k, i] = total
+    matrix = whole[:two, :two].copy()
+    return Course(motion, part, matrix, forced, waves, phase, held(motion))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def free_touch():
+    """A flight that rests on no stop and has struck none."""
+    return Touch(np.full(3, FREE), np.zeros(1))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def turn(generator, time, disturbances, column, out):
+    """Take a small disturbance of a state, (2 n, number), over a time."""
+    two = len(disturbances)
+    out[:] = disturbances[:, column]
+    fresh = out.copy()
+    for k in range(1, TERMS):
+        for i in range(two):
+            total = 0.0
+            for j in range(two):
+                total += generator[i, j] * out[j]
+            fresh[i] = total * time / k
+        for i in range(two):
+            out[i] = fresh[i]
+            disturbances[i, column] += fresh[i]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def turn_at_impact(motion, stop, z, disturbances):
+    """Take small disturbances over an impact, before it turns the state z: a disturbed flight is
+    struck at another moment, before which the old rates act and after which the new ones."""
+    n = motion.rows.shape[1]
+    before, after, moved = np.empty(2 * n), np.empty(2 * n), z.copy()
+    rate(motion, z, before)
+    speed = strike(motion, stop, moved[: 2 * n])
+    rate(motion, moved, after)
+    strike(motion, stop, before)
+    for column in range(disturbances.shape[1]):
+        distance = 0.0
+        for i in range(n):
+            distance += motion.rows[stop, i] * disturbances[i, column]
+        strike(motion, stop, disturbances[:, column])
+        for i in range(2 * n):
+            disturbances[i, column] += (after[i] - before[i]) * distance / speed
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def fly(course, y, touch, disturbances, log, hits):
+    """Fly over a course from the state y (2 n,), in its place; returns the number of impacts so
+    far, of which there were `hits`, or -1 where they came too fast to be followed.
+
+    Parameters
+    ----------
+    disturbances : (2 n, number), small changes of the state, turned with it; there may be none.
+    log : (most, 3), takes phase, stop and speed of impacts, the last ones in the place of the first
+        where they are too many; (0, 3) for none.
+    """
+    motion, part = course.motion, course.part
+    n, m = motion.rows.shape[1], len(motion.positions)
+    two, size = 2 * n, len(motion.generator)
+    columns = disturbances.shape[1]
+    fresh, turned = np.empty(two), np.empty(two)
+    z, later = np.empty(size), np.empty(size)
+    terms, c = np.empty((TERMS, size)), np.empty(TERMS)
+    distances, speeds = np.empty(m), np.empty(m)
+    state, touched, skipped = touch.on[0], touch.on[1], touch.on[2]
+    fastest, before = touch.fastest[0], hits
+    for s in range(m):
+        distances[s], speeds[s] = distance_of(motion, s, y)
+    for number in range(len(course.forced)):
+        clear = state == FREE
+        if clear:
+            for i in range(two):
+                total = course.forced[number, i]
+                for j in range(two):
+                    total += course.matrix[i, j] * y[j]
+                fresh[i] = total
+            for s in range(m):
+                start, speed = distances[s], speeds[s]
+                end, end_speed = distance_of(motion, s, fresh)
+                distances[s], speeds[s] = end, end_speed
+                if max(start, end) + 0.5 * part * (abs(speed) + abs(end_speed)) >= 0.0:
+                    clear = False
+        if clear:
+            y[:] = fresh
+            for column in range(columns):
+                for i in range(two):
+                    total = 0.0
+                    for j in range(two):
+                        total += course.matrix[i, j] * disturbances[j, column]
+                    turned[i] = total
+                disturbances[:, column] = turned
+            touched, skipped = FREE, FREE
+            continue
+        left = part
+        z[:two], z[two:] = y, course.waves[number]
+        while left > 0.0:
+            generator = motion.generator if state == FREE else course.resting[state]
+            expand(generator, z, terms)
+            sum_terms(terms, left, later)
+            sooner, event, released = left, FREE, False
+            for s in range(m):
+                if s in (state, skipped):
+                    continue
+                start, speed = distance_of(motion, s, z)
+                end, end_speed = distance_of(motion, s, later)
+                if max(start, end) + 0.5 * left * (abs(speed) + abs(end_speed)) < 0.0:
+                    continue
+                for k in range(TERMS):
+                    c[k] = 0.0
+                    for i in range(n):
+                        c[k] += motion.rows[s, i] * terms[k, i]
+                c[0] -= motion.positions[s]
+                # from the stop itself, or from beyond it by rounding: the next touch
+                on = s == touched or c[0] > 0.0
+                at = first_rise(c[1:], sooner) if on else first_rise(c, sooner)
+                if at >= 0.0 and (at < sooner or event == FREE):
+                    sooner, event = at, s
+            if state != FREE:
+                for k in range(TERMS):
+                    c[k] = -push_of(motion, state, terms[k])
+                at = first_rise(c, sooner)
+                if at >= 0.0:
+                    sooner, event, released = at, FREE, True
+            for column in range(columns):
+                turn(generator, sooner, disturbances, column, turned)
+            if event == FREE and not released:
+                z[:] = later
+                touched, skipped, left = FREE, FREE, 0.0
+                continue
+            sum_terms(terms, sooner, z)
+            left = max(left - sooner, 0.0)
+            if released:
+                touched, skipped, state = FREE, state, FREE
+                continue
+            state = FREE
+            if columns:
+                turn_at_impact(motion, event, z, disturbances)
+            speed = strike(motion, event, z[:two])
+            if len(log):
+                slot = hits % len(log)
+                log[slot, 0] = course.phase + motion.omega * ((number + 1) * part - left)
+                log[slot, 1], log[slot, 2] = event, speed
+            hits += 1
+            fastest = max(fastest, speed)
+            touched = event
+            if hits - before > MOST_IMPACTS:
+                return -1
+            if motion.restitutions[event] * speed <= STILL * fastest:
+                if push_of(motion, event, z) > 0.0:
+                    state = event
+                    rest_on(motion, event, z)
+                    for column in range(columns):
+                        settle_on(motion, event, disturbances[:, column])
+                else:
+                    skipped = event
+        y[:] = z[:two]
+        for s in range(m):
+            distances[s], speeds[s] = distance_of(motion, s, y)
+    touch.on[0], touch.on[1], touch.on[2] = state, touched, skipped
+    touch.fastest[0] = fastest
+    return hits
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def settle_on(motion, stop, disturbance):
+    """What is left of a small disturbance where the motion comes to rest on a stop."""
+    n = motion.rows.shape[1]
+    square, moved = 0.0, 0.0
+    for i in range(n):
+        square += motion.rows[stop, i] ** 2
+        moved += motion.rows[stop, i] * disturbance[i]
+    for i in range(n):
+        disturbance[i] -= moved / square * motion.rows[stop, i]
+    rest_on(motion, stop, disturbance)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def reached(y, targets, forms, limits):
+    """The number of the target around which a state lies within the limit of its quadratic form;
+    WANDERS where there is none."""
+    two = len(y)
+    for t in range(len(targets)):
+        total = 0.0
+        for i in range(two):
+            row = 0.0
+            for j in range(two):
+                row += forms[t, i, j] * (y[j] - targets[t, j])
+            total += (y[i] - targets[t, i]) * row
+        if total < limits[t]:
+            return t
+    return WANDERS
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def settle_flights(lead, course, states, most, targets, forms, limits, found):
+    """Fly states (number, 2 n), in their place, until each reaches a target, over `most` periods.
+
+    First they fly over the course `lead`, unless its angle is 0. `found` (number,) takes the
+    target, WANDERS or LOST.
+    """
+    none, log = np.empty((states.shape[1], 0)), np.empty((0, 3))
+    for number in range(len(states)):
+        y, touch = states[number], free_touch()
+        hits = fly(lead, y, touch, none, log, 0) if lead.part > 0.0 else 0
+        found[number] = LOST
+        for period in range(most + 1):
+            if hits < 0:
+                break
+            resting = touch.on[0] != FREE
+            found[number] = WANDERS if resting else reached(y, targets, forms, limits)
+            if found[number] != WANDERS or period == most:
+                break
+            hits = fly(course, y, touch, none, log, 0)
+            found[number] = LOST
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def watch_flight(course, y, periods, skipped, log, ends, growth, disturbance):
+    """Fly a state y (2 n,), in its place, over periods of which the first are `skipped`.
+
+    `log` takes the impacts of the others, phases from the start of the first of these on; `ends`
+    (periods, 2 n) takes the state after each; `growth` (periods,) the logarithm by which the length
+    of a small `disturbance` (2 n, 1) has grown, -inf where nothing of it is left. Returns the
+    number of logged impacts, or -1.
+    """
+    touch, hits, none = free_touch(), 0, np.empty((0, 3))
+    first = disturbance.copy()
+    for period in range(skipped + periods):
+        kept = period >= skipped
+        before = hits
+        hits = fly(course, y, touch, disturbance, log if kept else none, hits if kept else 0)
+        if hits < 0:
+            return -1
+        square = 0.0
+        for i in range(len(y)):
+            square += disturbance[i, 0] ** 2
+        size = math.sqrt(square)
+        if size > 0.0:
+            for i in range(len(y)):
+                disturbance[i, 0] /= size
+        elif not kept:
+            # a rest on a stop on the way says nothing about the motion that is watched
+            disturbance[:] = first
+        if not kept:
+            hits = 0
+            continue
+        for k in range(max(before, hits - len(log)), hits):
+            log[k % len(log), 0] += 2.0 * math.pi * (period - skipped)
+        growth[period - skipped] = math.log(size) if size > 0.0 else -np.inf
+        ends[period - skipped] = y
+    return hits

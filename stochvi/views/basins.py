@@ -1,0 +1,184 @@
+"""Tables and pictures of basins and of bifurcations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch
+
+from stochvi.views.axes import COLOURS, add_grid, axes_or_new, length_unit
+from stochvi.views.tables import print_frame
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from stochvi.methods.periodic.basins import Basins
+    from stochvi.methods.periodic.bifurcation import Bifurcation
+
+MAP_SIZE, DIAGRAM_SIZE = (7.0, 5.2), (7.0, 6.0)
+"""Sizes of a map of basins and of a diagram of two panels, inches."""
+
+SHADES = (
+    "#9ecae8", "#f2a7a0", "#a9d8a5", "#f5d08a", "#c7b3e0", "#8fd3cf", "#e8b4d4", "#cfc29a",
+)  # fmt: skip
+"""Colours of basins, light enough for the marks of their regimes."""
+
+CHAOTIC, UNDECIDED, BEYOND = "#4d4d4d", "#d0d0d0", "#ffffff"
+"""Colours of starts that end in chaos, of those that are undecided, and of those beyond a stop."""
+
+REGIME_COLUMNS = {
+    "share": "share of starts",
+    "impact_speed_max": "impact speed (m/s)",
+    "multiplier": "largest multiplier",
+    "lyapunov": "Lyapunov exponent (1/s)",
+    "lyapunov_error": "standard error",
+}
+"""Headings of the columns of regimes as the terminal shows them."""
+
+MOST_PRINTED = 40
+"""Values of a bifurcation diagram that the terminal shows."""
+
+
+def print_basins(console: Console, found: Basins) -> None:
+    """Print which motions are reached, and by what share of the starts."""
+    console.print(found.summary(), style="bold", highlight=False)
+    print_frame(console, found.table().rename(columns=REGIME_COLUMNS), "motions that starts end in")
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def print_bifurcation(console: Console, found: Bifurcation) -> None:
+    """Print the motion at some of the values."""
+    console.print(found.summary(), style="bold", highlight=False)
+    table = found.table()
+    chosen = np.unique(np.linspace(0, len(table) - 1, min(MOST_PRINTED, len(table))).astype(int))
+    names = {**REGIME_COLUMNS, "value": found.key, "periods": "periods (0: none)"}
+    print_frame(console, table.iloc[chosen].rename(columns=names), "motions of a slow sweep")
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def plot_basins(found: Basins, ax: Axes | None = None) -> Axes:
+    """The map of starts, each coloured by the motion that it ends in, and the regimes in it."""
+    ax = axes_or_new(ax, MAP_SIZE)
+    shades, handles, number = list[str](), list[Patch](), 0
+    for regime in found.regimes:
+        if regime.kind == "chaotic":
+            shade = CHAOTIC
+        else:
+            shade, number = SHADES[number % len(SHADES)], number + 1
+        shades.append(shade)
+        label = f"{regime.name}: {100.0 * regime.share:.3g} %"
+        handles.append(Patch(color=shade, label=label))
+    if found.undecided:
+        label = f"undecided: {100.0 * found.undecided:.3g} %"
+        handles.append(Patch(color=UNDECIDED, label=label))
+    units, labels = zip(*(_unit(*each) for each in _sides(found)), strict=True)
+    edges = [
+        _edges(side / unit) for side, unit in zip((found.across, found.up), units, strict=True)
+    ]
+    colours = ListedColormap([BEYOND, UNDECIDED, *shades])
+    ax.pcolormesh(
+        *edges, found.ends + 2, cmap=colours, vmin=-0.5, vmax=len(shades) + 1.5, rasterized=True
+    )
+    _mark(found, ax, units)
+    ax.set_xlim(edges[0][0], edges[0][-1])
+    ax.set_ylim(edges[1][0], edges[1][-1])
+    ax.set_xlabel(labels[0])
+    ax.set_ylabel(labels[1])
+    ax.legend(
+        handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize="small",
+        frameon=False,
+    )  # fmt: skip
+    return ax
+
+
+def _sides(found: Basins) -> list[tuple[str, np.ndarray]]:
+    return list(zip(found.plane, (found.across, found.up), strict=True))
+
+
+def _unit(name: str, values: np.ndarray) -> tuple[float, str]:
+    """The unit of an axis and its label."""
+    what, _, coordinate = name.partition(".")
+    if what == "velocity":
+        return 1.0, f"velocity of {coordinate} at the start (m/s)"
+    unit, word = length_unit(float(np.abs(values).max()) or 1.0)
+    return unit, f"displacement of {coordinate} at the start ({word})"
+
+
+def _edges(values: np.ndarray) -> np.ndarray:
+    """Edges of the cells around values."""
+    if len(values) == 1:
+        half = abs(values[0]) or 1.0
+        return np.array([values[0] - half, values[0] + half])
+    middles = 0.5 * (values[1:] + values[:-1])
+    return np.concatenate([[1.5 * values[0] - 0.5 * values[1]], middles,
+                           [1.5 * values[-1] - 0.5 * values[-2]]])  # fmt: skip
+
+
+def _mark(found: Basins, ax: Axes, units: tuple[float, ...]) -> None:
+    """Mark the states of the periodic regimes at the phase of the starts: of one coordinate alone
+    the plane holds them."""
+    if found.regimes and len(found.regimes[0].displacement) > 1:
+        return
+    for regime in found.regimes:
+        if regime.kind == "periodic":
+            known = {"displacement": regime.displacement[0], "velocity": regime.velocity[0]}
+            x, y = (known[name.partition(".")[0]] for name in found.plane)
+            ax.plot(x / units[0], y / units[1], "o", color="black", markersize=4.0)
+
+
+def draw_bifurcation(found: Bifurcation, ax: Axes | None = None) -> Axes:
+    """Impact speeds over what is varied, and the Lyapunov exponent below them."""
+    if ax is not None:
+        return _plot_speeds(found, ax)
+    _, axes = plt.subplots(
+        2, 1, figsize=DIAGRAM_SIZE, sharex=True, layout="constrained", height_ratios=(2, 1)
+    )
+    first: Axes = _plot_speeds(found, axes[0])
+    first.set_xlabel("")
+    for sweep in found.sweeps:
+        axes[1].plot(sweep.value, sweep.lyapunov, **_style(upwards=sweep.upwards))
+    axes[1].axhline(0.0, color=COLOURS["stop"], linewidth=1.0)
+    axes[1].set_ylabel("Lyapunov exponent (1/s)")
+    axes[1].set_xlabel(_name(found))
+    add_grid(axes[1])
+    return first
+
+
+def _plot_speeds(found: Bifurcation, ax: Axes) -> Axes:
+    for sweep in found.sweeps:
+        pairs = zip(sweep.value, sweep.impact_speed, strict=True)
+        # a motion that repeats itself strikes at the same speeds again and again
+        rows = [(value, speed) for value, speeds in pairs for speed in _distinct(speeds)]
+        values, speeds = np.array(rows).reshape(-1, 2).T
+        word = "up" if sweep.upwards else "down"
+        ax.plot(values, speeds, label=f"sweep {word}", **_style(upwards=sweep.upwards))
+    ax.set_ylim(bottom=0.0)
+    ax.set_ylabel("impact speed (m/s)")
+    ax.set_xlabel(_name(found))
+    ax.legend(fontsize="small", markerscale=5.0)
+    add_grid(ax)
+    return ax
+
+
+def _distinct(speeds: np.ndarray) -> np.ndarray:
+    if not len(speeds):
+        return np.zeros(1)
+    digits = max(0, 5 - int(np.floor(np.log10(max(float(speeds.max()), 1e-300)))))
+    return np.unique(speeds.round(digits))
+
+
+def _style(*, upwards: bool) -> dict[str, Any]:
+    """Dots of a sweep; those of one down are smaller, so that both are seen where they agree."""
+    colour = COLOURS["simulate"] if upwards else COLOURS["linearise:closure"]
+    size = 2.4 if upwards else 0.8
+    return {"linestyle": "none", "marker": "o", "markersize": size, "color": colour}
+
+
+def _name(found: Bifurcation) -> str:
+    return "frequency (Hz)" if found.key == "frequency_hz" else found.key
