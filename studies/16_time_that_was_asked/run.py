@@ -1,0 +1,133 @@
+"""Every command with a budget on seven scenes: when it ends, and what it leaves behind."""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pandas as pd
+from cases import EXPLAIN_SECONDS, Case, cases, scenes, vary
+
+from stochvi.cli import main
+from stochvi.views.files import write_picture
+
+SHARE, SECONDS = 1.2, 2.0
+"""A command ends within SHARE budgets and SECONDS."""
+
+CTRL_C = 4.0
+"""Seconds after which Ctrl-C comes."""
+
+LONGEST = 400.0
+"""Seconds after which a command is ended by force."""
+
+
+def limit_of(case: Case, budget: float) -> float | None:
+    """Seconds in which a command should end; None where it has no limit."""
+    if case.command == "explain":
+        return EXPLAIN_SECONDS
+    return SHARE * budget + SECONDS if case.budgeted else None
+
+
+def command_of(case: Case, scene: Path, budget: float, out: Path, ctrl_c: bool) -> list[str]:
+    """The words of the command line."""
+    clock = [str(Path(__file__).with_name("on_cpu_clock.py")), str(CTRL_C if ctrl_c else 0.0)]
+    words = [sys.executable, *(clock if options.cpu_clock else ["-m", "stochvi"])]
+    words += [case.command, str(scene), *case.arguments]
+    threaded = any(option.name == "threads" for option in main.commands[case.command].params)
+    words += ["--threads", "1"] if options.cpu_clock and threaded else []
+    words += ["--vary", vary(scene)] if case.command == "sweep" else []
+    # the budget of a sweep is that of each row
+    share = budget / 2.0 if case.command == "sweep" else budget
+    words += ["--budget", str(share)] if case.budgeted else []
+    return words + (["--json", "-"] if case.command == "explain" else ["--out", str(out)])
+
+
+def measured(case: Case, name: str, scene: Path, budget: float, ctrl_c: bool) -> dict[str, object]:
+    """One command, its wall and CPU time, its exit code and its files."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        asked = LONGEST if ctrl_c else budget
+        began = time.perf_counter()
+        process = subprocess.Popen(
+            command_of(case, scene, asked, out, ctrl_c),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        timers = [threading.Timer(LONGEST, process.kill)]
+        if ctrl_c and not options.cpu_clock:
+            timers.append(threading.Timer(CTRL_C, process.send_signal, [signal.SIGINT]))
+        for timer in timers:
+            timer.start()
+        assert process.stderr is not None
+        told = process.stderr.read().decode().splitlines()
+        _, status, used = os.wait4(process.pid, 0)
+        for timer in timers:
+            timer.cancel()
+        wall = time.perf_counter() - began
+        files = sorted(file.name for file in out.rglob("*") if file.is_file())
+    cpu = used.ru_utime + used.ru_stime
+    wall = cpu if options.cpu_clock else wall
+    limit = CTRL_C + SECONDS if ctrl_c else limit_of(case, budget)
+    code = os.waitstatus_to_exitcode(status)
+    return {
+        "command": case.command, "question": case.question, "scene": name,
+        "ended_by": "Ctrl-C" if ctrl_c else "budget", "budget": budget if case.budgeted else None,
+        "wall": round(wall, 2), "cpu": round(cpu, 2), "limit": limit,
+        "overrun": None if limit is None else round(wall - (CTRL_C if ctrl_c else budget), 2),
+        "in_time": None if limit is None else wall <= limit,
+        "exit_code": code, "files": " ".join(files), "says": told[-1] if told else "",
+    }  # fmt: skip
+
+
+SHOWN = (
+    "command", "question", "scene", "ended_by", "budget", "wall", "cpu", "in_time", "exit_code",
+    "says",
+)  # fmt: skip
+"""Columns that are printed."""
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--quick", action="store_true", help="two scenes, a budget of 2 s")
+parser.add_argument("--cpu-clock", action="store_true", help="where others use the machine")
+parser.add_argument("--only", default="", help="commands, with commas")
+parser.add_argument("--scenes", default="", help="scenes, with semicolons")
+parser.add_argument("--budgets", default="2" if "--quick" in sys.argv else "2,5,20")
+parser.add_argument("--out", type=Path, default=Path(__file__).parent)
+options = parser.parse_args()
+budgets = [float(each) for each in options.budgets.split(",")]
+wanted = {name: file for name, file in scenes().items() if name in (options.scenes or name)}
+if options.quick:
+    wanted = dict(list(wanted.items())[:2])
+# a shell that starts this in the background lets Ctrl-C be ignored, by its children too
+signal.signal(signal.SIGINT, signal.default_int_handler)
+rows = []
+for case in cases():
+    if case.command not in (options.only or case.command).split(","):
+        continue
+    for name, scene in wanted.items():
+        refused = False
+        for ctrl_c, budget in [(False, each) for each in budgets] + [(True, budgets[0])]:
+            if refused or (not case.budgeted and (ctrl_c or budget > budgets[0])):
+                continue
+            rows.append(measured(case, name, scene, budget, ctrl_c))
+            refused = rows[-1]["exit_code"] == 2
+            print(*(rows[-1][key] for key in SHOWN), sep=" | ", flush=True)
+            pd.DataFrame(rows).to_csv(options.out / "result.csv", index=False)
+table = pd.DataFrame(rows)
+judged = table[(table["exit_code"] != 2) & table["limit"].notna()]
+late = judged[~judged["in_time"].astype(bool)]
+print(f"{len(judged)} runs with a limit, {len(late)} of them late")
+figure, ax = plt.subplots(figsize=(7.2, 4.6), layout="constrained")
+for command, group in judged.groupby("command", sort=False):
+    ax.plot(group["limit"], group["wall"], "o", label=command, markersize=4, alpha=0.7)
+top = 1.1 * float(max(judged["limit"].max(), judged["wall"].max()))
+ax.plot([0.0, top], [0.0, top], color="#1b1b1b", linewidth=1.0)
+ax.set(xlabel="limit: 1.2 budgets + 2 s (s)", xlim=(0.0, top), ylim=(0.0, top))
+ax.set_ylabel("CPU time (s)" if options.cpu_clock else "wall time (s)")
+ax.legend(frameon=False, fontsize="small", ncols=2)
+write_picture(ax, options.out / "figure.png")
