@@ -32,8 +32,14 @@ BUDGET = 60.0
 LEAST_SHARE = 0.3
 """Share of a budget that is left for calculations however long the start of the program took."""
 
-GRACE_SHARE, GRACE_SECONDS = 0.2, 1.2
-"""Share of the budget, and seconds, after it in which pictures of a page are still begun."""
+GRACE_SHARE, GRACE_SECONDS = 0.2, 0.6
+"""Share of the budget, and seconds, after it in which pictures of a page are still begun: the
+command ends within 2 s after the share, and what is written last takes the rest."""
+
+DRAWING_SECONDS, ALLOWED_SECONDS = 2.0, 1.3
+"""Seconds that tables and a first picture take with their libraries (measured on a busy machine),
+and seconds after the share of the budget that they may take: the start of the program has the rest
+of the 2 s."""
 
 
 Found = TypeVar("Found")
@@ -90,17 +96,21 @@ class Common:
             raise self.begun.fell_short("before the calculation began", "")
         if budget is None:
             return replace(self.begun, moment=math.inf, budget=None)
-        latest = max(self.begun.moment + budget, time.time() + LEAST_SHARE * budget)
+        early = 0.0
+        if self.out is not None:
+            early = max(DRAWING_SECONDS - ALLOWED_SECONDS - GRACE_SHARE * budget, 0.0)
+        latest = max(self.begun.moment + budget - early, time.time() + LEAST_SHARE * budget)
         return replace(self.begun, moment=latest, budget=budget)
 
     @contextlib.contextmanager
     def within(self, budget: float | None) -> Iterator[None]:
-        """Messages name this budget, and pages leave out pictures once it is long over."""
+        """Messages name this budget, and pages leave out pictures once it is long over. Where none
+        is given, messages name `BUDGET`, and every picture is drawn."""
         from stochvi.views.files import pictures_until
 
         late = math.inf if budget is None else (1.0 + GRACE_SHARE) * budget + GRACE_SECONDS
         deadline = replace(self.begun, moment=self.begun.moment + late, budget=budget)
-        with asked_for(budget), pictures_until(deadline):
+        with asked_for(BUDGET if budget is None else budget), pictures_until(deadline):
             yield
 
     def origin(self, scene: str, provenance: Mapping[str, Any]) -> Origin:
@@ -267,7 +277,7 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
                 if not has_budget:
                     command(options, **given)
                     return
-                with heeding_ctrl_c(), options.within(BUDGET if budget is None else budget):
+                with heeding_ctrl_c(), options.within(budget):
                     command(options, **given)
             if begun.interrupted:
                 stop("interrupted by Ctrl-C; the answer was kept", FAILED)

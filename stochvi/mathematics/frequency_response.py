@@ -63,6 +63,9 @@ Tables = Sequence[tuple[Table, Force]]
 NODES = 6
 """Number of Gauss-Legendre nodes on each panel; panels narrow geometrically towards resonances."""
 
+AT_ONCE = 2**14
+"""Number of frequencies whose matrices are in memory together: 100 MB for 20 modes."""
+
 NARROWEST = 1e-9
 """Smallest width of a resonance, relative to its frequency, that panels resolve."""
 
@@ -131,10 +134,12 @@ def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
     n = len(stiffness)
     total = np.zeros((2 * n, 2 * n))
     for table, force in tables:
-        f, weight = quadrature(table, stiffness, damping, force)
-        displacement = gains(f, stiffness, damping, force)
-        both = np.hstack([displacement, 2j * np.pi * f[:, None] * displacement])
-        total += np.einsum("fi,fj->ij", (table(f) * weight)[:, None] * both, both.conj()).real
+        nodes, weights = quadrature(table, stiffness, damping, force)
+        for first in range(0, len(nodes), AT_ONCE):
+            f, weight = nodes[first : first + AT_ONCE], weights[first : first + AT_ONCE]
+            displacement = gains(f, stiffness, damping, force)
+            both = np.hstack([displacement, 2j * np.pi * f[:, None] * displacement])
+            total += np.einsum("fi,fj->ij", (table(f) * weight)[:, None] * both, both.conj()).real
     return total
 
 

@@ -28,6 +28,9 @@ SHORTEST_BUDGET = 1e-3
 _heard = [0]
 """How often Ctrl-C has ended what was under way in this process."""
 
+_heeded_from: list[int] = []
+"""How often it had when Ctrl-C began to be heeded (see `heeding_ctrl_c`); empty where it is not."""
+
 
 @dataclass(frozen=True)
 class Deadline:
@@ -56,10 +59,14 @@ class Deadline:
 
     @classmethod
     def after(cls, budget: float | None) -> Deadline:
-        """The deadline that so many seconds from now make; None for no limit."""
+        """The deadline that so many seconds from now make; None for no limit.
+
+        A Ctrl-C that came earlier makes it pass as well, if it is part of what that one ended.
+        """
+        before = _heeded_from[0] if _heeded_from else _heard[0]
         if budget is None:
-            return cls(math.inf, None, _heard[0])
-        return cls(time.time() + budget, _asked_for.get() or budget, _heard[0])
+            return cls(math.inf, None, before)
+        return cls(time.time() + budget, _asked_for.get() or budget, before)
 
     def passed(self) -> bool:
         """Whether the answer is due."""
@@ -148,12 +155,12 @@ def asked_for(budget: float | None) -> Iterator[None]:
 def heeding_ctrl_c() -> Iterator[None]:
     """Meanwhile the first Ctrl-C makes all deadlines pass instead of raising KeyboardInterrupt.
 
-    A second one raises it as ever. Nothing changes outside the main thread, or where a program
-    has a handler of its own.
+    A second one raises it as ever. Nothing changes outside the main thread, where a program has a
+    handler of its own, or within another calculation that heeds it.
     """
     usual = signal.default_int_handler
     main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGINT) is not usual:
+    if not main or _heeded_from or signal.getsignal(signal.SIGINT) is not usual:
         yield
         return
 
@@ -161,8 +168,10 @@ def heeding_ctrl_c() -> Iterator[None]:
         _heard[0] += 1
         signal.signal(signal.SIGINT, usual)
 
+    _heeded_from.append(_heard[0])
     signal.signal(signal.SIGINT, hear)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, usual)
+        _heeded_from.clear()

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 from stochvi.methods.averaging import average
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
+from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result, total_cost
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
@@ -249,6 +251,8 @@ def answers(
     left_out: list[str] = []
     responses: list[Response] = []
     simulated: list[Response] = []
+    solvable = not unmet_by_fokker_planck(model_of(scene))
+    sampling = deadline.sooner(FOR_SOLVER) if solvable else deadline
     try:
         responses.append(exact(scene))
     except NoExactSolution as reason:
@@ -260,7 +264,7 @@ def answers(
                 rel_error=rel_error,
                 seed=seed,
                 threads=threads,
-                budget=deadline.rest,
+                budget=sampling.rest,
                 progress=progress,
             )
         )
@@ -273,15 +277,20 @@ def answers(
     if deadline.interrupted:
         left_out.append("fokker_planck: interrupted by Ctrl-C")
     else:
-        responses += _solved(scene, SHARPER * rel_error, simulated, left_out)
+        responses += _solved(scene, SHARPER * rel_error, simulated, left_out, deadline)
     responses += simulated
     approximate = approximations(scene, left_out)
     return MethodResponses(responses=responses, approximations=approximate, left_out=left_out)
 
 
+FOR_SOLVER = 0.1
+"""Share of the time that a simulation leaves to the Fokker-Planck solver, where that applies."""
+
+
 def _solved(
-    scene: Scene, rtol: float, simulated: Sequence[Response], left_out: list[str]
-) -> list[Response]:
+    scene: Scene, rtol: float, simulated: Sequence[Response], left_out: list[str],
+    deadline: Deadline,
+) -> list[Response]:  # fmt: skip
     """The Fokker-Planck response; its rates count impacts above the speed that simulation uses."""
     thresholds = [
         threshold
@@ -289,11 +298,12 @@ def _solved(
         for pair in found.impact_pairs.values()
         if isinstance(threshold := pair["speed_threshold"], float)
     ]
+    threshold = next(iter(thresholds), None)
     try:
-        return [fokker_planck(scene, rtol=rtol, speed_threshold=next(iter(thresholds), None))]
+        return [fokker_planck(scene, rtol=rtol, speed_threshold=threshold, budget=deadline.rest)]
     except NotApplicable as reason:
         left_out.append(str(reason))
-    except NotConverged as reason:
+    except (NotConverged, Interrupted) as reason:
         # its bias states the accuracy that it has reached
         return [] if reason.response is None else [reason.response]
     return []

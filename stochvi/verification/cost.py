@@ -33,7 +33,7 @@ from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
-from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
+from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import thread_seconds
 from stochvi.results.progress import Progress, shown_in_notebooks
@@ -384,7 +384,7 @@ def cost(
     rows: list[StepError] = []
     models: list[ModelError] = []
     left_out = []
-    free = _deterministic(scene, plan)
+    free = _deterministic(scene, plan, deadline)
     for key, quantity in governed(plan.model).items():
         size_of = quantity
         if key[1] == "displacement_mean":
@@ -530,16 +530,16 @@ def _known(scene: Scene, plan: Plan) -> tuple[dict[Key, Estimate], str]:
         return {}, "finest step" if plan.elastic else "limit of the two finest steps"
 
 
-def _deterministic(scene: Scene, plan: Plan) -> list[Response]:
-    """Responses of the methods that draw no random numbers; their rates count the same impacts as
-    the simulated ones."""
+def _deterministic(scene: Scene, plan: Plan, deadline: Deadline) -> list[Response]:
+    """Responses of the methods that draw no random numbers, of meshes that the deadline allows;
+    their rates count the same impacts as the simulated ones."""
     found = approximations(scene, [])
     threshold = next(iter(plan.layout.thresholds.values()), None)
     try:
-        found.append(fokker_planck(scene, speed_threshold=threshold))
+        found.append(fokker_planck(scene, speed_threshold=threshold, budget=deadline.rest))
     except NotApplicable:
         pass
-    except NotConverged as reason:
+    except (NotConverged, Interrupted) as reason:
         # its bias says what it has reached
         found += [] if reason.response is None else [reason.response]
     return found

@@ -33,6 +33,7 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "beyond reach": ("--mission", "3600", "--impact-speed", "1000"),
     },
     "absorber": {"": TIGHT, "--mass-budget": ("--mass-budget", "0.1", *TIGHT)},
+    "sine": {"": ("--from", "0.5", "--to", "20", "--points", "2000")},
     "check": {"": TIGHT},
     "cost": {"": ()},
     "sweep": {
@@ -45,7 +46,7 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 
 WITHOUT_BUDGET = {
     "screen", "exact", "linearise", "average", "fokker-planck", "first-passage", "history", "jolt",
-    "replay", "profiles", "new", "demo", "problems", "judge", "sine", "schema",
+    "replay", "profiles", "new", "demo", "problems", "judge", "schema",
 }  # fmt: skip
 """Commands that have no budget: what is asked of them bounds their work."""
 

@@ -8,6 +8,7 @@ Ctrl-C comes, 0 for never; the others are the words of the command.
 import os
 import signal
 import sys
+import threading
 import time
 
 start, cpu = time.time(), time.process_time
@@ -16,8 +17,24 @@ for name in ("time", "monotonic", "perf_counter"):
 
 from stochvi.cli import main  # noqa: E402
 
-signal.signal(signal.SIGPROF, lambda *_: os.kill(os.getpid(), signal.SIGINT))
-signal.setitimer(signal.ITIMER_PROF, float(sys.argv.pop(1)))
+LOOK_SECONDS = 0.02
+"""Seconds between two looks at the CPU time for the moment of Ctrl-C."""
+
+
+def press_ctrl_c(after: float) -> None:
+    """Send Ctrl-C to the process once it has used so much CPU time.
+
+    A timer of the process would interrupt the thread that runs, as a terminal does not: a main
+    thread that waits for another would not notice.
+    """
+    while cpu() < after:
+        time.sleep(LOOK_SECONDS)
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+moment = float(sys.argv.pop(1))
+if moment:
+    threading.Thread(target=press_ctrl_c, args=[moment], daemon=True).start()
 try:
     main(prog_name="stochvi")
 except KeyboardInterrupt:

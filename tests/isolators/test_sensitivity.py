@@ -30,6 +30,7 @@ from stochvi.isolators.sizing.sensitivity import (
     slow_bursts,
     variations,
 )
+from stochvi.results.deadline import Deadline
 from stochvi.verification.testing.agreement import Z
 from support.mounts import HOUR, ten_hertz, truck
 
@@ -138,6 +139,13 @@ def test_a_mount_lets_little_of_fast_peaks_through() -> None:
     assert peaked.response_kurtosis < 3.3
     with pytest.raises(NotApplicable, match="must be tabulated"):
         fast_peaks(ten_hertz(0.05), KURTOSIS)
+
+
+def test_fast_peaks_end_with_the_records_that_there_are_when_the_budget_ends() -> None:
+    scene = truck(Restitution(coefficient=0.5))
+    late = fast_peaks(scene, 5.0, seed=1, deadline=Deadline(0.0))
+    assert late == fast_peaks(scene, 5.0, seed=1, records=2)
+    assert late != fast_peaks(scene, 5.0, seed=1, records=3)
 
 
 def test_a_wide_mount_lets_them_through() -> None:

@@ -6,7 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stochvi import Isolator, Oscillator, Scene, TabulatedNoise, WhiteNoise, explain, simulate
+from stochvi import (
+    Isolator,
+    Matrices,
+    Oscillator,
+    Scene,
+    TabulatedNoise,
+    WhiteNoise,
+    explain,
+    simulate,
+)
 from stochvi.verification import zoo
 from support.known import oscillator
 
@@ -118,3 +127,32 @@ def test_a_long_table_is_explained_without_a_linearisation(
     found = explain(Scene(structure=mount, excitations=[table]), budget=0.01)
     assert found.methods["linearise"] == "applies"
     assert found.simulation is not None and found.simulation.nanoseconds_per_step > 0.0
+
+
+def test_a_plan_that_takes_minutes_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table of 99,000 lines on 20 masses used to take minutes, and 4 GB, for a limit of 3 s."""
+    monkeypatch.setattr(
+        "stochvi.verification.explain.prospect", lambda *_, **__: pytest.fail("not in time")
+    )
+    frequency = np.linspace(5.0, 2000.0, 99_000)
+    masses = 20
+    chain = 2.0 * np.eye(masses) - np.eye(masses, k=1) - np.eye(masses, k=-1)
+    scene = Scene(
+        structure=Matrices(
+            coordinates=[f"m{number}" for number in range(masses)],
+            mass=np.eye(masses).tolist(),
+            damping=(20.0 * chain).tolist(),
+            stiffness=(1e5 * chain).tolist(),
+        ),
+        excitations=[
+            TabulatedNoise(
+                on="base",
+                frequency_hz=frequency.tolist(),
+                density=[0.01] * len(frequency),
+                unit="g2/Hz",
+            )
+        ],
+    )
+    found = explain(scene)
+    assert found.simulation is None and found.methods["simulate"] == "applies"
+    assert any("price of a simulation was not measured" in note for note in found.notes)

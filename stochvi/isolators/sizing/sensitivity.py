@@ -17,7 +17,7 @@ from stochvi.isolators.sizing.method import risk_curve, size
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.spectra import Table
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
 from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.impact_laws import Restitution
@@ -121,7 +121,7 @@ def sensitivity(
             share = 1.0 / (len(cases) - number)
             rows.append(row_in_time(change, scene, sizing, seed, threads, deadline, share))
         if sizing.target.name == "probability" and not deadline.passed():
-            rows += _not_gaussian(sizing, seed, threads)
+            rows += _not_gaussian(sizing, seed, threads, deadline)
     return pd.DataFrame(rows)
 
 
@@ -227,16 +227,18 @@ def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
         yield change, changed_stops(scene, amount)
 
 
-def _not_gaussian(sizing: Sizing, seed: int, threads: int | None) -> list[dict[str, Any]]:
+def _not_gaussian(
+    sizing: Sizing, seed: int, threads: int | None, deadline: Deadline
+) -> list[dict[str, Any]]:
     """Rows for the two ways in which an input can have a larger kurtosis than Gaussian noise."""
     curve = risk_curve(
         sizing.scene, sizing.target, sizing.mission,
-        rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads,
+        rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads, budget=deadline.rest,
     )  # fmt: skip
     sigma, old = curve.crossings.displacement_std, sizing.clearance.value
     rows = []
     try:
-        measured = fast_peaks(sizing.scene, KURTOSIS, seed=seed)
+        measured = fast_peaks(sizing.scene, KURTOSIS, seed=seed, deadline=deadline)
     except NotApplicable:
         pass
     else:
@@ -311,13 +313,15 @@ class FastPeaks(NamedTuple):
 
 
 def fast_peaks(
-    scene: Scene, kurtosis: float, *, seed: int = 0, records: int = RECORDS
-) -> FastPeaks:
+    scene: Scene, kurtosis: float, *, seed: int = 0, records: int = RECORDS,
+    deadline: Deadline = NEVER,
+) -> FastPeaks:  # fmt: skip
     """How much of the kurtosis of an input with fast peaks a mount lets through.
 
     Records of the tabulated input are given the law of `Hermite` and their own density in turn,
     until they have both; the density last, so that it is exact. White noise, of which the mount
-    averages infinitely many values, has no kurtosis to pass.
+    averages infinitely many values, has no kurtosis to pass. Once the deadline has passed, no
+    record but the first two is begun.
 
     Raises
     ------
@@ -348,8 +352,10 @@ def fast_peaks(
             spectrum = amplitude * np.exp(1j * np.angle(phase))
         response = np.fft.irfft(gain * spectrum, length)
         found.append([_kurtosis(np.fft.irfft(spectrum, length)), _kurtosis(response)])
+        if len(found) > 1 and deadline.passed():
+            break
     mean = np.mean(found, axis=0)
-    error = float(np.std(found, axis=0, ddof=1)[1] / math.sqrt(records))
+    error = float(np.std(found, axis=0, ddof=1)[1] / math.sqrt(len(found)))
     return FastPeaks(float(mean[0]), float(mean[1]), error)
 
 

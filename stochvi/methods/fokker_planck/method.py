@@ -35,6 +35,7 @@ from stochvi.model.coverage import functions
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.model.responses import StationaryMoments
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
@@ -55,8 +56,9 @@ COLLAPSES = (
 
 
 def fokker_planck(
-    scene: Scene, *, rtol: float = 0.01, speed_threshold: float | None = None
-) -> Response:
+    scene: Scene, *, rtol: float = 0.01, speed_threshold: float | None = None,
+    budget: float | None = None,
+) -> Response:  # fmt: skip
     """Stationary response of one oscillator with stops under white noise, by Galerkin's method.
 
     Solves -v p_x + [(b(v) + g(x) - load) p]_v + S0 / 2 p_vv = 0 (B 13.34) with
@@ -74,6 +76,9 @@ def fokker_planck(
     speed_threshold
         Slowest impact that a rate counts, m/s. Default: 0 between stops that lose nothing, else
         5 % of the rms velocity that a law exp(-energy / s^2) would have, as in `simulate`.
+    budget
+        Seconds after which no finer mesh is begun; None for no limit. Ctrl-C does the same where it
+        is heeded, as in `check`.
 
     Returns
     -------
@@ -86,7 +91,8 @@ def fokker_planck(
     Raises
     ------
     NotApplicable, NotConverged
-        With every unmet condition; if the finest mesh does not reach rtol, with its `response`.
+        With every unmet condition; if the finest mesh, or the last one within the budget, does not
+        reach rtol, with its `response`.
 
     See Also
     --------
@@ -104,7 +110,7 @@ def fokker_planck(
     >>> print(f"{fokker_planck(scene, rtol=1e-6).coordinates['x']['displacement_std'].value:.7f} m")
     0.5320907 m
     """
-    started = time.perf_counter()
+    started, deadline = time.perf_counter(), Deadline.after(budget)
     motion = _motion(scene, rtol, speed_threshold)
     model = motion.model
     if speed_threshold is None:
@@ -114,11 +120,12 @@ def fokker_planck(
         found = _on_fixed_meshes(model, rtol, speed_threshold)
     how = "half-range Galerkin"
     if found is None:
-        answered = refine(motion, rtol, speed_threshold, _finite_rates(model, speed_threshold))
+        rates = _finite_rates(model, speed_threshold)
+        answered = refine(motion, rtol, speed_threshold, rates, deadline)
         found, how = (answered.averages, answered.errors), "refined Galerkin"
         if functions(model):
             balances = _balances(answered)
-    return _response(scene, found, rtol, speed_threshold, how, started, balances)
+    return _response(scene, found, rtol, speed_threshold, how, started, balances, deadline)
 
 
 def fokker_planck_density(
@@ -228,6 +235,7 @@ def _response(
     how: str,
     started: float,
     balances: Mapping[str, Estimate] | None = None,
+    deadline: Deadline = NEVER,
 ) -> Response:
     """The response; where its errors are larger than `rtol`, `NotConverged` carries it."""
     model = model_of(scene)
@@ -239,6 +247,12 @@ def _response(
     if balances is not None:
         response = replace(response, identities=balances)
     reached = worst_relative_error(*found)
+    if reached > rtol and deadline.passed():
+        raise deadline.fell_short(
+            f"at a relative error of {reached:.2g} by fokker-planck, asked for {rtol:g}",
+            "raise budget or rtol",
+            response,
+        )
     if reached > rtol:
         raise NotConverged(
             f"fokker-planck reached a relative error of {reached:.2g} on its finest mesh, not "

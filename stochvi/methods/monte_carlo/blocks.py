@@ -89,6 +89,9 @@ PIECE_SECONDS = 0.25
 """Largest expected time in seconds of a piece of a block, so that a budget is overrun by no
 more."""
 
+PATIENCE_SECONDS = 0.5
+"""Seconds beyond the budget that the first two paths may take, without which there is no answer."""
+
 Piece = TypeVar("Piece")
 
 Block = tuple[int, int]
@@ -136,21 +139,22 @@ def machine() -> str:
 
 
 def do_blocks(
-    work: Work, blocks: tuple[Block, ...], deadline: Deadline = NEVER, attempt: int = 1
-) -> Done:
+    work: Work, blocks: tuple[Block, ...], deadline: Deadline = NEVER, attempt: int = 1,
+    needed: bool = True,
+) -> Done:  # fmt: skip
     """Do the work on the blocks of one task, in order.
 
-    Once the deadline has passed, the blocks that are left are not begun. The result is a function
-    of the arguments alone, so that any worker may compute it, and compute it again. `attempt` has
-    no effect but to give each attempt a key of its own, as a scheduler may remember that a key
-    failed.
+    Once the deadline has passed, the blocks that are left are not begun, but the first one is if it
+    is `needed`. The result is a function of the arguments alone, so that any worker may compute it,
+    and compute it again. `attempt` has no effect but to give each attempt a key of its own, as a
+    scheduler may remember that a key failed.
     """
     start = thread_seconds()
     results: list[Any] = []
     for first_path, paths in blocks:
-        results.append(work(first_path, paths, deadline))
-        if deadline.passed():
+        if deadline.passed() and (results or not needed):
             break
+        results.append(work(first_path, paths, deadline))
     return Done(results=tuple(results), machine=machine(), seconds=thread_seconds() - start)
 
 
@@ -187,9 +191,9 @@ def seconds_of_first_paths(plan: Plan, seed: int, deadline: Deadline) -> float:
         trial = plan.shortest(steps)
         if trial.steps_per_path < steps:
             break
-        began = thread_seconds()
-        trial.averages(seed, 0, FEWEST_AT_ONCE)
-        took = thread_seconds() - began
+        took = _seconds_of(trial, seed)
+        if took >= enough:  # kernels are loaded where they are called first
+            took = min(took, _seconds_of(trial, seed))
         predicted = took * plan.steps_per_path / trial.steps_per_path
         if predicted <= PIECE_SECONDS or took >= enough:
             return predicted
@@ -197,16 +201,23 @@ def seconds_of_first_paths(plan: Plan, seed: int, deadline: Deadline) -> float:
     return 0.0
 
 
+def _seconds_of(trial: Plan, seed: int) -> float:
+    """CPU seconds that FEWEST_AT_ONCE paths take."""
+    began = thread_seconds()
+    trial.averages(seed, 0, FEWEST_AT_ONCE)
+    return thread_seconds() - began
+
+
 def check_price(plans: Sequence[Plan], seed: int, deadline: Deadline) -> None:
     """Raise `NotConverged` where two paths by each of these plans take longer than there is."""
     seconds = 0.0
     for plan in plans:
         seconds += seconds_of_first_paths(plan, seed, deadline)
-        if seconds > deadline.left + PIECE_SECONDS:
+        if seconds > deadline.left + PATIENCE_SECONDS:
             raise NotConverged(
                 f"the budget of {deadline.budget:g} s is too short for {FEWEST_AT_ONCE} paths, "
-                f"which take at least {seconds:.2g} s; raise budget, or shorten the paths "
-                "(duration)"
+                f"which take at least {seconds:.2g} s, of which {deadline.left:.2g} s are left; "
+                "raise budget, or shorten the paths (duration)"
             )
 
 
@@ -215,22 +226,22 @@ def in_pieces(
 ) -> list[Piece]:
     """Results of `make(first_path, paths)` for successive pieces of a block of paths.
 
-    The deadline is checked between pieces; once it has passed, the remaining paths are left out,
-    but never those of the first piece, which has FEWEST_AT_ONCE of them. The paths do not depend
-    on the pieces.
+    The deadline is checked between pieces; once it has passed, or a path would take clearly longer
+    than there is left, the remaining paths are left out, but never those of the first piece, which
+    has FEWEST_AT_ONCE of them. The paths do not depend on the pieces.
     """
     if deadline == NEVER:
         return [make(first_path, paths)]
     done: list[Piece] = []
-    made, size = 0, FEWEST_AT_ONCE
-    while made < paths and not (made and deadline.passed()):
+    made, size, each = 0, FEWEST_AT_ONCE, 0.0
+    while made < paths and (not made or 0.0 < deadline.left > each - PIECE_SECONDS):
         size = min(size, paths - made)
         began = time.perf_counter()
         done.append(make(first_path + made, size))
         each = max((time.perf_counter() - began) / size, SHORTEST_BLOCK)
         made += size
         left = min(PIECE_SECONDS, deadline.left)
-        size = max(FEWEST_AT_ONCE, int(left / each))
+        size = max(1, int(left / each))
         size -= size % LANES if size > LANES else 0
     return done
 
@@ -315,13 +326,15 @@ class Crew:
         `total` is the number of blocks. Once `late()` is true, by default when the deadline has
         passed, no further task is begun, but at least `at_least` tasks are begun and finished. A
         block that is under way at the deadline is handed on as the works left it, as the last one.
+        Where the deadline alone decides, a task that waits for a worker until then is left out too.
 
         Raises
         ------
         WorkersLost
             If a block cannot be computed; all blocks before it have been handed on.
         """
-        waiting, late = self.waiting, late or deadline.passed
+        waiting, decided_by_caller = self.waiting, late is not None
+        late = late or deadline.passed
         begun, attempts = 0, MOST_ATTEMPTS if self.external_executor else 1
         try:
             while (begun < at_least or not late()) and (
@@ -330,7 +343,8 @@ class Crew:
                 # the deadline is checked within blocks that take long or an unknown time
                 quick = self.block_seconds < PIECE_SECONDS
                 calls = [(work, chunk, NEVER if quick else deadline) for work in works]
-                waiting.append(_Task(self.executor, calls, attempts))
+                needed = decided_by_caller or begun < at_least
+                waiting.append(_Task(self.executor, calls, attempts, needed))
                 begun += 1
                 while len(waiting) >= min(self.window, max(1, MOST_WAITING // len(chunk))):
                     if not (yield from self._hand_on(waiting)):
@@ -424,15 +438,15 @@ def check_executor(executor: Executor | None) -> None:
 
 
 Call = tuple[Work, tuple[Block, ...], Deadline]
-"""Arguments of `do_blocks`."""
+"""First arguments of `do_blocks`."""
 
 
 class _Task:
     """Some blocks, with one call of `do_blocks` for every work on them."""
 
-    def __init__(self, executor: Executor, calls: list[Call], attempts: int) -> None:
+    def __init__(self, executor: Executor, calls: list[Call], attempts: int, needed: bool) -> None:
         self.blocks = calls[0][1]
-        self.calls = [_Call(executor, call, attempts) for call in calls]
+        self.calls = [_Call(executor, call, attempts, needed) for call in calls]
 
     def results(self, check: Callable[[float], None], interval: float) -> list[Done]:
         """Result of every work; see `_Call.result`."""
@@ -459,8 +473,8 @@ class _Call:
     All attempts give the same result; that of the first which ends is taken.
     """
 
-    def __init__(self, executor: Executor, call: Call, attempts: int) -> None:
-        self.executor, self.call, self.attempts = executor, call, attempts
+    def __init__(self, executor: Executor, call: Call, attempts: int, needed: bool) -> None:
+        self.executor, self.call, self.attempts, self.needed = executor, call, attempts, needed
         self.futures: list[Future[Done]] = []
         self.begun = 0
         self._submit()
@@ -468,7 +482,9 @@ class _Call:
     def _submit(self) -> None:
         self.begun += 1
         try:
-            self.futures.append(self.executor.submit(do_blocks, *self.call, self.begun))
+            self.futures.append(
+                self.executor.submit(do_blocks, *self.call, self.begun, self.needed)
+            )
         except Exception as error:  # each kind of executor has its own errors
             raise WorkersLost(
                 f"the executor takes no more work ({type(error).__name__}: {error})"

@@ -1,0 +1,32 @@
+"""The study of when commands end asks every command that has a budget."""
+
+from __future__ import annotations
+
+import importlib
+
+import click
+import pytest
+
+from stochvi.cli import main
+
+STUDY = importlib.import_module("studies.16_time_that_was_asked.cases")
+
+
+def test_every_command_with_a_budget_is_asked_something() -> None:
+    asked = {case.command for case in STUDY.cases() if case.budgeted}
+    has_budget = {
+        name
+        for name, command in main.commands.items()
+        if any(option.name == "budget" for option in command.params)
+    }
+    assert asked == has_budget
+
+
+def test_a_command_without_a_question_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(main.commands, "foretell", click.Command("foretell"))
+    with pytest.raises(RuntimeError, match="foretell has no question"):
+        list(STUDY.cases())
+
+
+def test_the_scenes_of_the_study_are_files() -> None:
+    assert all(file.is_file() for file in STUDY.scenes().values())
