@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.spectra import Table, squared_gain
 from stochvi.mathematics.state_space import transition
-from stochvi.methods.replay.method import shaking_of, unmet_conditions
+from stochvi.methods.replay.method import shaking_of, unmet
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.base import plain
@@ -175,7 +175,7 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     True
     """
     model = model_of(scene)
-    if unmet_conditions(scene, model) or beyond_one_oscillator(model):
+    if unmet(scene, model) or beyond_one_oscillator(model):
         return None
     if not (model.omega > 0.0 and model.damping_rate > 0.0):
         return None

@@ -29,7 +29,6 @@ from stochvi.scenes.impact_laws import (
     CompliantLaw,
     Law,
     Restitution,
-    Viscoelastic,
     not_rigid,
 )
 from stochvi.scenes.rigid_body import AXES, RigidBody, rows_at
@@ -147,12 +146,10 @@ class Pair:
         """
         total = np.zeros(np.shape(gap))
         for stop in self.stops:
-            inwards = stop.deflection(gap)
-            if isinstance(stop.law, Viscoelastic):
+            if isinstance(stop.law, CompliantLaw):
                 rates = stop.side * np.asarray(rate)
-                total += stop.side * stop.law.force_at(inwards, rates, self.mass)
-            elif isinstance(stop.law, CompliantLaw):
-                total += stop.side * stop.law.force_at(inwards)
+                force = stop.law.force_at(stop.deflection(gap), rates, self.mass)
+                total += stop.side * force
         return total
 
 

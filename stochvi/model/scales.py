@@ -15,7 +15,7 @@ from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
 from stochvi.model.model import Model, Pair
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import Viscoelastic
+from stochvi.scenes.impact_laws import CompliantLaw
 
 UNSHAKEN = 1e-24
 """A gap counts as at rest if the variance of its speed is below this share of the largest modal
@@ -183,7 +183,7 @@ def _power_of_stops(pair: Pair, law: CutNormal | GibbsLaw, square: float) -> flo
             hits = gaussian_stop(law.density_at(stop.position), square)
             loss = (1.0 - stop.law.restitution**2) / 2.0
             power += loss * pair.mass * hits.speed_square_rate
-        elif isinstance(stop.law, Viscoelastic):
+        elif isinstance(stop.law, CompliantLaw) and not stop.law.conservative:
             touching = law.contact(stop.name)
             assert touching is not None
             power += stop.law.damping(pair.mass) * square * touching.probability

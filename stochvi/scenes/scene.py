@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, assert_never
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -398,6 +398,10 @@ class Scene(Checked):
                     for column in (table.frequency_hz, table.density):
                         for size in (float(column.min()), float(column.max())):
                             yield "excitation", "the table per unit mass", size
+                case Sine():
+                    pass  # it checks its own amplitude
+                case _:
+                    assert_never(excitation)
 
     def _misfit(self, excitation: Excitation) -> str:
         """What is wrong with the place of an excitation; empty if nothing is."""

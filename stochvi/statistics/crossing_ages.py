@@ -49,11 +49,12 @@ MISSED = 1.3
 """Ratio of the error reached to the error asked for, above which paths are added."""
 
 LEAST_PATHS = 8
-"""Where not even the fewest fit into the budget."""
+"""Least number of sampled motions, taken even where the budget is too short for them."""
 
 FEWEST_SURVIVORS = 0.05
 """Share of motions that must outlast the horizon for a limiting rate: beyond the noise of 64 paths.
-Where fewer do, they are taken for so many, which changes the chance of a hit by less than this."""
+Where fewer do, this share is put in place of theirs, which changes the chance of a hit by less than
+the difference."""
 
 STRIDES = (1, 2)
 """Every sample, and every second one: what the cubics between samples may miss."""
@@ -133,10 +134,11 @@ class CrossingAges:
         values = statistic(fine.mean(axis=-1))
         left_out = statistic((fine.sum(axis=-1, keepdims=True) - fine) / (paths - 1))
         errors = jackknife_error(left_out)
-        # where every crossing was a first one, that the next is not is still as likely as this
+        # where every crossing in the sample was a first one, the share of others is still uncertain
+        # by about one in the number of crossings
         crossings = paths * self.ages.shape[-1]
         errors = np.maximum(errors, values / crossings)
-        # and where hardly any was a first one, that the next is one
+        # where hardly any crossing was a first one, one more would change the means by this much
         first = self._integrals(np.full((1, 1), self.horizon), mission)[:, 0] * self.rice_rate
         seen = fine.mean(axis=-1)
         errors = np.maximum(errors, np.abs(statistic(seen + (first - seen) / crossings) - values))

@@ -99,8 +99,8 @@ def plot_plane(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
 def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
     """Impacts per second and unit of speed on each stop, log-log, with the exponent of the corner.
 
-    Towards w = 0 the density of impact speeds goes as w^(1 - beta) (`collisions.corner_exponent`),
-    drawn as a dotted line at each rigid stop of a fixed restitution.
+    Towards w = 0 the density of impact speeds goes as w^(1 - beta), with beta from
+    `impact_rates.corner_exponent`: a dotted line at each rigid stop of a fixed restitution.
     """
     ax = axes_or_new(ax, SIZE)
     rms = _value(found, "velocity_std")

@@ -19,7 +19,7 @@ from stochvi.methods.fokker_planck.strips import Solved, Strip
 from stochvi.model.model import Stop
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
-from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
+from stochvi.scenes.impact_laws import CompliantLaw
 
 MARGINS = ErrorMargins(safety=1.5, shared=0.2, floor=1e-9)
 """Margins of the error bounds on refined strips."""
@@ -289,8 +289,8 @@ class StripDensity:
 
     def _release(self, law: CompliantLaw, deflection: Array, side: int) -> Array:
         """Velocities, in units of the box, at which a stop ceases to push."""
-        if isinstance(law, Viscoelastic) and not law.conservative:
-            return -side * law.stiffness * deflection / (law.damping(1.0) * self.scaled.speed)
+        if not law.conservative:
+            return -side * law.force_at(deflection) / (law.damping(1.0) * self.scaled.speed)
         return np.full_like(deflection, math.inf)
 
     # Balances -----------------------------------------------------------------------------------

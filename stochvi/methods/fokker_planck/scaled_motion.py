@@ -197,7 +197,7 @@ class ScaledMotion:
 
     def _hidden(self, stop: Stop) -> float:
         """Speed below which noise hides that a stop takes energy; 0 for a rigid one."""
-        if not isinstance(stop.law, Viscoelastic):
+        if not isinstance(stop.law, CompliantLaw):
             return 0.0
         return HIDDEN * math.sqrt(self.motion.power / stop.law.damping(1.0)) / self.speed
 

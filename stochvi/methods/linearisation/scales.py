@@ -17,7 +17,7 @@ from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.results.errors import NotConverged
-from stochvi.scenes.impact_laws import Viscoelastic
+from stochvi.scenes.impact_laws import CompliantLaw
 
 SCAN = (-6.9, 4.6)
 """Logarithms of the least and the largest speed among which further solutions are looked for,
@@ -132,7 +132,7 @@ def _gibbs_stops(gap: Gap, speed: float) -> tuple[float, float]:
     loss = sum((1.0 - stop.law.restitution) * law.density_at(stop.position) for stop in rigid)
     damping = 2.0 * loss * speed / ROOT_TWO_PI
     for stop in gap.stops:
-        if isinstance(stop.law, Viscoelastic) and isinstance(law, GibbsLaw):
+        if isinstance(stop.law, CompliantLaw) and isinstance(law, GibbsLaw):
             touching = law.contact(stop.name)
             assert touching is not None
             damping += stop.law.damping(1.0) * touching.probability

@@ -91,7 +91,7 @@ def replay(
     """
     begin = time.perf_counter()
     model = model_of(scene)
-    unmet = unmet_conditions(scene, model)
+    missing = unmet(scene, model)
     places = [None] if clearances is None else [float(each) for each in clearances]
     if clearances is not None:
         if not places or any(not 0.0 < each < math.inf for each in places if each is not None):
@@ -100,12 +100,12 @@ def replay(
                 "distances from the rest position, such as [0.002, 0.003]"
             )
         if len(model.pairs) != 1:
-            unmet.append(
+            missing.append(
                 "the scene must have one impact pair, whose law is kept while its stops move, got "
                 f"{len(model.pairs)}"
             )
-    if unmet:
-        raise NotApplicable("replay", unmet)
+    if missing:
+        raise NotApplicable("replay", missing)
     segments = shaking_of(scene, model)
     numbers = sum(each.forces.size for each in segments) * len(places)
     keep = numbers <= MOST_KEPT
@@ -138,7 +138,7 @@ def replay(
     )
 
 
-def unmet_conditions(scene: Scene, model: Model) -> list[str]:
+def unmet(scene: Scene, model: Model) -> list[str]:
     """What of a scene keeps its records from being replayed."""
     found = functions(model)
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]

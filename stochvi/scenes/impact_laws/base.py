@@ -59,6 +59,16 @@ class ImpactLaw(Checked):
     def phrase(self) -> str:
         """The law with its numbers and their units, for a report."""
 
+    @property
+    @abstractmethod
+    def conservative(self) -> bool:
+        """Whether no impact loses energy."""
+
+    @property
+    @abstractmethod
+    def restitution(self) -> float:
+        """Restitution R that a free mass sees, v+ = -R v-."""
+
     def form(self) -> Form | None:
         """How a simulation follows the law for forces per unit mass; None where none can."""
         return None
@@ -93,17 +103,27 @@ class CompliantLaw(ImpactLaw):
 
     @property
     def conservative(self) -> bool:
-        """Whether the force has a potential."""
-        return True
+        """Whether the force has a potential: there is no damper beside the spring."""
+        return self.damping(1.0) == 0.0
 
     @property
     def restitution(self) -> float:
-        """Restitution that a free mass sees, whatever its speed."""
-        return 1.0
+        """Restitution that a free mass of 1 kg sees; 1 without a damper, whatever the speed."""
+        return self.impact(1.0, 1.0).restitution
 
     @abstractmethod
-    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
-        """Force on the stop, N, at deflections (m) and their rates (m/s)."""
+    def damping(self, mass: float) -> float:
+        """Coefficient c of a linear damper beside the spring of the stop, N s/m; 0 without one.
+
+        `mass` is the one that a damping ratio refers to, kg: of a pair, the reduced mass.
+        """
+
+    @abstractmethod
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
+        """Force on the stop, N, at deflections (m) and their rates (m/s).
+
+        `mass` is the one that a damping ratio refers to, kg, as for `damping`.
+        """
 
     @abstractmethod
     def potential_at(self, deflection: ArrayLike) -> Vector:

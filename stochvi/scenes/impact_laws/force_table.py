@@ -126,7 +126,10 @@ class ForceTable(CompliantLaw):
         number = np.searchsorted(starts, y, side="right") - 1
         return number, forces[number], slopes[number], y - starts[number]
 
-    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
+    def damping(self, mass: float) -> float:
+        return 0.0
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
         _, force, slope, into = self._piece(deflection)
         return np.asarray(force + slope * into)
 

@@ -38,7 +38,10 @@ class Hertz(CompliantLaw):
     kind: Literal["hertz"] = "hertz"
     coefficient: Positive
 
-    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
+    def damping(self, mass: float) -> float:
+        return 0.0
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
         return self.coefficient * inside(deflection) ** 1.5
 
     def potential_at(self, deflection: ArrayLike) -> Vector:

@@ -76,7 +76,10 @@ class Elastic(LinearLaw):
     def converted(cls, keys: Mapping[str, Any]) -> dict[str, Any]:
         return with_stiffness(keys)
 
-    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0) -> Vector:
+    def damping(self, mass: float) -> float:
+        return 0.0
+
+    def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
         return self.stiffness * inside(deflection)
 
     def impact(self, speed: float, mass: float) -> Impact:
@@ -124,10 +127,6 @@ class Viscoelastic(LinearLaw):
     @classmethod
     def converted(cls, keys: Mapping[str, Any]) -> dict[str, Any]:
         return with_damping_ratio(with_stiffness(keys))
-
-    @property
-    def conservative(self) -> bool:
-        return self.damping_ratio == 0.0
 
     @property
     def restitution(self) -> float:

@@ -1,7 +1,7 @@
 """Statistics of impacts by Monte Carlo, from every impact of independent paths.
 
-Slow impacts on a stop of restitution R under white noise have speeds of density w^(1 - beta), beta
-from R (`collisions.corner_exponent`), Rayleigh's law at R = 1 being the case beta = 0. They come in
+Slow impacts on a stop of restitution R under white noise have speeds of density w^(1 - beta), where
+`impact_rates.corner_exponent` gives beta from R; Rayleigh's law at R = 1 has beta = 0. They come in
 bursts, and so do impacts of a light resonance: counts scatter more than Poisson's, and an interval
 from their number alone is too narrow. Intervals come from independent paths, therefore, unless the
 dispersion of the counts allows Poisson's exact ones.

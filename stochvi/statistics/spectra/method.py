@@ -265,8 +265,11 @@ def _contact_time(plan: HistoryPlan) -> float:
 
 
 def _jumps(model: Model) -> list[float]:
-    """Where the density of the excitation jumps, Hz: within a main lobe of it both sides leak into
-    one bin, with gains and phases of both, which no smearing of densities tells."""
+    """Frequencies at which the density of the excitation jumps, Hz.
+
+    In a bin within a main lobe of a jump, power leaks in from both of its sides with the gains of
+    the structure at both; a density that is smeared by the kernel does not describe that.
+    """
     ends = (table.frequency_hz[[0, -1]] for table in model.acceleration_tables)
     return [float(end) for pair in ends for end in pair]
 

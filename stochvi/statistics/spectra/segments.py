@@ -29,7 +29,7 @@ TAPERS = 7
 """2 NW - 1: those that leak little."""
 
 KERNEL_BINS = {"welch": 2, "multitaper": 8}
-"""Half width of what is kept of a kernel |W|^2, in bins, two of which lie beside the bins told."""
+"""Half width, in bins, of the part of a kernel |W|^2 that is kept, beyond which it is neglected."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
