@@ -113,6 +113,7 @@ CHANGES = {
         ),
     ),
     "Judgement": Change(JUDGED | {"summary": str}),
+    "LifeTimes": Change(METHOD),
     "MotionBetweenStops": Change(
         {"faster_hits": COLUMNS, "impacts": COLUMNS, "transmissibility": COLUMNS},
         renamed={"scene": None},

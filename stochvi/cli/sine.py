@@ -1,4 +1,4 @@
-"""Commands of motions under a sine: regimes, basins and bifurcations."""
+"""Commands of motions under a sine: regimes, basins, bifurcations, and life times in noise."""
 
 from __future__ import annotations
 
@@ -169,6 +169,33 @@ def bifurcation(
         ),
         lambda found: _show(options, found, print_bifurcation, draw_bifurcation, "bifurcation"),
     )  # fmt: skip
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--regime", "regimes", multiple=True, metavar="NAME",
+    help='Regime whose life time is wanted, as "no impacts" [all].',
+)  # fmt: skip
+@click.option(
+    "--rel-error", type=float, default=0.1, show_default=True, help="Of the mean life times."
+)
+@common("seed", "threads", "budget", "json", "out", "quiet")
+def lifetimes(options: Common, scene: str, regimes: tuple[str, ...], rel_error: float) -> None:
+    """Sine and noise: how long each regime lasts, and where paths go that leave it.
+
+    Paths start in each of the regimes that coexist without noise, and are simulated with the noise
+    of the scene until enough of them have left.
+    """
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.lifetimes import lifetimes as times_of
+    from stochvi.views.basins import plot_lifetimes, print_lifetimes
+
+    loaded = load_scene(scene)
+    shown(
+        lambda: times_of(loaded, regimes or None, rel_error=rel_error, **options.sampling),
+        lambda found: _show(options, found, print_lifetimes, plot_lifetimes, "lifetimes"),
+    )
 
 
 def _show(options: Common, found: Any, tell: Any, draw: Any, name: str) -> None:

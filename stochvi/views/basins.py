@@ -1,4 +1,4 @@
-"""Tables and pictures of basins and of bifurcations."""
+"""Tables and pictures of basins, bifurcations and life times."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from stochvi.methods.periodic.basins import Basins
     from stochvi.methods.periodic.bifurcation import Bifurcation
+    from stochvi.statistics.lifetimes import LifeTimes
 
 MAP_SIZE, DIAGRAM_SIZE = (7.0, 5.2), (7.0, 6.0)
 """Sizes of a map of basins and of a diagram of two panels, inches."""
@@ -38,6 +39,18 @@ REGIME_COLUMNS = {
     "lyapunov_error": "standard error",
 }
 """Headings of the columns of regimes as the terminal shows them."""
+
+LIFE_COLUMNS = {
+    "life_time": "life time (s)",
+    "life_time_low": "95 % from",
+    "life_time_high": "to",
+    "left": "paths left",
+    "paths": "of",
+    "to": "they go to",
+    "share_low": "95 % from ",
+    "share_high": "to ",
+}
+"""Headings of the columns of life times as the terminal shows them."""
 
 MOST_PRINTED = 40
 """Values of a bifurcation diagram that the terminal shows."""
@@ -60,6 +73,41 @@ def print_bifurcation(console: Console, found: Bifurcation) -> None:
     print_frame(console, table.iloc[chosen].rename(columns=names), "motions of a slow sweep")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def print_lifetimes(console: Console, found: LifeTimes) -> None:
+    """Print how long each regime lasts, and where paths go."""
+    console.print(found.summary(), style="bold", highlight=False)
+    print_frame(console, found.to_frame().rename(columns=LIFE_COLUMNS), "regimes in noise")
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
+    """Mean life times with their 95 % intervals, and where paths go; arrows are lower limits."""
+    rows = len(found.regimes)
+    ax = axes_or_new(ax, (MAP_SIZE[0], 1.4 + 0.6 * rows))
+    longest = max((each.life_time or each.life_time_low for each in found.regimes), default=1.0)
+    for row, each in enumerate(found.regimes):
+        colour = COLOURS["simulate"]
+        if each.life_time is None or each.life_time_high is None:
+            ax.plot(each.life_time_low or longest, row, ">", color=colour)
+        else:
+            bars = [[each.life_time - each.life_time_low], [each.life_time_high - each.life_time]]
+            ax.errorbar(each.life_time, row, xerr=bars, fmt="o", capsize=3, color=colour)
+        there = ", ".join(f"{100.0 * to.share:.0f} % to {to.regime}" for to in each.destinations)
+        place = each.life_time or each.life_time_low or longest
+        ax.annotate(
+            there or "longer than this (95 %): no path left it", (place, row), (0.0, 9.0),
+            textcoords="offset points", ha="center", fontsize="small",
+        )  # fmt: skip
+    ax.set_xscale("log")
+    ax.margins(x=0.45)
+    ax.set_yticks(range(rows), [each.regime for each in found.regimes])
+    ax.set_ylim(rows - 0.5, -0.7)
+    ax.set_xlabel("mean life time (s)")
+    add_grid(ax)
+    return ax
 
 
 def plot_basins(found: Basins, ax: Axes | None = None) -> Axes:

@@ -19,7 +19,7 @@ from stochvi.views.axes import (
     length_unit,
     thinned,
 )
-from stochvi.views.basins import draw_bifurcation, plot_basins
+from stochvi.views.basins import draw_bifurcation, plot_basins, plot_lifetimes
 from stochvi.views.first_passage import plot_first_passage
 from stochvi.views.impacts import draw_impacts, plot_histogram
 from stochvi.views.pairs import plot_pairs_risk, plot_structure_screening
@@ -307,6 +307,7 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "ImpactStatistics": plot_impacts,
     "Jolts": plot_jolts,
     "Judgement": plot_judgement,
+    "LifeTimes": plot_lifetimes,
     "PairsSizing": plot_pairs_risk,
     "Reliability": plot_chances,
     "Replay": plot_replay,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import jsonschema
 import pytest
 
 from stochvi.scenes.datasets import shipped_scene
@@ -74,11 +76,18 @@ def test_what_cannot_be_asked_is_refused(
 STARTS = ("--start", "displacement.x=-0.3mm:0.3mm:3", "--start", "velocity.x=-0.2,0.2")
 
 
+def follows_the_schema(document: dict[str, Any], stochvi: Run) -> bool:
+    """Whether a document is what `stochvi schema answer` says, and says nothing more."""
+    valid = jsonschema.Draft202012Validator(one_document(stochvi("schema", "answer").out))
+    return valid.is_valid(document) and not valid.is_valid(document | {"no_such_key": 1})
+
+
 def test_a_map_of_starts_and_its_files(stochvi: Run, tmp_path: Path) -> None:
     asked = (*STARTS, "--out", str(tmp_path), "--json", "-", "--quiet", "--threads", "1")
     done = stochvi("basins", MOUNT, *asked)
     assert done.code == 0, done.err
     document = one_document(done.out)
+    assert follows_the_schema(document, stochvi)
     assert document["plane"] == ["displacement.x", "velocity.x"]
     assert document["across"] == pytest.approx([-3e-4, 0.0, 3e-4])
     assert [len(row) for row in document["ends"]] == [3, 3]
@@ -93,7 +102,9 @@ def test_a_diagram_of_impact_speeds_and_its_files(stochvi: Run, tmp_path: Path) 
         "--start", "velocity.x=-0.3m/s", "--out", str(tmp_path), "--json", "-",
     )  # fmt: skip
     assert done.code == 0, done.err
-    (sweep,) = one_document(done.out)["sweeps"]
+    document = one_document(done.out)
+    assert follows_the_schema(document, stochvi)
+    (sweep,) = document["sweeps"]
     assert sweep["value"] == pytest.approx([100.0, 101.0])
     assert [len(speeds) for speeds in sweep["impact_speed"]] == [2 * 128, 2 * 128]
     assert (tmp_path / "bifurcation.csv").is_file() and (tmp_path / "bifurcation.png").is_file()
@@ -113,3 +124,21 @@ def test_what_cannot_be_started_is_refused(
     stochvi: Run, command: str, options: tuple[str, ...], words: str
 ) -> None:
     assert words in refused(stochvi(command, MOUNT, *options))
+
+
+def test_life_times_of_a_scene_with_noise(stochvi: Run, tmp_path: Path) -> None:
+    scene = tmp_path / "noisy.toml"
+    noise = '[[excitation]]\nkind = "white"\non = "base"\nintensity = 0.01\n'
+    scene.write_text(Path(MOUNT).read_text(encoding="utf-8") + noise, encoding="utf-8")
+    asked = ("--regime", "no impacts", "--rel-error", "0.4", "--threads", "1")
+    out = tmp_path / "out"
+    done = stochvi("lifetimes", str(scene), *asked, "--out", str(out), "--json", "-", "--quiet")
+    assert done.code == 0, done.err
+    document = one_document(done.out)
+    assert follows_the_schema(document, stochvi)
+    (regime,) = document["regimes"]
+    assert regime["regime"] == "no impacts" and regime["left"] >= 7
+    assert regime["life_time_low"] < regime["life_time"] < regime["life_time_high"]
+    assert regime["destinations"][0]["regime"] == "stops lower, stops upper"
+    assert (out / "lifetimes.csv").is_file() and (out / "lifetimes.png").is_file()
+    assert "noise beside the sine" in refused(stochvi("lifetimes", MOUNT))

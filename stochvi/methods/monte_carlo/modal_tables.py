@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import ifft, irfft, rfft
+from scipy.fft import ifft, irfft, next_fast_len, rfft
 
 from stochvi.mathematics.frequency_response import (
     Waves,
@@ -176,6 +176,38 @@ class ModalTablesPlan(ModalContactsPlan):
                 SmoothResponse(samples=free, scale=self._scale, half_kick=middle),
             )  # fmt: skip
         return self._physical(self._averaged(sums, math.ceil(counted / stride) * self.blocks))
+
+    def fly_on(
+        self, state: Matrix, streams: NDArray[np.uint64], free: NDArray[np.float64], first: int,
+        steps: int,
+    ) -> Matrix:  # fmt: skip
+        """Simulate the paths on over the samples first, first + 1, ... of a free response, first at
+        least 1: displacements and velocities of the modes at the end (2 modes, paths).
+
+        `state` (states, paths), to whose displacements and velocities the free response is added,
+        and `streams` (2, paths) are replaced by those at the end.
+        """
+        window = np.concatenate([free[first : first + steps], free[first - 1 : first]])
+        middle = _table(np.hstack([np.zeros((self.modes.size,) * 2), self._kick(self.step / 2)[0]]))
+        self._advance(
+            state, streams, np.zeros((self._rows_of_sums, state.shape[1])), 0, steps, steps, None,
+            None, SmoothResponse(samples=window, scale=self._scale, half_kick=middle),
+        )  # fmt: skip
+        return state[: 2 * self.modes.size] + self.motion_of(free[first + steps - 1])
+
+    def motion_of(self, sample: Matrix) -> Matrix:
+        """Displacements and velocities (2 modes, paths) of one sample of a free response."""
+        return np.vstack([sample[:, 0::2], self._scale * sample[:, 1::2]])
+
+    def at_whole_periods(self, period: float) -> ModalTablesPlan:
+        """The plan with blocks of whole periods, s, of a whole number of samples each, at about the
+        same sampling interval."""
+        samples = next_fast_len(math.ceil(period / self.step))
+        periods = next_fast_len(2 * math.ceil(self.block_length / period / 2.0))
+        periods += periods % 2
+        return replace(
+            self, block_length=periods * period, samples=periods * samples, step=period / samples
+        )
 
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
         """Forces of tables and sines (coordinates, samples), N; of other noise they are not kept.

@@ -475,20 +475,29 @@ class Flown:
 
     def ends(self) -> Whole:
         """Number of the motion of each start, or UNDECIDED or BEYOND."""
-        known = self.known
-        ends = np.where(known.possible(self.states), UNDECIDED, BEYOND)
+        ends = np.where(self.known.possible(self.states), UNDECIDED, BEYOND)
         if not np.any(ends == UNDECIDED):
             raise ValueError(
                 "plane must hold starts between the stops, got none; all its points lie beyond a "
                 "stop"
             )
-        angle = (known.phase - self.phase) % (2.0 * math.pi)
+        angle = (self.known.phase - self.phase) % (2.0 * math.pi)
         first = min(self.periods, FIRST)
         ends = self._settle(ends, angle, first)
         ends = self._reveal(ends, first)
         if self.periods > first and np.any(ends == UNDECIDED):
             ends = self._settle(ends, 0.0, self.periods - first)
             ends = self._reveal(ends, self.periods - first)
+        return ends
+
+    def known_ends(self) -> Whole:
+        """Number of the known motion of each start, or UNDECIDED: no further motions are looked
+        for, and starts may lie beyond a stop by rounding."""
+        angle = (self.known.phase - self.phase) % (2.0 * math.pi)
+        ends = self._settle(np.full(len(self.states), UNDECIDED), angle, self.periods)
+        for number, each in enumerate(self.known.found):
+            if each.kind != PERIODIC:
+                ends = self._compare(ends, number)
         return ends
 
     def _reveal(self, ends: Whole, periods: int) -> Whole:
@@ -509,7 +518,7 @@ class Flown:
             elif known.found[-1].kind == PERIODIC:
                 ends = self._settle(ends, 0.0, periods)
             else:
-                ends = self._compare(ends)
+                ends = self._compare(ends, len(known.found) - 1)
         return ends
 
     def _settle(self, ends: Whole, angle: float, periods: int) -> Whole:
@@ -535,8 +544,8 @@ class Flown:
                 self.states[block], ends[block] = states, owner
         return ends
 
-    def _compare(self, ends: Whole) -> Whole:
-        """Give the undecided starts that lie among the states of the last motion to it."""
+    def _compare(self, ends: Whole, number: int) -> Whole:
+        """Give the undecided starts that lie among the states of a motion to it."""
         left = np.flatnonzero(ends == UNDECIDED)
         if not len(left):
             return ends
@@ -551,12 +560,12 @@ class Flown:
             for period in range(LAST):
                 path[:, period] = states
                 flights.settle_flights(lead, self.known.course, states, 1, *none, found)
-            return block, self.known.found[-1].holds(path) & (found != flights.LOST)
+            return block, self.known.found[number].holds(path) & (found != flights.LOST)
 
         blocks = np.array_split(left, max(1, math.ceil(len(left) / BLOCK)))
         with ThreadPoolExecutor(self.threads) as pool:
             for block, held in pool.map(fly, blocks):
-                ends[block[held]] = len(self.known.found) - 1
+                ends[block[held]] = number
         return ends
 
 

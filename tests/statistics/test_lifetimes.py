@@ -1,0 +1,135 @@
+"""Life times in noise against a plain simulation that knows regimes by their impacts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from stochvi import (
+    ImpactPair,
+    NotApplicable,
+    NotConverged,
+    Oscillator,
+    Restitution,
+    Scene,
+    Sine,
+    TabulatedNoise,
+    WhiteNoise,
+)
+from stochvi.statistics import lifetimes
+
+GAP, DRIVE, RESTITUTION = 4e-4, 200.0 * math.pi, 0.6
+"""Clearance (m), frequency (rad/s) and restitution of a mount that may clatter or not."""
+
+OMEGA, DAMPING = 0.1 * DRIVE, 0.02 * DRIVE
+"""Natural frequency, rad/s, and damping rate, 1/s, of the mount."""
+
+PUSH, NOISE = 1e-4 * DRIVE**2, 2e-3
+"""Acceleration of the sine, m/s^2, and intensity of the noise, m^2/s^3."""
+
+REST = "no impacts"
+
+
+def mount(*noise: WhiteNoise | TabulatedNoise) -> Scene:
+    """An oscillator between two stops, driven at ten times its natural frequency."""
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=DAMPING, stiffness=OMEGA**2),
+        impact_pairs=[ImpactPair(clearance=GAP, law=Restitution(coefficient=RESTITUTION))],
+        excitations=[Sine(amplitude=PUSH, frequency_hz=DRIVE / (2.0 * math.pi)), *noise],
+    )
+
+
+def plain_rest(intensity: float, periods: int) -> tuple[float, int]:
+    """Mean seconds without clatter, and the number of paths that began to clatter.
+
+    Symplectic steps with kicks; a step that ends beyond a stop is reflected. Clatter is known by
+    three impacts or more in every two of twelve periods.
+    """
+    random, paths, steps = np.random.default_rng(5), 128, 64
+    h = 2.0 * math.pi / DRIVE / steps
+    swing = PUSH / ((OMEGA**2 - DRIVE**2) + 1j * DAMPING * DRIVE)
+    x, v = np.full(paths, swing.real), np.full(paths, (1j * DRIVE * swing).real)
+    hits, clatter, watched = np.zeros(paths), np.zeros(paths, np.int64), 0
+    left = np.zeros(paths, bool)
+    for number in range(steps * periods):
+        phase = 2.0 * math.pi * (number % steps + 0.5) / steps
+        v += h * (PUSH * math.cos(phase) - OMEGA**2 * x - DAMPING * v)
+        v += math.sqrt(intensity * h) * random.normal(size=paths)
+        x += h * v
+        beyond = np.abs(x) > GAP
+        x[beyond] = np.sign(x[beyond]) * GAP - RESTITUTION * (x - np.sign(x) * GAP)[beyond]
+        v[beyond] *= -RESTITUTION
+        hits += beyond
+        if (number + 1) % (2 * steps) == 0:
+            clatter = np.where(hits > 2, clatter + 1, 0)
+            hits[:] = 0.0
+            left |= clatter == 6
+            watched += int(np.sum(~left))
+    return 2.0 * steps * h * (watched / int(left.sum()) - 6), int(left.sum())
+
+
+def test_rest_lasts_as_long_as_in_a_plain_simulation() -> None:
+    noise = WhiteNoise(intensity=NOISE)
+    (found,) = lifetimes(mount(noise), [REST], rel_error=0.12, threads=1).regimes
+    assert found.life_time is not None and found.life_time_high is not None
+    assert found.left >= 70 and found.life_time_low < found.life_time < found.life_time_high
+    (there,) = found.destinations
+    assert there.regime == "stops lower, stops upper" and there.share == 1.0
+    plain, left = plain_rest(NOISE, 300)
+    assert left > 70
+    error = math.hypot(1.0 / math.sqrt(left), 1.0 / math.sqrt(found.left))
+    # the two rules by which a path has left differ by some periods
+    assert abs(math.log(plain / found.life_time)) < 4.0 * error + 0.05 / plain
+
+
+def test_tabulated_noise_of_one_level_is_white() -> None:
+    """A table that reaches far beyond the frequencies of the mount, of the same density."""
+    table = TabulatedNoise(
+        density=[2.0 * NOISE] * 2, frequency_hz=[0.5, 400.0], unit="N^2/Hz", on="x"
+    )
+    one, other = (
+        lifetimes(mount(noise), [REST], rel_error=0.2, threads=1).regimes[0]
+        for noise in (WhiteNoise(intensity=NOISE), table)
+    )
+    error = math.sqrt(1.0 / one.left + 1.0 / other.left)
+    assert one.life_time is not None and other.life_time is not None
+    assert abs(math.log(one.life_time / other.life_time)) < 4.0 * error
+
+
+def test_more_noise_shortens_lives_and_a_seed_gives_the_same_digits() -> None:
+    lives = [
+        [each.life_time for each in lifetimes(mount(noise), [REST], rel_error=0.3).regimes]
+        for noise in (WhiteNoise(intensity=NOISE), *[WhiteNoise(intensity=2.0 * NOISE)] * 2)
+    ]
+    assert sum(lives[1]) < sum(lives[0])
+    assert lives[1] == lives[2]
+
+
+def test_noise_that_mixes_regimes_is_warned_of() -> None:
+    for factor, warned in ((1.0, False), (40.0, True)):
+        found = lifetimes(mount(WhiteNoise(intensity=factor * NOISE)), [REST], rel_error=0.3)
+        assert any("mixes the regime 'no impacts'" in each for each in found.warnings) == warned
+
+
+def test_a_regime_that_outlasts_the_budget_has_a_lower_limit() -> None:
+    quiet = mount(WhiteNoise(intensity=NOISE / 50.0))
+    with pytest.raises(NotConverged, match="before enough paths had left") as ended:
+        lifetimes(quiet, budget=1.5)
+    for each in ended.value.response.regimes:
+        assert each.life_time is None and each.life_time_high is None and not each.destinations
+    assert "longer than" in ended.value.response.summary()
+
+
+def test_what_has_no_life_time_is_refused_in_a_sentence() -> None:
+    with pytest.raises(NotApplicable, match="noise beside the sine"):
+        lifetimes(mount())
+    pair = ImpactPair(clearance=1.0, law=Restitution(coefficient=0.5))
+    wide = mount(WhiteNoise(intensity=NOISE)).model_copy(update={"impact_pairs": (pair,)})
+    with pytest.raises(NotApplicable, match="several motions must coexist"):
+        lifetimes(wide)
+    with pytest.raises(ValueError, match="rel_error must be above 0"):
+        lifetimes(mount(WhiteNoise(intensity=NOISE)), rel_error=0.0)
+    with pytest.raises(ValueError, match="regimes must be some of 'no impacts'"):
+        lifetimes(mount(WhiteNoise(intensity=NOISE)), ["rattle"])
