@@ -34,6 +34,8 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     },
     "absorber": {"": TIGHT, "--mass-budget": ("--mass-budget", "0.1", *TIGHT)},
     "sine": {"": ("--from", "0.5", "--to", "20", "--points", "2000")},
+    "basins": {"": ("--periods", "10000")},
+    "bifurcation": {"": ("--from", "0.5", "--to", "20", "--points", "4000")},
     "check": {"": TIGHT},
     "cost": {"": ()},
     "sweep": {
