@@ -158,13 +158,17 @@ class SimulatedSweep:
     value
         The values of what is varied, in the order of the sweep.
     displacement_max, impact_speed_max
-        Largest displacement (m) and impact speed (m/s; 0 without impacts) of the last periods.
+        Largest displacement (m) and impact speed (m/s; 0 without impacts) over the period of the
+        motion, or over 100 periods of the force where it does not repeat itself.
+    periods
+        Periods of the force after which it repeats itself; 0 where it does not.
     """
 
     upwards: bool
     value: Vector
     displacement_max: Vector
     impact_speed_max: Vector
+    periods: NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

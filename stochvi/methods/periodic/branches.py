@@ -28,6 +28,10 @@ POINT, FOLD, GRAZING, DOUBLING, BREAKING, TORUS = (
 a further one appears; where a multiplier is -1; where it is 1 and the branch goes on; where a pair
 of complex ones has the modulus 1."""
 
+SLOWEST = 1e-7
+"""Impact speed and following flight, in the units of the kernels, up to which impacts are taken for
+the end of bounces that come to rest, which no finite order of impacts describes."""
+
 FASTEST = 1e6
 """Impact speed, in the units of the kernels, above which a solution is rounding: the phases of its
 impacts leave the motion undetermined."""
@@ -437,11 +441,11 @@ def _rotations(word: tuple[int, ...]) -> list[tuple[int, ...]]:
 
 def _settles(motion: kernel.Motion, stops: Whole, periods: int, theta: Vector) -> bool:
     """Whether Newton's iteration, in the place of theta, ends at a regime that has no further
-    impact, and none whose speed or following flight is too short to be told from rounding."""
+    impact, and none that is too slow or too soon followed by another."""
     states = np.empty((len(stops), 2 * motion.rows.shape[1]))
     return bool(
         kernel.settle(motion, stops, periods, theta, states)
-        and kernel.slowest(motion, stops, theta, periods, states) > TOLERANCE
+        and kernel.slowest(motion, stops, theta, periods, states) > SLOWEST
         and kernel.survey(motion, stops, theta, periods, states)[0] >= -TOLERANCE
     )
 

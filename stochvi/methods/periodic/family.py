@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from stochvi.results.errors import NotApplicable
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Waves = NDArray[np.complex128]
 
 MOST_HARMONICS = 32
 """Highest multiple of the lowest common frequency that a sum of sines may hold."""
@@ -137,19 +138,23 @@ def amplitudes(
     """  # fmt: skip
     parts = parts_of(flat, sizes)
     omega, word = parts["omega"][:, None], list(stops)
-    forces = parts["forces"]
-    pushed = forces[:, :, 0] - 1j * forces[:, :, 1] if sizes[2] else 0j * forces[:, :, 0]
+    pushed = parts["forces"][:, :, 0] - 1j * parts["forces"][:, :, 1]
     if word:
         rows, squares = parts["rows"], np.sum(parts["rows"] ** 2, axis=2)
         sizes_of_jumps = (1.0 + parts["restitutions"][:, word]) * speeds / squares[:, word]
         waves = -omega / (math.pi * periods) * sizes_of_jumps * np.exp(-1j * theta)
         pushed = pushed + np.einsum("pk,pki->pi", waves, rows[:, word])
-    omega = omega[:, :, None]
-    stiffness = parts["stiffness"] - omega**2 * np.eye(sizes[0]) + 1j * omega * parts["damping"]
-    resonant = np.abs(np.linalg.det(stiffness)) == 0.0
-    stiffness[resonant] = np.nan * np.eye(sizes[0])
-    moved = np.linalg.solve(stiffness, pushed[:, :, None])[:, :, 0]
+    moved = forced(parts, omega[:, 0], pushed)
     return np.asarray(np.abs(np.einsum("pi,pi->p", parts["output"], moved)))
+
+
+def forced(parts: Mapping[str, Matrix], omega: Vector, force: Waves) -> Waves:
+    """Amplitudes (points, n) under forces of a frequency, without impacts: (K - w^2 + i w C)^-1 B;
+    NaN at resonance without damping."""
+    w, size = omega[:, None, None], parts["output"].shape[1]
+    matrix = parts["stiffness"] - w**2 * np.eye(size) + 1j * w * parts["damping"]
+    matrix[np.abs(np.linalg.det(matrix)) == 0.0] = np.nan * np.eye(size)
+    return np.asarray(np.linalg.solve(matrix, force[:, :, None])[:, :, 0])
 
 
 def unmet(model: Model) -> list[str]:

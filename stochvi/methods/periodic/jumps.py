@@ -24,6 +24,10 @@ BEYOND = (1e-5, 1e-3)
 """Distances from the end of a regime, in shares of the range, at which simulations go on from it,
 one after the other: near a fold a motion lingers for long."""
 
+UNSETTLED = 100
+"""Number of periods over which the largest displacement of a motion is taken that does not repeat
+itself."""
+
 
 class Step(NamedTuple):
     """A change of regime of a sweep: where, and displacement and impact speed before and after."""
@@ -75,14 +79,21 @@ class Sweep:
                     yield Step(end, (before[0], after[0]), (before[1], after[1]))
             settled = self._settled(sigma, state, phase)
 
-    def simulated(self) -> Iterator[tuple[float, float, float]]:
-        """Place, largest displacement and impact speed at each value, each motion from the last."""
+    def simulated(self) -> Iterator[tuple[float, float, float, int]]:
+        """Place, largest displacement and impact speed, and number of periods after which the
+        motion repeats itself (0 where it does not), at each value, each motion from the last."""
         state, phase = np.zeros(2 * self.finder.family.sizes[0]), 0.0
         for sigma in self.grid:
             settled = self._settled(float(sigma), state, phase)
             if settled is None or self.finder.deadline.passed():
                 return
-            yield float(sigma), *_size(settled)
+            periods, sizes = settled.period(REPEATS), [_size(settled)]
+            for _ in range((periods or UNSETTLED) - 1):
+                settled = simulate(self.finder.motion(float(sigma)), settled.state, 1)
+                if settled is None:
+                    return
+                sizes.append(_size(settled))
+            yield float(sigma), *np.max(sizes, axis=0).tolist(), periods
             state = settled.state
 
     def _settled(self, sigma: float, state: Vector, phase: float) -> Settled | None:

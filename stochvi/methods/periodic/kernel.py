@@ -44,8 +44,12 @@ SHRINKING, ROUNDED = 0.75, 1e-7
 """A Newton step shrinks where it is less than this share of the one before. One that does not, and
 is smaller than this (rad), is rounding: that of 1e-16 is divided by the loss in a period."""
 
-UNLIKE = 0.6180339887498949
-"""Golden section: the fractional parts of its multiples are all different and spread evenly."""
+APART = 1e-3
+"""Largest distance from its stop at an impact of a regime. Where phases leave the motion all but
+undetermined distances are without bound, and Newton's iteration may end there."""
+
+MOST_STEPS = 20_000
+"""Largest number of steps along a branch, good or not."""
 
 WEIGHT = 6.0
 """Weight of the parameter against the phases in the length of arc of a branch, rad."""
@@ -268,8 +272,9 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
     The state at the first impact is found from y = M y + c - sum of v_k d_k, M y + c that after the
     periods, d_k the distance at an impact and v_k a change along its row: where all d_k are 0 the
     motion is periodic, also that of a loose mass, which M y + c = y leaves free to move, and where
-    nothing or little is lost. The v_k mix displacement and velocity in unlike parts: alike ones may
-    cancel each other, and leave a motion that loses little undetermined but for its rounding.
+    nothing or little is lost. The displacements of the v_k differ in size, since alike ones may
+    cancel each other; so do their velocities, else a motion that loses little is undetermined but
+    for its rounding. The velocities add up to 0, so that a loose mass keeps its own.
 
     Writes the states (K, 2 n) before each impact, `left` (K,) and the Jacobian (K, K), which is not
     computed if its array has the shape (0, 0); False where the phases do not determine the motion.
@@ -287,10 +292,9 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
         for i in range(n):
             square += row[i] * row[i]
             distance += row[i] * start[i, 0]
-        angle = 0.5 * math.pi * ((k + 1) * UNLIKE % 1.0)
         for i in range(n):
-            pulls[k, i] = row[i] / square * math.cos(angle)
-            pulls[k, n + i] = row[i] / square * math.sin(angle)
+            pulls[k, i] = row[i] / square / (k + 1)
+            pulls[k, n + i] = row[i] / square * (count - 1 - 2 * k) / count
         for i in range(two):
             pulled[i] -= pulls[k, i] * distance
         for j in range(two):
@@ -425,6 +429,15 @@ def bordered(series, n, m, h, stops, periods, u, states, left, matrix):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def largest_of(values):
+    """The largest modulus; infinite where one is NaN."""
+    largest = 0.0
+    for i in range(len(values)):
+        largest = max(largest, abs(values[i])) if abs(values[i]) < np.inf else np.inf
+    return largest
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def has_converged(change, before, phase):
     """Whether the last change of Newton's iteration, after the one before, is rounding."""
     return change < CONVERGED * (1.0 + abs(phase)) or SHRINKING * before <= change < ROUNDED
@@ -451,6 +464,7 @@ def correct(series, n, m, h, stops, periods, u, normal, states):
         if not solve(matrix, right):
             return False
         if converged:
+            converged = largest_of(left) < APART
             break
         largest = 0.0
         for k in range(count + 1):
@@ -493,7 +507,8 @@ def settle(motion, stops, periods, theta, states):
         for k in range(count):
             theta[k] += factor * right[k, 0]
         if has_converged(largest, before, theta[0]):
-            return residual(motion, stops, theta, periods, states, left, np.empty((0, 0)))
+            good = residual(motion, stops, theta, periods, states, left, np.empty((0, 0)))
+            return good and largest_of(left) < APART
         before = largest
     return False
 
@@ -533,7 +548,9 @@ def follow(series, n, m, h, stops, periods, u, direction, grid, points, kinds):
     found = np.int64(0)
     step, length = 0.02, 0.0
     fresh, way = u.copy(), tangent.copy()
-    while found < len(points) - 4:
+    for _ in range(MOST_STEPS):
+        if found >= len(points) - 4:
+            break
         for k in range(count + 1):
             fresh[k] = u[k] + step * tangent[k]
             way[k] = tangent[k]

@@ -356,12 +356,13 @@ def _error(found: Sequence[Branch], exact: Sequence[Branch]) -> dict[str, float 
 
 
 def _simulated(finder: Finder, upwards: bool) -> SimulatedSweep:
-    rows = np.array(list(Sweep(finder, upwards=upwards).simulated())).reshape(-1, 3)
+    rows = np.array(list(Sweep(finder, upwards=upwards).simulated())).reshape(-1, 4)
     return SimulatedSweep(
         upwards=upwards,
         value=finder.family.value(rows[:, 0]),
         displacement_max=finder.family.length * rows[:, 1],
         impact_speed_max=finder.family.speed * rows[:, 2],
+        periods=rows[:, 3].astype(np.int64),
     )
 
 

@@ -379,6 +379,21 @@ def test_forces_too_slow_and_ranges_too_wide_are_refused() -> None:
         harmonic_response(undamped(0.5), [1e-9, 1e9])
 
 
+def test_a_loose_mass_is_at_a_wall_at_every_impact_of_every_branch() -> None:
+    """Also where the phases of impacts leave its place in the box all but undetermined."""
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+        absorber=Absorber(mass=0.05, play=2.0, law=Restitution(coefficient=0.8)),
+        excitations=[Sine(amplitude=0.05, frequency_hz=0.5 / math.pi)],
+    )
+    found = harmonic_response(scene, np.linspace(0.8, 1.2, 9) / (2.0 * math.pi), most_impacts=2)
+    assert len(found.branches) > 5
+    for branch in found.branches:
+        place = branch.displacement[:, 1] - branch.displacement[:, 0]
+        side = 1.0 if branch.stops[0].endswith("upper") else -1.0
+        assert place[branch.admissible] == pytest.approx(side, abs=1e-9)
+
+
 def test_no_more_orders_of_impacts_are_listed_than_are_tried() -> None:
     few, many = (harmonic_response(undamped(0.5), most_impacts=most) for most in (6, 40))
     assert [each.stops for each in few.branches] == [each.stops for each in many.branches]
