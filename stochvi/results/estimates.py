@@ -7,14 +7,11 @@ import math
 import platform
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from stochvi.results.intervals import GAUSSIAN_95
-
-if TYPE_CHECKING:
-    pass
-
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
@@ -199,14 +196,17 @@ class Cost:
     tenfold_wall_time: float | None = None
 
 
+@cache
+def version_of(package: str) -> str:
+    """Version of an installed package, read from its metadata once."""
+    return importlib.metadata.version(package)
+
+
 def provenance(scene: Mapping[str, Any], seed: int | None = None) -> dict[str, Any]:
     """What is needed to make a number again: versions, processor, seed and the scene."""
-    versions = {
-        name: importlib.metadata.version(name) for name in ("stochvi", "numpy", "scipy", "numba")
-    }
     return {
-        "version": versions.pop("stochvi"),
-        "libraries": versions,
+        "version": version_of("stochvi"),
+        "libraries": {name: version_of(name) for name in ("numpy", "scipy", "numba")},
         "processor": platform.machine(),
         "seed": seed,
         "scene": dict(scene),

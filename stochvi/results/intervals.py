@@ -8,7 +8,7 @@ functions of means over independent paths.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
@@ -214,6 +214,17 @@ def ratio_and_error(above: Array, below: Array) -> tuple[float, float]:
     return value, math.sqrt(scatter) / total
 
 
+def neighbours(mean: Array, covariance: Array) -> Iterator[tuple[int, Any, Array, Array]]:
+    """Every row of the means that has an error, the step of its central difference, and the means
+    with that row a step higher and a step lower."""
+    for row in range(len(mean)):
+        step = GRADIENT_STEP * np.sqrt(covariance[row, row])
+        if np.any(step):
+            offset = np.zeros_like(mean)
+            offset[row] = step
+            yield row, step, mean + offset, mean - offset
+
+
 def delta_method(
     function: Callable[[Array], Any], mean: Array, covariance: Array
 ) -> tuple[Any, Any]:
@@ -232,13 +243,8 @@ def delta_method(
         Of the shape (...).
     """
     gradient = np.zeros_like(mean)
-    for row in range(len(mean)):
-        step = GRADIENT_STEP * np.sqrt(covariance[row, row])
-        if not np.any(step):
-            continue
-        offset = np.zeros_like(mean)
-        offset[row] = step
-        change = np.asarray(function(mean + offset) - function(mean - offset))
+    for row, step, above, below in neighbours(mean, covariance):
+        change = np.asarray(function(above) - function(below))
         gradient[row] = np.divide(change, 2.0 * step, out=np.zeros_like(step), where=step > 0.0)
     if mean.ndim == 1:
         variance = gradient @ covariance @ gradient

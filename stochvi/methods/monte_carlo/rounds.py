@@ -249,14 +249,23 @@ class Run:
 
     def estimate(self, quantity: Quantity, name: str = "") -> Estimate:
         """A quantity with its standard error and the bias that the step leaves in it."""
-        value, error = self.fine.evaluate(quantity)
+        return self._stated(
+            name, self.fine.evaluate(quantity), lambda: self.coarse.evaluate(quantity)
+        )
+
+    def _stated(
+        self, name: str, fine: tuple[float, float], at_twice: Callable[[], tuple[float, float]]
+    ) -> Estimate:
+        """The estimate of a quantity from its value and standard error at the step, and from those
+        at twice the step, which are asked for only where the scheme has a bias."""
+        value, error = fine
         how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
         if value == 0.0 and (name in RATES or name.startswith("impact_speed")):
             limit = self._limit_unseen(name) if name.startswith("collision_rate") else None
             return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
         if self.plan.elastic:
             return Estimate(value=value, standard_error=error, how=how)
-        coarse, coarse_error = self.coarse.evaluate(quantity)
+        coarse, coarse_error = at_twice()
         if math.isnan(coarse):  # no impact at twice the step, as may be if there are few at all
             return Estimate(
                 value=value, standard_error=error, how=f"{how}; bias of the step unknown", bias=None
@@ -362,11 +371,16 @@ class Run:
     def _identities(self) -> dict[str, Estimate]:
         origin = [self.layout.origins[name] for name in self.model.coordinates]
 
-        def of(means: Means) -> dict[str, float]:
-            return residuals(self.model, means, origin)
+        def balances(means: Means) -> list[float]:
+            return list(residuals(self.model, means, origin).values())
 
-        names = of(self.fine.means())
-        return {name: self.estimate(lambda means, name=name: of(means)[name]) for name in names}  # type: ignore[misc]
+        names = residuals(self.model, self.fine.means(), origin)
+        fine = self.fine.evaluate_all(balances)
+        twice = fine if self.plan.elastic else self.coarse.evaluate_all(balances)
+        return {
+            name: self._stated("", one, lambda other=other: other)  # type: ignore[misc]
+            for name, one, other in zip(names, fine, twice, strict=True)
+        }
 
     def _acceleration(self, name: str) -> Estimate | None:
         """Absolute acceleration of a coordinate or point, between impacts on rigid stops."""

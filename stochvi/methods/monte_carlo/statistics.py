@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.quantities import Key, Means, Quantity
-from stochvi.results.intervals import PathMoments, delta_method
+from stochvi.results.intervals import PathMoments, neighbours
 
 Vector = NDArray[np.float64]
 
@@ -51,7 +52,30 @@ class PathStatistics(PathMoments):
 
     def evaluate(self, quantity: Quantity) -> tuple[float, float]:
         """Value and standard error of a smooth function of the means (delta method)."""
-        return delta_method(lambda mean: quantity(self._named(mean)), self.mean, self.covariance)
+        ((value, error),) = self.evaluate_all(lambda means: (quantity(means),))
+        return value, error
+
+    def evaluate_all(
+        self, quantities: Callable[[Means], Sequence[float]]
+    ) -> list[tuple[float, float]]:
+        """Values and standard errors of several functions of the means that are computed
+        together."""
+        values = quantities(self.means())
+        gradient = np.zeros((len(self._neighbours), len(values)))
+        for number, (_, step, above, below) in enumerate(self._neighbours):
+            gradient[number] = np.subtract(quantities(above), quantities(below)) / (2.0 * step)
+        rows = [row for row, *_ in self._neighbours]
+        projected = self.covariance[np.ix_(rows, rows)] @ gradient
+        variances = np.maximum(np.sum(gradient * projected, axis=0), 0.0)
+        return list(zip(values, np.sqrt(variances).tolist(), strict=True))
+
+    @cached_property
+    def _neighbours(self) -> list[tuple[int, float, Means, Means]]:
+        """What the delta method evaluates all quantities at; see `neighbours` of intervals."""
+        return [
+            (row, float(step), self._named(above), self._named(below))
+            for row, step, above, below in neighbours(self.mean, self.covariance)
+        ]
 
     def means(self) -> Means:
         """The means by key."""
