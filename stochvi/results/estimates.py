@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 from stochvi.results.intervals import GAUSSIAN_95
 
+
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
     """A number with its errors.

@@ -31,6 +31,9 @@ Vector = NDArray[np.float64]
 RESTITUTION_STEP, STIFFNESS_FACTOR = 0.1, 2.0
 """Change of the restitution and factor on the stiffness of the stops that are tried."""
 
+UNCHANGED = "none"
+"""Name of the case in which nothing is changed."""
+
 ROUGH_ERROR = 0.1
 """Relative error of the risk when a changed scene is sized for a target that needs impacts."""
 
@@ -113,22 +116,25 @@ def sensitivity(
     import pandas as pd
 
     deadline, rows = Deadline.after(budget), []
+    curves: dict[str, RiskCurve] = {}
     cases = list(variations(sizing))
     with heeding_ctrl_c():
         for number, (change, scene) in enumerate(cases):
             if progress:
                 progress(number / len(cases), change)
             share = 1.0 / (len(cases) - number)
-            rows.append(row_in_time(change, scene, sizing, seed, threads, deadline, share))
-        if sizing.target.name == "probability" and not deadline.passed():
-            rows += _not_gaussian(sizing, seed, threads, deadline)
+            rows.append(
+                row_in_time(change, scene, sizing, seed, threads, deadline, share, curves=curves)
+            )
+        if sizing.target.name == "probability" and UNCHANGED in curves and not deadline.passed():
+            rows += _not_gaussian(sizing, curves[UNCHANGED], seed, deadline)
     return pd.DataFrame(rows)
 
 
 def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
     """The changed scenes, each with its change in words."""
     scene = sizing.scene
-    yield "none", scene
+    yield UNCHANGED, scene
     for change in ends_of(Tolerances.of(scene)):
         yield change.words, change.applied(scene)
     if sizing.target.name != "probability":
@@ -144,13 +150,22 @@ def row_in_time(
     deadline: Deadline,
     share: float,
     rel_error: float = ROUGH_ERROR,
+    curves: dict[str, RiskCurve] | None = None,
 ) -> dict[str, Any]:
     """The row of a changed scene in a share (0 to 1) of the time that is left; where the scene
-    cannot be sized, or no time is left, a row whose note says why."""
+    cannot be sized, or no time is left, a row whose note says why. `curves` takes the risk curve of
+    the scene by the name of the change."""
     try:
         if deadline.passed():
             raise deadline.fell_short("before this case", "raise budget")
-        return changed_row(change, scene, sizing, seed, threads, deadline.part(share), rel_error)
+        part = Deadline.after(deadline.part(share))
+        curve = risk_curve(
+            scene, sizing.target, sizing.mission, rel_error=0.5 * rel_error, seed=seed,
+            threads=threads, budget=part.part(CURVE_SHARE),
+        )  # fmt: skip
+        if curves is not None:
+            curves[change] = curve
+        return changed_row(change, scene, sizing, curve, seed, threads, part, rel_error)
     except (StochviError, Interrupted, ValueError) as reason:
         return row_of(change, sizing, math.nan, math.nan, math.nan, str(reason))
 
@@ -159,17 +174,15 @@ def changed_row(
     change: str,
     scene: Scene,
     sizing: Sizing,
+    curve: RiskCurve,
     seed: int,
     threads: int | None,
-    budget: float | None,
+    deadline: Deadline,
     rel_error: float,
 ) -> dict[str, Any]:
-    """A row of the table: the changed scene sized for the same target, in its share of the time."""
-    target, deadline, note = sizing.target, Deadline.after(budget), ""
-    curve = risk_curve(
-        scene, target, sizing.mission, rel_error=0.5 * rel_error, seed=seed, threads=threads,
-        budget=deadline.part(CURVE_SHARE),
-    )  # fmt: skip
+    """A row of the table: the changed scene, whose risk curve is known, sized for the same target
+    before the deadline."""
+    target, note = sizing.target, ""
     if target.name == "probability":
         clearance = curve.clearance(target.value).value
     else:
@@ -228,13 +241,10 @@ def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
 
 
 def _not_gaussian(
-    sizing: Sizing, seed: int, threads: int | None, deadline: Deadline
+    sizing: Sizing, curve: RiskCurve, seed: int, deadline: Deadline
 ) -> list[dict[str, Any]]:
-    """Rows for the two ways in which an input can have a larger kurtosis than Gaussian noise."""
-    curve = risk_curve(
-        sizing.scene, sizing.target, sizing.mission,
-        rel_error=0.5 * ROUGH_ERROR, seed=seed, threads=threads, budget=deadline.rest,
-    )  # fmt: skip
+    """Rows for the two ways in which an input can have a larger kurtosis than Gaussian noise, from
+    the risk curve of the scene under Gaussian noise."""
     sigma, old = curve.crossings.displacement_std, sizing.clearance.value
     rows = []
     try:
