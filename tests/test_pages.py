@@ -6,6 +6,7 @@ manual are `{code-cell}` blocks, which `make docs` runs.
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shlex
@@ -149,6 +150,30 @@ def test_every_block_of_a_page_is_run() -> None:
         run_here = {"sh", "toml"} | ({"python"} if block.page == README else set())
         directive = block.language.startswith("{")
         assert directive or block.language in run_here | SHOWN_ONLY, block
+
+
+def sentences_of_the_code() -> str:
+    """All texts of the package, with a blank for what is filled in."""
+    texts = []
+    for path in (CHECKOUT / "stochvi").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = (v.value if isinstance(v, ast.Constant) else " " for v in node.values)
+                texts.append("".join(map(str, parts)))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return "\n".join(texts)
+
+
+def test_messages_that_the_manual_explains_are_those_of_the_code() -> None:
+    page = (CHECKOUT / "docs" / "howto" / "messages.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\*.*?) \|", page, flags=re.MULTILINE)
+    messages = [message for row in rows for message in re.findall(r"\*([^*]+)\*", row)]
+    assert len(messages) > 30
+    code = sentences_of_the_code()
+    for message in messages:
+        for part in message.split("..."):
+            assert part.strip(" ,;:") in code, message
 
 
 def test_the_readme_is_short_and_what_it_names_exists() -> None:

@@ -234,29 +234,33 @@ def coverage_page() -> str:
     """A table of the scenes that ship and the methods that cover them, and why others do not."""
     folder = data_folder() / "scenes"
     files = [*sorted(folder.glob("*.toml")), *sorted((folder / "zoo").glob("*.toml"))]
-    rows = []
+    alike: dict[tuple[str, ...], list[str]] = {}
     reasons: dict[str, dict[str, dict[str, None]]] = {name: {} for name in METHODS}
     for file in files:
         scene = stochvi.load_scene(file)
         model = model_of(scene)
-        cells = []
+        covering = []
         for name, ask in METHODS.items():
             unmet = ask(scene, model)
-            cells.append("" if unmet else "yes")
+            if not unmet:
+                covering.append(name)
             for each in unmet:
                 reasons[name].setdefault(each.split(", got ")[0], {})[file.stem] = None
-        rows.append(f"| {file.stem} | {' | '.join(cells)} |")
+        alike.setdefault(tuple(covering), []).append(file.stem)
     text = [
         "# Which method covers which scene",
         "",
-        "Every scene that ships, and what each method says of it; the table is made from the "
-        'methods themselves. Where there is no "yes", a method refuses the scene in one of the '
-        "sentences below. `stochvi explain` says the same of a scene of your own. A method of this "
-        "table answers for the stationary motion, but `first_passage` and `transient`.",
+        "Every scene that ships, and which methods cover it. The table is made from what the "
+        "methods say of themselves; where a method is not named, it refuses the scene in one of "
+        "the sentences below. `stochvi explain` says the same of a scene of your own. These "
+        "methods answer for the stationary motion, except `first_passage` and `transient`.",
         "",
-        f"| scene | {' | '.join(f'`{name}`' for name in METHODS)} |",
-        f"|---|{'---|' * len(METHODS)}",
-        *rows,
+        "| methods | scenes |",
+        "|---|---|",
+        *(
+            f"| {', '.join(f'`{name}`' for name in methods)} | {', '.join(scenes)} |"
+            for methods, scenes in sorted(alike.items(), key=lambda each: -len(each[0]))
+        ),
         "",
         "## Why a method does not apply",
     ]
