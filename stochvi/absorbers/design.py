@@ -90,6 +90,10 @@ class Design(Result):
         The best play and ratio of each restitution and number of units.
     tuned_damper
         The same mass on a tuned spring and dashpot, to compare with.
+
+    See Also
+    --------
+    stochvi.absorbers.design_absorber : What makes it.
     """
 
     not_in_document = ("provenance",)
@@ -182,6 +186,10 @@ def design_absorber(
     NotConverged
         If the budget ends first, or `Interrupted` after Ctrl-C: it carries the best box of the
         points with the errors that they got to.
+
+    See Also
+    --------
+    stochvi.absorber : What given boxes do.
 
     Examples
     --------

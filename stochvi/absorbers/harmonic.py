@@ -36,6 +36,10 @@ class SymmetricRegime:
         Phase of the force at the impact on the upper wall, where it is a cos(phase), rad.
     stable
         Whether small disturbances die out.
+
+    See Also
+    --------
+    stochvi.absorbers.symmetric_regimes : What finds it.
     """
 
     absorber_speed: float
@@ -68,6 +72,11 @@ def tuned_force(mass: float, play: float, omega: float, law: str = "flight") -> 
     ------
     ValueError
         If a number is not positive, or there is no such law.
+
+    See Also
+    --------
+    stochvi.absorbers.residual_vibration : What is left.
+    stochvi.absorbers.symmetric_regimes : The exact regimes.
 
     Examples
     --------
@@ -104,6 +113,11 @@ def residual_vibration(play: float, restitution: float, law: str = "flight") -> 
     ------
     ValueError
         If play is not positive, restitution not in [0, 1], or there is no such law.
+
+    See Also
+    --------
+    stochvi.absorbers.tuned_force : The force that is cancelled.
+    stochvi.absorbers.symmetric_regimes : The exact regimes.
 
     Examples
     --------
@@ -151,6 +165,11 @@ def symmetric_regimes(
     ------
     ValueError
         If a number is not positive, or restitution not in [0, 1].
+
+    See Also
+    --------
+    stochvi.harmonic_response : All regimes, of any structure.
+    stochvi.absorbers.tuned_force : The force that is cancelled.
 
     Examples
     --------

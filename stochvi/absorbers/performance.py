@@ -133,6 +133,10 @@ class AbsorberReport(Result):
     like a play r times smaller. It is empty where a load, or a wall whose stiffness depends on its
     deflection, brings another length. `tuned_damper` is the same mass on a tuned spring and
     dashpot, None where none is known (several coordinates under a sine).
+
+    See Also
+    --------
+    stochvi.absorber : What makes it.
     """
 
     not_in_document = ("scene", "provenance")  # each response holds them

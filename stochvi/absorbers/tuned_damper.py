@@ -45,6 +45,10 @@ class TunedDamper:
         rms displacement of the damper's mass relative to the carrier, m: the room it needs.
     tuning
         What it is tuned for: "least rms displacement" or "Den Hartog".
+
+    See Also
+    --------
+    stochvi.absorber : The answer that holds it.
     """
 
     mass: float

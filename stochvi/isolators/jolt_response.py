@@ -59,6 +59,10 @@ class Jolts(Result):
         symmetric about the mean.
     clearance
         Clearance per side, m.
+
+    See Also
+    --------
+    stochvi.isolators.jolts : What makes it.
     """
 
     speeds: tuple[float, ...]
@@ -182,6 +186,11 @@ def jolts(
     ------
     NotApplicable
         If the scene is not of that kind.
+
+    See Also
+    --------
+    stochvi.isolators.clatter : How much of the time a mount clatters.
+    stochvi.harmonic_response : The regimes themselves.
 
     Examples
     --------

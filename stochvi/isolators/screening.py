@@ -45,6 +45,10 @@ class Screening(Result):
     `miles` is None where Miles' equation does not apply: the natural frequency lies outside the
     table, and the density there is 0, which the response is not. `notes` are warnings in words.
     `record` judges a measured record that shakes the isolator; None without one.
+
+    See Also
+    --------
+    stochvi.screen : What makes it.
     """
 
     not_in_document = COMMON
@@ -277,6 +281,19 @@ def clearance_curve(
     NotConverged
         If the budget, which is that of all clearances together, ends before each has reached
         `rel_error`, or `Interrupted` after Ctrl-C: it carries the rows with what they reached.
+
+    See Also
+    --------
+    stochvi.size : The clearance for a target.
+    stochvi.screen : The linear answer.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> scene = stochvi.load_scene(stochvi.scenes.shipped_scene("isolator-truck"))
+    >>> table = clearance_curve(scene, [0.002, 0.003], rel_error=0.2)
+    >>> table["clearance"].tolist()
+    [0.002, 0.003]
     """
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])

@@ -78,7 +78,12 @@ class GapScreening:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class StructureScreening(Result):
-    """What linear theory says of a structure without stops: each coordinate and point, each gap."""
+    """What linear theory says of a structure without stops: each coordinate and point, each gap.
+
+    See Also
+    --------
+    stochvi.screen : What makes it.
+    """
 
     not_in_document = COMMON
 

@@ -163,6 +163,20 @@ def unmet(model: Model) -> list[str]:
     -------
     list[str]
         Sentences, empty where everything is met.
+
+    See Also
+    --------
+    stochvi.average : The method.
+    stochvi.explain : What all methods say of a scene.
+
+    Examples
+    --------
+    >>> from stochvi.model.model import model_of
+    >>> from stochvi.scenes import shipped_scene
+    >>> from stochvi.scenes.scene import load_scene
+    >>> model = model_of(load_scene(shipped_scene("oscillator-lossy")))
+    >>> unmet(model)
+    []
     """
     found = beyond_one_oscillator(model)
     if found:

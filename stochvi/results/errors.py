@@ -7,13 +7,23 @@ from typing import Any
 
 
 class StochviError(Exception):
-    """Base of every error that this package raises on purpose."""
+    """Base of every error that this package raises on purpose.
+
+    See Also
+    --------
+    stochvi.SceneError : The scene is not valid.
+    stochvi.NotApplicable : The method does not cover the scene.
+    """
 
 
 class SceneError(StochviError, ValueError):
     """The scene, or a file it names, is not valid.
 
     `problems` holds (key, sentence) pairs; the message joins them, one line each.
+
+    See Also
+    --------
+    stochvi.StochviError : The base of all errors of the package.
     """
 
     def __init__(self, problems: Sequence[tuple[str, str]] | str) -> None:
@@ -22,7 +32,12 @@ class SceneError(StochviError, ValueError):
 
 
 class NotApplicable(StochviError):
-    """A method does not cover this scene; `conditions` lists everything that is unmet."""
+    """A method does not cover this scene; `conditions` lists everything that is unmet.
+
+    See Also
+    --------
+    stochvi.explain : Which methods apply to a scene, and why others do not.
+    """
 
     def __init__(self, method: str, conditions: Sequence[str]) -> None:
         self.method = method
@@ -31,7 +46,12 @@ class NotApplicable(StochviError):
 
 
 class NoExactSolution(NotApplicable):
-    """No closed form is known for this scene; `conditions` lists every unmet condition."""
+    """No closed form is known for this scene; `conditions` lists every unmet condition.
+
+    See Also
+    --------
+    stochvi.exact : What raises it.
+    """
 
     def __init__(self, conditions: Sequence[str]) -> None:
         super().__init__("exact", conditions)
@@ -42,7 +62,12 @@ class TargetError(StochviError, ValueError):
 
 
 class NotConverged(StochviError):
-    """The accuracy asked for was not reached; `response` holds what the method got to."""
+    """The accuracy asked for was not reached; `response` holds what the method got to.
+
+    See Also
+    --------
+    stochvi.cost : What accuracy costs, before it is asked for.
+    """
 
     def __init__(self, message: str, response: Any = None) -> None:
         self.response = response
@@ -50,13 +75,22 @@ class NotConverged(StochviError):
 
 
 class CheckpointError(StochviError, ValueError):
-    """A checkpoint is damaged, of another scene, version or seed, or cannot be written."""
+    """A checkpoint is damaged, of another scene, version or seed, or cannot be written.
+
+    See Also
+    --------
+    stochvi.simulate : What writes and reads checkpoints.
+    """
 
 
 class Interrupted(KeyboardInterrupt):
     """Stopped by Ctrl-C; `response` holds what was simulated so far, None if that says nothing.
 
     It is a KeyboardInterrupt still: nothing that catches errors swallows it.
+
+    See Also
+    --------
+    stochvi.StochviError : The base of all errors of the package.
     """
 
     def __init__(self, message: str, response: Any = None) -> None:

@@ -34,6 +34,10 @@ class Estimate:
     bias_error
         Standard error of `bias`, where that was itself sampled.
 
+    See Also
+    --------
+    stochvi.Response : What holds most of them.
+
     Notes
     -----
     `float(estimate)` is its value. An estimate may be multiplied or divided by a plain number, or
@@ -186,6 +190,10 @@ class Cost:
 
     `tenfold_wall_time` is what standard errors ten times smaller would take, at the same step;
     None where nothing was sampled.
+
+    See Also
+    --------
+    stochvi.cost : Error against time, measured.
     """
 
     wall_time: float = 0.0

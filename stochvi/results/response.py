@@ -51,6 +51,10 @@ class CoordinateResponse(Quantities[Estimate | None]):
         impacts. None where it is infinite or not known.
     upcrossing_rate
         Rate of upcrossings of the mean, 1/s.
+
+    See Also
+    --------
+    stochvi.Response : The answer that holds it.
     """
 
     displacement_mean: Estimate | None = None
@@ -86,6 +90,10 @@ class PairResponse(Quantities[Estimate | float | None]):
         a rigid body its motion along the direction of the pair, m and m/s.
     speed_threshold
         The slowest impact that the rates count, m/s.
+
+    See Also
+    --------
+    stochvi.Response : The answer that holds it.
     """
 
     collision_rate: Estimate | None = None
@@ -156,6 +164,21 @@ class Response(Result):
     `coordinates` and `impact_pairs` map a name to its quantities, which may be given as any mapping
     from their names. `identities` holds the residuals of the energy, virial
     and force balances, which are zero for a right answer.
+
+    See Also
+    --------
+    stochvi.simulate : The response by Monte Carlo.
+    stochvi.check : Responses by several methods, compared.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> scene = stochvi.load_scene(stochvi.scenes.shipped_scene("oscillator-elastic"))
+    >>> response = stochvi.exact(scene)
+    >>> round(response.coordinates["x"]["velocity_std"].value, 3)
+    1.0
+    >>> response.to_frame().columns[:4].tolist()
+    ['method', 'of', 'quantity', 'unit']
     """
 
     method: str

@@ -52,6 +52,11 @@ class Absorber(Checked):
         Springs and dampers between the units and the structure, all units together, N/m and
         N s/m; 0 for loose masses.
 
+    See Also
+    --------
+    stochvi.absorber : What it does to the structure that carries it.
+    stochvi.absorbers.design_absorber : The best box for a mass.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution

@@ -13,7 +13,12 @@ from stochvi.scenes.text import read_table
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """A tabulated environment: breakpoints in hertz and g^2/Hz, log-log straight between them."""
+    """A tabulated environment: breakpoints in hertz and g^2/Hz, log-log straight between them.
+
+    See Also
+    --------
+    stochvi.scenes.profiles : All that ship.
+    """
 
     name: str
     frequency_hz: tuple[float, ...]
@@ -39,6 +44,10 @@ def profiles() -> dict[str, Profile]:
     -------
     dict[str, Profile]
         Profiles by the names that scenes use.
+
+    See Also
+    --------
+    stochvi.TabulatedNoise : Noise of a profile.
 
     Examples
     --------
@@ -73,6 +82,10 @@ def shipped_scene(name: str) -> Path:
     -------
     Path
         The file.
+
+    See Also
+    --------
+    stochvi.load_scene : The scene of a file.
 
     Examples
     --------

@@ -82,6 +82,10 @@ class Record:
         Start of each gap in s after the first sample, and its length, s.
     notes
         What was taken from the file besides the numbers, in words.
+
+    See Also
+    --------
+    stochvi.scenes.read_record : A record from its file.
     """
 
     values: Vector
@@ -297,6 +301,21 @@ def read_record(
     ------
     SceneError
         In a sentence that names the file, where in it, and what helps.
+
+    See Also
+    --------
+    stochvi.RecordedNoise : Noise of a record.
+    stochvi.replay : What the record itself does.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "run.csv"
+    >>> lines = ["time (s),a (g)", *(f"{0.01 * n:.2f},{n % 2}" for n in range(300))]
+    >>> _ = file.write_text("\\n".join(lines))
+    >>> record, columns = read_record(file)
+    >>> round(record.fs), columns.unit.name
+    (100, 'g')
     """
     names = ("acceleration",) if fs is not None else ("time", "acceleration")
     columns = read_columns(

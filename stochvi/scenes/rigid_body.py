@@ -84,6 +84,10 @@ class Mount(Checked):
         Instead of the damping: the damping ratio that the mount gives to a mode whose whole energy
         it stores, or its loss factor, which is twice that.
 
+    See Also
+    --------
+    stochvi.RigidBody : The box that stands on it.
+
     Examples
     --------
     >>> mount = Mount(at=[0.2, 0.15, -0.05], stiffness=[2e4, 2e4, 4e4], loss_factor=0.2)
@@ -153,6 +157,11 @@ class RigidBody(Checked):
     ------
     SceneError
         If no body has this inertia, or if the mounts leave a motion free.
+
+    See Also
+    --------
+    stochvi.Mount : What it stands on.
+    stochvi.explain : Its modes, in words.
 
     Examples
     --------

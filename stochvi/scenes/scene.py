@@ -56,6 +56,11 @@ class ImpactPair(Checked):
     law, lower_law, upper_law
         The impact law of both stops, or of one where they differ.
 
+    See Also
+    --------
+    stochvi.Restitution : The law of a hard stop.
+    stochvi.Viscoelastic : The law of a rubber stop.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution
@@ -151,6 +156,11 @@ class Scene(Checked):
     ------
     SceneError
         In one sentence per problem: the key, what was got, what was expected.
+
+    See Also
+    --------
+    stochvi.load_scene : A scene from its file.
+    stochvi.explain : What of a scene is simulated, and by which methods.
 
     Examples
     --------

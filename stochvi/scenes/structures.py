@@ -51,6 +51,11 @@ class Oscillator(Checked):
     SceneError
         If the two descriptions are mixed, or one is not whole.
 
+    See Also
+    --------
+    stochvi.Isolator : On a moving base.
+    stochvi.Matrices : Several masses.
+
     Examples
     --------
     >>> mount = Oscillator(frequency_hz=12.0, Q=5.0)
@@ -146,6 +151,11 @@ class Isolator(Oscillator):
         Relative tolerances of the natural frequency and of the damping ratio, as 0.1 for 10 %.
         Nothing simulated depends on them: they say how far a sensitivity reaches.
 
+    See Also
+    --------
+    stochvi.Oscillator : A mass on a spring that is fixed.
+    stochvi.RigidBody : A box on several mounts.
+
     Examples
     --------
     >>> four = Isolator(mass=10.0, mounts=4, stiffness=14212.0, damping=37.7, gravity=True)
@@ -197,6 +207,11 @@ class Matrices(Checked):
     mass, damping, stiffness
         Symmetric matrices, kg, N s/m and N/m; the mass positive definite, the others without
         negative eigenvalues. On a moving base, displacements are relative to it.
+
+    See Also
+    --------
+    stochvi.Oscillator : A single mass.
+    stochvi.RigidBody : A box, whose matrices are built.
 
     Examples
     --------
@@ -298,6 +313,10 @@ class NonlinearOscillator(Checked):
     ------
     SceneError
         If a function is not finite about 0, or cannot take an array.
+
+    See Also
+    --------
+    stochvi.Oscillator : With a linear spring and damper.
 
     Examples
     --------

@@ -88,6 +88,10 @@ class QuarterCar(Checked):
     mounted_on
         "body" or "wheel".
 
+    See Also
+    --------
+    stochvi.RoadNoise : What shakes the vehicle.
+
     Examples
     --------
     >>> golden = QuarterCar(preset="golden-car")

@@ -77,6 +77,10 @@ class Bursts:
     fastest, sharpest
         (bursts,): largest impact speed (m/s), and absolute acceleration (m/s^2; without the rigid
         impacts, which have none).
+
+    See Also
+    --------
+    stochvi.size : What is answered by bursts where hits are rare.
     """
 
     first_rate: Estimate

@@ -70,6 +70,10 @@ class FirstCrossings(CrossingAges):
         (levels,) distances of the stops from the mean position, m; infinite for none.
     displacement_std, velocity_std
         Of the process, m and m/s.
+
+    See Also
+    --------
+    stochvi.reliability : The chance of any hit in a mission.
     """
 
     lower: Vector

@@ -79,6 +79,10 @@ class History(Result):
         Length, s; time between two rows, s; which realisation it is.
     meanings
         What the columns are here, and why others are left out.
+
+    See Also
+    --------
+    stochvi.history : What makes it.
     """
 
     not_in_document = ("samples", "impacts")

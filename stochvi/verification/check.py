@@ -62,6 +62,10 @@ class Comparison:
     `score` is the part of the difference that the stated biases do not cover, in standard errors,
     on the scale of a normal variable (by Student's law where paths are few); it is None where
     nothing was sampled.
+
+    See Also
+    --------
+    stochvi.check : The answer that holds it.
     """
 
     of: str
@@ -82,6 +86,10 @@ class Check(Result):
     """The verdict on a scene, with every comparison and every response behind it.
 
     The warnings of the responses are its own, each once; the document holds them with each.
+
+    See Also
+    --------
+    stochvi.check : What makes it.
     """
 
     not_in_document = COMMON

@@ -49,6 +49,11 @@ def zoo(*names: str) -> dict[str, Scene]:
     dict[str, Scene]
         Scenes by name.
 
+    See Also
+    --------
+    stochvi.verification.check_many : Checks them all.
+    stochvi.scenes.shipped_scene : The file of one scene.
+
     Examples
     --------
     >>> scenes = zoo("linear", "lossy-0.5")
@@ -72,6 +77,10 @@ class Checks(Result):
 
     `judged` is the number of comparisons, and `z` the number of standard errors by which each of
     them may differ.
+
+    See Also
+    --------
+    stochvi.verification.check_many : What makes it.
     """
 
     checks: Mapping[str, Check]
@@ -232,6 +241,11 @@ def check_many(
     ------
     Interrupted
         After Ctrl-C; it carries the verdict on the scenes so far.
+
+    See Also
+    --------
+    stochvi.check : One scene.
+    stochvi.verification.zoo : The scenes that ship.
 
     Examples
     --------

@@ -160,6 +160,10 @@ class WorkPrecision(Result):
 
     `reference` says what biases are measured against. Quantities in `left_out` did not occur in the
     time given, so that their price is unknown.
+
+    See Also
+    --------
+    stochvi.cost : What makes it.
     """
 
     errors: Sequence[StepError]

@@ -47,6 +47,10 @@ class Explanation(Result):
     `natural_frequency_hz` and `modes` are those of the structure without stops. Under constant
     loads `rest` holds the displacements of rest (m, of rotations rad), and `rest_of_gaps` where
     each gap rests and how far that is from its stops, m.
+
+    See Also
+    --------
+    stochvi.explain : What makes it.
     """
 
     not_in_document = COMMON

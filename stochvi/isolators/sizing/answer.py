@@ -141,6 +141,10 @@ class Sizing(Result):
     kept_with
         Chance that the limit of the target is exceeded in the mission, where the clearance is the
         smallest that can be judged and keeps the target with a margin; else None.
+
+    See Also
+    --------
+    stochvi.size : What makes it.
     """
 
     not_in_document = ("scene",)  # it is in the provenance

@@ -102,6 +102,11 @@ def clatter(
     NotApplicable
         Without stops, or with a rigid one: a restitution has no stiffness.
 
+    See Also
+    --------
+    stochvi.isolators.jolts : Which jolt leads to clatter.
+    stochvi.harmonic_response : The regimes without noise.
+
     Examples
     --------
     >>> from stochvi.scenes.excitations import TabulatedNoise

@@ -76,6 +76,10 @@ class PairsSizing(Result):
     box
         Modes of a rigid body, and what one oscillator along each axis would buy; None of any other
         structure.
+
+    See Also
+    --------
+    stochvi.size : What makes it.
     """
 
     not_in_document = ("scene",)  # it is in the provenance

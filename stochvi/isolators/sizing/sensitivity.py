@@ -100,6 +100,10 @@ def sensitivity(
         sizing), `probability` (of any hit in the mission at the clearance of the sizing), `note`:
         why a row has no numbers (NaN), or not the accuracy that was asked for; else empty.
 
+    See Also
+    --------
+    stochvi.size : The clearance itself.
+
     Examples
     --------
     >>> from stochvi.scenes.excitations import WhiteNoise

@@ -26,6 +26,10 @@ class ExactDensity:
 
     Everything is computed in logarithms, so that tails far out keep their digits; densities of
     no more than 1e-308 are 0, their logarithms are not. Made by `exact_density`.
+
+    See Also
+    --------
+    stochvi.methods.closed_form.exact_density : What makes it.
     """
 
     response: Response
@@ -130,6 +134,11 @@ def exact_density(scene: Scene) -> ExactDensity:
     ExactDensity
         The joint density, its tails and that of impact speeds.
 
+    See Also
+    --------
+    stochvi.exact : The averages.
+    stochvi.methods.fokker_planck.fokker_planck_density : Where stops take energy.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution
@@ -169,6 +178,10 @@ def displacement_density(scene: Scene, x: ArrayLike) -> Vector:
     -------
     Vector
         One value for each displacement, 1/m.
+
+    See Also
+    --------
+    stochvi.methods.closed_form.exact_density : Displacement and velocity together.
 
     Examples
     --------

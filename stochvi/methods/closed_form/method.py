@@ -84,6 +84,20 @@ def unmet(model: Model) -> list[str]:
     -------
     list[str]
         Sentences, empty where everything is met.
+
+    See Also
+    --------
+    stochvi.exact : The method.
+    stochvi.explain : What all methods say of a scene.
+
+    Examples
+    --------
+    >>> from stochvi.model.model import model_of
+    >>> from stochvi.scenes import shipped_scene
+    >>> from stochvi.scenes.scene import load_scene
+    >>> model = model_of(load_scene(shipped_scene("oscillator-lossy")))
+    >>> len(unmet(model))  # both stops take energy
+    2
     """
     return one.unmet(model) if one_oscillator(model) else many.unmet(model)
 

@@ -22,6 +22,20 @@ def unmet(model: Model) -> list[str]:
     -------
     list[str]
         Sentences, empty where everything is met.
+
+    See Also
+    --------
+    stochvi.fokker_planck : The method.
+    stochvi.explain : What all methods say of a scene.
+
+    Examples
+    --------
+    >>> from stochvi.model.model import model_of
+    >>> from stochvi.scenes import shipped_scene
+    >>> from stochvi.scenes.scene import load_scene
+    >>> model = model_of(load_scene(shipped_scene("isolator-truck")))
+    >>> unmet(model)
+    ['excitation must be white noise, got a tabulated density']
     """
     found = beyond_one_oscillator(model, with_functions=True)
     if found:
@@ -50,6 +64,19 @@ def unmet_by_transient(model: Model) -> list[str]:
     -------
     list[str]
         Sentences, empty where everything is met.
+
+    See Also
+    --------
+    stochvi.transient : The method.
+
+    Examples
+    --------
+    >>> from stochvi.model.model import model_of
+    >>> from stochvi.scenes import shipped_scene
+    >>> from stochvi.scenes.scene import load_scene
+    >>> model = model_of(load_scene(shipped_scene("oscillator-lossy")))
+    >>> unmet_by_transient(model)
+    []
     """
     return beyond_one_oscillator(model) or [*unmet(model), *model.not_rigid()]
 
@@ -72,6 +99,19 @@ def unmet_by_first_passage(model: Model, lower: float | None, upper: float | Non
     -------
     list[str]
         Sentences, empty where everything is met.
+
+    See Also
+    --------
+    stochvi.first_passage : The method.
+
+    Examples
+    --------
+    >>> from stochvi.model.model import model_of
+    >>> from stochvi.scenes import shipped_scene
+    >>> from stochvi.scenes.scene import load_scene
+    >>> model = model_of(load_scene(shipped_scene("oscillator-lossy")))
+    >>> unmet_by_first_passage(model, None, None)
+    []
     """
     found = beyond_one_oscillator(model)
     if found:

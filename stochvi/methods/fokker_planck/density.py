@@ -385,6 +385,10 @@ class StationaryDensity:
         The averages, with bounds on their errors.
     fine, coarse
         The solutions on the last two meshes.
+
+    See Also
+    --------
+    stochvi.methods.fokker_planck.fokker_planck_density : What makes it.
     """
 
     response: Response

@@ -38,6 +38,10 @@ class Gaussian:
     covariance
         Symmetric and positive definite, ((m^2, m^2/s), (m^2/s, m^2/s^2)).
 
+    See Also
+    --------
+    stochvi.transient : What may start from it.
+
     Examples
     --------
     >>> Gaussian(mean=(0.0, 0.0), covariance=((1.0, 0.0), (0.0, 4.0))).deviations

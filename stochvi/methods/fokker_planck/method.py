@@ -147,6 +147,11 @@ def fokker_planck_density(
     StationaryDensity
         The joint density, its tails and that of impact speeds.
 
+    See Also
+    --------
+    stochvi.fokker_planck : The averages alone.
+    stochvi.methods.closed_form.exact_density : Where stops take no energy.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution
@@ -291,7 +296,12 @@ def _refine(
 
 
 class Batch(NamedTuple):
-    """Averages of many scenes, bounds on their errors, and the slowest impact that rates count."""
+    """Averages of many scenes, bounds on their errors, and the slowest impact that rates count.
+
+    See Also
+    --------
+    stochvi.methods.fokker_planck.fokker_planck_many : What makes it.
+    """
 
     values: Moments
     errors: Moments
@@ -332,6 +342,10 @@ def fokker_planck_many(
     ------
     NotApplicable, ValueError
         If any scene has no stationary state; if a number is out of range.
+
+    See Also
+    --------
+    stochvi.fokker_planck : One scene, with bounds on the error.
 
     Examples
     --------

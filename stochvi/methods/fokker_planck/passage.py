@@ -93,6 +93,10 @@ class FirstPassage(Result):
         P(beyond a barrier) + rice_rate t.
     lower, upper
         The barriers, m; None where there is none.
+
+    See Also
+    --------
+    stochvi.first_passage : What makes it.
     """
 
     not_in_document = ("warnings",)

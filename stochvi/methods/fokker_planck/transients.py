@@ -94,6 +94,10 @@ class Transient(Result):
         Averages at each time, and bounds on their errors from two meshes.
     speed_threshold
         Slowest impact that rates count, m/s.
+
+    See Also
+    --------
+    stochvi.transient : What makes it.
     """
 
     not_in_document = ("warnings", "_states")

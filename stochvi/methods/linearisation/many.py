@@ -58,6 +58,10 @@ class Linearised(NamedTuple):
     Rates are 0 where there is no stop. `stiffness` (1/s^2) and `damping` (1/s) are what the stops
     add on average; `rise` is the factor by which a density exceeds its law right at a stop (1
     where the family holds the answer). Everything is nan where `converged` is False.
+
+    See Also
+    --------
+    stochvi.methods.linearisation.linearise_many : What makes it.
     """
 
     mean: Vector
@@ -107,6 +111,10 @@ def linearise_many(
     ------
     NotApplicable, ValueError
         If any oscillator has no stationary state; if a number is out of range.
+
+    See Also
+    --------
+    stochvi.linearise : One scene, with a bound on the error.
 
     Examples
     --------

@@ -111,6 +111,10 @@ def linearise_all(
     tuple[Response, ...]
         Every solution that was found, SI units.
 
+    See Also
+    --------
+    stochvi.linearise : One form, of one scene.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution

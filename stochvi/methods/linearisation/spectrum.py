@@ -60,6 +60,10 @@ class LinearisedOscillator:
         (B 13.20) for "motion" and (B 13.32) for "force".
     forces, base
         One-sided densities of what shakes: (m/s^2)^2/Hz, of forces per unit mass and of the base.
+
+    See Also
+    --------
+    stochvi.methods.linearisation.linearised_oscillators : What makes it.
     """
 
     mean: float
@@ -147,6 +151,11 @@ def linearised_oscillators(
     ------
     ValueError, NotApplicable, NotConverged
         As `linearise`.
+
+    See Also
+    --------
+    stochvi.linearise : The response.
+    stochvi.methods.linearisation.linearised_structures : Of several masses.
 
     Examples
     --------

@@ -39,6 +39,10 @@ class LinearisedStructure:
         Modal matrices (n, n), stops included.
     shaken
         (one-sided density, modal forces (n,) per unit of it) of all noise.
+
+    See Also
+    --------
+    stochvi.methods.linearisation.linearised_structures : What makes it.
     """
 
     coordinates: tuple[str, ...]
@@ -90,6 +94,11 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     ------
     NotApplicable, NotConverged
         As `linearise`.
+
+    See Also
+    --------
+    stochvi.linearise : The response.
+    stochvi.methods.linearisation.linearised_oscillators : Of one oscillator.
 
     Examples
     --------

@@ -293,6 +293,10 @@ def record_path(
     DataFrame
         A row for each combination, or for each sample.
 
+    See Also
+    --------
+    stochvi.history : Displacement, base, forces and impacts, as a table.
+
     Examples
     --------
     >>> from stochvi.scenes.excitations import WhiteNoise
@@ -342,6 +346,18 @@ def record_paths(
     -------
     tuple[float, list[pd.DataFrame]]
         Burn-in, s, and a table for each path.
+
+    See Also
+    --------
+    stochvi.history : One path, as a table.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> scene = stochvi.load_scene(stochvi.scenes.shipped_scene("absorber-in-a-box"))
+    >>> burn_in, tables = record_paths(scene, paths=2, duration=1.0)
+    >>> [bool(each["time"].iloc[-1] >= burn_in) for each in tables]
+    [True, True]
     """
     import pandas as pd
 
@@ -361,6 +377,10 @@ class Prospect:
 
     `nanoseconds_per_step` is wall time per step of one path, all threads at work; `seconds` maps
     relative errors to predicted wall time, None where no impact was seen to predict by.
+
+    See Also
+    --------
+    stochvi.methods.monte_carlo.prospect : What makes it.
     """
 
     method: str
@@ -397,6 +417,19 @@ def prospect(
     -------
     Prospect
         States, steps and predicted times.
+
+    See Also
+    --------
+    stochvi.simulate : The simulation itself.
+    stochvi.cost : Error against time, measured.
+
+    Examples
+    --------
+    >>> import stochvi
+    >>> scene = stochvi.load_scene(stochvi.scenes.shipped_scene("oscillator-lossy"))
+    >>> expected = prospect(scene, threads=1)
+    >>> expected.states
+    2
     """
     model = model_of(scene)
     plan = make_plan(model)

@@ -51,6 +51,10 @@ class Branch:
     names
         "fold", "grazing", "period doubling", "symmetry breaking" or "torus" at a special point,
         else empty.
+
+    See Also
+    --------
+    stochvi.harmonic_response : What makes it.
     """
 
     form: str
@@ -108,6 +112,10 @@ class SpecialPoint:
         Number of the branch.
     value, frequency_hz
         Of the number that is varied, and of the force.
+
+    See Also
+    --------
+    stochvi.harmonic_response : The answer that holds it.
     """
 
     name: str
@@ -128,6 +136,10 @@ class Jump:
         Where the regime ends from which the motion jumps.
     displacement_max, impact_speed
         Largest displacement (m) and impact speed (m/s, 0 without impacts), before and after.
+
+    See Also
+    --------
+    stochvi.harmonic_response : The answer that holds it.
     """
 
     upwards: bool
@@ -162,6 +174,10 @@ class SimulatedSweep:
         motion, or over 100 periods of the force where it does not repeat itself.
     periods
         Periods of the force after which it repeats itself; 0 where it does not.
+
+    See Also
+    --------
+    stochvi.harmonic_response : The answer that holds it.
     """
 
     upwards: bool
@@ -197,6 +213,10 @@ class HarmonicResponse(Result):
         Sweeps by simulation that were asked for.
     assumptions
         What was taken for granted, a sentence each.
+
+    See Also
+    --------
+    stochvi.harmonic_response : What makes it.
     """
 
     key: str

@@ -72,6 +72,11 @@ class HarmonicResonance:
     ValueError
         If a number is out of range.
 
+    See Also
+    --------
+    stochvi.harmonic_response : The regimes themselves.
+    stochvi.isolators.jolts : Which jolt leads to clatter.
+
     Examples
     --------
     An isolator on a base that moves by 0.1 mm:
@@ -199,6 +204,10 @@ class RandomResonance:
     ------
     ValueError
         If there is no such motion.
+
+    See Also
+    --------
+    stochvi.methods.periodic.HarmonicResonance : The same regime under a sine.
 
     Examples
     --------

@@ -156,6 +156,10 @@ class ReplayAt:
         stops).
     histories
         The samples; None where they would not fit into memory.
+
+    See Also
+    --------
+    stochvi.replay : The answer that holds it.
     """
 
     clearance: float | None
@@ -202,6 +206,10 @@ class Replay(Result):
         Time that was replayed, s.
     assumptions
         What was taken for granted, a sentence each.
+
+    See Also
+    --------
+    stochvi.replay : What makes it.
     """
 
     clearances: tuple[ReplayAt, ...]

@@ -25,6 +25,10 @@ class ConstantLoad(Disturbance):
     acceleration
         Acceleration of the base, m/s^2.
 
+    See Also
+    --------
+    stochvi.Scene : What it is a part of.
+
     Examples
     --------
     >>> ConstantLoad(force=-9.80665).magnitude

@@ -65,6 +65,21 @@ class RecordedNoise(DensityNoise):
         Lowest and highest frequency of the density that is kept, Hz.
     resolution_hz
         Width of a bin of the density, Hz.
+
+    See Also
+    --------
+    stochvi.replay : What the record itself does.
+    stochvi.TabulatedNoise : Noise by its density.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> file = Path(tempfile.mkdtemp()) / "run.txt"
+    >>> np.savetxt(file, np.random.default_rng(1).normal(size=4000))
+    >>> noise = RecordedNoise(file=str(file), unit="g", fs=400.0)
+    >>> noise.record.fs, noise.density_unit
+    (400.0, 'g2/Hz')
     """
 
     effect_word: ClassVar[str] = "tabulated noise of a record"

@@ -30,6 +30,10 @@ class RoadNoise(DensityNoise):
     band_hz
         Lowest and highest frequency, Hz; by default 0.01 and 10 cycles per metre times the speed.
 
+    See Also
+    --------
+    stochvi.QuarterCar : A vehicle between the road and the mount.
+
     Examples
     --------
     >>> road = RoadNoise(road="C", speed_kmh=72.0, band_hz=[0.5, 50.0])

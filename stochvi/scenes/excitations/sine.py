@@ -34,6 +34,10 @@ class Sine(Disturbance):
         Phase of a among several sines that make one periodic force, degrees. Periodic regimes keep
         it; every other method draws phases at random.
 
+    See Also
+    --------
+    stochvi.harmonic_response : All regimes under a sine.
+
     Examples
     --------
     >>> Sine(on="base", amplitude=9.80665, frequency_hz=50.0).peak

@@ -60,6 +60,11 @@ class TabulatedNoise(DensityNoise):
     SceneError
         If the table cannot be read, its unit is missing or contradicted, or a density is negative.
 
+    See Also
+    --------
+    stochvi.scenes.profiles : The densities that ship.
+    stochvi.RecordedNoise : Noise of a measured record.
+
     Examples
     --------
     >>> truck = TabulatedNoise(on="base", profile="mil-std-810h-truck-vertical-5hz")

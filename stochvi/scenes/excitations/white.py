@@ -85,6 +85,11 @@ class WhiteNoise(_Strength):
 
     Give `intensity`, or `density` with its `unit`; S0 = density / 2.
 
+    See Also
+    --------
+    stochvi.FilteredNoise : White noise through a resonance.
+    stochvi.TabulatedNoise : Noise by its density.
+
     Examples
     --------
     >>> WhiteNoise(intensity=0.2).si_intensity
@@ -115,6 +120,11 @@ class FilteredNoise(_Strength):
         Frequency of the resonance, Hz.
     zeta
         Damping ratio of the resonance.
+
+    See Also
+    --------
+    stochvi.WhiteNoise : Noise that no filter has shaped.
+    stochvi.TabulatedNoise : Noise by its density.
 
     Examples
     --------

@@ -39,6 +39,11 @@ class ForceTable(CompliantLaw):
     source
         Where the numbers come from; the name of the file, if they were read.
 
+    See Also
+    --------
+    stochvi.Elastic : A straight line.
+    stochvi.ImpactPair : Where the stop is.
+
     Examples
     --------
     >>> law = ForceTable(deflection=[0.01, 0.02], force=[1.0, 4.0])

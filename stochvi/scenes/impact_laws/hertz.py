@@ -26,6 +26,11 @@ class Hertz(CompliantLaw):
     coefficient
         Force at a deflection of 1 m, N/m^1.5.
 
+    See Also
+    --------
+    stochvi.Elastic : A force that is linear.
+    stochvi.ImpactPair : Where the stop is.
+
     Examples
     --------
     >>> contact = Hertz(coefficient=1.25).impact(speed=1.0, mass=1.0)

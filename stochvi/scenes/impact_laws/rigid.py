@@ -23,6 +23,11 @@ class Restitution(RigidLaw):
         The restitution R; 1 loses nothing, 0 loses all of the normal velocity. The energy
         lost in one impact of incident speed w is (1 - R^2) m w^2 / 2.
 
+    See Also
+    --------
+    stochvi.SpeedRestitution : A restitution that depends on the speed.
+    stochvi.Viscoelastic : A stop that gives way.
+
     Examples
     --------
     >>> Restitution(coefficient=0.8).coefficient
@@ -76,6 +81,10 @@ class SpeedRestitution(RigidLaw):
     ------
     SceneError
         If the function is not in [0, 1] at speeds from 1 um/s to 1 km/s.
+
+    See Also
+    --------
+    stochvi.Restitution : One number for all speeds.
 
     Examples
     --------

@@ -58,6 +58,11 @@ class Elastic(LinearLaw):
     source
         Where the numbers come from; what was converted is added.
 
+    See Also
+    --------
+    stochvi.Viscoelastic : A stop that takes energy.
+    stochvi.ImpactPair : Where the stop is.
+
     Examples
     --------
     >>> law = Elastic(stiffness=100.0)
@@ -110,6 +115,11 @@ class Viscoelastic(LinearLaw):
         `restitution`, that of a free mass, measured `at_speed` (m/s).
     source
         Where the numbers come from; what was converted is added.
+
+    See Also
+    --------
+    stochvi.Elastic : A stop that takes no energy.
+    stochvi.ImpactPair : Where the stop is.
 
     Examples
     --------

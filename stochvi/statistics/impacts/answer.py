@@ -81,6 +81,10 @@ class ImpactStatistics(Result):
     `step` is that of the motion, within which impacts are found; `duration` is that of a path,
     `window` that of the dispersion, s. `each` says that impacts are seen one by one however close,
     which they always are.
+
+    See Also
+    --------
+    stochvi.impacts : What makes it.
     """
 
     pairs: Mapping[str, PairStatistics]

@@ -39,6 +39,10 @@ class Chance:
         CPU seconds of one crude mission, measured; None where none was flown.
     crude_seconds
         What crude simulation would take for the same standard error, from it.
+
+    See Also
+    --------
+    stochvi.reliability : The answer that holds it.
     """
 
     event: str
@@ -95,6 +99,10 @@ class Reliability(Result):
     `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says why
     something was not found, or not as accurately as asked for: then the answer comes with a
     `NotConverged`. `pairs` holds, by name, what each of several pairs risks; then `hits` is None.
+
+    See Also
+    --------
+    stochvi.reliability : What makes it.
     """
 
     mission: float

@@ -67,6 +67,10 @@ class ResponseSpectrum(Result):
         Of a chi-square law with the scatter seen, median over the bins of the first displacement.
     meanings
         What a quantity is here, in words, or why it is left out.
+
+    See Also
+    --------
+    stochvi.spectrum : What makes it.
     """
 
     not_in_document = ("frequency_hz",)  # it is in every curve

@@ -27,6 +27,10 @@ def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
     ValueError
         If the estimate states no bias, because then no truth can refute it.
 
+    See Also
+    --------
+    stochvi.testing.judge : Compares with several known answers, and says what is wrong.
+
     Examples
     --------
     >>> assert_agrees(Estimate(value=1.02, standard_error=0.01), 1.0)

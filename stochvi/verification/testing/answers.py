@@ -35,6 +35,10 @@ def known_answers(*names: str) -> dict[str, Response]:
     ValueError
         If no answer to a scene of this name ships.
 
+    See Also
+    --------
+    stochvi.testing.judge : Judges an integrator by them.
+
     Examples
     --------
     >>> known = known_answers("elastic-half-sigma", "lossy-0.5")

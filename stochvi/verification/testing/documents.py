@@ -274,6 +274,20 @@ def read_problem(path: str | Path) -> Problem:
     ------
     SceneError
         If the file is no such document; the message names the file, the key and what is expected.
+
+    See Also
+    --------
+    stochvi.testing.problem_of : A problem of a scene.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from stochvi.verification.testing.documents import problem_document
+    >>> from stochvi.verification.testing.files import problem_named
+    >>> file = Path(tempfile.mkdtemp()) / "linear.json"
+    >>> _ = file.write_text(json.dumps(problem_document(*problem_named("linear"))))
+    >>> read_problem(file).intensity
+    0.2
     """
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8-sig"))

@@ -119,6 +119,19 @@ def judge_file(
     ------
     ValueError
         If the file cannot be read so; the message names the file, the row and the column.
+
+    See Also
+    --------
+    stochvi.testing.judge : The same of a function.
+    stochvi.testing.read_problem : A problem from its file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "mine.csv"
+    >>> _ = file.write_text("quantity,value,standard_error\\nvelocity_std,1.001,0.004\\n")
+    >>> judge_file(file, "linear").passed
+    True
     """
     known = problem_named(problem, paths=paths, relaxations=relaxations)
     return judge_sheet(read_sheet(path), *known, format=format, allowed_percent=allowed_percent)

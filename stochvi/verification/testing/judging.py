@@ -69,6 +69,10 @@ class Finding:
     deviation), `bias_error_percent` its standard error, and `visible_percent` the smallest
     difference that counts as a disagreement. They are None where the integrator's number is not
     finite.
+
+    See Also
+    --------
+    stochvi.testing.judge : What makes it.
     """
 
     scene: str
@@ -93,6 +97,10 @@ class Judgement(Result):
     `findings` are all comparisons, `hints` the likely causes of disagreements, and `left_out` the
     quantities that were not returned. `allowed_percent` is the bias that the user finds harmless,
     and `read_as` says how a file was read.
+
+    See Also
+    --------
+    stochvi.testing.judge : What makes it.
     """
 
     not_in_document = COMMON
@@ -248,6 +256,11 @@ def judge(
         If an argument is out of range, or what was returned is none of the three forms.
     NotApplicable
         If a scene is no such structure, or no exact answer to it is known.
+
+    See Also
+    --------
+    stochvi.testing.judge_file : The same of what a program has written.
+    stochvi.testing.known_answers : The scenes to judge by.
 
     Examples
     --------
@@ -414,6 +427,10 @@ def as_response(problem: Problem, returned: Mapping[str, Any], method: str = "")
     -------
     Response
         Moments, rates and their errors, SI units.
+
+    See Also
+    --------
+    stochvi.testing.assert_agrees : Compares it with a known answer.
 
     Examples
     --------

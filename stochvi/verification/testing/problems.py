@@ -42,6 +42,11 @@ class Problem:
         Seconds to leave out at the start of a path, and to count after that.
     paths
         How many independent paths are asked for.
+
+    See Also
+    --------
+    stochvi.testing.problem_of : A problem of a scene.
+    stochvi.testing.judge : What hands it to an integrator.
     """
 
     name: str
@@ -171,6 +176,10 @@ def problem_of(
         number, and its noise is white or has a density.
     ValueError
         If `paths` or `relaxations` is not positive.
+
+    See Also
+    --------
+    stochvi.testing.read_problem : A problem from its file.
 
     Examples
     --------
