@@ -6,7 +6,6 @@ manual are `{code-cell}` blocks, which `make docs` runs.
 
 from __future__ import annotations
 
-import ast
 import os
 import re
 import shlex
@@ -17,8 +16,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import click
 import pytest
 
+from stochvi.cli import main
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import scene_from
 from support import CHECKOUT
@@ -144,6 +145,21 @@ def test_scenes_and_parts_of_scenes_are_valid(block: Block) -> None:
         scene_from(FRAME | part)
 
 
+def test_commands_within_sentences_exist_with_their_options() -> None:
+    seen = 0
+    for page in (README, *MANUAL):
+        prose = FENCE.sub("", page.read_text(encoding="utf-8"))
+        for line in re.findall(r"`stochvi ([a-z][^`]*)`", prose):
+            name, *words = shlex.split(line)
+            command = main.get_command(click.Context(main), name)
+            assert command, (page, line)
+            known = {option for each in command.params for option in each.opts}
+            used = {word for word in words if word.startswith("--")}
+            assert used <= known, (page, line, used - known)
+            seen += 1
+    assert seen > 20
+
+
 def test_every_block_of_a_page_is_run() -> None:
     """Here, or when the manual is built; the README has its own program, as no build runs that."""
     for block in blocks():
@@ -153,16 +169,9 @@ def test_every_block_of_a_page_is_run() -> None:
 
 
 def sentences_of_the_code() -> str:
-    """All texts of the package, with a blank for what is filled in."""
-    texts = []
-    for path in (CHECKOUT / "stochvi").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.JoinedStr):
-                parts = (v.value if isinstance(v, ast.Constant) else " " for v in node.values)
-                texts.append("".join(map(str, parts)))
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                texts.append(node.value)
-    return "\n".join(texts)
+    """The source of the package, in which texts that run over several lines are one."""
+    sources = (path.read_text(encoding="utf-8") for path in (CHECKOUT / "stochvi").rglob("*.py"))
+    return re.sub(r'"\s*\n\s*f?"', "", "\n".join(sources))
 
 
 def test_messages_that_the_manual_explains_are_those_of_the_code() -> None:
