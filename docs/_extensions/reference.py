@@ -23,7 +23,7 @@ from stochvi.scenes.schema import scene_schema
 ROOMS = (
     "scenes", "results", "methods.closed_form", "methods.fokker_planck", "methods.linearisation",
     "methods.averaging", "methods.monte_carlo", "methods.periodic", "methods.replay", "statistics",
-    "isolators", "absorbers", "verification", "testing",
+    "isolators", "absorbers", "verification", "testing", "views.density",
 )  # fmt: skip
 """Packages of public names, in the order in which a scene goes through them."""
 

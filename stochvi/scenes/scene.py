@@ -259,12 +259,11 @@ class Scene(Checked):
 
     def _drive(self) -> None:
         """Let the roads reach the base through the vehicle, if there is one."""
-        if self.vehicle is not None:
-            driven = tuple(
-                each.behind(self.vehicle) if isinstance(each, RoadNoise) else each
-                for each in self.excitations
-            )
-            object.__setattr__(self, "excitations", driven)
+        driven = tuple(
+            each.behind(self.vehicle) if isinstance(each, RoadNoise) else each
+            for each in self.excitations
+        )
+        object.__setattr__(self, "excitations", driven)
 
     def _misplaced(self, pair: ImpactPair) -> str:
         """What is wrong with the coordinates of an impact pair; empty if nothing is."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,6 +134,38 @@ class Checked(BaseModel):
             super().__init__(**data)
         except ValidationError as error:
             raise SceneError(_problems(error, type(self))) from None
+
+    def replace(self, **changes: Any) -> Self:
+        """The part with other values of some keys, checked as a new one is.
+
+        Parameters
+        ----------
+        **changes
+            Keys and their new values; None takes a key out.
+
+        Returns
+        -------
+        Self
+            The new part; the old one stays as it is.
+
+        Raises
+        ------
+        SceneError
+            If the new part is not valid.
+
+        Examples
+        --------
+        >>> from stochvi.scenes.structures import Isolator
+        >>> mount = Isolator(frequency_hz=12.0, zeta=0.1)
+        >>> mount.replace(frequency_hz=10.0).zeta, mount.replace(zeta=None, Q=5.0).Q
+        (0.1, 5.0)
+        """
+        kept = {
+            name: value
+            for name, field in type(self).model_fields.items()
+            if (value := getattr(self, name)) is not None and field.alias not in changes
+        }
+        return type(self)(**(kept | changes))
 
 
 def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str, str]]:

@@ -47,6 +47,29 @@ def test_a_shipped_scene_is_its_own_document(path: Path):
     assert again != scene.model_copy(update={"title": "another"})
 
 
+@pytest.mark.parametrize(
+    "path", sorted((data_folder() / "scenes").glob("*.toml")), ids=lambda path: path.stem
+)
+def test_a_part_with_nothing_replaced_is_the_same_part(path: Path):
+    scene = load_scene(path)
+    assert scene.replace() == scene
+    assert scene.structure.replace() == scene.structure
+    for pair in scene.impact_pairs:
+        assert pair.replace() == pair
+
+
+def test_what_is_replaced_is_checked():
+    scene = oscillator(-1.0, 1.0)
+    pair = ImpactPair(clearance=2.0, law=RIGID)
+    assert scene.replace(impact_pairs=[pair]).impact_pairs == (pair,)
+    assert scene.replace(impact_pair=[pair]).impact_pairs == (pair,)
+    assert scene.replace(impact_pairs=[]).effects() != scene.effects()
+    with pytest.raises(SceneError, match="did you mean 'structure'"):
+        scene.replace(strukture=Oscillator(mass=1.0, damping=0.1, stiffness=1.0))
+    with pytest.raises(SceneError, match="exactly one of zeta and Q"):
+        Isolator(frequency_hz=12.0, Q=5.0).replace(zeta=0.1)
+
+
 def test_a_valid_document_with_integers_is_the_same_scene():
     whole = changed(
         ["structure"], {"kind": "oscillator", "mass": 1, "damping": 0.1, "stiffness": 1}

@@ -159,6 +159,17 @@ def test_a_scene_says_its_vehicle_and_passes_levels_through_it() -> None:
     assert any("quarter car" in " ".join(row) for row in rows)
 
 
+def test_a_scene_that_takes_the_road_of_another_leaves_that_as_it_is() -> None:
+    first = load_scene(shipped_scene("isolator-vehicle"))
+    table = first.excitations[0].table
+    again = first.replace(title="again")
+    bare = first.replace(vehicle=None)
+    assert first.excitations[0].table == table
+    assert again.excitations[0].table == table
+    assert bare.excitations[0].table != table
+    assert bare.replace(vehicle=first.vehicle).excitations[0].table == table
+
+
 def test_a_load_of_the_base_may_stand_beside_the_road() -> None:
     pressed = ConstantLoad(acceleration=9.80665)
     scene = Scene(structure=MOUNT, vehicle=GOLDEN, excitations=[ROAD, pressed])

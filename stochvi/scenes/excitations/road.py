@@ -8,6 +8,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import PrivateAttr, model_validator
 
+from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
 from stochvi.scenes.excitations.base import BASE, DensityNoise, band_of
 from stochvi.scenes.roads import ROUGHNESS, WAVENUMBERS, road_table
@@ -50,6 +51,7 @@ class RoadNoise(DensityNoise):
     speed: Positive | None = None
     speed_kmh: Positive | None = None
     band_hz: Band | None = None
+    _road: Table = PrivateAttr()
     _vehicle: QuarterCar | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
@@ -65,8 +67,13 @@ class RoadNoise(DensityNoise):
         roughness = ROUGHNESS[self.road] if self.road is not None else self.roughness
         assert roughness is not None
         table = road_table(roughness, self.metres_per_second, (low, high))
-        self._table = table.scaled(power_ratio(self.level_db))
+        self._road = table.scaled(power_ratio(self.level_db))
+        self._reach_the_base()  # a scene that takes a road of another one checks it again
         return self
+
+    def _reach_the_base(self) -> None:
+        through = self._vehicle
+        self._table = self._road if through is None else through.passed(self._road)
 
     @property
     def metres_per_second(self) -> float:
@@ -76,16 +83,15 @@ class RoadNoise(DensityNoise):
         assert self.speed_kmh is not None
         return self.speed_kmh / KMH_PER_METRE_PER_SECOND
 
-    def behind(self, vehicle: QuarterCar) -> Self:
-        """The same road, whose acceleration reaches the base through a vehicle."""
+    def behind(self, vehicle: QuarterCar | None) -> Self:
+        """The same road, whose acceleration reaches the base through a vehicle, or as it is."""
         found = self.model_copy()
         found._vehicle = vehicle
-        found._table = vehicle.passed(self._table)
+        found._reach_the_base()
         return found
 
     def louder(self, level_db: float) -> Self:
-        bare = super().louder(level_db)
-        return bare if self._vehicle is None else bare.behind(self._vehicle)
+        return super().louder(level_db).behind(self._vehicle)
 
     @property
     def density_unit(self) -> str | None:
