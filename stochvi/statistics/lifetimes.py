@@ -78,6 +78,10 @@ class Destination:
         Number of paths.
     share, share_low, share_high
         Their share of all that left, with its exact 95 % interval.
+
+    See Also
+    --------
+    stochvi.statistics.lifetimes : The answer that holds it.
     """
 
     regime: str
@@ -106,6 +110,10 @@ class LifeTime:
         Seconds that paths spent in the regime, all together.
     destinations
         Where they went, the most frequent first.
+
+    See Also
+    --------
+    stochvi.statistics.lifetimes : The answer that holds it.
     """
 
     regime: str
@@ -134,6 +142,10 @@ class LifeTimes(Result):
         Seconds that a path stays outside the basin of its regime before it counts as having left.
     assumptions
         What was taken for granted, a sentence each.
+
+    See Also
+    --------
+    stochvi.statistics.lifetimes : What makes it.
     """
 
     regimes: tuple[LifeTime, ...]

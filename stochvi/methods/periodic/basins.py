@@ -90,6 +90,10 @@ class BasinRegime:
         A state of it (coordinates,) at the phase of the starts, m and m/s.
     share
         Share of the starts between the stops that end in it.
+
+    See Also
+    --------
+    stochvi.methods.periodic.basins : The answer that holds it.
     """
 
     name: str
@@ -128,6 +132,10 @@ class Basins(Result):
         Share of the starts between the stops whose end was not recognised.
     assumptions
         What was taken for granted, a sentence each.
+
+    See Also
+    --------
+    stochvi.methods.periodic.basins : What makes it.
     """
 
     plane: tuple[str, str]

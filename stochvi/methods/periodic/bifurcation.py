@@ -63,6 +63,10 @@ class BifurcationSweep:
     lyapunov, lyapunov_error
         Rate at which small disturbances grow, 1/s, with its standard error; -inf where they vanish
         by resting on a stop.
+
+    See Also
+    --------
+    stochvi.methods.periodic.bifurcation : The answer that holds it.
     """
 
     upwards: bool
@@ -89,6 +93,10 @@ class Bifurcation(Result):
         Periods that pass at each value before, and in which, its motion is watched.
     assumptions
         What was taken for granted, a sentence each.
+
+    See Also
+    --------
+    stochvi.methods.periodic.bifurcation : What makes it.
     """
 
     key: str
