@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import html
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -29,7 +30,8 @@ _CELL = Lock()
 class Pace:
     """Progress as a sentence, with the time left.
 
-    The time left follows from the rate at which the fraction has grown since the first report.
+    The time left follows from the rate at which the fraction has grown since the first report,
+    which may come late, or well on the way where a run is resumed.
 
     Examples
     --------
@@ -39,14 +41,18 @@ class Pace:
 
     def __init__(self, title: str) -> None:
         self.title = title
-        self.start = time.monotonic()
-        self.first: float | None = None
+        self.first: tuple[float, float] | None = None
+
+    def left(self, done: float) -> float:
+        """Seconds that are left where so much is done (0 to 1); infinite where that is unknown."""
+        now = time.monotonic()
+        began, before = self.first = self.first or (now, done)
+        return (1.0 - done) * (now - began) / (done - before) if done > before else math.inf
 
     def __call__(self, done: float, text: str) -> str:
-        self.first = done if self.first is None else self.first
-        grown, passed = done - self.first, time.monotonic() - self.start
-        left = f", {(1.0 - done) * passed / grown:.0f} s left" if grown > 0.0 else ""
-        return f"{self.title}: {100.0 * done:.0f} %, {text}{left}"
+        left = self.left(done)
+        words = f", {left:.0f} s left" if math.isfinite(left) else ""
+        return f"{self.title}: {100.0 * done:.0f} %, {text}{words}"
 
 
 def shown_in_notebooks(function: Callable[P, T]) -> Callable[P, T]:

@@ -36,6 +36,7 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "sine": {"": ("--from", "0.5", "--to", "20", "--points", "2000")},
     "basins": {"": ("--periods", "10000")},
     "bifurcation": {"": ("--from", "0.5", "--to", "20", "--points", "4000")},
+    "lifetimes": {"": TIGHT},
     "check": {"": TIGHT},
     "cost": {"": ()},
     "sweep": {
