@@ -49,11 +49,12 @@ SLOWEST_GROWTH = 1e-3
 """Smallest exponent, per period, that means chaos: that of a motion of two frequencies approaches 0
 as log(n) / n over n periods, 2e-3 at 4096, and half of it beyond the first part."""
 
-LONGEST_CYCLE = 64
-"""Largest number of periods in which a motion is looked at for repeating itself."""
-
 REPEATED = 1e-6
 """Difference of states, relative to the largest, at which a motion repeats itself."""
+
+BESIDE, DISTURBED = 16, 1e-6
+"""Number of flights from beside a motion that repeats itself, and their distance from it, relative
+to its size, by which it is tried whether it attracts."""
 
 NEAR = 3.0
 """Distance to the states of a long flight, in multiples of the largest from one half of them to the
@@ -141,10 +142,11 @@ class Flight:
     growth: Vector
 
     def cycle(self) -> int:
-        """Number of periods after which it repeats itself; 0 where it does not."""
+        """Number of periods after which it repeats itself, at most half of those that were
+        watched; 0 where it does not."""
         size = float(np.abs(self.ends).max()) or 1.0
         last = self.ends[-1]
-        for periods in range(1, min(LONGEST_CYCLE, len(self.ends) - 1) + 1):
+        for periods in range(1, len(self.ends) // 2 + 1):
             if np.all(np.abs(self.ends[-1 - periods] - last) < REPEATED * size):
                 return periods
         return 0
@@ -352,13 +354,35 @@ class Attractors:
             kind = REGULAR
         else:
             return None
-        self.found.append(
-            Attractor(
-                kind=kind, points=flight.ends[-cycle:] if cycle else flight.ends,
-                growth=flight.growth, impacts=flight.impacts, cycle=cycle,
-            )
+        motion = Attractor(
+            kind=kind, points=flight.ends[-cycle:] if cycle else flight.ends,
+            growth=flight.growth, impacts=flight.impacts, cycle=cycle,
         )  # fmt: skip
+        if cycle and not self._attracts(motion):
+            return None
+        self.found.append(motion)
         return len(self.found) - 1
+
+    def _attracts(self, motion: Attractor) -> bool:
+        """Whether flights from beside a motion that repeats itself come back to it.
+
+        A motion that rests on a stop forgets all that was disturbed, and repeats itself digit by
+        digit also where, between two rests, disturbances grow so much that its digits are rounding.
+        """
+        points = motion.points
+        chosen = points[np.linspace(0, len(points) - 1, min(len(points), BESIDE)).astype(int)]
+        ways = np.random.default_rng(3).normal(size=chosen.shape)
+        moved = DISTURBED * float(np.abs(points).max()) * ways
+        states = np.where(self.possible(chosen + moved)[:, None], chosen + moved, chosen - moved)
+        states = np.ascontiguousarray(states[self.possible(states)])
+        if self._flown(states, max(2 * motion.cycle, SETTLING)):
+            return False
+        path = np.empty((len(states), LAST, states.shape[1]))
+        for period in range(LAST):
+            path[:, period] = states
+            if self._flown(states, 1):
+                return False
+        return bool(np.all(motion.holds(path)))
 
 
 def _farthest(phases: Vector) -> float:

@@ -513,7 +513,7 @@ class Flown:
         known, fruitless = self.known, 0
         while fruitless < FRUITLESS and not self.deadline.passed():
             left = np.flatnonzero(ends == UNDECIDED)
-            if not len(left):
+            if fruitless >= len(left):
                 break
             before = len(known.found)
             # spread over the plane: neighbours tend to end alike

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.methods.periodic import flights
 from stochvi.methods.periodic.attractors import (
     BATCHES,
-    LONGEST_CYCLE,
     SIGNIFICANT,
     Flight,
     exponent,
@@ -163,7 +162,7 @@ class Bifurcation(Result):
         chaotic = int((growing & (table["periods"] == 0) & (table["lyapunov"] > 0.0)).sum())
         return (
             f"of {len(table)} values of {self.key}, the motion repeats itself within "
-            f"{LONGEST_CYCLE} periods at {regular}; small disturbances grow at {chaotic}"
+            f"{self.watched // 2} periods at {regular}; small disturbances grow at {chaotic}"
         )
 
 
