@@ -1,14 +1,18 @@
 from .design import Design, design_absorber
 from .harmonic import SymmetricRegime, residual_vibration, symmetric_regimes, tuned_force
 from .performance import AbsorberReport, absorber
+from .sine import AbsorberSine, ResidualCurve, absorber_sine
 from .tuned_damper import TunedDamper, tuned_damper
 
 __all__ = [
     "AbsorberReport",
+    "AbsorberSine",
     "Design",
+    "ResidualCurve",
     "SymmetricRegime",
     "TunedDamper",
     "absorber",
+    "absorber_sine",
     "design_absorber",
     "residual_vibration",
     "symmetric_regimes",

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from stochvi.cli.options import Common, common, numbers, shown
+from stochvi.cli.options import FREQUENCY, Common, common, frequencies, numbers, shown
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
-    from stochvi.absorbers import AbsorberReport, Design
+    from stochvi.absorbers import AbsorberReport, AbsorberSine, Design
 
 
 @main.command()
@@ -28,18 +28,29 @@ if TYPE_CHECKING:
     "--units", default="1", show_default=True, metavar="LIST",
     help="Numbers of equal masses that a design may choose from.",
 )  # fmt: skip
+@click.option("--sine", is_flag=True, help="Instead: under the sine of the scene, exactly.")
+@click.option("--from", "start", type=FREQUENCY, metavar="F", help="With --sine: lowest, Hz ...")
+@click.option("--to", "end", type=FREQUENCY, metavar="F", help="... and highest frequency.")
+@click.option("--points", type=int, default=200, show_default=True, help="Frequencies in between.")
+@click.option(
+    "--vary", metavar="KEY=FIRST:LAST:NUMBER",
+    help="With --sine: what is tuned, as absorber.play=1mm:9mm:50 [play or gap, and mass].",
+)  # fmt: skip
 @click.option("--rel-error", type=float, default=0.01, show_default=True, help="Of Monte Carlo.")
 @common("budget", "seed", "threads", "json", "out", "force", "quiet")
 def absorber(
     options: Common, scene: str, levels: str, mass_budget: float | None, restitutions: str,
-    units: str, rel_error: float,
+    units: str, sine: bool, start: float | None, end: float | None, points: int,
+    vary: str | None, rel_error: float,
 ) -> None:  # fmt: skip
     """Does a loose mass in a box help: with, without, over levels; or the best box.
 
     The scene needs an [absorber] with mass (kg), play (m, total, wall to wall) and law, beside an
     oscillator or isolator of known mass: stochvi new tower.toml --kind absorber writes one. With
-    --mass-budget the box of the scene, if there is one, is left out and the best one found.
+    --mass-budget the box of the scene, if there is one, is left out and the best one found. With
+    --sine: what is left over frequency, and over play and mass at the frequency of the scene.
     """
+    from stochvi.absorbers import absorber_sine
     from stochvi.absorbers.design import design_absorber
     from stochvi.absorbers.performance import absorber as perform
     from stochvi.scenes.scene import load_scene
@@ -53,6 +64,11 @@ def absorber(
                 loaded, levels_db=numbers("--levels", levels, "dB"), progress=report, **asked
             )
 
+    def tuned() -> dict[str, list[float]] | None:
+        from stochvi.sweeps import values_of
+
+        return None if vary is None else dict([values_of(vary, loaded.document(as_written=True))])
+
     def design() -> Design:
         assert mass_budget is not None
         with options.progress("absorber") as report:
@@ -62,7 +78,18 @@ def absorber(
                 units=[round(n) for n in numbers("--units", units)], **asked,
             )  # fmt: skip
 
-    if mass_budget is None:
+    if sine:
+        if mass_budget is not None:
+            raise ValueError("--sine and --mass-budget are two questions; leave out one")
+        shown(
+            lambda: absorber_sine(
+                loaded, frequencies(start, end, points), tune=tuned(), budget=options.budget
+            ),
+            lambda found: _show_sine(options, scene, found),
+        )
+    elif start is not None or end is not None or vary is not None:
+        raise ValueError("--from, --to and --vary need --sine")
+    elif mass_budget is None:
         shown(performance, lambda found: _show_performance(options, scene, found))
     else:
         shown(design, lambda found: _show_design(options, scene, found))
@@ -76,6 +103,16 @@ def _show_performance(options: Common, scene: str, found: AbsorberReport) -> Non
     options.draw("absorber", lambda: draw_levels(found))
     if found.play_curve:
         options.draw("absorber-play", lambda: draw_plays(found))
+    if options.out is not None:
+        write_absorber_report(found, options.out, options.origin(scene, found.provenance))
+
+
+def _show_sine(options: Common, scene: str, found: AbsorberSine) -> None:
+    from stochvi.views.absorber_sine import draw_absorber_sine, print_absorber_sine
+    from stochvi.views.report.absorber import write_absorber_report
+
+    options.show(found, print_absorber_sine, "absorber-sine")
+    options.draw("absorber-sine", lambda: draw_absorber_sine(found))
     if options.out is not None:
         write_absorber_report(found, options.out, options.origin(scene, found.provenance))
 

@@ -82,6 +82,7 @@ CHANGES = {
     "AbsorberReport": Change(METHOD, renamed={"performances": "levels"}),
     "Basins": Change(METHOD),
     "Bifurcation": Change(METHOD),
+    "AbsorberSine": Change(METHOD),
     "Check": Change(JUDGED),
     "Checks": Change(
         JUDGED | {"summary": str, "alarms": ROWS, "scenes": Mapping[str, dict[str, Any]]},
@@ -95,7 +96,10 @@ CHANGES = {
         {"barriers": Mapping[str, float | None]}, renamed=dict.fromkeys(("lower", "upper"))
     ),
     "Branch": Change({"impacts_per_period": float}, {"value": np.ndarray}, dict.fromkeys(
-        ("stops", "value", "acceleration_max", "phase", "displacement", "velocity", "names")
+        (
+            "stops", "value", "amplitude", "acceleration_max", "phase", "displacement", "velocity",
+            "names",
+        )
     )),
     "HarmonicResponse": Change(
         METHOD | {"jumps": Mapping[str, float | None], "all_jumps": Sequence[Jump]},

@@ -322,6 +322,22 @@ def shown(solve: Callable[[], Found], show: Callable[[Found], None]) -> None:
     show(found)
 
 
+def frequencies(start: float | None, end: float | None, points: int) -> list[float] | None:
+    """The frequencies (Hz) that --from, --to and --points ask for; None without them."""
+    import numpy as np
+
+    if start is None and end is None:
+        return None
+    if start is None or end is None or not start < end:
+        raise ValueError(
+            f"--from and --to must be two rising frequencies (Hz), got {start} and {end}"
+        )
+    if points < 2:
+        raise ValueError(f"--points must be at least 2, got {points}")
+    found: list[float] = np.linspace(start, end, points).tolist()
+    return found
+
+
 def numbers(option: str, text: str, unit: str = "") -> list[float]:
     """A list of numbers with commas between them, in a unit, which each may bear: "2m/s"."""
     from stochvi.mathematics.units import measured_in

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import FREQUENCY, Common, common, shown
+from stochvi.cli.options import FREQUENCY, Common, common, frequencies, shown
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
@@ -65,23 +65,14 @@ def _varied(
     scene: Scene, start: float | None, end: float | None, points: int, vary: str | None
 ) -> dict[str, Any]:
     """What --from, --to and --points, or --vary, ask for."""
-    import numpy as np
-
     from stochvi.sweeps import values_of
 
     if vary is not None:
         if start is not None or end is not None:
             raise ValueError("--vary takes the place of --from and --to, got both; leave out one")
         return {"vary": dict([values_of(vary, scene.document(as_written=True))])}
-    if start is None and end is None:
-        return {}
-    if start is None or end is None or not start < end:
-        raise ValueError(
-            f"--from and --to must be two rising frequencies (Hz), got {start} and {end}"
-        )
-    if points < 2:
-        raise ValueError(f"--points must be at least 2, got {points}")
-    return {"frequency_hz": np.linspace(start, end, points)}
+    asked = frequencies(start, end, points)
+    return {} if asked is None else {"frequency_hz": asked}
 
 
 @main.command()

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from stochvi.results.response import ROTATIONS
+from stochvi.views.absorber_sine import plot_absorber_sine
 from stochvi.views.absorbers import draw_design, draw_levels
 from stochvi.views.axes import (
     COLOURS,
@@ -295,6 +296,7 @@ def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
 
 PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "AbsorberReport": draw_levels,
+    "AbsorberSine": plot_absorber_sine,
     "Basins": plot_basins,
     "Bifurcation": draw_bifurcation,
     "Check": plot_check,

@@ -90,6 +90,17 @@ ANSWERS: dict[str, Callable[[], Result]] = {
     ),
     "ResponseSpectrum": lambda: spectrum(oscillator(), paths=16, threads=1),
     "AbsorberReport": calmed,
+    "AbsorberSine": lambda: stochvi.absorbers.absorber_sine(
+        Scene(
+            structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+            absorber=stochvi.Absorber(
+                mass=0.1, play=1.0, law=stochvi.Restitution(coefficient=0.5)
+            ),
+            excitations=[stochvi.Sine(amplitude=0.1, frequency_hz=0.16)],
+        ),
+        tune={"absorber.play": [1.0]},
+        most_impacts=2,
+    ),
     "History": lambda: stochvi.history(lossy(), duration=2.0),
     "StructureScreening": lambda: stochvi.screen(uncoupled(pair("x", "x", 3.0))),
     "PairsSizing": lambda: stochvi.size(

@@ -131,7 +131,7 @@ class HarmonicResonance:
             shapes=np.eye(1),
         )
 
-    @cached_property
+    @property
     def energy_boundary(self) -> float:
         """Largest clearance with a regime, m (B 3.17).
 

@@ -4,25 +4,31 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pandas as pd
+
 from stochvi.absorbers.design import BestBox, Design
 from stochvi.absorbers.performance import AbsorberReport, Performance
+from stochvi.absorbers.sine import AbsorberSine
 from stochvi.absorbers.tuned_damper import TunedDamper
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.scene import Scene
+from stochvi.views.absorber_sine import draw_absorber_sine, ranges, tunings
 from stochvi.views.absorbers import draw_design, draw_levels, draw_plays, tuned_sentence, verdict
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.words import MM, UNKNOWN, G, millimetres, with_error, with_interval
 
 
 def write_absorber_report(
-    found: AbsorberReport | Design, folder: str | Path, origin: Origin | None = None
+    found: AbsorberReport | AbsorberSine | Design, folder: str | Path, origin: Origin | None = None
 ) -> Path:
     """Write `report.html`, a page that needs no other file, and `absorber.json`, its numbers;
     returns the path of the page."""
     origin = origin or origin_of(found.provenance)
     if isinstance(found, Design):
         page = design_page(found, origin)
+    elif isinstance(found, AbsorberSine):
+        page = sine_page(found, origin)
     else:
         page = performance_page(found, origin)
     return write_page(page, found.to_dict(), "absorber", Path(folder))
@@ -96,6 +102,56 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
         origin=origin,
         footer=_footer(found.cost),
     )
+
+
+def sine_page(found: AbsorberSine, origin: Origin) -> Page:
+    """The page of an absorber under a sine."""
+    curve = found.frequency
+    return Page(
+        title=found.scene.title or "Impact absorber under a sine",
+        subtitle=f"What loose masses in boxes leave of the vibration of {found.carrier!r}",
+        verdict=_sentence(found.summary()),
+        cards=[
+            Fact("Mass", f"{100.0 * found.mass_ratio:.3g} %", "absorber over structure"),
+            Fact("Without", millimetres(float(curve.without.max())), "largest displacement"),
+            Fact(
+                "With",
+                millimetres(float((curve.worst * curve.without).max())),
+                "the largest of what may last",
+            ),
+        ],
+        warnings=list(found.warnings),
+        sections=[
+            _scene(found.scene),
+            Section(
+                title="What is left",
+                lead="Ratios are those of the largest displacements with and without the absorber, "
+                "by exact periodic regimes, and by simulated sweeps where none is reached: there "
+                "the absorber works in bursts. A loose mass may also lie idle in its box.",
+                grids=[
+                    _table("over frequency", ranges(curve)),
+                    *([_table("best tuning", tunings(found))] if found.tuning else []),
+                ],
+                pictures=[
+                    shown(
+                        lambda: draw_absorber_sine(found),
+                        "Largest and least ratio of the motions that may last.",
+                    )
+                ],
+            ),
+            _limits("Rigid walls, no friction; the noise of the scene is left out."),
+        ],
+        origin=origin,
+        footer=[f"{found.cost.wall_time:.3g} s"],
+    )
+
+
+def _table(caption: str, frame: pd.DataFrame) -> Grid:
+    rows = [
+        [each if isinstance(each, str) else f"{each:.4g}" for each in row]
+        for row in frame.itertuples(index=False)
+    ]
+    return Grid(caption=caption, headings=list(frame.columns), rows=rows)
 
 
 def design_page(found: Design, origin: Origin) -> Page:

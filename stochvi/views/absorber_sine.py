@@ -1,0 +1,148 @@
+"""Tables and pictures of an absorber under a sine."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from stochvi.views.axes import COLOURS, add_grid
+from stochvi.views.tables import print_frame
+from stochvi.views.words import MM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from rich.console import Console
+
+    from stochvi.absorbers.sine import AbsorberSine, ResidualCurve
+
+PANEL = (7.0, 3.2)
+"""Width of a figure and height of each of its panels, inches."""
+
+LABEL = "with / without absorber"
+
+UNITS = {"mass": "kg", "play": "m", "upper": "m", "lower": "m", "clearance": "m"}
+"""Units of keys that are tuned."""
+
+LOWEST = 1e-3
+"""Smallest ratio that a picture shows."""
+
+
+def print_absorber_sine(console: Console, found: AbsorberSine) -> None:
+    """Print what is left over frequency, the best tuning, and what the columns mean."""
+    console.print(found.summary(), style="bold", highlight=False)
+    print_frame(console, ranges(found.frequency), f"motion of {found.carrier!r} over frequency")
+    if found.tuning:
+        print_frame(console, tunings(found), "best tuning at the frequency of the scene")
+    for line in (
+        "ratio: largest displacement with the absorber over that without; the least and the "
+        "largest of the motions that may last",
+        "regime: one with impacts is stable; idle: loose masses may rest in their boxes, and do "
+        "nothing; bursts: no regime is reached, impacts come and go",
+    ):
+        console.print(line, style="dim", highlight=False)
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def ranges(curve: ResidualCurve) -> pd.DataFrame:
+    """Ranges of values over which the same motions may last, with the ratios in each."""
+    kinds = [_lasting(curve, number) for number in range(len(curve.value))]
+    starts = [0, *(n for n in range(1, len(kinds)) if kinds[n] != kinds[n - 1]), len(kinds)]
+    rows = []
+    for first, end in pairwise(starts):
+        part = slice(first, end)
+        rows.append(
+            {
+                "from (Hz)": curve.value[first],
+                "to (Hz)": curve.value[end - 1],
+                "what may last": kinds[first],
+                "without (mm)": MM * np.max(curve.without[part]),
+                "least ratio": np.min(curve.best[part]),
+                "largest ratio": np.max(curve.worst[part]),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def tunings(found: AbsorberSine) -> pd.DataFrame:
+    """The best value of each number that is tuned."""
+    rows = []
+    for curve in found.tuning:
+        at = curve.tuned
+        rows.append(
+            {
+                "key": _name(curve),
+                "best": curve.value[at],
+                "ratio": curve.worst[at],
+                "first harmonics": curve.first_harmonic[at],
+                "what may last": _lasting(curve, at),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _lasting(curve: ResidualCurve, number: int) -> str:
+    seen = {
+        "regime": curve.stable[number],
+        "bursts": not curve.periodic[number],
+        "idle": curve.idle[number],
+    }
+    return ", ".join(name for name, there in seen.items() if there) or "no impacts"
+
+
+def _name(curve: ResidualCurve) -> str:
+    """What is varied, with its unit where that is known."""
+    if curve.key == "frequency_hz":
+        return "frequency (Hz)"
+    unit = UNITS.get(curve.key.rpartition(".")[2])
+    return curve.key if unit is None else f"{curve.key} ({unit})"
+
+
+def draw_absorber_sine(found: AbsorberSine) -> Axes:
+    """What is left over frequency, and over each number that is tuned."""
+    import matplotlib.pyplot as plt
+
+    curves = (found.frequency, *found.tuning)
+    size = PANEL[0], PANEL[1] * len(curves)
+    _, axes = plt.subplots(len(curves), 1, figsize=size, squeeze=False, layout="constrained")
+    for ax, curve in zip(axes[:, 0], curves, strict=True):
+        plot_residual(curve, ax)
+    first: Axes = axes[0, 0]
+    first.set_title(f"absorber of {100.0 * found.mass_ratio:.3g} % of the mass, {found.carrier}")
+    return first
+
+
+def plot_absorber_sine(found: AbsorberSine, ax: Axes | None = None) -> Axes:
+    """The picture of an answer; in given axes, what is left over frequency."""
+    return draw_absorber_sine(found) if ax is None else plot_residual(found.frequency, ax)
+
+
+def plot_residual(curve: ResidualCurve, ax: Axes) -> Axes:
+    """Least and largest ratio of the motions that may last, and that of the first harmonics."""
+    x, best, worst = curve.value, curve.best, curve.worst
+    marker = "o" if len(x) < 3 else ""
+    ax.fill_between(x, best, worst, color=COLOURS["simulate"], alpha=0.25, linewidth=0)
+    ax.semilogy(x, worst, f"-{marker}", color=COLOURS["simulate"], label="largest that may last")
+    ax.semilogy(x, best, f"--{marker}", color=COLOURS["simulate"], label="least that may last")
+    ax.semilogy(
+        x, curve.first_harmonic, f":{marker}", color=COLOURS["exact"],
+        label="first harmonics, stable regime",
+    )  # fmt: skip
+    bursts = ~curve.periodic
+    ax.semilogy(
+        x[bursts], worst[bursts], ".", color=COLOURS["linearise:closure"], label="bursts"
+    )  # fmt: skip
+    ax.axhline(1.0, color=COLOURS["stop"], linestyle="--", linewidth=1.0)
+    if len(x) > 1 and x[0] > 0.0 and x[-1] / x[0] > 5.0:
+        ax.set_xscale("log")
+    ax.set_xlabel(_name(curve))
+    for axis in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
+        axis("{x:.3g}")
+    ax.set_ylabel(LABEL)
+    ax.set_ylim(bottom=max(LOWEST, ax.get_ylim()[0]))
+    ax.legend(fontsize="small", frameon=False)
+    add_grid(ax)
+    return ax
