@@ -189,11 +189,10 @@ def study_pages() -> dict[str, str]:
         picture = f"../../../studies/{folder}/figure.png"
         text = text.replace("](figure.png)", f"]({picture})")
         found[f"studies/{folder}.md"] = f"{text}\nThe study lies in `studies/{folder}`.\n"
-        listed += [
-            f"## [{title}](studies/{folder}.md)", "",
-            " ".join(question[1].split()) if question else "", "",
-            f"![{title}]({picture.removeprefix('../')})", "",
-        ]  # fmt: skip
+        asked = " ".join(question[1].split()) if question else ""
+        listed += [f"## [{title}](studies/{folder}.md)", "", asked, ""]
+        if (readme.parent / "figure.png").exists():
+            listed += [f"![{title}]({picture.removeprefix('../')})", ""]
     found["gallery.md"] = "\n".join([
         "# Gallery of studies", "",
         "Each study is a question, an answer with its error, the command that makes it, and its "

@@ -259,7 +259,7 @@ def basins(
 
     See Also
     --------
-    harmonic_response : The regimes, stable or not, exactly.
+    stochvi.harmonic_response : The regimes, stable or not, exactly.
     bifurcation : What a slow sweep goes through.
 
     Examples

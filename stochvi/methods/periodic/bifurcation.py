@@ -215,7 +215,7 @@ def bifurcation(
 
     See Also
     --------
-    harmonic_response : The regimes, stable or not, exactly.
+    stochvi.harmonic_response : The regimes, stable or not, exactly.
     basins : What coexists at one value.
 
     Examples
