@@ -11,6 +11,7 @@ the error that the projection leaves.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -99,30 +100,46 @@ def _projection(basis: Array, hessenberg: Array, size: float, shift: float) -> P
     return Projection(basis, inverse - shift * np.eye(len(inverse)), size * inverse[:, 0])
 
 
-LATE = 25.0
-"""Phase of the inner dynamics from which on only the slowest modes matter."""
+@dataclass(frozen=True, kw_only=True)
+class TimeGroups:
+    """Which times share a Krylov space, and the poles of the spaces.
 
-GROUP = 8.0
-"""Ratio of times up to which earlier times share a Krylov space."""
+    The phase of a time is the time multiplied by the rate of the inner dynamics. The numbers were
+    found best by trial at damping ratios from 0.005 to 0.5.
 
-FASTER = 5.0
-"""Ratio of the poles of the spaces of neighbouring groups of times."""
+    Parameters
+    ----------
+    late
+        Phase from which on only the slowest modes matter: all later times are one group.
+    ratio
+        Ratio of the latest to the earliest time of any group before that.
+    faster
+        Ratio of the poles of the spaces of neighbouring groups: short times call for faster modes.
+    most
+        Largest number of groups. Phases shorter than late / ratio^most share the fastest pole.
+    """
 
-MOST_GROUPS = 6
-"""Largest number of groups: times shorter than LATE / GROUP^MOST_GROUPS have no pole of their
-own."""
+    late: float = 25.0
+    ratio: float = 8.0
+    faster: float = 5.0
+    most: int = 6
+
+
+GROUPS = TimeGroups()
+"""Settings of the groups of times of all transients."""
 
 
 def time_groups(times: Array, natural: float) -> Iterator[tuple[NDArray[np.intp], float]]:
     """Groups of times that share a Krylov space, as indices, each with the pole of its space.
 
-    `natural` is the rate of the inner dynamics. Short times call for faster modes; the numbers
-    were found best at damping ratios from 0.005 to 0.5.
+    `natural` is the rate of the inner dynamics, and `GROUPS` holds the settings.
     """
-    phase = np.maximum(times * natural, LATE / GROUP**MOST_GROUPS)
-    number = np.ceil(np.maximum(np.log(LATE / phase) / np.log(GROUP), 0.0)).astype(int)
+    phase = np.maximum(times * natural, GROUPS.late / GROUPS.ratio**GROUPS.most)
+    number = np.ceil(np.maximum(np.log(GROUPS.late / phase) / np.log(GROUPS.ratio), 0.0)).astype(
+        int
+    )
     for group in np.unique(number):
-        yield np.flatnonzero(number == group), natural * FASTER**group
+        yield np.flatnonzero(number == group), natural * GROUPS.faster**group
 
 
 class SlowestMode(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,21 +15,78 @@ from stochvi.methods.fokker_planck.operators import Walls
 from stochvi.model.model import Model
 from stochvi.results.errors import NotConverged
 
-REACH = 6.0
-"""Speeds beyond that of a barrier by REACH in units of the scale, squared and added, are cut off:
-exp(-REACH^2 / 2) = 2e-8 of what is there; so are speeds that noise would have to add REACH
-standard deviations for."""
 
-WIDEST = 12.0
-"""Largest velocity in units of the scale of speed, up to which the weight exp(-u^2 / 2) is
-still a good scale."""
+@dataclass(frozen=True, kw_only=True)
+class ExtentSettings:
+    """How far a box reaches in velocity and displacement, and the scale of its velocities.
 
-FLATTEST = 2.0
-"""Largest velocity in units of the scale of speed where damping allows a scale as large: a
-weight that falls faster than the stationary law makes room for modes that grow."""
+    The density is solved for relative to the weight exp(-u^2 / 2), u the velocity in units of the
+    scale of speed.
 
-START_MARGIN = 2.0
-"""Speed that a path may gain beyond its initial speed, in units of the scale."""
+    Parameters
+    ----------
+    reach
+        Speeds are left out that exceed the one needed to reach a barrier by more than this number
+        of scales, added as squares, or that noise would have to add so many standard deviations
+        for: exp(-reach^2 / 2) = 2e-8 of the density lies there.
+    widest
+        Largest velocity in units of the scale. Further out the weight is too small to be a good
+        scale of the density.
+    flattest
+        Largest velocity in units of the scale, wherever the damping allows so large a scale. A
+        weight that falls faster than the stationary law lets modes of the mesh grow without bound.
+    start_margin
+        Speed that a path may gain beyond its initial speed, in units of the scale.
+    tail_kept
+        Number of standard deviations of an initial Gaussian law that the box must hold.
+    """
+
+    reach: float = 6.0
+    widest: float = 12.0
+    flattest: float = 2.0
+    start_margin: float = 2.0
+    tail_kept: float = 6.0
+
+
+EXTENT = ExtentSettings()
+"""Settings of the extent of all boxes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElementSettings:
+    """How a box is cut into elements of displacement and of velocity.
+
+    Parameters
+    ----------
+    x_ratio, u_ratio
+        Length of each thin element towards an absorbing wall, and towards zero velocity, relative
+        to the one before it.
+    growth
+        Ratio of the lengths of neighbouring elements of velocity outside the core, where the
+        density falls.
+    fewest
+        Smallest number of elements along a box, times the element size of the level.
+    layer_share
+        Largest element of velocity at a level of the size 1, in units of the speed that noise gives
+        to a path behind an absorbing wall.
+    steepest
+        Largest fall of the potential energy per unit mass along one unit of length, in squares of
+        the scale of speed.
+    coarsest
+        Largest element of velocity, in units of the scale of speed.
+    """
+
+    x_ratio: float = 0.15
+    u_ratio: float = 0.3
+    growth: float = 1.5
+    fewest: float = 3.2
+    layer_share: float = 2.0
+    steepest: float = 8.0
+    coarsest: float = 2.0
+
+
+ELEMENTS = ElementSettings()
+"""Settings of the elements of all boxes."""
 
 
 class Layout(NamedTuple):
@@ -78,20 +136,6 @@ MOST_UNKNOWNS = 120_000
 """Largest number of unknowns of a mesh: it takes some 10 seconds, and 0.5 GB for the
 projections."""
 
-X_RATIO = 0.15
-U_RATIO = 0.3
-"""Each layer towards a wall, or towards zero velocity, is this part of the one before."""
-
-GROWTH = 1.5
-"""Ratio of the lengths of neighbouring elements of velocity beyond the core."""
-
-FEWEST_ELEMENTS = 3.2
-"""Smallest number of elements along a box, times the element size of a level."""
-
-LAYER_SHARE = 2.0
-"""Largest element of velocity, at the level of size 1, in units of the speed that noise gives
-behind an absorbing wall."""
-
 
 def lowest(model: Model, lower: float, upper: float) -> float:
     """Where the potential energy of spring and load is lowest between two displacements."""
@@ -121,12 +165,12 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
     energy = _start_energy(model, start, lower, upper, base)
     slow = min(law, native)
     # the energy that noise may add before the path reaches a barrier that it has the energy for
-    gained = climb + REACH * _layer(model, length)
+    gained = climb + EXTENT.reach * _layer(model, length)
     fastest = max(
-        min(math.hypot(climb, REACH * slow), gained),
-        math.sqrt(2.0 * max(energy, 0.0)) + START_MARGIN * slow,
+        min(math.hypot(climb, EXTENT.reach * slow), gained),
+        math.sqrt(2.0 * max(energy, 0.0)) + EXTENT.start_margin * slow,
     )
-    speed = max(min(law, max(slow, fastest / FLATTEST)), fastest / WIDEST)
+    speed = max(min(law, max(slow, fastest / EXTENT.flattest)), fastest / EXTENT.widest)
     left = lower if math.isfinite(lower) else _end(model, base, fastest, -1.0)
     right = upper if math.isfinite(upper) else _end(model, base, fastest, 1.0)
     middle = (left + right) / 2.0
@@ -164,16 +208,16 @@ def barrier_height(model: Model, lower: float, upper: float) -> float:
 def _relevant_barriers(
     model: Model, lower: float, upper: float, base: float
 ) -> tuple[float, float]:
-    """The barriers, infinite for one that is reached less than exp(-REACH^2 / 2) times as often as
+    """The barriers, infinite for one that is reached less than exp(-reach^2 / 2) times as often as
     the other."""
     first, second = _climbs(model, lower, upper, base)
-    most = math.hypot(min(first, second), REACH * _rms_speed(model))
+    most = math.hypot(min(first, second), EXTENT.reach * _rms_speed(model))
     return (lower if first <= most else -math.inf), (upper if second <= most else math.inf)
 
 
 SYMMETRIC = 1e-12
-"""Work of spring and load over the box's excess, in squares of speed, below which two barriers
-count as symmetric."""
+"""Largest difference of the potential energies per unit mass at two barriers, in squares of the
+scale of speed, with which they count as symmetric: rounding leaves less."""
 
 
 def stops_layout(
@@ -182,8 +226,10 @@ def stops_layout(
     """Layout between stops; for an infinite one the box ends far out; `speed` is its scale, m/s."""
     base = lowest(model, left, right)
     energy = _start_energy(model, start, left, right, base)
-    fastest = max(REACH * speed, math.sqrt(2.0 * max(energy, 0.0)) + START_MARGIN * speed)
-    speed = max(speed, fastest / WIDEST)
+    fastest = max(
+        EXTENT.reach * speed, math.sqrt(2.0 * max(energy, 0.0)) + EXTENT.start_margin * speed
+    )
+    speed = max(speed, fastest / EXTENT.widest)
     left = left if math.isfinite(left) else _end(model, base, fastest, -1.0)
     right = right if math.isfinite(right) else _end(model, base, fastest, 1.0)
     native = math.cbrt(model.intensity / 2.0 * (right - left))
@@ -205,8 +251,8 @@ def _layout(
         walls=walls,
         reach=reach / speed,
         core=core / speed,
-        length=max(length * model.omega / speed, length * steepest / speed**2 / STEEP),
-        finest=min(1.0, native / speed, LAYER_SHARE * layer / speed),
+        length=max(length * model.omega / speed, length * steepest / speed**2 / ELEMENTS.steepest),
+        finest=min(1.0, native / speed, ELEMENTS.layer_share * layer / speed),
         halved=halved,
     )
 
@@ -219,10 +265,6 @@ def _layer(model: Model, length: float) -> float:
     return layer
 
 
-STEEP = 8.0
-"""Largest fall of the potential over one unit of length, in squares of the unit of speed."""
-
-
 def _place(start: Start) -> float:
     return start.mean[0] if isinstance(start, Gaussian) else start.x
 
@@ -232,15 +274,14 @@ def _start_energy(model: Model, start: Start, lower: float, upper: float, base: 
     if not isinstance(start, Gaussian):
         return start.v**2 / 2.0 + rise(model, start.x, base)
     dx, dv = start.deviations
-    ends = (max(start.mean[0] - TAIL_KEPT * dx, lower), min(start.mean[0] + TAIL_KEPT * dx, upper))
-    fastest = abs(start.mean[1]) + TAIL_KEPT * dv
+    ends = (
+        max(start.mean[0] - EXTENT.tail_kept * dx, lower),
+        min(start.mean[0] + EXTENT.tail_kept * dx, upper),
+    )
+    fastest = abs(start.mean[1]) + EXTENT.tail_kept * dv
     highest = max(rise(model, x, base) for x in ends)
     # the extremes of both at once are rarer still
     return max(fastest**2 / 2.0, highest)
-
-
-TAIL_KEPT = 6.0
-"""Number of standard deviations of an initial law that lie within the box."""
 
 
 def _end(model: Model, base: float, speed: float, side: float) -> float:
@@ -257,7 +298,7 @@ def _end(model: Model, base: float, speed: float, side: float) -> float:
 def mesh(layout: Layout, level: Level) -> Mesh:
     """Mesh of a level, with narrow elements where slow paths meet a wall that absorbs them."""
     size = level.size * layout.finest
-    count = max(_whole(FEWEST_ELEMENTS / level.size), _whole(layout.length / size))
+    count = max(_whole(ELEMENTS.fewest / level.size), _whole(layout.length / size))
     if count > MOST_UNKNOWNS:
         raise NotConverged(
             f"the density cannot be followed in time: its mesh would need {count:.2g} elements, as "
@@ -265,7 +306,7 @@ def mesh(layout: Layout, level: Level) -> Mesh:
         )
     ends = np.linspace(-1.0, 1.0, count + 1)
     inner = ends[1:-1].tolist()
-    layers = (ends[1] - ends[0]) * X_RATIO ** np.arange(1, level.x_layers + 1)
+    layers = (ends[1] - ends[0]) * ELEMENTS.x_ratio ** np.arange(1, level.x_layers + 1)
     if layout.walls.right != 1.0:
         inner += (1.0 - layers).tolist()
     if layout.walls.left != 1.0:
@@ -286,14 +327,12 @@ def _whole(number: float) -> int:
 def _velocities(layout: Layout, level: Level, size: float) -> tuple[float, ...]:
     count = max(1, _whole(min(layout.core, layout.reach) / size))
     step = min(layout.core, layout.reach) / count
-    breaks = [0.0, *(step * U_RATIO**k for k in range(level.u_layers, 0, -1))]
+    breaks = [0.0, *(step * ELEMENTS.u_ratio**k for k in range(level.u_layers, 0, -1))]
     breaks += [step * k for k in range(1, count + 1)]
     while breaks[-1] < layout.reach - step / 2.0:
-        breaks.append(breaks[-1] + min(GROWTH * (breaks[-1] - breaks[-2]), COARSEST))
+        breaks.append(
+            breaks[-1] + min(ELEMENTS.growth * (breaks[-1] - breaks[-2]), ELEMENTS.coarsest)
+        )
     if len(breaks) > 2 and layout.core < layout.reach:
         breaks[-1] = layout.reach
     return tuple(breaks)
-
-
-COARSEST = 2.0
-"""Largest element of velocity, in units of the scale."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,46 +22,64 @@ from stochvi.methods.fokker_planck.scaled_motion import Corner, ScaledMotion
 from stochvi.methods.fokker_planck.strips import Solved, Strip
 from stochvi.results.errors import NotConverged
 
-FIRST_BREAKS = (0.45, 1.0, 1.6, 2.3, 3.2)
-"""Breaks of abs(u) of the first mesh; beyond the last one cells have the length LARGEST_CELL at
-most."""
 
-LARGEST_CELL = 1.7
-"""Largest cell of velocity, in units of the speed of the weight."""
+@dataclass(frozen=True, kw_only=True)
+class StripSettings:
+    """How a box is cut into strips of displacement, and each strip into cells of velocity.
 
-ENERGY_PER_STRIP = 1.5
-"""Largest change of the potential energy over a strip, in units of the energy of the weight."""
+    Velocities are in units of the speed of the weight, lengths in units of half the box.
 
-FEWEST_STRIPS = 4
-"""Smallest number of strips between two kinks of the force."""
+    Parameters
+    ----------
+    first_breaks
+        Breaks of abs(u) between the cells of the first mesh.
+    largest_cell
+        Largest cell of velocity beyond the last of these breaks.
+    largest_reach
+        Largest velocity of a box for which a mesh is made.
+    energy_per_strip
+        Largest change of the potential energy over a strip of the first mesh, in units of the
+        energy of the weight.
+    fewest
+        Smallest number of strips between two kinks of the force.
+    shortest
+        Length of a strip below which rounding errors dominate the energy.
+    narrowing, slowing
+        Ratio of the distances of neighbouring strips from a corner, and of neighbouring breaks of
+        velocity from 0.
+    corner_cell
+        Smallest cell of velocity of a strip, in units of (diffusion distance)^(1/3), the distance
+        taken from the corner.
+    root_ratio, root_strips
+        Ratio of the distances of neighbouring strips from a root of the force, and their number.
+        The narrowest strip, on which the integral of y^(5/2) is not exact, then holds 1e-11 of
+        that integral.
+    kept
+        Share of the content of the highest polynomials that may be left in strips and cells which
+        are not split.
+    """
 
-NARROWING = 0.2
-"""Ratio of the distances from a corner of neighbouring strips."""
+    first_breaks: tuple[float, ...] = (0.45, 1.0, 1.6, 2.3, 3.2)
+    largest_cell: float = 1.7
+    largest_reach: float = 1e3
+    energy_per_strip: float = 1.5
+    fewest: int = 4
+    shortest: float = 1e-9
+    narrowing: float = 0.2
+    slowing: float = 0.3
+    corner_cell: float = 0.3
+    root_ratio: float = 0.15
+    root_strips: int = 4
+    kept: float = 0.1
 
-SLOWING = 0.3
-"""Ratio of neighbouring breaks of velocity towards u = 0."""
 
-CORNER_CELL = 0.3
-"""Smallest cell of velocity of a strip, in units of (diffusion distance)^(1/3)."""
-
-ROOTED, ROOTED_STRIPS = 0.15, 4
-"""Ratio and number of strips that narrow towards a root of the force: what the smallest leaves of
-an integral of y^(5/2) is 1e-11 of the strip it began with."""
-
-SHORTEST_STRIP = 1e-9
-"""Length of a strip, in units of half the box, below which the energy is dominated by rounding."""
-
-LARGEST_REACH = 1e3
-"""Largest velocity of a box, in units of the speed of the weight, for which a mesh is made."""
+STRIPS = StripSettings()
+"""Settings of all meshes of strips."""
 
 UNSOLVED = (
     "fokker-planck found no density on its first meshes: the scales of spring, load, noise and "
     "stops are too far apart; simulate this scene"
 )
-
-KEPT = 0.1
-"""Share of the content of the highest polynomials that strips and cells may hold without being
-split."""
 
 
 class Patch(NamedTuple):
@@ -84,7 +103,7 @@ def first_patches(scaled: ScaledMotion) -> tuple[Patch, ...]:
     edges = [-1.0, *(knot for knot in scaled.knots), 1.0]
     inner = []
     for left, right in itertools.pairwise(edges):
-        inner += _cut(scaled, left, right, FEWEST_STRIPS)
+        inner += _cut(scaled, left, right, STRIPS.fewest)
     ends = _towards_roots(scaled, [*inner, 1.0])
     breaks = _first_breaks(scaled.reach)
     return tuple(_anchored(left, right, breaks) for left, right in itertools.pairwise(ends))
@@ -96,7 +115,9 @@ def _towards_roots(scaled: ScaledMotion, ends: list[float]) -> list[float]:
     added = []
     for root, side in scaled.roots:
         size = min((abs(end - root) for end in ends if side * (end - root) > 0.0), default=0.0)
-        added += [root + side * size * ROOTED**k for k in range(1, ROOTED_STRIPS + 1)]
+        added += [
+            root + side * size * STRIPS.root_ratio**k for k in range(1, STRIPS.root_strips + 1)
+        ]
     return sorted({*ends, *added})
 
 
@@ -106,11 +127,11 @@ def _anchored(left: float, right: float, breaks: tuple[float, ...]) -> Patch:
 
 
 def _first_breaks(reach: float) -> tuple[float, ...]:
-    if not reach <= LARGEST_REACH:
+    if not reach <= STRIPS.largest_reach:
         raise NotConverged(UNSOLVED)
-    last = FIRST_BREAKS[-1]
-    count = math.ceil((reach - last) / LARGEST_CELL)
-    half = [*FIRST_BREAKS, *np.linspace(last, reach, count + 1)[1:]]
+    last = STRIPS.first_breaks[-1]
+    count = math.ceil((reach - last) / STRIPS.largest_cell)
+    half = [*STRIPS.first_breaks, *np.linspace(last, reach, count + 1)[1:]]
     return (*(-u for u in reversed(half)), 0.0, *half)
 
 
@@ -123,10 +144,10 @@ def _cut(scaled: ScaledMotion, left: float, right: float, pieces: int) -> list[f
             for one, two in itertools.pairwise(edges)
             for end in _cut(scaled, float(one), float(two), 1)
         ]
-    if not right - left > SHORTEST_STRIP:
+    if not right - left > STRIPS.shortest:
         raise NotConverged(UNSOLVED)
     energy = scaled.energy(np.linspace(left, right, 9))
-    wide = energy.max() - energy.min() > ENERGY_PER_STRIP
+    wide = energy.max() - energy.min() > STRIPS.energy_per_strip
     if wide and energy.min() < scaled.reach**2 / 2.0:
         return _cut(scaled, left, right, 2)
     return [left]
@@ -147,9 +168,9 @@ def _narrowed(patch: Patch, corner: Corner, depth: float) -> list[Patch]:
     if size <= depth or place not in (patch.near, patch.far):
         return [patch]
     if patch.far == place:
-        cut = place - NARROWING * size
+        cut = place - STRIPS.narrowing * size
         return [patch._replace(far=cut), *_narrowed(patch._replace(near=cut), corner, depth)]
-    cut = place + NARROWING * size
+    cut = place + STRIPS.narrowing * size
     return [*_narrowed(patch._replace(far=cut), corner, depth), patch._replace(near=cut)]
 
 
@@ -162,12 +183,12 @@ def _slowed(scaled: ScaledMotion, patch: Patch, slowest: float) -> tuple[float, 
         scales.append(max((scaled.diffusion * distance) ** (1.0 / 3.0), slowest, corner.slowest))
     if not scales:
         return patch.breaks
-    least = CORNER_CELL * min(scales)
+    least = STRIPS.corner_cell * min(scales)
     breaks = set(patch.breaks)
     for side in (-1.0, 1.0):
         u = min(side * u for u in patch.breaks if side * u > 0.0)
-        while SLOWING * u > least:
-            u *= SLOWING
+        while STRIPS.slowing * u > least:
+            u *= STRIPS.slowing
             breaks.add(side * u)
     return tuple(sorted(breaks))
 
@@ -198,17 +219,15 @@ class Strips:
         return self._cells[key]
 
 
-def refined(
-    scaled: ScaledMotion, solved: Solved, patches: tuple[Patch, ...], kept: float = KEPT
-) -> tuple[Patch, ...]:
-    """Strips and cells split where the highest polynomials hold the most, until the others hold
-    `kept` of the whole."""
+def refined(scaled: ScaledMotion, solved: Solved, patches: tuple[Patch, ...]) -> tuple[Patch, ...]:
+    """Strips and cells, split where the highest polynomials hold the most: those that are not split
+    hold the share `STRIPS.kept` of the whole."""
     both = [_unresolved(scaled, strip, q) for strip, q in zip(solved.strips, solved.q, strict=True)]
     across = np.array([row for row, _ in both])
     within = [row for _, row in both]
     everything = np.sort(np.concatenate([across, *within]))
     total = np.cumsum(everything)
-    limit = everything[int(np.searchsorted(total, kept * total[-1]))]
+    limit = everything[int(np.searchsorted(total, STRIPS.kept * total[-1]))]
     found: list[Patch] = []
     for patch, wide, cells in zip(patches, across, within, strict=True):
         breaks = list(patch.breaks)
