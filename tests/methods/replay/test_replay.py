@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -342,6 +344,25 @@ def test_no_marker_of_the_picture_over_clearances_is_cut(
         top, values = ax.get_ylim()[1], np.asarray(ax.get_lines()[0].get_ydata(), dtype=float)
         assert ax.get_ylim()[0] == 0.0 and top > 1.05 * np.nan_to_num(values).max()
     plt.close("all")
+
+
+def test_compiling_is_no_part_of_the_time_that_a_replay_takes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[int] = []
+
+    def slow_at_first(*args: Any, **more: Any) -> Any:
+        now[0] += 90.0 if not calls else 1.0
+        calls.append(1)
+        return march(*args, **more)
+
+    now = [1000.0]
+    method = importlib.import_module("stochvi.methods.replay.method")
+    monkeypatch.setattr(method, "march", slow_at_first)
+    monkeypatch.setattr(method.time, "perf_counter", lambda: now[0])
+    scene = scene_of(tmp_path, shaken(), Restitution(coefficient=0.5))
+    cost = replay(scene, [0.002, 0.003], threads=1).cost
+    assert (cost.compile_time, cost.wall_time) == (90.0, 2.0)
 
 
 def test_what_cannot_be_replayed_is_refused(tmp_path: Path) -> None:
