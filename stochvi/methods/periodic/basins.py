@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -71,7 +72,8 @@ class BasinRegime:
     Parameters
     ----------
     name
-        Its impacts, each by pair and stop, and its periods where they are several.
+        Its impacts by pair and stop, with their number where it is above 1, and its periods where
+        they are several.
     kind
         "periodic", a stable regime as of `harmonic_response`; "other regular", a motion that
         repeats itself after many impacts or with rests on a stop, or one of two frequencies;
@@ -418,8 +420,13 @@ class Place:
 
     def _name(self, each: Attractor) -> str:
         if each.track is None:
-            return each.kind if not each.cycle else f"repeats after {each.cycle} periods"
-        stops = ", ".join(sorted(self.family.stops[stop] for stop in each.track.stops))
+            if not each.cycle:
+                return each.kind
+            return f"repeats after {each.cycle} period{'s' if each.cycle > 1 else ''}"
+        struck = Counter(self.family.stops[stop] for stop in each.track.stops)
+        stops = ", ".join(
+            stop if number == 1 else f"{number} {stop}" for stop, number in sorted(struck.items())
+        )
         if each.track.periods == 1:
             return stops or "no impacts"
         return f"{stops} in {each.track.periods} periods"

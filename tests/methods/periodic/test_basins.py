@@ -120,6 +120,13 @@ def test_the_plane_of_a_structure_of_two_coordinates() -> None:
     check_starts(two_masses(), found, [(0, 0), (1, 2)], 40)
 
 
+def test_regimes_are_named_by_their_impacts_and_periods() -> None:
+    """A hammer that is struck every second period, and one whose stop is struck twice in a row."""
+    sides = {"displacement.x": [-0.3], "velocity.x": [0.1]}
+    names = [basins(hammer(ratio), sides, threads=1).regimes[0].name for ratio in (2.5, 4.0)]
+    assert names == ["stops upper", "stops upper in 2 periods"]
+
+
 def test_shares_and_the_regime_at_a_point(mapped: Basins) -> None:
     for number, regime in enumerate(mapped.regimes):
         assert regime.share == pytest.approx(np.mean(mapped.ends == number))
