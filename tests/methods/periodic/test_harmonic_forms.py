@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stochvi import (
+    Absorber,
     ImpactPair,
     Matrices,
     NotApplicable,
@@ -115,12 +116,42 @@ def test_the_stated_error_is_that_of_the_impact_speed(form: str) -> None:
     }
 
 
+THIRD = {"omega": 62.8, "damping_rate": 12.51, "amplitude": 40.0, "restitution": 0.5, "periods": 3}
+"""The third subharmonic of the book's section 9, printed at 236.1 rad/s."""
+
+
+def series_of_the_book(frequency: float) -> tuple[float, float]:
+    """Impulse and gap at the boundary by 9.62, with the simplification of 9.68: x' of antiperiodic
+    impulses J is the force's, a w = J (loss of the damper + (1 - R) / 2 (1 + R))."""
+    omega, b, r = THIRD["omega"], THIRD["damping_rate"], THIRD["restitution"]
+    own = np.arange(1, 400_001, 2) * frequency / THIRD["periods"]
+    size = 2.0 * frequency / (math.pi * THIRD["periods"])
+    # without the damper in the response, and without the spring in all harmonics but the first
+    response = np.where(own == own[0], 1.0 / (omega**2 - own**2), 1.0 / own**2)
+    moved = abs(size * np.sum(1.0 / (omega**2 - own**2)))
+    loss = size * b * np.sum((own * response) ** 2)
+    free = THIRD["amplitude"] / math.hypot(omega**2 - frequency**2, b * frequency)
+    impulse = free * frequency / (loss + (1.0 - r) / (2.0 * (1.0 + r)))
+    return impulse, impulse * moved
+
+
+def test_the_third_subharmonic_of_the_book_by_linearisation() -> None:
+    """Printed: J = 0.189, x2(0) = -24.5e-3 (here -24.24e-3), and their product as 4.65 mm."""
+    impulse, gap = series_of_the_book(236.1)
+    assert impulse == pytest.approx(0.189, rel=0.01)
+    assert gap / impulse == pytest.approx(24.5e-3, rel=0.012)
+    assert gap == pytest.approx(4.65e-3, rel=0.01)
+
+
 def test_the_third_subharmonic_of_the_book() -> None:
-    """Section 9, l = 3: printed 4.43 mm exact; 3.17 has 4.57 mm at the printed frequency."""
-    case = HarmonicResonance(
-        omega=62.8, damping_rate=12.51, amplitude=40.0, frequency=236.1, restitution=0.5, periods=3
-    )
-    assert case.energy_boundary == pytest.approx(4.57e-3, rel=5e-3)
+    """Printed a = 0.82 mm and 4.43 mm are those of 229.4 rad/s, to 1 %; at the printed 236.1 rad/s
+    there are 0.771 mm and 4.56 mm, by the closed form and on the branch."""
+    case = HarmonicResonance(frequency=236.1, **THIRD)
+    assert case.free_amplitude == pytest.approx(0.771e-3, rel=1e-3)
+    assert case.energy_boundary == pytest.approx(4.563e-3, rel=1e-3)
+    other = HarmonicResonance(frequency=229.43, **THIRD)
+    assert other.free_amplitude == pytest.approx(0.82e-3, rel=1e-3)
+    assert other.energy_boundary == pytest.approx(4.43e-3, rel=0.01)
     scene = Scene(
         structure=Oscillator(mass=1.0, damping=12.51, stiffness=62.8**2),
         impact_pairs=[ImpactPair(clearance=4e-3, law=Restitution(coefficient=0.5))],
@@ -134,6 +165,36 @@ def test_the_third_subharmonic_of_the_book() -> None:
         if point.name == "fold" and branch.periods == 3 and len(branch.stops) == 2
     ]
     assert any(fold == pytest.approx(case.energy_boundary, rel=1e-8) for fold in folds)
+
+
+@pytest.mark.parametrize(("both", "printed"), [(True, 0.32), (False, 0.16)])
+def test_the_loss_of_an_absorber_is_that_of_the_book(both: bool, printed: float) -> None:
+    """17.13 prints p = 0.32 (1 - R^2) and 0.16 (1 - R^2): 1 / pi and 1 / 2 pi, rounded up."""
+    case = Harmonic(1.0, 0.0, 1.0, 1.5, 1.0, 0.6, both)
+    share = case.impact_damping / case.frequency / (1.0 - 0.6**2)
+    assert share == pytest.approx(printed, abs=0.005)
+    assert share * math.pi == pytest.approx(1.0 if both else 0.5, rel=1e-12)
+
+
+def test_the_travel_of_a_loose_mass_is_that_of_straight_flights() -> None:
+    """The book's square wave has 4 Delta / pi (17.17); exactly a light mass at R = 1 that cancels
+    the force has 8 Delta / pi^2."""
+    flush = Harmonic(0.0, 0.0, 1.0, 1.0, 1.0, 1.0, True)
+    assert by_force(flush, 1.0)[0] == pytest.approx(4.0 / math.pi, rel=1e-12)
+    mass = 1e-3
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+        absorber=Absorber(mass=mass, play=2.0, law=Restitution(coefficient=1.0)),
+        excitations=[Sine(amplitude=mass * 8.0 / math.pi**2 * 1.69, frequency_hz=0.65 / math.pi)],
+    )
+    found = harmonic_response(scene, coordinate="absorber", most_impacts=2)
+    travels = [
+        branch.amplitude[i]
+        for branch in found.branches
+        for i in np.flatnonzero(branch.admissible)
+        if branch.impacts_per_period == 2 and branch.periods == 1
+    ]
+    assert any(travel == pytest.approx(8.0 / math.pi**2, rel=2e-3) for travel in travels)
 
 
 def test_what_is_not_linearised_is_refused() -> None:
