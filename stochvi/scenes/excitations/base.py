@@ -200,9 +200,25 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
               f"{' or a '.join(quantities)} ({listed_units(*quantities)})")]
         )  # fmt: skip
     if stated is None and name is None:
-        above = f"; above the values stands {columns.heading!r}" if columns.heading else ""
-        raise ValueError(f"needs unit, one of {listed_units(*quantities)}, got none{above}")
+        wanted = f"needs unit, one of {listed_units(*quantities)}, got none"
+        raise ValueError(wanted + _unread_heading(columns, quantities))
     return stated or unit(name or "")
+
+
+def _unread_heading(columns: Columns, quantities: tuple[str, ...]) -> str:
+    """What a file without a unit that is known says above its values, and how decibels are written.
+
+    It is empty if the file says nothing. The heading of a density may not fall into columns, but
+    names hertz.
+    """
+    heading = columns.heading
+    if quantities == DENSITIES and "hz" not in heading.casefold():
+        of_hertz = [text.strip() for _, text in columns.remarks if "hz" in text.casefold()]
+        heading = of_hertz[-1] if of_hertz else heading
+    if not heading:
+        return ""
+    decibels = '; decibels are written as unit = "dB re 1 g2/Hz"' if "dB" in heading else ""
+    return f"; above the values stands {heading!r}{decibels}"
 
 
 def _check_sides(columns: Columns) -> None:
