@@ -3,7 +3,7 @@
 The checks stand in `pyproject.toml`, under `tool.numpydoc_validation`: those of every public name,
 those of functions, and those of classes at the top of the package, which users make themselves.
 Parameters of classes are their fields, which are checked where the schemas are made. Examples are
-run by the test suite.
+run by the test suite. What a docstring says to look at next must have a page.
 """
 
 import importlib
@@ -12,7 +12,9 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+from numpydoc.docscrape import NumpyDocString
 from numpydoc.validate import validate
 
 ROOMS = (
@@ -27,22 +29,33 @@ def faults() -> Iterator[str]:
     """Name, code and sentence of every check that a docstring does not pass."""
     text = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
     chosen = tomllib.loads(text)["tool"]["numpydoc_validation"]
-    seen = set()
+    public = public_names()
+    for full, each in public.items():
+        place = full.rpartition(".")[0]
+        checks = set(chosen["checks"])
+        if inspect.isfunction(each):
+            checks |= set(chosen["functions"])
+        elif place == "stochvi" and not issubclass(each, BaseException):
+            checks |= set(chosen["top"])
+        for code, sentence in validate(full)["errors"]:
+            if code in checks:
+                yield f"{full}: {code} {sentence}"
+        for targets, _ in NumpyDocString(inspect.getdoc(each) or "")["See Also"]:
+            for target, _ in targets:
+                if not {target, f"{place}.{target}"} & public.keys():
+                    yield f"{full}: See Also names {target!r}, which has no page of its own"
+
+
+def public_names() -> dict[str, Any]:
+    """Every public function and class by the name under which the manual has it."""
+    found: dict[str, Any] = {}
     for place in ("stochvi", *(f"stochvi.{room}" for room in ROOMS)):
         package = importlib.import_module(place)
         for name in getattr(package, "__all__", ()):
             each = getattr(package, name)
-            if inspect.ismodule(each) or not callable(each) or each in seen:
-                continue
-            seen.add(each)
-            checks = set(chosen["checks"])
-            if inspect.isfunction(each):
-                checks |= set(chosen["functions"])
-            elif place == "stochvi" and not issubclass(each, BaseException):
-                checks |= set(chosen["top"])
-            for code, sentence in validate(f"{place}.{name}")["errors"]:
-                if code in checks:
-                    yield f"{place}.{name}: {code} {sentence}"
+            if callable(each) and not inspect.ismodule(each) and each not in found.values():
+                found[f"{place}.{name}"] = each
+    return found
 
 
 if __name__ == "__main__":

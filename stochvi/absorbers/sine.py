@@ -198,7 +198,7 @@ def absorber_sine(
 
     See Also
     --------
-    absorber : The same under random excitation.
+    stochvi.absorber : The same under random excitation.
     symmetric_regimes : The regimes of one impact on each wall, from numbers.
 
     Examples
