@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     run_modes,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
-from stochvi.methods.monte_carlo.plan import Histories
+from stochvi.methods.monte_carlo.plan import Histories, SteppedPlan
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
@@ -36,7 +36,6 @@ from stochvi.methods.monte_carlo.rigid_white import (
     MOST_STEPS,
     RELAXATIONS,
     default_threshold,
-    settled_duration,
 )
 from stochvi.methods.monte_carlo.statistics import Layout
 from stochvi.methods.monte_carlo.step_bias import (
@@ -90,15 +89,11 @@ the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModalPlan:
+class ModalPlan(SteppedPlan):
     """Steps, start and lengths for a scene of any structure without tabulated noise (SI units)."""
 
-    model: Model
     law: LinearLaw
     pairs: tuple[PairScale, ...]
-    step: float
-    burn_in: float
-    duration: float
     speed_threshold: float | None
 
     method = "kick-flow-kick in modal coordinates"
@@ -224,7 +219,7 @@ class ModalPlan:
         """The same paths at half the step."""
         return self.with_step(self.step / 2.0)
 
-    def with_step(self, step: float) -> ModalPlan:
+    def with_step(self, step: float) -> Self:
         """The same paths at a chosen step, s; ValueError if it is too long to detect all
         impacts."""
         if self.model.pairs and self._size_of_flow * step > LONGEST_FLOW:
@@ -335,15 +330,6 @@ class ModalPlan:
         self.averages(seed, path, 1, record)
         return self.columns(record)
 
-    def sampled(self, step: float, duration: float) -> ModalPlan:
-        """The plan for histories at a step of at most `step`, that last `duration` seconds."""
-        plan = self.with_step(min(step, self.step))
-        return replace(plan, duration=settled_duration(plan.burn_in, duration, plan.step))
-
-    def history_samples(self, duration: float) -> int:
-        """Samples of a history."""
-        return max(2, math.ceil(duration / self.step))
-
     @property
     def settling(self) -> int:
         """Recorded steps that a history leaves out."""
@@ -394,10 +380,6 @@ class ModalPlan:
             wave = (value - 1j * rate) / (1j * omega) ** integrals * np.exp(1j * omega * time)
             force += signal.direction[:, None] * wave.real
         return force
-
-    def unbroken(self, duration: float) -> ModalPlan:
-        """The plan itself, as its paths do not jump."""
-        return self
 
     @property
     def record_width(self) -> int:

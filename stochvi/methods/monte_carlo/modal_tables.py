@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,12 +95,12 @@ class ModalTablesPlan(ModalContactsPlan):
         """Number of samples of a path, warm-up included."""
         return self.steps + self._burn_in_steps * self.blocks
 
-    def with_step(self, step: float) -> ModalTablesPlan:
+    def with_step(self, step: float) -> Self:
         """Paths at a chosen sampling interval, s; bins that both plans have keep their
         amplitudes."""
         return self._with_samples(_even_fast_length(self.block_length / step))
 
-    def with_block(self, length: float) -> ModalTablesPlan:
+    def with_block(self, length: float) -> Self:
         """Paths of one block of `length` seconds, at about the same sampling interval."""
         return replace(self, block_length=length, blocks=1).with_step(self.step)
 
@@ -111,7 +111,7 @@ class ModalTablesPlan(ModalContactsPlan):
     settling = 0
     """A record has no samples to leave out: the burn-in of a block is not recorded."""
 
-    def sampled(self, step: float, duration: float) -> ModalTablesPlan:
+    def sampled(self, step: float, duration: float) -> Self:
         """The plan for histories of `duration` seconds at an interval of at most `step`, s.
 
         Its one block is long enough that no part of the burn-in repeats in the record.
@@ -120,7 +120,7 @@ class ModalTablesPlan(ModalContactsPlan):
         plan = self.with_block(length).with_step(min(step, self.step))
         return replace(plan, duration=duration)
 
-    def unbroken(self, duration: float) -> ModalTablesPlan:
+    def unbroken(self, duration: float) -> Self:
         """The plan with one block to a path, since the motion jumps from block to block."""
         return self.sampled(math.inf, duration)
 
@@ -133,7 +133,7 @@ class ModalTablesPlan(ModalContactsPlan):
         larger."""
         return self.record_width * max(samples, self.samples)
 
-    def _with_samples(self, samples: int) -> ModalTablesPlan:
+    def _with_samples(self, samples: int) -> Self:
         return replace(self, samples=samples, step=self.block_length / samples)
 
     def shortest(self, steps: int = 2) -> ModalTablesPlan:

@@ -7,8 +7,9 @@ the seed and the numbers of the paths alone, so that any worker may compute them
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 import numpy as np
@@ -187,6 +188,43 @@ class Plan(Protocol):
     def unbroken(self, duration: float) -> Self:
         """The plan with paths of `duration` seconds whose counted part has no jumps: a path that is
         synthesised in several blocks jumps between them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteppedPlan:
+    """What plans share that take steps of a length that may be chosen, and record their burn-in.
+
+    Parameters
+    ----------
+    model
+        The model that is simulated.
+    step, burn_in, duration
+        Step, length of the burn-in, and counted length of a path after it, s.
+    """
+
+    model: Model
+    step: float
+    burn_in: float
+    duration: float
+
+    def with_step(self, step: float) -> Self:
+        """The plan at a chosen step, s."""
+        raise NotImplementedError
+
+    def sampled(self, step: float, duration: float) -> Self:
+        """The plan for histories at a step of at most `step`, that last `duration` seconds."""
+        plan = self.with_step(min(step, self.step))
+        # a step more, since burn-in and duration are both rounded up to whole steps
+        steps = math.ceil((plan.burn_in + duration) / plan.step) + 1
+        return replace(plan, duration=steps * plan.step)
+
+    def history_samples(self, duration: float) -> int:
+        """Number of samples of a history of `duration` seconds, at least 2."""
+        return max(2, math.ceil(duration / self.step))
+
+    def unbroken(self, duration: float) -> Self:
+        """The plan itself, as its paths do not jump."""
+        return self
 
 
 def layout_of_one(

@@ -33,6 +33,7 @@ from stochvi.methods.monte_carlo.kernels.steps import (
 from stochvi.methods.monte_carlo.plan import (
     Histories,
     Records,
+    SteppedPlan,
     columns_of_one,
     histories_of_one,
     layout_of_one,
@@ -105,18 +106,14 @@ that they hardly reduce the error."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class WhitePlan:
+class WhitePlan(SteppedPlan):
     """Steps, start and lengths for one scene under white noise (SI units, per unit mass).
 
     `corner_share` is the length of refined steps near a stop, in units of the time in which noise
     changes the state (`kernels.flight.step_near_stop`).
     """
 
-    model: Model
     speed: float
-    step: float
-    burn_in: float
-    duration: float
     threshold: float
     slow_impacts: bool = False
     corner_share: float = CORNER_SHARE
@@ -250,15 +247,6 @@ class WhitePlan:
         """One path from its start, by column."""
         return columns_of_one(self.model, self._records(seed, path, 1)[:, 0])
 
-    def sampled(self, step: float, duration: float) -> Self:
-        """The plan for histories at a step of at most `step`, that last `duration` seconds."""
-        plan = self.with_step(min(step, self.step))
-        return replace(plan, duration=settled_duration(plan.burn_in, duration, plan.step))
-
-    def history_samples(self, duration: float) -> int:
-        """Samples of a history."""
-        return max(2, math.ceil(duration / self.step))
-
     @property
     def settling(self) -> int:
         """Recorded steps that a history leaves out."""
@@ -306,10 +294,6 @@ class WhitePlan:
         drawn = np.stack([even[1:], odd[1:]], axis=1).reshape(-1, paths)
         # a record begins at the end of the first step
         return math.sqrt(self.model.intensity / self.step) * drawn[1 : steps + 1]
-
-    def unbroken(self, duration: float) -> Self:
-        """The plan itself, as its paths do not jump."""
-        return self
 
     def averages(
         self,
@@ -491,14 +475,6 @@ def lengths(
          f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
          "times in which the scene hits, swings and settles lie too far apart"],
     )  # fmt: skip
-
-
-def settled_duration(burn_in: float, duration: float, step: float) -> float:
-    """Seconds to record so that a history of `duration` is left after the burn-in.
-
-    One step is added, since both are rounded up to whole steps.
-    """
-    return (math.ceil((burn_in + duration) / step) + 1) * step
 
 
 def default_threshold(elastic: bool, speed: float) -> float:
