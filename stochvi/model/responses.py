@@ -70,7 +70,7 @@ class StationaryMoments:
     """Stationary moments, in SI units per unit mass, as a deterministic method finds them.
 
     The three rates that a method has no law for are None in the `StopStatistics`; the contact
-    statistics of a rigid stop are None. `errors`, where a method can tell them, holds a bound on
+    statistics of a rigid stop are None. `errors`, where a method knows them, holds a bound on
     the error of each number in the place of the number.
     """
 

@@ -398,9 +398,9 @@ class StationaryDensity:
     def density(self, x: ArrayLike, v: ArrayLike) -> Vector:
         """Joint density of displacement and velocity, 1/m * s/m.
 
-        Not cut at 0, so that its integrals are those of the solution: where next to nothing is, or
-        beside the corner of a lossy stop, it may be a little negative, now and then by more than
-        `density_error`.
+        Negative values are kept, so that integrals of the density are those of the solution. Where
+        there is hardly any probability, or near the corner of a lossy stop, the density may be
+        slightly negative, sometimes by more than `density_error`.
         """
         return self.fine.density(x, v)
 

@@ -167,9 +167,10 @@ def first_passage(
         "rest" where spring and load balance; "stationary", the law without barriers and stops,
         whose part beyond a barrier has passed at once; a point (m, m/s); or a `Gaussian`.
     rtol
-        Relative error to reach in every number, however small it is. A probability that is still
-        below what lambda gives in t and three natural periods more is held to rtol of that; if it
-        cannot even reach the error allowed (`passages_at_most`), the bound is value and bias.
+        Relative error to reach in every number, however small it is. At early times a probability
+        P(t) may be smaller than 1 - exp(-lambda (t + three natural periods)); its error is then
+        allowed to be rtol of that larger number. Where the probability is known to be smaller than
+        the allowed error (`passages_at_most`), the bound on it is given as both value and bias.
 
     Returns
     -------

@@ -71,10 +71,11 @@ def refine(
     motion: Motion, rtol: float, threshold: float, rates: Collection[str] = ("lower", "upper"),
     deadline: Deadline = NEVER,
 ) -> Refinement:  # fmt: skip
-    """Refine until the relative error of what `rtol` governs is reached, or no more can be had.
+    """Refine until the relative errors that `rtol` governs are small enough, or until no finer mesh
+    improves the answer.
 
-    `rates` are the sides whose rate of impacts faster than `threshold` is wanted too. After the
-    first two meshes none is begun that the deadline would not wait for.
+    `rates` are the sides whose rate of impacts faster than `threshold` is wanted, too. After the
+    first two meshes, a further one is begun only if it can be expected to end before the deadline.
     """
     scaled, patches, field = _first(motion)
     makers = Strips()
@@ -97,12 +98,12 @@ def refine(
             break
         found, took = field.averages(threshold), time.perf_counter() - began
         if min(found.variance, found.velocity_mean_square) <= 0.0:
-            refinement = None  # a mesh too coarse for a density; finer ones may do
+            refinement = None  # this mesh is too coarse for a density; a finer one may give one
             continue
         errors = _errors(field, before, found)
         refinement = Refinement(field, found, errors, coarser)
         if _cut(field)["variance"] > 2.0 * rtol * found.variance:
-            break  # no mesh may be larger
+            break  # what lies beyond the ends of the box does not shrink with the mesh
         if worst_relative_error(found, errors) <= rtol and rates_not_resolved(
             found, errors
         ).isdisjoint(rates):
@@ -131,10 +132,10 @@ def _degrees(stage: int) -> Degrees:
 
 
 def _first(motion: Motion) -> tuple[ScaledMotion, tuple[Patch, ...], StripDensity]:
-    """The coarsest mesh, of a box beyond which there is next to nothing.
+    """The coarsest mesh, of a box beyond which there is hardly any probability.
 
-    A mass that leans on a lossy stop reaches further than the law exp(-energy / s^2): fast
-    bounces, which last longer, lose less in the same time.
+    A mass that leans on a lossy stop reaches further than the law exp(-energy / s^2) says: a fast
+    bounce takes longer than a slow one, so that it loses less energy per unit of time.
     """
     stretch, hit = 1.0, set[Stop]()
     for _ in range(MOST_STRETCHES + len(motion.stops)):
@@ -194,7 +195,7 @@ def _errors(field: StripDensity, coarse: Averages, fine: Averages) -> Averages:
             bounds[name] = MARGINS.safety * max(
                 getattr(change, name), MARGINS.shared * hits * getattr(sizes, name)
             )
-        # the share of time hangs on slow contacts, as the rate does, and counts light ones in full
+        # the share of time in contact depends on slow contacts, as the rate of impacts does
         contact = f"contact_{side}"
         slow = max(hits, _ratio(change, sizes, f"rate_{side}"))
         bounds[contact] = max(
@@ -223,8 +224,9 @@ def _ratio(change: Averages, sizes: Averages, name: str) -> float:
 def _unreached(field: StripDensity, crossing_rate: float) -> dict[str, float]:
     """Bounds on the quantities of stops that count as out of reach.
 
-    Rice's rate at the law's temperature, with Rayleigh's speeds, or what the solution has next to
-    the stop, if that is more. Beyond the box it falls at least as fast as the damper alone has it.
+    The bound is Rice's rate at the temperature of the law, with Rayleigh's speeds, or the flux of
+    the solution at the place of the box next to the stop, if that is larger. Between that place and
+    the stop the flux falls at least as fast as it would with the damper alone.
     """
     motion = field.scaled.motion
     square, hottest = motion.squares
@@ -249,8 +251,11 @@ some five times the relative rounding error of a number."""
 
 
 def _rounding_between_wells(scaled: ScaledMotion) -> dict[str, float]:
-    """What rounding leaves open of the shares of wells: it is as large as the rare crossings of a
-    high barrier, and moves probability from one well to another."""
+    """Errors of the averages that come from the probabilities of the wells.
+
+    Where crossings of a high barrier are as rare as rounding errors are large, rounding moves
+    probability from one well to another.
+    """
     if scaled.barrier == 0.0:
         return {}
     share = min(ROUNDING * math.exp(scaled.barrier), 1.0)
@@ -259,8 +264,8 @@ def _rounding_between_wells(scaled: ScaledMotion) -> dict[str, float]:
 
 
 def _cut(field: StripDensity) -> dict[str, float]:
-    """What a density that falls as a power of x, x^-n, has of the first two moments beyond the
-    ends of the box, x^2 p / (n - 2) and x^3 p / (n - 3)."""
+    """The parts of the first two moments that lie beyond the ends of the box, x^2 p / (n - 2) and
+    x^3 p / (n - 3), where the density p falls as x^-n."""
     scaled = field.scaled
     found = {"mean": 0.0, "variance": 0.0}
     if scaled.motion.model.restoring is None:

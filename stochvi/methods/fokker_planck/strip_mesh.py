@@ -3,8 +3,8 @@
 Near the corner of a lossy stop and zero velocity the density goes as |v|^-beta on the scale
 v^3 ~ S0 times the distance from the stop: strips narrow geometrically towards the stop, and the
 cells of each towards 0 down to that scale; so they do where a viscoelastic stop is first touched,
-down to the speed below which noise hides its damper. Everything else is left to refinement: what
-the highest polynomials of a strip or cell still hold tells where it is split.
+down to the speed below which noise hides its damper. Everything else is found by refinement: a
+strip or cell is split where its highest polynomials still contribute much.
 """
 
 from __future__ import annotations

@@ -21,10 +21,11 @@ Unknowns = NDArray[np.float64]
 class Candidate(NamedTuple):
     """A response, and the linearised stops that it calls for, per unit mass.
 
-    `stop_force`, `stiffness` and `damping` are m_F, k and beta; `density_at_mean` is that of x.
+    `stop_force`, `stiffness` and `damping` are m_F, k and beta; `density_at_mean` is the density of
+    x at its mean.
     `hits` holds the impacts by the side of the stop, `contacts` those with stops that give way,
     with forces and powers per unit mass. `rise` is the factor by which the density right at a stop
-    exceeds that of the family of laws.
+    exceeds the density there in the family of laws.
     """
 
     mean: float

@@ -1,16 +1,17 @@
 """The closure corrected for hits that come in clumps.
 
 A lightly damped mass keeps its energy for some 1 / zeta cycles: once it reaches stops that are far
-away it hits them again and again, at speeds that no Gaussian velocity has. The closure misses
-that; the law of the slowly varying energy (`energy_law`, with finite jumps) knows nothing else.
-The stops of this form are what both call for together,
+away it hits them again and again, at speeds that no Gaussian velocity has. The closure does not
+describe such clumps; the law of the slowly varying energy (`energy_law`, with finite jumps)
+describes nothing but them. This form takes the weighted mean of both,
 
     E = (1 - w) E_closure + w E_energy,      w = gap / (gap + CLUMPING zeta),
 
-for the mean forces, losses and moments alike; between two stops the closure is that of the variant
-"box"; gap is the distance of the nearest stop from rest in
-deviations without stops. Both obey the balance of energy, which is linear in them, so that it
-holds; so does the linear model with the m_F, k and beta that follow.
+of mean forces, losses and moments alike, where gap is the distance of the nearest stop from the
+position of rest, in standard deviations of the motion without stops. Between two stops the closure
+is that of the variant "box". The balance of energy is linear in these numbers and holds for both
+laws, so that it holds for their mean; the linear model with the m_F, k and beta that follow from
+the mean obeys it, too.
 """
 
 from __future__ import annotations

@@ -19,14 +19,14 @@ from stochvi.model.gap import Gap
 from stochvi.results.errors import NotConverged
 
 ACCEPTED = 1e-10
-"""Largest relative imbalance of a solution. Roots are polished to rounding; this bound only tells a
-root from the lack of one."""
+"""Largest relative imbalance of a solution. The imbalance of a root is reduced to rounding errors;
+this bound only shows whether there is a root at all."""
 
 START_SPEEDS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.25, 4.0)
 """Speeds to start from, relative to the one that balances the power of the elastic law."""
 
 NOWHERE = 1e3
-"""Imbalance that is given to unknowns without a response, so that the solver turns back."""
+"""Imbalance of unknowns that describe no response: so large that the solver turns back."""
 
 
 Problem = Callable[[Unknowns], Unknowns]
@@ -37,12 +37,13 @@ SAME = 1e-6
 
 
 def solve(gap: Gap, form: Form, method: str) -> list[Candidate]:
-    """The responses that are their own linearisation; the first is the one to believe first.
+    """The responses that are their own linearisation, the most likely one first.
 
-    Newton's method from the elastic law, at the speed that balances its power. In coloured noise
-    there may be several solutions, or none near that speed, where the linearised resonance
-    passes a peak or an edge of the density: then it starts from all speeds that balance. The one
-    next to the response without stops comes first: a motion that starts from rest keeps to it.
+    Newton's method starts from the elastic law, at the speed that balances its power. In coloured
+    noise there may be several solutions, or none near that speed, where the linearised resonance
+    passes a peak or an edge of the density: the method then starts from every speed at which the
+    power is balanced. The solution next to the response without stops comes first, since a motion
+    that starts from rest settles there.
 
     Raises
     ------
@@ -109,7 +110,10 @@ def _problem(form: Form, gap: Gap) -> Problem:
 
 
 def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns | None:
-    """The root near `start`, whose entries are of order 1, or None; `patient`: at any cost."""
+    """The root near `start`, whose entries are of order 1; None where none is found.
+
+    If the first method fails, a `patient` search goes on with a second, slower one.
+    """
     if np.abs(problem(start)).max() < 1e-14:
         return start
 
@@ -124,7 +128,7 @@ def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns
         return unknowns
     if not patient:
         return None
-    # where the hybrid steps of MINPACK stall: at a kink, or next to an edge of a density
+    # the hybrid steps of MINPACK stall at a kink and next to an edge of a density
     slow = least_squares(
         shifted, np.ones(len(start)), xtol=1e-14, ftol=None, gtol=None, max_nfev=60
     )
