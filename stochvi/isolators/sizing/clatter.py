@@ -256,13 +256,11 @@ class _Windows:
         size = min(plan.block for plan in self.plans)
         deadline, done, wanted = Deadline.after(budget), 0, FIRST_PATHS
 
-        def late() -> bool:
-            return deadline.passed() and self.found is not None
-
         for _ in range(MOST_ROUNDS):
             wanted = size * math.ceil(wanted / size)
             blocks = [*blocks_between(done, wanted, size)]
-            for block in self.crew.results(self.work, blocks, deadline, late):
+            needed = 1 if self.found is None else 0
+            for block in self.crew.results(self.work, blocks, deadline, at_least=needed):
                 self.found = (
                     block
                     if self.found is None
@@ -271,7 +269,7 @@ class _Windows:
             assert self.found is not None
             done = len(self.found[0].largest)
             mean, error = mean_and_error(self.found[0].largest)
-            if error <= rel_error * mean or late():
+            if error <= rel_error * mean or deadline.passed():
                 return
             wanted = math.ceil(done * min(max(1.1 * (error / rel_error / mean) ** 2, 1.25), 4))
 

@@ -361,8 +361,9 @@ class Crew:
         blocks: Iterable[Block],
         deadline: Deadline = NEVER,
         late: Callable[[], bool] | None = None,
+        at_least: int = 0,
     ) -> Iterator[Any]:
-        """Result of each block in order, as in `do`, but with no task that must be finished.
+        """Result of each block in order, as in `do`; by default no task must be finished.
 
         The number of blocks may be infinite. Raises `NotConverged` if the executor loses its
         workers.
@@ -370,7 +371,7 @@ class Crew:
         self.block_seconds = math.inf  # unknown for this work
         total = len(blocks) if isinstance(blocks, Sequence) else math.inf
         try:
-            done = self.do([work], iter(blocks), total, deadline, late, at_least=0)
+            done = self.do([work], iter(blocks), total, deadline, late, at_least)
             for _, (result,), _ in done:
                 yield result
         except WorkersLost as error:

@@ -96,8 +96,10 @@ class Run:
     """A simulation: statistics of the paths at the step and, unless the scheme has no bias, at
     twice the step.
 
-    `state` holds all results so far. `resumed` is the state of the checkpoint from which the run
-    goes on, or None. All other attributes follow from the arguments of `simulate`.
+    `state` holds all results so far, the last of which came after `merged_at` seconds: what is
+    under way at the end of a budget is no part of it. `rel_error` is the relative error that is
+    sought, None where a number of paths is. `resumed` is the state of the checkpoint from which
+    the run goes on, or None. All other attributes follow from the arguments of `simulate`.
     """
 
     scene: Scene
@@ -117,7 +119,9 @@ class Run:
         self.first_seconds, self.first_steps = self.state.seconds, self.state.steps
         for _ in range(self.state.refinements):
             self.plan = self.plan.finer()
-        self.expected_paths = 1.0
+        self.expected_paths = math.inf
+        self.rel_error: float | None = None
+        self.merged_at = self.first_seconds
         self.shown_fraction = 0.0
         self.sentence, self.last_sentence_at = "", -math.inf
         self.checkpoint_failure = ""
@@ -166,7 +170,8 @@ class Run:
             check_price(plans, self.seed, deadline)
         steps_per_path = sum(plan.steps_per_path for plan in plans)
         goal = self.state.goal
-        self.expected_paths = max(self.expected_paths, goal)
+        if self.rel_error is None:
+            self.expected_paths = goal
         left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
         total = math.ceil((goal - self.fine.count) / self.plan.block)
         works = [partial(path_statistics, plan, self.layout, self.seed) for plan in plans]
@@ -177,6 +182,7 @@ class Run:
                     self._end_early(statistics, steps_per_path, where)
                     break
                 self.state = self.state.with_block(statistics, paths * steps_per_path, where)
+                self.merged_at = self.seconds
                 if self.keeper and self.keeper.due():
                     self.write_checkpoint()
                 self._report()
@@ -193,6 +199,7 @@ class Run:
             self.whole_blocks = self.state
             steps = statistics[0].count * steps_per_path
             self.state = self.state.with_block(statistics, steps, where)
+            self.merged_at = self.seconds
 
     def write_checkpoint(self) -> None:
         """Write the checkpoint now, if there is one.
@@ -215,12 +222,12 @@ class Run:
     def _report(self) -> None:
         if not self.progress:
             return
+        if self.elapsed - self.last_sentence_at > REPORT_SECONDS:
+            self.sentence, self.last_sentence_at = self._sentence(), self.elapsed
         # the expected number of paths may grow, but a progress bar must not go back
         self.shown_fraction = max(
             self.shown_fraction, min(1.0, self.fine.count / self.expected_paths)
         )
-        if self.elapsed - self.last_sentence_at > REPORT_SECONDS:
-            self.sentence, self.last_sentence_at = self._sentence(), self.elapsed
         self.progress(self.shown_fraction, self.sentence)
 
     def _sentence(self) -> str:
@@ -228,6 +235,8 @@ class Run:
         rate = (self.state.steps - self.first_steps) / self.elapsed
         errors = relative_standard_errors(self) if self.fine.count > 1 else {}
         error = f", error {100.0 * max(errors.values()):.2g} %" if errors else ""
+        if errors and self.rel_error is not None and self.fine.count >= FEWEST_PATHS:
+            self.expected_paths = self.fine.count * (max(errors.values()) / self.rel_error) ** 2
         return f"{rate:.2g} steps/s, {self.impacts} impacts{error}"
 
     @property
@@ -480,7 +489,7 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
     """
     if not run.state.goal:
         run.set_goal(max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS))
-    run.expected_paths = 4.0 * run.state.goal  # until the first errors are known
+    run.rel_error = rel_error
     while True:
         in_time = run.reach_goal(deadline)
         if run.fine.count < 2:
@@ -498,7 +507,7 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
                 raise NotConverged(f"the shortest step leaves {biased}; raise rel_error", so_far())
             run.refine()
             continue
-        needed = run.seconds * (errors / rel_error) ** 2
+        needed = run.merged_at * (errors / rel_error) ** 2
         if not in_time or deadline.passed():
             raise deadline.fell_short(
                 f"at a relative standard error of {errors:.2g}, asked for {rel_error:g}, which "
@@ -506,7 +515,6 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
                 "raise budget or rel_error",
                 run.response(("the accuracy asked for was not reached",)),
             )
-        run.expected_paths = 1.1 * run.fine.count * (errors / rel_error) ** 2
         growth = (errors / rel_error) ** 2 - 1.0
         paths = math.ceil(run.fine.count * min(max(1.1 * growth, 0.1), 3.0))
         run.set_goal(run.fine.count + math.ceil(paths / run.plan.block) * run.plan.block)

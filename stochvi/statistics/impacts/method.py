@@ -87,9 +87,6 @@ FEWEST_FITTED = 100
 FEWEST_PATHS = 64
 """For an honest standard error."""
 
-LEAST_PATHS = 2
-"""For any standard error, where not even the fewest fit into the budget."""
-
 FEWEST_HITS = 30
 """For a dispersion; with fewer the counts tell nothing against Poisson."""
 
@@ -194,14 +191,11 @@ def impacts(
     deadline = Deadline.after(budget)
     done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths
 
-    def late() -> bool:
-        return done >= LEAST_PATHS and deadline.passed()
-
     work = partial(_block, plan, grids, seed)
     with crew_of(executor, threads) as crew:
         while True:
             blocks = [*blocks_between(done, target, plan.block)]
-            for tallies in crew.results(work, blocks, deadline, late):
+            for tallies in crew.results(work, blocks, deadline, at_least=0 if done else 1):
                 for name, tally in tallies.items():
                     found[name].append(tally)
                 done += len(tally.numbers)  # all pairs have the same paths

@@ -169,17 +169,13 @@ def spectrum(
     moments: PathMoments | None = None
     part: PathMoments | None = None  # of the round under way
 
-    def late() -> bool:
-        # two paths at least are needed for any error
-        enough = moments is not None or part is not None
-        return enough and deadline.passed()
-
     work = partial(_block, plan, layout, seed)
     with crew_of(executor, threads) as crew:
         while True:
             first = 0 if moments is None else moments.count
             blocks = [*blocks_between(first, target, plan.block)]
-            for done in crew.results(work, blocks, deadline, late):
+            needed = 1 if moments is None else 0
+            for done in crew.results(work, blocks, deadline, at_least=needed):
                 part = done if part is None else part.merge(done)
                 if progress and paths:
                     progress((first + part.count) / paths, f"{first + part.count} paths")
@@ -190,7 +186,7 @@ def spectrum(
             error = _median_error(moments)
             if progress and not paths:
                 progress((asked / max(error, asked)) ** 2, f"{moments.count} paths")
-            if late() or paths is not None or error <= asked:
+            if deadline.passed() or paths is not None or error <= asked:
                 break
             target = math.ceil(moments.count * min(1.1 * (error / asked) ** 2, 4.0)) + 1
     short = remedy = ""
