@@ -66,7 +66,8 @@ class ReviewSettings:
     closure_points
         Number of clearances of the closure's curve.
     clearances
-        Number of clearances, from 3 sigma on, at which chances of hard hits are found.
+        Number of clearances, from 3 sigma on, at which chances of hard hits are found; where the
+        budget has ended before, these are 3 sigma, the recommended one and a larger one.
     budget
         Seconds for all simulations together but the long path; where they do not suffice, rows of
         the worst case say so, and chances of hard hits have wider intervals.
@@ -344,7 +345,8 @@ def review(
     largest = float(cases["clearance"].iloc[-1]) if len(cases) > 1 else sizing.clearance.value
     worst = Rounded.of(largest) if math.isfinite(largest) else None
     rest = settings.exceedance_share / (1.0 - settings.worst_case_share)
-    hard = _exceedances(sizing, settings.clearances, threads, deadline.part(min(rest, 1.0)))
+    between = 0 if deadline.passed() else settings.clearances
+    hard = _exceedances(sizing, between, threads, deadline.part(min(rest, 1.0)))
     path = settings.path
     if deadline.passed():
         path = replace(path, periods=min(path.periods, settings.periods_when_late))

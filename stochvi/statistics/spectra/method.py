@@ -168,6 +168,7 @@ def spectrum(
     target = FEWEST_PATHS if paths is None else paths
     moments: PathMoments | None = None
     part: PathMoments | None = None  # of the round under way
+    error = math.inf
 
     work = partial(_block, plan, layout, seed)
     with crew_of(executor, threads) as crew:
@@ -177,8 +178,10 @@ def spectrum(
             needed = 1 if moments is None else 0
             for done in crew.results(work, blocks, deadline, at_least=needed):
                 part = done if part is None else part.merge(done)
-                if progress and paths:
-                    progress((first + part.count) / paths, f"{first + part.count} paths")
+                if progress:
+                    there = first + part.count
+                    share = there / paths if paths else _share(part, asked, first, error)
+                    progress(min(share, 1.0), f"{there} paths")
             if part is not None:  # time may run out before a block of a later round
                 moments = part if moments is None else moments.merge(part)
             part = None
@@ -279,6 +282,14 @@ def _block(
         return products(channels_of(plan, plan.histories(seed, first, paths)), layout)
 
     return moments_of(np.concatenate(in_pieces(reduced, first, paths, deadline)))
+
+
+def _share(part: PathMoments, asked: float, before: int, error: float) -> float:
+    """Share of the paths for an error `asked` that are there: some of this round, and those before
+    it, which had an error."""
+    if before:
+        return (asked / error) ** 2 * (before + part.count) / before
+    return (asked / _median_error(part)) ** 2 if part.count > 1 else 0.0
 
 
 def _median_error(moments: PathMoments) -> float:
