@@ -99,6 +99,12 @@ class StationaryMoments:
         """The answer in the form that every method returns; `bias` holds where `errors` do not."""
         model = model_of(scene)
         biases = self._biases(model.unit_mass)
+        if self.errors is not None and accelerates_between_impacts(model):
+            square = self._between_impacts(model, self.variance, self.velocity_mean_square)
+            error = self._between_impacts(
+                model, self.errors.variance, self.errors.velocity_mean_square
+            )
+            biases["acceleration_std"] = error / (2.0 * math.sqrt(square))
 
         def estimate(name: str, value: float | None) -> Estimate | None:
             if value is None:
@@ -106,6 +112,9 @@ class StationaryMoments:
             return Estimate(value=value, bias=biases.get(name, bias), how=how)
 
         acceleration = self.acceleration_mean_square
+        if acceleration is None and accelerates_between_impacts(model):
+            acceleration = self._between_impacts(model, self.variance, self.velocity_mean_square)
+            assumptions = [*assumptions, BETWEEN_IMPACTS]
         values = {
             "displacement_mean": self.mean,
             "displacement_std": math.sqrt(self.variance),
@@ -130,6 +139,12 @@ class StationaryMoments:
             cost=Cost(wall_time=time.perf_counter() - started),
             identities=self._identities(model, how),
         )
+
+    @staticmethod
+    def _between_impacts(model: Model, variance: float, square: float) -> float:
+        """Mean square of omega^2 x + b x' about its mean, (m/s^2)^2, from those of x and x', which
+        are not correlated, as E x^2 is stationary and impacts do not change x."""
+        return model.omega**4 * variance + model.damping_rate**2 * square
 
     def pair(
         self,
@@ -277,6 +292,18 @@ class StationaryMoments:
 
 def _total(lower: float | None, upper: float | None) -> float | None:
     return None if lower is None or upper is None else lower + upper
+
+
+BETWEEN_IMPACTS = "acceleration_std is that between the impacts, which have none on rigid stops"
+"""What an absolute acceleration with rigid stops leaves out."""
+
+
+def accelerates_between_impacts(model: Model) -> bool:
+    """Whether springs and dampers alone give the absolute acceleration of one oscillator between
+    impacts on rigid stops: on a base that alone moves, where they are no functions."""
+    smooth = model.restoring is None and model.drag is None
+    shaken = model.moving_base and not model.noise_on_mass
+    return bool(model.stops) and all(stop.rigid for stop in model.stops) and smooth and shaken
 
 
 def linear_acceleration(model: Model) -> float | None:

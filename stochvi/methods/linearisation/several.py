@@ -32,11 +32,10 @@ from stochvi.model.modal import (
     ModalForm,
     Substitute,
     Vector,
-    absolute_accelerations,
     linear_law,
 )
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.model.responses import StationaryMoments, build_response
+from stochvi.model.responses import BETWEEN_IMPACTS, StationaryMoments, build_response
 from stochvi.model.scales import UNSHAKEN, PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate
@@ -290,9 +289,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
     mean: Vector = modes.shapes @ (modes.rest + one.law.mean)
     moments = _energies(modes, one.law)
     coordinates = {}
-    accelerations: list[float | None] = [None] * len(model.outputs)
-    if model.base_alone_moves and not model.pairs:
-        accelerations = absolute_accelerations(modes, one.law, model.output_rows).tolist()
+    accelerations = _accelerations(model, one)
     shapes = model.output_rows @ modes.shapes
     for name, shape, acceleration in zip(model.outputs, shapes, accelerations, strict=True):
         place = float(shape @ (modes.rest + one.law.mean))
@@ -323,7 +320,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
         METHOD,
         coordinates=coordinates,
         impact_pairs=pairs,
-        assumptions=_assumptions(model),
+        assumptions=[*_assumptions(model), *_on_accelerations(model, accelerations)],
         cost=Cost(wall_time=time.perf_counter() - outline.started),
         warnings=[
             *warned,
@@ -334,6 +331,37 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
             name: Estimate(value=float(value), how=outline.how) for name, value in balances.items()
         },
     )
+
+
+def _accelerations(model: Model, one: _Solution) -> Sequence[float | None]:
+    """Mean squares of the absolute accelerations of all outputs, contacts of stops that give way by
+    their linear substitutes; None where they are not known."""
+    rigid = [all(stop.rigid for stop in pair.stops) for pair in model.pairs]
+    mixed = any(
+        not own and any(stop.rigid for stop in pair.stops)
+        for own, pair in zip(rigid, model.pairs, strict=True)
+    )
+    if mixed or not model.base_alone_moves:
+        return [None] * len(model.outputs)
+    modes = model.modal
+    stiffness, damping = np.diag(modes.squares), modes.damping.copy()
+    for gap, candidate, row, hard in zip(one.gaps, one.candidates, modes.gaps, rigid, strict=True):
+        if not hard:
+            substitute = gap.substitute(candidate)
+            stiffness = stiffness + substitute.spring * np.outer(row, row)
+            damping = damping + substitute.damper * np.outer(row, row)
+    pulls = model.output_rows @ modes.shapes @ np.hstack([stiffness, damping])
+    return [one.law.variances(pull, 0) for pull in pulls]
+
+
+def _on_accelerations(model: Model, found: Sequence[float | None]) -> list[str]:
+    """What the accelerations of an answer hold of the stops."""
+    if None in found or not model.pairs:
+        return []
+    rigid = any(stop.rigid for stop in model.stops)
+    soft = not all(stop.rigid for stop in model.stops)
+    words = "acceleration_std holds contact forces by the spring and damper in their place"
+    return [*([words] if soft else []), *([BETWEEN_IMPACTS] if rigid else [])]
 
 
 def _coordinate(
