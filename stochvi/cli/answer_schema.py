@@ -153,7 +153,7 @@ CHANGES = {
 }  # fmt: skip
 """What the documents of answers have other than their fields, by the names of their classes."""
 
-RARE = {"Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs",)}
+RARE = {"Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs", "outputs")}
 """Keys that are there only where they say something."""
 
 

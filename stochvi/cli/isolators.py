@@ -157,6 +157,10 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     metavar="TIME",
     help="Time of exposure: 3600 (s), 30min, 10h.",
 )
+@click.option(
+    "--at", metavar="NAME",
+    help="Coordinate or named point of that acceleration; default: any of a structure.",
+)  # fmt: skip
 @click.option("--pair", metavar="NAME", help="Of several pairs: size this one, the others fixed.")
 @click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
 @click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")

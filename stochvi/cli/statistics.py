@@ -139,6 +139,10 @@ def history(
     "--peak-acceleration", metavar="A|Ag",
     help="No contact must bring more: m/s^2, or g (80g); stops that give way.",
 )  # fmt: skip
+@click.option(
+    "--at", metavar="NAME",
+    help="Coordinate or named point of that acceleration; default: any of a structure.",
+)  # fmt: skip
 @click.option("--pair", metavar="NAME", help="Of several pairs: hits of this one alone.")
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="stationary", show_default=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,22 @@ def free_motion(model: Model) -> FreeMotion:
     if law is None:
         raise NotApplicable(
             "linear motion",
-            unmet or ["stiffness and damping must hold every coordinate where nothing is hit"],
+            unmet or [_unheld(model)],
         )
     return FreeMotion(model.modal, law)
+
+
+def _unheld(model: Model) -> str:
+    """Which modes have no stationary motion, and what is missing there."""
+    modes = model.modal
+    words = "stiffness and damping must hold every coordinate where nothing is hit"
+    held = modes.squares > 0.0
+    if not np.all(held):
+        return (
+            f"{words}: {np.sum(~held)} of {modes.size} modes have no stiffness; give springs that "
+            "hold them, or, for a mass that stops alone hold, let simulate or linearise follow it"
+        )
+    shares = np.diag(modes.damping) / np.sqrt(modes.squares)
+    named = ", ".join(f"{math.sqrt(w) / (2.0 * math.pi):.3g}" for w in modes.squares[shares <= 0.0])
+    where = f" at {named} Hz" if named else ""
+    return f"{words}: there is no damping{where}; give damping, zeta or loss_factor"

@@ -131,8 +131,11 @@ def _substitute(
     square = law.variances(gap, modes.size)
     if not square > UNSHAKEN * law.largest_variance(modes.size):
         raise NotApplicable(
-            method, [f"no excitation reaches the impact pair {pair.name!r}: it is at rest"]
-        )
+            method,
+            [f"no excitation reaches the impact pair {pair.name!r}, or it is pressed so hard onto "
+             "a stop that it never leaves it: it is at rest; shake it, move that stop, or take the "
+             "pair out of the scene"],
+        )  # fmt: skip
     energy = pair.mass * square
     own, slope = held[0], held[1] / energy
     try:

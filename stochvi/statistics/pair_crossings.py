@@ -11,6 +11,7 @@ hit (`crossing_ages`), so that pairs which move together are counted together.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -48,6 +49,9 @@ its standard error is then below 1 %."""
 SIDES_WITH_ALL = 4
 """Number of stops up to which each has as many crossings in a record as fit into it; of more stops
 each has fewer, in proportion."""
+
+ALIKE = 1e-9
+"""Relative difference of the directions of two pairs up to which their gaps are one motion."""
 
 ROUNDING = 1e-12
 """Share of its own variance that is added to each gap, so that rounding error leaves the covariance
@@ -182,10 +186,14 @@ class PairMotion:
     ----------
     model
         A linear structure with impact pairs under Gaussian noise.
+    longest_step
+        Longest sampling interval of the records, s.
+    memories
+        How often half a record holds its memory.
     """
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
+    def __init__(self, model: Model, longest_step: float = math.inf, memories: float = 1.0) -> None:
+        self.model, self.longest_step, self.memories = model, longest_step, memories
         self.directions = np.array([pair.direction for pair in model.pairs])
         self.displacement_std, self.velocity_std = free_motion(model).deviations(self.directions)
 
@@ -200,7 +208,8 @@ class PairMotion:
     @cached_property
     def response(self) -> GapResponse:
         """Synthesis of the gaps that move."""
-        return crossing_response(self.model, self.directions[self.moving])
+        plan = crossing_response(self.model, self.directions[self.moving], self.memories)
+        return plan.with_step(self.longest_step) if plan.step > self.longest_step else plan
 
     @cached_property
     def count(self) -> int:
@@ -246,12 +255,42 @@ def own_distances(model: Model) -> tuple[Vector, Vector]:
     return found[0], found[1]
 
 
-def crossing_response(model: Model, directions: Matrix) -> GapResponse:
-    """Synthesis of gaps, sampled finely enough for peaks, in records that hold their memory
-    twice."""
+def pressed_pairs(model: Model, below: Vector, above: Vector) -> list[str]:
+    """Sentences about the pairs whose mean gaps lie beyond a stop, from the distances (pairs,)."""
+    found = []
+    for pair, *distances in zip(model.pairs, below, above, strict=True):
+        found += [
+            f"the mean gap of {pair.name} must lie between its stops: without them it would be "
+            f"{-distance:.4g} m beyond its {side} stop, so that it is pressed onto it from the "
+            "start; move that stop, ask after other pairs without this one in the scene, or let "
+            "simulate count its hits"
+            for side, distance in zip(("lower", "upper"), distances, strict=True)
+            if distance <= 0.0
+        ]
+    return found
+
+
+def same_gaps(model: Model) -> list[str]:
+    """Sentences about pairs whose gaps are one motion, so that they are hit together."""
+    found = []
+    for number, pair in enumerate(model.pairs):
+        for earlier in model.pairs[:number]:
+            size = float(np.linalg.norm(earlier.direction))
+            if np.linalg.norm(pair.direction - earlier.direction) <= ALIKE * size:
+                found.append(
+                    f"{earlier.name} and {pair.name} have the same gap: where their stops are "
+                    f"equally far, hits of both at once are counted on {earlier.name}"
+                )
+                break
+    return found
+
+
+def crossing_response(model: Model, directions: Matrix, memories: float = 1.0) -> GapResponse:
+    """Synthesis of gaps, sampled finely enough for peaks, in records of which one half holds their
+    memory so many times."""
     plan = plan_gaps(model, directions)
     plan = plan.with_step(min(plan.step, 2.0 * math.pi / plan.fastest / SAMPLES_PER_PERIOD))
-    while memory_of(plan) > 0.5 * plan.block_length:
+    while memories * memory_of(plan) > 0.5 * plan.block_length:
         if 2 * plan.samples * plan.gaps > MOST_SAMPLES:
             raise NotApplicable(
                 "first_crossings",
@@ -277,24 +316,22 @@ class GapRecords:
     """Stationary records of all gaps that have stops, and the crossings that are put into them."""
 
     def __init__(self, motion: PairMotion, seed: int, lower: Matrix, upper: Matrix) -> None:
-        names = [pair.name for pair in motion.model.pairs]
-        if not (np.all(lower > 0.0) and np.all(upper > 0.0)):
-            worst = names[int(np.argmin(np.minimum(lower, upper).min(axis=0)))]
-            raise NotApplicable(
-                "first_crossings", [f"the mean gap of {worst} must lie between its stops"]
-            )
+        pressed = pressed_pairs(motion.model, lower.min(axis=0), upper.min(axis=0))
+        if pressed:
+            raise NotApplicable("first_crossings", pressed)
         self.motion, self.seed, self.lower, self.upper = motion, seed, lower, upper
         self.plan, self.count = motion.response, motion.count
         stopped = np.any(np.isfinite(lower) | np.isfinite(upper), axis=0)
         (self.chosen,) = np.nonzero(stopped[motion.moving])
         self.pairs = motion.moving[self.chosen]
         self.correlations = motion.correlations[:, :, self.chosen][..., self.chosen]
-        near, far = (np.ascontiguousarray(side[:, self.pairs]) for side in (upper, lower))
+        above, below = (np.ascontiguousarray(side[:, self.pairs]) for side in (upper, lower))
+        self.above = above
         # the motion is as likely with the opposite sign: stops that are alike are looked at once
-        self.alike = np.array_equal(near, far)
+        self.alike = np.array_equal(above, below)
         self.sides = [
             (gap, ahead, behind)
-            for ahead, behind in [(near, far), (far, near)][: 2 - self.alike]
+            for ahead, behind in [(above, below), (below, above)][: 2 - self.alike]
             for gap in range(len(self.pairs))
             if np.any(np.isfinite(ahead[:, gap]))
         ]
@@ -331,17 +368,28 @@ class GapRecords:
         rows = np.stack([r / own, rate / own, rate / own_bend, bend / own_bend], axis=-1)
         return np.ascontiguousarray(rows.transpose(1, 0, 2))
 
+    def units(self, first_path: int, paths: int) -> Vector:
+        """Slopes of unit Rayleigh law (pairs, paths, starts) of one block of paths."""
+        random = np.random.default_rng([self.seed, SLOPES, first_path])
+        return random.rayleigh(size=(len(self.pairs), paths, len(self.starts)))
+
+    def speed(self, gap: int) -> float:
+        """Rms speed of a gap, m/s."""
+        return math.sqrt(-float(self.correlations[2, 0, gap, gap]))
+
     def ages(self, first_path: int) -> NDArray[np.float32]:
         """Of the crossings in one block of paths, (strides, sides, levels, paths, starts)."""
         records = self.plan.records(self.seed, first_path, self.together, self.chosen)
-        random = np.random.default_rng([self.seed, SLOPES, first_path])
-        units = random.rayleigh(size=(len(self.pairs), self.together, len(self.starts)))
-        shape = (len(STRIDES), len(self.sides), len(self.lower), self.together, len(self.starts))
-        found = np.empty(shape)
+        return self.ages_in(records, self.units(first_path, self.together), STRIDES)
+
+    def ages_in(
+        self, records: Vector, units: Vector, strides: Sequence[int]
+    ) -> NDArray[np.float32]:
+        """The same of records (paths, samples, 2 pairs) and slopes that are there already."""
+        found = np.empty((len(strides), len(self.sides), len(self.lower), *units.shape[1:]))
         for side, (gap, near, far) in enumerate(self.sides):
-            back = self.looking_back(gap)
-            slopes = math.sqrt(-self.correlations[2, 0, gap, gap]) * units[gap]
-            for number, stride in enumerate(STRIDES):
+            back, slopes = self.looking_back(gap), self.speed(gap) * units[gap]
+            for number, stride in enumerate(strides):
                 outcrossing_ages(
                     records, self.starts, slopes, back, gap, self.plan.step, stride, near, far,
                     found[number, side],
@@ -386,6 +434,8 @@ class GapRecords:
             for near, far in ((upper, lower), (lower, upper)):
                 for gap in np.flatnonzero(np.isfinite(near)):
                     chance = float(ndtr(-near[gap] / std[gap]))
+                    if chance < np.finfo(float).tiny:
+                        continue
                     place = np.maximum(-std[gap] * ndtri(chance * uniform), near[gap])
                     share = covariance[gap] / covariance[gap, gap]
                     gaps = normal + (place - normal[:, gap])[:, None] * share

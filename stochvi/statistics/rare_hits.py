@@ -41,13 +41,14 @@ from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error, logarithmic_interval, upper_limit_unseen
 from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.bursts import (
+from stochvi.statistics.burst_flights import (
     FLOWN_TOGETHER,
-    UNFINISHED,
     WINDOW_RELAXATIONS,
+    WINDOWS,
     after_crossings,
 )
-from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, Records, crossing_plan
+from stochvi.statistics.bursts import UNFINISHED
+from stochvi.statistics.first_crossings import Records, crossing_plan
 
 Vector = NDArray[np.float64]
 
@@ -105,7 +106,7 @@ PILOT = 2**20
 STREAM = 0x5EED5
 """Keeps the random numbers of this module apart from other uses of a seed."""
 
-HORIZONS = 2.0 * WINDOW_RELAXATIONS / MEMORY_RELAXATIONS
+HORIZONS = 2.0 * WINDOWS
 """Length of a trial of the whole motion, over that for which the response is remembered: one half
 is not counted, so that the motion forgets its start."""
 
@@ -324,6 +325,15 @@ class AfterCrossings(Kind):
         return max(share - 0.5 * self.overlap(scored), 0.0)  # without those of new bursts
 
 
+def risk_of_windows(exceeded: Vector, late: Vector, window: float, mission: float) -> Vector:
+    """Chance of an exceedance in a mission from that in a window, s, of which `late` is that of a
+    first one in its second half, after none in the first."""
+    before = np.maximum(1.0 - (exceeded - late), 1e-300)
+    rate = -np.log1p(-np.minimum(late / before, 1.0 - 1e-15)) / (0.5 * window)
+    left = max(mission - window, 0.0)
+    return np.asarray(1.0 - (1.0 - np.minimum(exceeded, 1.0)) * np.exp(-rate * left))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Windows(Kind):
     """Trials of the whole motion, of which the first part is not counted; `counted` samples are."""
@@ -346,11 +356,7 @@ class Windows(Kind):
         return rows, len(rows) - 1 - self.counted // stride
 
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
-        # late is the chance of a first exceedance in the second half, after none in the first
-        before = np.maximum(1.0 - (exceeded - late), 1e-300)
-        rate = -np.log1p(-np.minimum(late / before, 1.0 - 1e-15)) / (0.5 * self.window)
-        left = max(mission - self.window, 0.0)
-        return np.asarray(1.0 - (1.0 - np.minimum(exceeded, 1.0)) * np.exp(-rate * left))
+        return risk_of_windows(exceeded, late, self.window, mission)
 
     def overlap(self, scored: float) -> float:
         return 0.0
@@ -397,7 +403,7 @@ def kinds_of(
     def fitting(samples: int) -> int:
         return int(max(min(trials, MOST_SAMPLES // samples), FEWEST_TRIALS))
 
-    after = math.ceil(WINDOW_RELAXATIONS / MEMORY_RELAXATIONS * records.count)
+    after = math.ceil(WINDOWS * records.count)
     length = records.count + 2 + after
     bursts = AfterCrossings(
         records=records,

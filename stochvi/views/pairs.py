@@ -43,9 +43,16 @@ def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
                 "3 sigma (mm)": f"{3.0 * MM * each['sigma']:.4g}",
                 "hit, if it alone had stops": spoken_percent(each["probability_alone"]),
                 "of first hits": f"{100.0 * each['share_of_first_hits']:.3g} %",
+                "expected hits": _known(each["expected_hits"]),
+                "mean speed (m/s)": _known(each["impact_speed_mean"]),
             }
         )
     return pd.DataFrame(rows)
+
+
+def _known(value: float) -> str:
+    """A number of three digits; "unknown" where it is not one."""
+    return f"{value:.3g}" if value == value else "unknown"
 
 
 def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
@@ -99,9 +106,9 @@ def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
             x, curve["probability"], color=colour, label=f"{pair}: {found.value / unit:.4g} {name}"
         )
         ax.plot(x, curve["independent"], color=colour, linestyle="--", linewidth=0.9)
-        ax.plot(found.value / unit, sizing.target.value, "o", color=colour, zorder=3)
+        ax.plot(found.value / unit, sizing.probability.value, "o", color=colour, zorder=3)
     ax.plot([], [], color="0.4", linestyle="--", linewidth=0.9, label="pairs taken for independent")
-    ax.axhline(sizing.target.value, color="0.5", linewidth=0.8)
+    ax.axhline(sizing.probability.value, color="0.5", linewidth=0.8)
     ax.set_yscale("log")
     ax.set_xlabel(f"clearance per side ({name})")
     ax.set_ylabel(f"chance of any hit in {spoken_mission(sizing.mission)}")

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from stochvi.results.estimates import Estimate
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.spectra import ResponseSpectrum
@@ -58,18 +59,52 @@ def chance_in_words(value: float, error: float, lower: float) -> str:
 
 
 def _print_pairs(console: Console, found: Reliability) -> None:
-    """Print what each of several pairs risks."""
-    table = new_table("pair by pair", ["pair", "hit, if it alone had stops", "of first hits"])
+    """Print what each of several pairs risks, and the chances of single coordinates and points."""
+    table = new_table(
+        "pair by pair",
+        [
+            "pair",
+            "hit, if it alone had stops",
+            "of first hits",
+            "expected hits",
+            "mean speed (m/s)",
+        ],
+    )
     for name, risk in found.pairs.items():
-        chance = risk.probability
         table.add_row(
             name,
-            chance_in_words(
-                chance.value, chance.standard_error, chance.value - chance.half_width_95()
-            ),
+            _chance(risk.probability),
             f"{100.0 * risk.share_of_first_hits:.3g} %",
+            _number(risk.expected_hits),
+            _number(risk.impact_speed_mean),
         )
     print_table(console, table)
+    if found.outputs:
+        limit = found.chances["peak_acceleration"].limit
+        table = new_table(
+            f"acceleration above {limit:g} m/s^2", ["coordinate or point", "probability"]
+        )
+        for name, chance in found.outputs.items():
+            table.add_row(name, _chance(chance))
+        print_table(console, table)
+
+
+def _number(estimate: Estimate | None) -> str:
+    """A number with its standard error; empty where it is not known."""
+    if estimate is None:
+        return ""
+    if estimate.upper_95 is not None:
+        return f"at most {estimate.upper_95:.3g}"
+    return format_with_error(estimate.value, estimate.standard_error)
+
+
+def _chance(chance: Estimate) -> str:
+    """A chance with its standard error, or its upper limit."""
+    if chance.upper_95 is not None:
+        return f"at most {chance.upper_95:.3g}"
+    return chance_in_words(
+        chance.value, chance.standard_error, chance.value - chance.half_width_95()
+    )
 
 
 def print_reliability(console: Console, found: Reliability, limit_in_g: str | None = None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -19,13 +20,17 @@ from stochvi import (
     screen,
     size,
 )
+from stochvi.isolators.sizing import pairs
 from stochvi.isolators.sizing.changes import Change, Tolerances
+from stochvi.isolators.sizing.hits import at_distances
 from stochvi.isolators.sizing.pair_tolerances import tolerance_table
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.model.model import model_of
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import ImpactPair, scene_from
+from stochvi.statistics.bursts import bursts
 from stochvi.statistics.pair_crossings import pair_crossings
+from stochvi.statistics.structure_hits import Limit, exceedance
 from stochvi.testing import assert_agrees
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled
@@ -38,15 +43,22 @@ MOUNT = Scene(
 QUICK = {"probability": TARGET, "mission": MISSION, "rel_error": 0.1, "seed": 1}
 
 
-def sized(scene: Scene, **changed: object) -> PairsSizing:
-    found = size(scene, **(QUICK | changed))  # type: ignore[arg-type]
+def sized(scene: Scene, *, with_hits: bool = False, **changed: object) -> PairsSizing:
+    """An answer; without the hits at its clearances, whose simulation is most of its time."""
+    real = pairs.count_hits
+    with mock.patch.object(pairs, "count_hits", real if with_hits else no_hits):
+        found = size(scene, **(QUICK | changed))  # type: ignore[arg-type]
     assert isinstance(found, PairsSizing)
     return found
 
 
+def no_hits(*_: object, **__: object) -> None:
+    raise NotApplicable("hits", ["they are left out here"])
+
+
 @pytest.fixture(scope="module")
 def both() -> PairsSizing:
-    return sized(uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0)))
+    return sized(uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0)), with_hits=True)
 
 
 def test_uncoupled_pairs_share_the_risk(both: PairsSizing) -> None:
@@ -172,8 +184,51 @@ def test_a_sized_changed_scene_agrees_with_the_tolerances(both: PairsSizing) -> 
         assert both.clearances[name].value != pytest.approx(found.value, rel=share)
 
 
+def test_the_answer_holds_the_hits_that_are_expected(both: PairsSizing) -> None:
+    assert both.expected_hits is not None
+    by_pair = both.pairs["expected_hits"]
+    assert by_pair.sum() == pytest.approx(both.expected_hits.value)
+    # hits cluster behind first hits
+    assert both.expected_hits.value > 1.2 * -math.log1p(-TARGET)
+    assert (both.pairs["impact_speed_mean"] > 0.5).all()
+
+
+def sized_by_hits(scene: Scene, **asked: object) -> tuple[PairsSizing, Scene]:
+    """The answer, and the scene with the stops that it asks for."""
+    found = sized(scene, with_hits=True, **asked)
+    places = [each.value for each in found.clearances.values()]
+    return found, at_distances(scene, np.array([places, places]))
+
+
+def test_a_rate_of_hits_is_kept() -> None:
+    scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
+    rate = 2e-4
+    found, there = sized_by_hits(scene, probability=None, rate=rate, rel_error=0.2)
+    again = bursts(there, rel_error=0.1, seed=5).hit_rate()
+    both_known = replace(again, standard_error=math.hypot(again.standard_error, 0.2 * rate))
+    assert_agrees(both_known, rate)
+    closer = at_distances(scene, np.full((2, 2), 3.6))
+    with pytest.raises(AssertionError):
+        assert_agrees(bursts(closer, rel_error=0.1, seed=5).hit_rate(), rate)
+    assert found.probability.value < 1.0 - math.exp(-rate * MISSION)
+
+
+@pytest.mark.verify
+def test_a_speed_is_kept() -> None:
+    scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
+    asked = {"probability": None, "impact_speed": 3.0, "exceedance": 0.01, "rel_error": 0.1}
+    found, there = sized_by_hits(scene, **asked)
+    limit = Limit("impact_speed", 3.0)
+    again = exceedance(there, limit, MISSION, 0.0, rel_error=0.05, seed=5).chance
+    assert_agrees(replace(again, standard_error=math.hypot(again.standard_error, 0.1 * 0.01)), 0.01)
+    assert found.probability.value > 2.0 * 0.01
+
+
 @pytest.mark.parametrize(("scene", "asked", "words"), [
-    (uncoupled(pair("x", "x", 4.0)), {"probability": None, "rate": 0.1}, "rate must be left out"),
+    (uncoupled(pair("x", "x", 4.0)), {"probability": None, "peak_acceleration": 9.0},
+     "does not give a force .stops of x"),
+    (uncoupled(pair("x", "x", 4.0)), {"at": "z"}, "belongs to peak_acceleration"),
+    (MOUNT, {"at": "x"}, "several coordinates"),
     (uncoupled(), {}, "needs an impact_pair"),
     (uncoupled(pair("x", "x", 4.0)), {"pair": "y"}, "pair must be the name"),
     (MOUNT, {"pair": "x"}, "of several pairs"),

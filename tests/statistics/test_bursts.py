@@ -40,7 +40,8 @@ from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
-from stochvi.statistics.bursts import Bursts, _far, _widened, bursts
+from stochvi.statistics.burst_flights import widened
+from stochvi.statistics.bursts import Bursts, _far, bursts
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
 
@@ -122,7 +123,7 @@ def test_weights_of_faster_first_hits_give_back_the_moments_of_rayleighs_law() -
 
     def moments(count: int) -> np.ndarray:
         quantiles = (np.arange(count) + 0.5) / count
-        slopes, weight = _widened(
+        slopes, weight = widened(
             np.repeat(np.sqrt(-2.0 * np.log1p(-quantiles)), 2)[None, :], widening=2.0
         )
         return np.array([(weight * slopes**power).mean() for power in (0, 2, 4)])
@@ -136,19 +137,19 @@ def test_faster_first_hits_are_weighted_back() -> None:
     scene = truck(4.5, Restitution(coefficient=0.5))
     plain = bursts(scene, rel_error=0.03, seed=1)
     wide = bursts(scene, rel_error=0.03, widening=2.0, seed=1)
-    limit = 2.0 * wide.fastest.mean()
+    limit = 2.0 * wide.fastest[0].mean()
     for name in ("hits", "speeds", "fastest"):
-        mean = wide._mean(getattr(wide, name))
-        other = plain._mean(getattr(plain, name))
+        mean = wide._mean(getattr(wide, name)[0])
+        other = plain._mean(getattr(plain, name)[0])
         both = Estimate(
             value=mean.value - other.value,
             standard_error=math.hypot(mean.standard_error, other.standard_error),
         )
         assert_agrees(both, 0.0)
-    assert np.mean(wide.fastest > limit) > 3.0 * np.mean(plain.fastest > limit)
-    unweighted = float(np.mean(wide.fastest))
+    assert np.mean(wide.fastest[0] > limit) > 3.0 * np.mean(plain.fastest[0] > limit)
+    unweighted = float(np.mean(wide.fastest[0]))
     with pytest.raises(AssertionError):
-        assert_agrees(wide._mean(wide.fastest), unweighted)
+        assert_agrees(wide._mean(wide.fastest[0]), unweighted)
 
 
 def test_what_is_far_from_the_wanted_value_takes_few_bursts() -> None:

@@ -271,7 +271,13 @@ def test_records_have_the_deviations_of_the_structure_under_every_noise() -> Non
     np.testing.assert_allclose(spread, wanted, atol=5.0 * math.sqrt(2.0 / 4000.0))
 
 
-def test_reliability_of_any_pair_and_of_one() -> None:
+def no_hits(*_: object, **__: object) -> None:
+    """In place of the simulation of hits, which has tests of its own."""
+    raise NotApplicable("hits", ["they are left out here"])
+
+
+def test_reliability_of_any_pair_and_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stochvi.statistics.reliability.method.hits_of_pairs", no_hits)
     scene = uncoupled(pair("x", "x", 3.3), pair("z", "z", 3.6))
     found = reliability(scene, mission=MISSION, seed=1)
     parts = [each.probability for each in found.pairs.values()]
@@ -286,9 +292,21 @@ def test_reliability_of_any_pair_and_of_one() -> None:
     assert_agrees(both(alone.estimate, known.value, known.standard_error), known.value)
 
 
+def test_expected_hits_and_hard_hits_of_pairs() -> None:
+    scene = uncoupled(pair("x", "x", 5.0), pair("z", "z", 5.0))
+    found = reliability(scene, mission=MISSION, impact_speed=2.0, rel_error=0.2, seed=1)
+    speed, hit = found.chances["impact_speed"], found.chances["hit"]
+    assert speed.way == "bursts" and 0.0 < speed.estimate.value < hit.estimate.value
+    assert found.hits is not None and found.hits_interval is not None
+    by_pair = [each.expected_hits for each in found.pairs.values()]
+    assert found.hits.value == pytest.approx(sum(each.value for each in by_pair if each))
+    assert found.hits.value > -math.log1p(-hit.estimate.value)
+
+
 @pytest.mark.parametrize(("change", "words"), [
     ({"pair": "y"}, "pair must be one of x"),
-    ({"impact_speed": 1.0}, "impact_speed must be left out"),
+    ({"peak_acceleration": 1.0}, "a restitution alone does not give a force"),
+    ({"at": "x"}, "belongs to peak_acceleration"),
     ({"start": "rest"}, "start must be 'stationary'"),
     ({"way": "crude"}, "way must be 'first crossings'"),
 ])  # fmt: skip

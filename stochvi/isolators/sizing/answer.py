@@ -60,6 +60,19 @@ class Target:
         """An acceleration in g, in words."""
         return f"{self.value / STANDARD_GRAVITY:.4g} g"
 
+    def kept(self, mission: float) -> str:
+        """What is kept in a mission of so many seconds, in words."""
+        spoken = spoken_mission(mission)
+        if self.name == "probability":
+            return f"the chance of any hit in {spoken} at {spoken_percent(self.value)}"
+        if self.name == "rate":
+            return f"the hits at {self.value:.3g} per second"
+        assert self.exceedance is not None
+        return (
+            f"every {self.name.replace('_', ' ')} of {spoken} below {self.limit} but "
+            f"for a chance of {spoken_percent(self.exceedance)}"
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Clearance:
@@ -205,7 +218,8 @@ class Sizing(Result):
         in_sigma = f"{c.value / self.sigma:.3g} sigma"
         if self.kept_with is None:
             interval = f"{mm * c.lower:.4g} to {mm * c.upper:.4g} mm, 95 %"
-            return f"{mm * c.value:.4g} mm per side ({interval}), {in_sigma}, {self._keeps()}"
+            kept = self.target.kept(self.mission)
+            return f"{mm * c.value:.4g} mm per side ({interval}), {in_sigma}, keeps {kept}"
         target, chance = self.target, self.kept_with
         assert target.exceedance is not None
         found = spoken_percent(chance.value) if chance.value else f"{chance.how} does"
@@ -213,19 +227,6 @@ class Sizing(Result):
             f"at most {mm * c.value:.4g} mm per side, {in_sigma}: already there the chance that "
             f"any {target.name.replace('_', ' ')} of {spoken_mission(self.mission)} exceeds "
             f"{target.limit} is below {spoken_percent(target.exceedance)} ({found})"
-        )
-
-    def _keeps(self) -> str:
-        """The requirement that the clearance keeps, in words."""
-        target, mission = self.target, spoken_mission(self.mission)
-        if target.name == "probability":
-            return f"keeps the chance of any hit in {mission} at {spoken_percent(target.value)}"
-        if target.name == "rate":
-            return f"keeps the hits at {target.value:.3g} per second"
-        assert target.exceedance is not None
-        return (
-            f"keeps every {target.name.replace('_', ' ')} of {mission} below {target.limit} but "
-            f"for a chance of {spoken_percent(target.exceedance)}"
         )
 
     def to_frame(self) -> pd.DataFrame:

@@ -220,8 +220,7 @@ def _by_bursts(
         )
     except NotApplicable:
         return None
-    largest = found.fastest if event == "impact_speed" else found.sharpest
-    return _Bursts(largest, mission, event, found) if found.apart else None
+    return _Bursts(found.largest(event), mission, event, found) if found.apart else None
 
 
 def _by_windows(scene: Scene, event: str, mission: float, asked: dict[str, Any]) -> _Windows:

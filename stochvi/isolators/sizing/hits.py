@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
@@ -15,8 +18,9 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.scene import ImpactPair, Scene
-from stochvi.statistics.bursts import UNFINISHED, WINDOW_RELAXATIONS, bursts
-from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, crossing_plan, deviations
+from stochvi.statistics.burst_flights import WINDOWS
+from stochvi.statistics.bursts import UNFINISHED, bursts
+from stochvi.statistics.first_crossings import crossing_plan, deviations
 
 
 def at_clearance(scene: Scene, clearance: float) -> Scene:
@@ -30,6 +34,25 @@ def at_clearance(scene: Scene, clearance: float) -> Scene:
         upper=None if pair.upper is None else rest + clearance,
     )
     return scene.model_copy(update={"impact_pairs": (moved,)})
+
+
+def at_distances(scene: Scene, distances: NDArray[np.float64]) -> Scene:
+    """The scene with the lower and the upper stops of its pairs moved to distances (2, pairs) from
+    the mean gaps (m), their laws kept; what is infinite there is no stop."""
+    model = model_of(scene)
+    rest = model.modal.gaps @ model.modal.rest
+    moved = [
+        pair.model_copy(
+            update={
+                "lower": None if pair.lower is None else mean - below,
+                "upper": None if pair.upper is None else mean + above,
+            }
+        )
+        for pair, mean, below, above in zip(
+            scene.impact_pairs, rest.tolist(), *distances.tolist(), strict=True
+        )
+    ]
+    return scene.model_copy(update={"impact_pairs": tuple(moved)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +89,7 @@ class Hits:
     @property
     def window(self) -> float:
         """Seconds for which a burst is simulated."""
-        return WINDOW_RELAXATIONS / MEMORY_RELAXATIONS * self.curve.crossings.horizon
+        return WINDOWS * self.curve.crossings.horizon
 
     def at(self, clearance: float, rel_error: float | None = None) -> Tried:
         """The hits at a clearance: simulated unless they are known at least as accurately."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,7 @@ from stochvi.isolators.sizing.hits import Hits, Tried, at_clearance, compile_ker
 from stochvi.isolators.sizing.pairs import size_pairs
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.risk_curve import RiskCurve
-from stochvi.isolators.sizing.targets import check_laws, check_several, target_of, widening
+from stochvi.isolators.sizing.targets import check_laws, limit_of_pairs, target_of, widening
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
@@ -34,7 +34,7 @@ from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
 from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.bursts import FAR, UNFINISHED, bursts
+from stochvi.statistics.bursts import FAR, UNFINISHED, bursts, chance_of
 from stochvi.statistics.crossing_ages import largest_error
 from stochvi.statistics.first_crossings import deviations, first_crossings
 
@@ -143,6 +143,7 @@ def size(
     impact_speed: float | None = None,
     peak_acceleration: float | None = None,
     exceedance: float = ACCEPTED,
+    at: str | None = None,
     pair: str | None = None,
     tolerances: Tolerances | None = None,
     mission: float = 3600.0,
@@ -159,7 +160,7 @@ def size(
     scene
         One oscillator under stationary Gaussian noise, or a linear structure with any number of
         pairs. The laws of the stops are kept, their places are not: they go to equal distances from
-        the mean position, static sag counted. Several pairs are sized for a `probability` alone.
+        the mean position, static sag counted.
     probability
         Chance of any hit in the mission. Needs no stops.
     rate
@@ -169,6 +170,9 @@ def size(
         exceeded with the chance `exceedance` alone. An acceleration needs stops with a stiffness.
     exceedance
         Accepted chance that the hardest hit of a mission exceeds the limit.
+    at
+        Of several coordinates, the one, or the named point, whose acceleration is limited; by
+        default any of them that is a length.
     pair
         Of several pairs, the one whose clearance is searched for while the stops of the others stay
         where they are; by default all pairs share the risk equally: each alone would be hit with
@@ -234,11 +238,15 @@ def size(
     try:
         with heeding_ctrl_c():
             if not model.single:
-                check_several(model, target)
+                limit = limit_of_pairs(scene, target, at)
                 return size_pairs(
-                    scene, target, mission, pair, rel_error=rel_error, seed=seed, threads=threads,
-                    budget=budget, tolerances=tolerances, progress=progress,
+                    scene, target, limit, mission, pair, rel_error=rel_error, seed=seed,
+                    threads=threads, budget=budget, tolerances=tolerances, progress=progress,
                 )  # fmt: skip
+            if at is not None:
+                raise ValueError(
+                    f"at is for several coordinates or pairs, got {at!r} for one oscillator"
+                )
             job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
             return job.sizing()
     except NotApplicable as reason:
@@ -548,7 +556,7 @@ class _Job:
             f"a clearance below {1e3 * place:.4g} mm may do as well: there hits come without the "
             "pauses that separate one burst from the next, and no chance can be calculated"
         )
-        self.kept_with = _chance(rate, self.mission)
+        self.kept_with = chance_of(rate, self.mission)
         if self.kept_with.upper_95 is not None:
             self.warnings.append(
                 f"{self.kept_with.how} exceeds the limit at {1e3 * place:.4g} mm, though fast "
@@ -690,13 +698,6 @@ def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
     if not found.value:
         return -math.inf, 0.0
     return math.log(found.value / wanted), found.standard_error / found.value
-
-
-def _chance(rate: Estimate, mission: float) -> Estimate:
-    """Chance that an event of this rate happens in a mission, 1 - exp(-rate mission)."""
-    value = -math.expm1(-rate.value * mission)
-    upper = None if rate.upper_95 is None else -math.expm1(-rate.upper_95 * mission)
-    return replace(rate * (mission * (1.0 - value)), value=value, upper_95=upper)
 
 
 def _screening(scene: Scene) -> Screening | None:

@@ -50,11 +50,14 @@ class PairsSizing(Result):
         the sized pair alone where there is one.
     probability
         Chance that any pair is hit in the mission at these clearances.
+    expected_hits
+        Hits on all pairs in the mission there, simulated with all stops; None where unknown.
     pairs
         One row per pair: `pair`, `sigma` (rms of the gap without stops, m), `lower` and `upper`
         (distances of its stops from the mean gap in the answer, m), `clearance_in_sigma` (of the
-        nearer one), `probability_alone` (chance of a hit if this pair alone had stops) and
-        `share_of_first_hits`.
+        nearer one), `probability_alone` (chance of a hit if this pair alone had stops),
+        `share_of_first_hits`, and the `expected_hits` on it in the mission with their
+        `impact_speed_mean` (m/s; NaN where unknown).
     curve
         One row per risk: `probability_alone` of each sized pair, the clearance of each sized pair
         under its name (m), `probability` with `probability_low` and `probability_high` of a hit of
@@ -90,6 +93,7 @@ class PairsSizing(Result):
     pair: str | None
     clearances: Mapping[str, Clearance]
     probability: Probability
+    expected_hits: Estimate | None
     pairs: pd.DataFrame
     curve: pd.DataFrame
     three_sigma: Probability
@@ -103,10 +107,13 @@ class PairsSizing(Result):
         """The clearances, the risk that they keep, and what three sigma would do, in a sentence."""
         mission = spoken_mission(self.mission)
         mm = ", ".join(f"{name} {1e3 * c.value:.4g} mm" for name, c in self.clearances.items())
+        there = ""
+        if self.expected_hits is not None and self.target.name != "rate":
+            there = f", with {self.expected_hits.value:.3g} hits to be expected"
         fixed = "" if self.pair is None else " with the other stops as they are"
         return (
-            f"{mm} per side{fixed} keep the chance of any hit in {mission} at "
-            f"{spoken_percent(self.target.value)}; at 3 sigma of every gap it is "
+            f"{mm} per side{fixed} keep {self.target.kept(self.mission)}{there}; at 3 sigma of "
+            f"every gap any is hit in {mission} with a chance of "
             f"{spoken_percent(self.three_sigma.value)}"
         )
 

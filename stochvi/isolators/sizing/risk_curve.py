@@ -27,6 +27,10 @@ CERTAIN = 0.999
 KNOWN = 1.0 - 1e-12
 """Largest chance of a hit whose ln(1 - P) still has four digits after rounding."""
 
+RARE_ENOUGH = 10.0
+"""Number of first hits in a mission up to which the chance of none is read from its curve, and
+above which from their rate."""
+
 LIKELY = 0.5
 """Chance of a hit above which its error is taken from that of the rate of first hits."""
 
@@ -61,6 +65,11 @@ class RiskCurve:
         """-ln(1 - P) at the smallest clearance whose chance of a hit is below 1."""
         return math.exp(self._logarithms()[1][0])
 
+    @property
+    def most_first_hits(self) -> float:
+        """First hits of a mission at the smallest clearance, by their limiting rate."""
+        return 0.99 * self.first_rate(float(self.clearances[0])) * self.mission
+
     def clearance(self, probability: float) -> Clearance:
         """The clearance at which the chance of any hit is `probability`, with its 95 % interval."""
         wanted = math.log(-math.log1p(-probability))
@@ -86,6 +95,20 @@ class RiskCurve:
         slope = (curve(inside + step) - curve(inside - step)) / (2.0 * step)
         half = float(np.interp(value, self.clearances[usable], errors)) / abs(slope)
         return Clearance(value=value, lower=value - half, upper=value + half)
+
+    def place(self, hazard: float) -> float:
+        """The clearance (m) at which -ln(1 - P) is `hazard`, however close to 1 the chance P is."""
+        if hazard <= RARE_ENOUGH:
+            return self.clearance(-math.expm1(-hazard)).value
+        # in a mission with many first hits, their limiting rate says it all
+        wanted = hazard / self.mission
+        low, high = self.clearances[[0, -1]]
+        if wanted > self.first_rate(low):
+            raise ValueError(
+                f"first hits {wanted:.3g} times a second belong to a clearance below "
+                f"{1e3 * low:.4g} mm, the smallest that is looked at"
+            )
+        return float(brentq(lambda c: self.first_rate(c) - wanted, low, high))
 
     def probability(self, clearance: float) -> float:
         """Chance of any hit at a clearance; beyond the levels the share of Rice's is kept."""

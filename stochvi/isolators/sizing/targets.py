@@ -6,16 +6,17 @@ from scipy.optimize import brentq
 
 from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.risk_curve import CERTAIN
-from stochvi.model.model import Model, model_of
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import LARGEST_NUMBER, Scene
-
-TYPICAL_SPEED = 1.25
-"""Speed of a usual first hit in rms velocities: about half of the first hits are faster."""
-
-WIDEST = 3.0
-"""Largest factor on the speeds of first hits; statistical weights grow with this factor."""
+from stochvi.statistics.structure_hits import (
+    TYPICAL_SPEED,
+    WIDEST,
+    Limit,
+    check_forces,
+    outputs_of,
+)
 
 
 def target_of(
@@ -67,19 +68,22 @@ def widening(scene: Scene, target: Target, velocity_std: float, clearance: float
     return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
 
 
-def check_several(model: Model, target: Target) -> None:
-    """Raise `NotApplicable` for what is not sized where there are several coordinates or pairs."""
-    unmet = []
+def limit_of_pairs(scene: Scene, target: Target, at: str | None) -> Limit | None:
+    """The limit that hits of several pairs must not exceed; None for a target that has none.
+
+    Raises `NotApplicable` for what is not sized where there are several coordinates or pairs.
+    """
+    model = model_of(scene)
     if not model.pairs:
-        unmet.append("the scene needs an impact_pair for every gap that is to be sized")
-    if target.name != "probability":
-        unmet.append(
-            f"{target.name} must be left out where there are several coordinates or pairs: size "
-            "them for a probability of any hit, and let clearance or simulate show the rates and "
-            "speeds of hits there"
+        raise NotApplicable(
+            "size", ["the scene needs an impact_pair for every gap that is to be sized"]
         )
-    if unmet:
-        raise NotApplicable("size", unmet)
+    if at is not None and target.name != "peak_acceleration":
+        raise ValueError(f"at = {at!r} belongs to peak_acceleration, which is not given")
+    if target.name == "peak_acceleration":
+        check_forces(model)
+        return Limit(target.name, target.value, outputs_of(scene, at))
+    return Limit(target.name, target.value) if target.name == "impact_speed" else None
 
 
 def check_laws(scene: Scene, target: Target) -> None:

@@ -174,7 +174,7 @@ def plan_gaps(model: Model, directions: Matrix) -> GapResponse:
     fastest = math.sqrt(float(np.max(modes.squares[carrying])))
     damped = eigenvalues(np.diag(modes.squares), modes.damping)
     relaxation = float(np.max(-1.0 / damped.real))
-    tables = _all_tables(model, modes)
+    tables = with_tables(model).modal.tables
     modes = modes._replace(tables=tables)
     length = _block_length(modes, BLOCK_RELAXATIONS * max(relaxation, 1.0 / fastest))
     rate = SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi)
@@ -202,14 +202,15 @@ def plan_gaps(model: Model, directions: Matrix) -> GapResponse:
     )
 
 
-def _all_tables(model: Model, modes: ModalForm) -> Tables:
-    """Every noise as a density, with its modal forces: white noise up to where hardly any of its
-    velocity variance is left."""
-    tables = list(modes.tables)
+def with_tables(model: Model) -> Model:
+    """The model with every noise as a density: white noise up to where hardly any of its velocity
+    variance is left, filtered noise as far as its filter lets it."""
+    modes = model.modal
+    tables = list(model.tables)
     natural = np.sqrt(modes.squares[modes.squares > 0.0])
     slowest, fastest = float(np.min(natural)), float(np.max(natural))
     for signal in model.signals:
-        tables.append((_filtered(signal, slowest), modes.shapes.T @ signal.direction))
+        tables.append((_filtered(signal, slowest), signal.direction))
     widest = float(np.max(np.diag(modes.damping)))
     highest = max(
         widest / (math.pi**2 * WHITE_LOSS), SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi)
@@ -219,5 +220,5 @@ def _all_tables(model: Model, modes: ModalForm) -> Tables:
             frequency_hz=np.array([LOWEST_FREQUENCY * slowest / (2.0 * math.pi), highest]),
             density=np.full(2, density_from_intensity(intensity)),
         )
-        tables.append((flat, modes.shapes.T @ direction))
-    return tuple(tables)
+        tables.append((flat, direction))
+    return replace(model, whites=(), signals=(), tables=tuple(tables))

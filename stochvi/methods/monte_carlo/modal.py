@@ -15,6 +15,7 @@ from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
 from stochvi.methods.monte_carlo.kernels.modal_stops import MOST_SWEEPS, Resets
 from stochvi.methods.monte_carlo.kernels.modes import (
+    Largest,
     ModalSteps,
     Passes,
     SmoothResponse,
@@ -287,13 +288,13 @@ class ModalPlan(SteppedPlan):
     def _advance(
         self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, burn_in: int, steps: int,
         stride: int, record: NDArray[np.float64] | None, log: Log | None,
-        tables: SmoothResponse | None = None,
+        tables: SmoothResponse | None = None, largest: Largest | None = None,
     ) -> None:  # fmt: skip
         """Simulate the paths on, and add the last `steps` to `sums`."""
         run_modes(
             state, streams, sums, self._kernel_constants, tables, self._contact_constants,
             None if self._pulls is None else _table(self._pulls), burn_in, steps, stride, record,
-            log,
+            log, largest,
         )  # fmt: skip
 
     @property
@@ -309,9 +310,15 @@ class ModalPlan(SteppedPlan):
         """
         sums = np.zeros((self._rows_of_sums, state.shape[1]))
         self._advance(state, streams, sums, 0, steps, steps, None, None)
+        return self._of_pairs(sums)[
+            :, [self.sums_of_pair.index("n_lower"), self.sums_of_pair.index("n_upper")]
+        ]
+
+    def _of_pairs(self, sums: Matrix) -> NDArray[np.float64]:
+        """The sums of a kernel that belong to pairs, (pairs, sums_of_pair, paths)."""
         hits = sums[self._rows_of_pairs]
-        found: NDArray[np.float64] = hits.reshape(len(self.model.pairs), -1, state.shape[1])
-        return found[:, [self.sums_of_pair.index("n_lower"), self.sums_of_pair.index("n_upper")]]
+        found: NDArray[np.float64] = hits.reshape(len(self.model.pairs), -1, sums.shape[1])
+        return found
 
     def columns(self, record: NDArray[np.float64]) -> dict[str, Vector]:
         """Columns of one path: displacement and velocity of every coordinate, impact speeds."""

@@ -27,7 +27,11 @@ from stochvi.mathematics.frequency_response import (
     eigenvalues,
 )
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
-from stochvi.methods.monte_carlo.kernels.modes import SmoothResponse, fill_modal_spectrum
+from stochvi.methods.monte_carlo.kernels.modes import (
+    Largest,
+    SmoothResponse,
+    fill_modal_spectrum,
+)
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import Matrix, ModalPlan, Vector, _table, basis
 from stochvi.methods.monte_carlo.modal_contacts import ModalContactsPlan, check_stiffness
@@ -150,16 +154,17 @@ class ModalTablesPlan(ModalContactsPlan):
         paths: int,
         record: NDArray[np.float64] | None = None,
         log: Log | None = None,
+        accelerations: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
         """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
-        `log` gets every impact."""
+        `log` gets every impact, and `accelerations` see `follow`."""
         # kicks and signals use the last stream of a path, which no block reaches
         streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
         state = self.start(streams)
         n = self.modes.size
         sums = np.zeros((self._rows_of_sums, paths))
         counted, stride = self._counted_of_block, self._stride
-        middle = _table(np.hstack([np.zeros((n, n)), self._kick(self.step / 2.0)[0]]))
+        largest = self._largest(accelerations)
         for number in range(self.blocks):
             free = self.free_response(seed, first_path, paths, number)
             before = free[self.samples - self._burn_in_steps - 1, :, 0::2]
@@ -173,7 +178,7 @@ class ModalTablesPlan(ModalContactsPlan):
                 log = log._replace(start=number * counted * self.step)
             self._advance(
                 state, streams, sums, self._burn_in_steps, counted, stride, block_record, log,
-                SmoothResponse(samples=free, scale=self._scale, half_kick=middle),
+                self._smooth(free), largest,
             )  # fmt: skip
         return self._physical(self._averaged(sums, math.ceil(counted / stride) * self.blocks))
 
@@ -188,16 +193,15 @@ class ModalTablesPlan(ModalContactsPlan):
         and `streams` (2, paths) are replaced by those at the end.
         """
         window = np.concatenate([free[first : first + steps], free[first - 1 : first]])
-        middle = _table(np.hstack([np.zeros((self.modes.size,) * 2), self._kick(self.step / 2)[0]]))
         self._advance(
             state, streams, np.zeros((self._rows_of_sums, state.shape[1])), 0, steps, steps, None,
-            None, SmoothResponse(samples=window, scale=self._scale, half_kick=middle),
+            None, self._smooth(window),
         )  # fmt: skip
         return state[: 2 * self.modes.size] + self.motion_of(free[first + steps - 1])
 
     def motion_of(self, sample: Matrix) -> Matrix:
         """Displacements and velocities (2 modes, paths) of one sample of a free response."""
-        return np.vstack([sample[:, 0::2], self._scale * sample[:, 1::2]])
+        return np.vstack([sample[:, 0::2], self.scale * sample[:, 1::2]])
 
     def at_whole_periods(self, period: float) -> ModalTablesPlan:
         """The plan with blocks of whole periods, s, of a whole number of samples each, at about the
@@ -208,6 +212,48 @@ class ModalTablesPlan(ModalContactsPlan):
         return replace(
             self, block_length=periods * period, samples=periods * samples, step=period / samples
         )
+
+    def follow(
+        self, free: NDArray[np.float64], log: Log, accelerations: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
+        """What the stops make of paths whose motion without stops is given: the sums of all pairs,
+        (pairs, sums_of_pair, paths).
+
+        Parameters
+        ----------
+        free
+            (samples, modes, 2 paths), modal displacements and velocities over `scale`, in turn. The
+            last sample is the one before the first.
+        log
+            Gets every impact, at its time since the last sample.
+        accelerations
+            (paths, outputs), zeros that become the largest absolute accelerations of the outputs of
+            the model while a stop that gives way is touched, m/s^2; None for none.
+        """
+        paths = free.shape[2] // 2
+        state, streams = np.zeros((self.states, paths)), np.zeros((2, paths), np.uint64)
+        sums, steps = np.zeros((self._rows_of_sums, paths)), len(free) - 1
+        self._advance(
+            state, streams, sums, 0, steps, steps, None, log, self._smooth(free),
+            self._largest(accelerations),
+        )  # fmt: skip
+        return self._of_pairs(sums)
+
+    def _smooth(self, free: NDArray[np.float64]) -> SmoothResponse:
+        """A motion without stops, for the kernel."""
+        n = self.modes.size
+        middle = _table(np.hstack([np.zeros((n, n)), self._kick(self.step / 2.0)[0]]))
+        return SmoothResponse(samples=free, scale=self.scale, half_kick=middle)
+
+    def _largest(self, accelerations: NDArray[np.float64] | None) -> Largest | None:
+        """Largest accelerations of the outputs, for the kernel; NotApplicable where they are not
+        known: under kicks, or where something other than the base moves."""
+        if accelerations is None:
+            return None
+        if self.kicked or self._pulls is None:
+            raise NotApplicable("accelerations", ["need a structure that the base alone moves"])
+        rows = np.ascontiguousarray(self.model.output_rows @ self.modes.shapes)
+        return Largest(rows=rows, table=accelerations)
 
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:
         """Forces of tables and sines (coordinates, samples), N; of other noise they are not kept.
@@ -248,7 +294,7 @@ class ModalTablesPlan(ModalContactsPlan):
         return np.eye(self.modes.size), self._kick(self.step / 2.0)[1]
 
     @property
-    def _scale(self) -> float:
+    def scale(self) -> float:
         """Frequency in rad/s by which velocities are divided to be synthesised together with
         displacements."""
         return max(self.modes.fastest, 2.0 * math.pi / self.block_length)
@@ -276,11 +322,11 @@ class ModalTablesPlan(ModalContactsPlan):
     def free_response(
         self, seed: int, first_path: int, paths: int, number: int
     ) -> NDArray[np.float64]:
-        """Modal displacements and velocities over `_scale`, in turn, without stops, of block
+        """Modal displacements and velocities over `scale`, in turn, without stops, of block
         `number` of each path: (samples, modes, 2 paths)."""
         streams = _streams(seed, first_path, paths, number)
         waves = self.amplitudes
-        relative = 2.0 * np.pi / self.block_length / self._scale * np.arange(1, len(waves) + 1)
+        relative = 2.0 * np.pi / self.block_length / self.scale * np.arange(1, len(waves) + 1)
         spectrum = np.empty((self.samples, self.modes.size, paths), complex)
         real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
         fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))

@@ -86,10 +86,15 @@ class PairRisk:
     share_of_first_hits
         Which part of the first hits of a mission is on it. Where two pairs reach their stops at the
         same time, the earlier one of the scene counts.
+    expected_hits, impact_speed_mean
+        Hits on it in a mission, with all stops where they are, and their mean speed, m/s; None
+        where they are not known.
     """
 
     probability: Estimate
     share_of_first_hits: float
+    expected_hits: Estimate | None = None
+    impact_speed_mean: Estimate | None = None
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -98,7 +103,8 @@ class Reliability(Result):
 
     `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says why
     something was not found, or not as accurately as asked for: then the answer comes with a
-    `NotConverged`. `pairs` holds, by name, what each of several pairs risks; then `hits` is None.
+    `NotConverged`. `pairs` holds, by name, what each of several pairs risks, and `outputs` the
+    chance that each coordinate or point alone exceeds the limit of the acceleration.
 
     See Also
     --------
@@ -114,6 +120,7 @@ class Reliability(Result):
     assumptions: Sequence[str]
     missing: Mapping[str, str] = field(default_factory=dict)
     pairs: Mapping[str, PairRisk] = field(default_factory=dict)
+    outputs: Mapping[str, Estimate] = field(default_factory=dict)
     method: str = "reliability"
 
     @property
@@ -155,8 +162,9 @@ class Reliability(Result):
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
-        if not self.pairs:
-            del found["pairs"]
+        for name in ("pairs", "outputs"):
+            if not found[name]:
+                del found[name]
         expected = {
             "expected_hits": found.pop("hits"),
             "expected_hits_interval": found.pop("hits_interval"),

@@ -135,6 +135,11 @@ class Jobs:
             "progress": self.progress,
         }
 
+    @property
+    def sampling_to_rel_error(self) -> dict[str, Any]:
+        """The same, to the accuracy that is asked for."""
+        return self.sampling | {"rel_error": self.rel_error}
+
     def chance(self, plan: MissionPlan, event: str, limit: float | None, way: Way | None) -> Chance:
         """The chance of the event of a plan."""
         found = self._found(plan, event, way, hits=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,8 @@ from stochvi.statistics.pair_crossings import own_distances, pair_crossings
 from stochvi.statistics.rare_hits import Windows, rare_hits
 from stochvi.statistics.reliability.answer import Chance, PairRisk
 from stochvi.statistics.reliability.choice import Hits, Jobs
+from stochvi.statistics.structure_hits import Limit, count_hits, overlap_of
+from stochvi.statistics.structure_hits import exceedance as exceedance_of_pairs
 
 Ends = tuple[float | None, float | None]
 """Lower and upper stop or barrier, m; None for none."""
@@ -61,9 +64,9 @@ def first_hit(
 
 def first_hits_of_pairs(
     scene: Scene, pair: str | None, mission: float, jobs: Jobs
-) -> tuple[Chance, dict[str, PairRisk]]:
+) -> tuple[Chance, dict[str, PairRisk], float]:
     """P(any pair is hit) in the stationary motion, or that of one `pair` as if it alone had stops;
-    and what each pair risks."""
+    what each pair risks; and the `overlap_of` bursts."""
     started = time.process_time()
     model = model_of(scene)
     below, above = own_distances(model)
@@ -82,7 +85,62 @@ def first_hits_of_pairs(
         name: PairRisk(probability=chance, share_of_first_hits=float(share))
         for name, chance, share in zip(names, alone, shares, strict=False)
     }
-    return _from_crossings("hit", estimate, crossings.ages.shape[-2], jobs, started), risks
+    chance = _from_crossings("hit", estimate, crossings.ages.shape[-2], jobs, started)
+    return chance, risks, overlap_of(crossings)
+
+
+def harder_hits_of_pairs(
+    scene: Scene, limit: Limit, mission: float, overlap: float, jobs: Jobs
+) -> tuple[Chance, dict[str, Estimate]]:
+    """The chance that any hit of the mission exceeds a limit; of an acceleration, that of every
+    output alone, too."""
+    started = time.process_time()
+    found = exceedance_of_pairs(scene, limit, mission, overlap, **jobs.sampling_to_rel_error)
+    estimate = found.chance
+    lower, upper = logarithmic_interval(
+        estimate.value, estimate.standard_error, found.degrees, jobs.confidence
+    )
+    rule = f"Student's, of the logarithm, from a jackknife over {found.degrees + 1} paths"
+    if estimate.value == 0.0:
+        rule, upper = f"upper limit: {estimate.how}", estimate.upper_95 or 1.0
+    why = {
+        "bursts": "bursts: first hits of all pairs are given, those that are fast more often, and "
+        "what follows them is simulated with all stops",
+        "windows": "windows: hits hardly pause here, so that windows of the whole motion are "
+        "simulated with all stops",
+    }[found.way]
+    chance = Chance(
+        event=limit.event,
+        limit=limit.value,
+        estimate=estimate,
+        lower=lower,
+        upper=min(upper, 1.0),
+        confidence=jobs.confidence,
+        rule=rule,
+        way=found.way,
+        why=why,
+        trials=found.trials,
+        seconds=time.process_time() - started,
+    )
+    return chance, dict(found.by_output)
+
+
+def hits_of_pairs(
+    scene: Scene, mission: float, overlap: float, risks: Mapping[str, PairRisk], jobs: Jobs
+) -> tuple[Hits, dict[str, PairRisk]]:
+    """Expected hits of a mission on all pairs; and what each pair risks, with its own hits."""
+    found = count_hits(scene, overlap, **jobs.sampling_to_rel_error)
+    named = [pair.name for pair in scene.impact_pairs]
+    known = {
+        name: replace(
+            risk,
+            expected_hits=found.rates[name] * mission,
+            impact_speed_mean=found.speeds[name],
+        )
+        for name, risk in risks.items()
+        if name in named
+    }
+    return _in_mission(found.rate, mission, found.steps, jobs), dict(risks) | known
 
 
 SMALLEST = sys.float_info.min
@@ -203,6 +261,11 @@ def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
         simulated = response.impact_pairs[scene.impact_pairs[0].name]["collision_rate"]
         assert isinstance(simulated, Estimate)
         rate, steps = simulated, response.cost.steps
+    return _in_mission(rate, mission, steps, jobs)
+
+
+def _in_mission(rate: Estimate, mission: float, steps: int, jobs: Jobs) -> Hits:
+    """Expected hits of a mission from their rate."""
     estimate = replace(rate * mission, how=f"{mission:g} s times the rate: {rate.how}")
     reach = normal_quantile(1.0 - jobs.confidence) * estimate.standard_error
     return Hits(estimate, (max(estimate.value - reach, 0.0), estimate.value + reach), steps)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import time
 from concurrent.futures import Executor
+from dataclasses import replace
 
 from scipy.special import ndtr
 
@@ -31,10 +32,11 @@ from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import Cost, provenance
+from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import deviations
+from stochvi.statistics.pair_crossings import same_gaps
 from stochvi.statistics.reliability.answer import Chance, Reliability
 from stochvi.statistics.reliability.choice import MISSED, Hits, Jobs, Way
 from stochvi.statistics.reliability.conditioning import (
@@ -44,7 +46,16 @@ from stochvi.statistics.reliability.conditioning import (
     exceedance,
     first_hit,
     first_hits_of_pairs,
+    harder_hits_of_pairs,
+    hits_of_pairs,
 )
+from stochvi.statistics.structure_hits import Limit, check_forces, outputs_of, without_stops
+
+FIRST_HITS = 0.4
+"""Share of the budget that the chance of any hit of several pairs may take."""
+
+AS_MUCH = 1e-3
+"""Chance that springs and dampers alone exceed an acceleration, from which a warning tells it."""
 
 AT_ONCE = 0.05
 """Share of P(hit) that is there at the start, from which a warning tells its size."""
@@ -58,6 +69,7 @@ def reliability(
     barrier: float | Ends | None = None,
     impact_speed: float | None = None,
     peak_acceleration: float | None = None,
+    at: str | None = None,
     pair: str | None = None,
     start: Start = "stationary",
     way: Way | None = None,
@@ -76,7 +88,7 @@ def reliability(
     scene
         One oscillator: under white noise with any rigid stops, or stops that give way; under any
         Gaussian noise with stops, from a stationary start. Or a linear structure of several
-        coordinates or pairs, for the chance of any hit under Gaussian noise, from that start.
+        coordinates or pairs under Gaussian noise, from that start.
     mission
         Duration, s.
     barrier
@@ -85,6 +97,9 @@ def reliability(
     impact_speed, peak_acceleration
         Limits for the incident speed of any impact (m/s) and for the absolute acceleration in any
         contact (m/s^2), of stops that give way.
+    at
+        Of several coordinates, the one, or the named point, whose acceleration is limited; by
+        default any of them that is a length, not an angle. It counts while any stop is touched.
     pair
         Name of the one of several pairs whose chance of a hit is asked after, as if it alone had
         stops; by default that any pair is hit.
@@ -143,13 +158,16 @@ def reliability(
     model = model_of(scene)
     check_pair(model, pair)
     if not model.single:
-        _check_several(model, barrier, impact_speed, peak_acceleration, start, way)
+        _check_several(model, barrier, start, way)
+        hardest = _limits_of_pairs(scene, impact_speed, peak_acceleration, at)
         with crew_of(executor, threads) as crew:
             jobs = Jobs(
                 crew=crew, seed=seed, rel_error=rel_error, confidence=confidence,
                 deadline=Deadline.after(budget), progress=progress,
             )  # fmt: skip
-            return _of_pairs(scene, pair, mission, jobs, started)
+            return _of_pairs(scene, pair, hardest, mission, jobs, started)
+    if at is not None:
+        raise ValueError(f"at is for several coordinates or pairs, got {at!r} for one oscillator")
     ends = _barriers(model, barrier)
     coloured = _is_coloured(scene, model, start, way)
     outside = _outside(model, ends)
@@ -217,21 +235,12 @@ def check_pair(model: Model, pair: str | None) -> None:
         raise ValueError(f"pair must be one of {', '.join(names) or '(none)'}, got {pair!r}")
 
 
-def _check_several(
-    model: Model, barrier: float | Ends | None, impact_speed: float | None,
-    peak_acceleration: float | None, start: str, way: str | None,
-) -> None:  # fmt: skip
+def _check_several(model: Model, barrier: float | Ends | None, start: str, way: str | None) -> None:
     """Raise what cannot be answered where there are several coordinates or pairs."""
     several = "where there are several coordinates or pairs"
     unmet = []
     if barrier is not None or not model.pairs:
         unmet.append(f"the scene needs an impact_pair for every gap, instead of barrier, {several}")
-    for name, value in (("impact_speed", impact_speed), ("peak_acceleration", peak_acceleration)):
-        if value is not None:
-            unmet.append(
-                f"{name} must be left out {several}: the chance of any hit is found there, and "
-                "simulate finds the rates and speeds of hits"
-            )
     if start == "rest":
         unmet.append(f"start must be 'stationary' {several}, got 'rest'")
     if way not in (None, "first crossings"):
@@ -240,34 +249,86 @@ def _check_several(
         raise NotApplicable("reliability", unmet)
 
 
+def _limits_of_pairs(
+    scene: Scene, impact_speed: float | None, peak_acceleration: float | None, at: str | None
+) -> list[Limit]:
+    """The limits that are asked after, of several coordinates or pairs; raises for those that
+    nothing in the scene determines."""
+    found = [] if impact_speed is None else [Limit("impact_speed", impact_speed)]
+    if peak_acceleration is not None:
+        check_forces(model_of(scene))
+        found.append(Limit("peak_acceleration", peak_acceleration, outputs_of(scene, at)))
+    elif at is not None:
+        raise ValueError(f"at = {at!r} belongs to peak_acceleration, which is not given")
+    return found
+
+
 def _of_pairs(
-    scene: Scene, pair: str | None, mission: float, jobs: Jobs, started: float
+    scene: Scene, pair: str | None, limits: list[Limit], mission: float, jobs: Jobs, started: float
 ) -> Reliability:
-    """The chance that any pair is hit, and what each of them risks."""
+    """The chance that any pair is hit, or any limit exceeded, expected hits, and what each pair
+    risks."""
+    some = replace(jobs, deadline=jobs.deadline.sooner(1.0 - FIRST_HITS))
     try:
-        chance, risks = first_hits_of_pairs(scene, pair, mission, jobs)
+        chance, risks, overlap = first_hits_of_pairs(scene, pair, mission, some)
     except NotApplicable as reason:
         raise NotApplicable("reliability", reason.conditions) from reason
     chances = {"hit": chance}
     # first crossings end where the chances below SMALL are known
     missing = _inaccurate(chances, jobs) if chance.estimate.value < SMALL else {}
+    outputs: dict[str, Estimate] = {}
+    unknown: list[str] = []
+    hits = None
+    stopped = scene
+    if pair is not None:
+        kept = tuple(each for each in scene.impact_pairs if each.name == pair)
+        stopped = scene.model_copy(update={"impact_pairs": kept})
+    for number, limit in enumerate(limits):
+        left = len(limits) - number
+        some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
+        try:
+            harder, by_output = harder_hits_of_pairs(stopped, limit, mission, overlap, some)
+        except (NotConverged, Interrupted) as error:
+            missing[limit.event] = str(error)
+            continue
+        chances[limit.event] = harder
+        outputs |= by_output
+        missing |= _inaccurate({limit.event: harder}, jobs)
+    try:
+        if chance.estimate.value > 0.0:
+            hits, risks = hits_of_pairs(stopped, mission, overlap, risks, jobs)
+    except NotApplicable as reason:
+        unknown.append(f"expected hits are not calculated: {'; '.join(reason.conditions)}")
+    except (NotConverged, Interrupted) as error:
+        missing["expected_hits"] = str(error)
     found = Reliability(
         mission=mission,
         start="stationary",
         chances=chances,
-        hits=None,
-        hits_interval=None,
+        hits=None if hits is None else hits.estimate,
+        hits_interval=None if hits is None else hits.interval,
         confidence=jobs.confidence,
         assumptions=[
             *_assumptions(scene, "stationary"),
-            "expected hits are not calculated where there are several coordinates or pairs; "
-            "simulate finds their rates",
-            *([] if pair is None else [f"the chance is that of {pair}, as if it alone had stops"]),
+            *same_gaps(model_of(scene)),
+            *unknown,
+            *([] if pair is None else [f"all is that of {pair}, as if it alone had stops"]),
+        ],
+        warnings=[
+            f"peak_acceleration of {limit.value:.4g} m/s^2 is exceeded without any stop, with a "
+            f"chance of {alone:.3g} at least; only contacts are counted here"
+            for limit in limits
+            if limit.event == "peak_acceleration"
+            and (alone := without_stops(model_of(scene), limit, mission)) >= AS_MUCH
         ],
         missing=missing,
         pairs=risks,
+        outputs=outputs,
         cost=Cost(
-            wall_time=time.perf_counter() - started, paths=chance.trials, threads=jobs.crew.workers
+            wall_time=time.perf_counter() - started,
+            steps=0 if hits is None else hits.steps,
+            paths=sum(each.trials for each in chances.values()),
+            threads=jobs.crew.workers,
         ),
         provenance=provenance(scene.document(), jobs.seed),
     )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.methods.replay import Replay
     from stochvi.methods.replay.answer import CoordinateReplay
+    from stochvi.results.estimates import Estimate
     from stochvi.scenes.scene import Scene
     from stochvi.statistics.reliability import Chance, Reliability
 
@@ -75,7 +76,11 @@ def reliability_page(
                 title="Chances",
                 lead=f"Intervals at {100.0 * found.confidence:g} % hold the statistical errors "
                 "alone; a chance that was never seen has an upper limit.",
-                grids=[_chances_grid(found), *([_pairs_grid(found)] if found.pairs else [])],
+                grids=[
+                    _chances_grid(found),
+                    *([_pairs_grid(found)] if found.pairs else []),
+                    *([_outputs_grid(found)] if found.outputs else []),
+                ],
                 pictures=[
                     shown(lambda: plot_chances(found), f"Chances in {mission}, with intervals.")
                 ]
@@ -153,11 +158,45 @@ def _chances_grid(found: Reliability) -> Grid:
 def _pairs_grid(found: Reliability) -> Grid:
     return Grid(
         caption="Pair by pair: the chance of a hit if this pair alone had stops, and its share of "
-        "the first hits of a mission",
-        headings=["pair", "chance alone", "of first hits"],
+        "the first hits of a mission; its expected hits there and their mean speed, with all stops "
+        "where they are",
+        headings=["pair", "chance alone", "of first hits", "expected hits", "mean speed (m/s)"],
         rows=[
-            [name, spoken_percent(risk.probability.value), spoken_percent(risk.share_of_first_hits)]
+            [
+                name,
+                spoken_percent(risk.probability.value),
+                spoken_percent(risk.share_of_first_hits),
+                _known(risk.expected_hits),
+                _known(risk.impact_speed_mean),
+            ]
             for name, risk in found.pairs.items()
+        ],
+        words=1,
+    )
+
+
+def _known(estimate: Estimate | None) -> str:
+    """A number with its 95 % half width."""
+    if estimate is None:
+        return UNKNOWN
+    if estimate.upper_95 is not None:
+        return f"below {estimate.upper_95:.3g}"
+    return f"{estimate.value:.3g} ± {estimate.half_width_95():.2g}"
+
+
+def _outputs_grid(found: Reliability) -> Grid:
+    limit = found.chances["peak_acceleration"].limit or 0.0
+    return Grid(
+        caption=f"Where an acceleration above {G * limit:.4g} g occurs while a stop is touched",
+        headings=["coordinate or point", "chance"],
+        rows=[
+            [
+                name,
+                spoken_percent(chance.value)
+                if chance.upper_95 is None
+                else f"below {spoken_percent(chance.upper_95)}",
+            ]
+            for name, chance in found.outputs.items()
         ],
         words=1,
     )

@@ -20,7 +20,7 @@ from stochvi.views.pairs import (
     tolerances_in_rows,
 )
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
-from stochvi.views.words import MM
+from stochvi.views.words import MM, count_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,6 +67,11 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
                 "Chance of any hit",
                 spoken_percent(sizing.probability.value),
                 f"{interval_in_words(sizing.probability)}, 95 %",
+            ),
+            *(
+                [Fact("Expected hits", count_of(sizing.expected_hits.value), f"in {mission}")]
+                if sizing.expected_hits is not None
+                else []
             ),
             Fact("At 3 sigma of every gap", spoken_percent(sizing.three_sigma.value), mission),
         ],

@@ -240,7 +240,7 @@ def test_a_path_is_that_of_brute_force(laws: tuple[Law, Law]) -> None:
     plan.averages(1, 0, 1, record)
     free = plan.free_response(1, 0, 1, 0)
     n, h, count = plan.modes.size, plan.step, 100
-    value, slope = free[:, :, 0], plan._scale * free[:, :, 1]
+    value, slope = free[:, :, 0], plan.scale * free[:, :, 1]
 
     def smooth(t: float) -> np.ndarray:
         """Modal displacements and velocities by the cubic through two samples."""

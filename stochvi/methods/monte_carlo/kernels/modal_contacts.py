@@ -109,6 +109,23 @@ class Workspace(NamedTuple):
     quintics: NDArray[np.float64]
 
 
+class Accelerations(NamedTuple):
+    """Largest absolute accelerations of a path in a step with contacts.
+
+    Parameters
+    ----------
+    rows : (outputs, modes), from modal forces of springs, dampers and stops to accelerations.
+    before, after : (modes,), modal forces of springs and dampers at both ends of what is left of
+        the step, without what contacts change; changed.
+    largest : (outputs,), m/s^2 or rad/s^2, updated.
+    """
+
+    rows: NDArray[np.float64]
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+    largest: NDArray[np.float64]
+
+
 @numba.njit(cache=True)
 def make_workspace(pairs, modes):
     """Arrays of zeros for these numbers of pairs and modes."""
@@ -376,6 +393,26 @@ def add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def update_accelerations(found, share, modal, a):
+    """Raise the largest accelerations to those where contacts add modal[a], at a share of what is
+    left of the step."""
+    rows, largest = found.rows, found.largest
+    for output in range(rows.shape[0]):
+        total = 0.0
+        for k in range(rows.shape[1]):
+            smooth = found.before[k] + share * (found.after[k] - found.before[k])
+            total += rows[output, k] * (smooth - modal[a, k])
+        largest[output] = max(largest[output], abs(total))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def move_forces(found, share):
+    """Let what is left of the step begin at a share of it."""
+    for k in range(found.before.shape[0]):
+        found.before[k] += share * (found.after[k] - found.before[k])
+
+
+@numba.njit(cache=True, error_model="numpy")
 def apply_event(work, elapsed, step, pair, upper, stops, contacts, peaks, sums, page):
     """Begin or end a contact, or apply an impact on a rigid stop, `elapsed` s into the step."""
     modal, gap, inside = work.modal, work.gap, work.inside
@@ -426,11 +463,13 @@ def start_next_sub_step(modal, gap, at_stop):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def integrate_contacts(gaps, span, start, step, work, stops, contacts, peaks, sums, page):
+def integrate_contacts(
+    gaps, span, start, step, work, stops, contacts, peaks, accelerations, sums, page
+):  # fmt: skip
     """Contacts until all have ended or the span is over; returns the time that this took, s.
 
     `start` is the time from the beginning of the step. On return `work` holds d and r, and the
-    values and slopes of all gaps.
+    values and slopes of all gaps. `accelerations` are None, or `Accelerations`.
     """
     modal, gap, at_stop, q = work.modal, work.gap, work.at_stop, work.quintics
     inside, resting = work.inside, work.resting
@@ -439,6 +478,8 @@ def integrate_contacts(gaps, span, start, step, work, stops, contacts, peaks, su
     modal[D : R + 1] = 0.0
     t, events = 0.0, 0
     evaluate_gaps(t, D, R, A_1, Y, FORCE, work, stops, contacts)
+    if accelerations is not None:
+        update_accelerations(accelerations, 0.0, modal, A_1)
     longest = longest_sub_step(gaps, gap, inside, stops, contacts)
     while t < span:
         h = min(shorter_for_hertz(longest, gap, inside, stops, contacts), span - t)
@@ -460,6 +501,8 @@ def integrate_contacts(gaps, span, start, step, work, stops, contacts, peaks, su
             ends = False
         add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums)
         t = span if ends else t + h
+        if accelerations is not None:
+            update_accelerations(accelerations, t / span, modal, A_4)
         start_next_sub_step(modal, gap, at_stop)
         if s > 1.0:
             continue
@@ -474,18 +517,24 @@ def integrate_contacts(gaps, span, start, step, work, stops, contacts, peaks, su
             break
         held = gap[Y, pair]
         evaluate_gaps(t, D, R, A_1, Y, FORCE, work, stops, contacts)
+        if accelerations is not None:
+            update_accelerations(accelerations, t / span, modal, A_1)
         gap[Y, pair] = held
         longest = longest_sub_step(gaps, gap, inside, stops, contacts)
     return min(t, span)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def decay_freely(state, lane, gaps, t, span, work, terms, contacts):
+def decay_freely(state, lane, gaps, t, span, work, terms, contacts, accelerations):
     """Start the gaps at t, where contacts ended; add the free decay of d and r to all ends."""
     modal, gap, q = work.modal, work.gap, work.quintics
     squares, damping, rows = contacts.squares, contacts.damping, contacts.gaps
     count = squares.shape[0]
     structural_acceleration(modal, D, R, A_1, squares, damping)
+    if accelerations is not None:
+        move_forces(accelerations, t / span)
+        for k in range(count):
+            accelerations.before[k] -= modal[A_1, k]
     for j in range(rows.shape[0]):
         _, _, bend = quintic_at(q, j, t)
         gaps[j, 0], gaps[j, 1] = gap[Y, j], gap[V, j]
@@ -503,6 +552,9 @@ def decay_freely(state, lane, gaps, t, span, work, terms, contacts):
             modal[R_END, k] += modal[R, k]
         structural_acceleration(modal, D, R, A_1, squares, damping)
     structural_acceleration(modal, D_END, R_END, A_1, squares, damping)
+    if accelerations is not None:
+        for k in range(count):
+            accelerations.after[k] -= modal[A_1, k]
     for k in range(count):
         state[k, lane] += modal[D_END, k]
         state[count + k, lane] += modal[R_END, k]

@@ -26,6 +26,7 @@ from stochvi.methods.monte_carlo.kernels.modal_contacts import (
     find_contacts,
     integrate_contacts,
     is_rigid,
+    move_forces,
 )
 
 MOST_SWEEPS = 1000
@@ -282,7 +283,7 @@ def put_on_stop(state, lane, gaps, pair, stop, side, resets):
 
 @numba.njit(cache=True, error_model="numpy")
 def step_with_stops(
-    state, lane, gaps, step, stops, resets, contacts, peaks, work, sums, page=None
+    state, lane, gaps, step, stops, resets, contacts, peaks, accelerations, work, sums, page=None
 ):  # fmt: skip
     """One step of one path with any number of contacts and impacts on any pair.
 
@@ -294,6 +295,7 @@ def step_with_stops(
         lower and the upper stop of each pair.
     contacts : None where all stops are rigid, else their `modal_contacts.Contacts`.
     peaks : (pairs, 2), the largest forces so far of contacts that last from step to step.
+    accelerations : None, or `modal_contacts.Accelerations`, which see contacts alone.
     work : `modal_contacts.Workspace`, overwritten.
     sums : (pairs, ROWS_OF_PAIR), with contacts (pairs, ROWS_OF_CONTACT_PAIR), added to.
     page : None, or part of a log.
@@ -309,9 +311,13 @@ def step_with_stops(
             if touching:
                 start = step - span
                 t = integrate_contacts(
-                    gaps, span, start, step, work, stops, contacts, peaks, sums, page
-                )
-                decay_freely(state, lane, gaps, t, span, work, resets.states.shape[2], contacts)
+                    gaps, span, start, step, work, stops, contacts, peaks, accelerations, sums,
+                    page,
+                )  # fmt: skip
+                decay_freely(
+                    state, lane, gaps, t, span, work, resets.states.shape[2], contacts,
+                    accelerations,
+                )  # fmt: skip
                 span -= t
                 touching = False
                 if span <= 0.0:
@@ -333,6 +339,8 @@ def step_with_stops(
         sums[pair, 3 * upper + 2] += w * w
         for j in range(pairs):
             move_start(gaps, j, first, span)
+        if accelerations is not None:
+            move_forces(accelerations, first)
         span *= 1.0 - first
         if page is not None:  # noqa: SIM102
             if w >= stops[pair, upper, 2]:

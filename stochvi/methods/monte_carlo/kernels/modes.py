@@ -32,7 +32,7 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import stop_force
 from stochvi.methods.monte_carlo.kernels.contact import RIGID
 from stochvi.methods.monte_carlo.kernels.impact_log import page_of
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
-from stochvi.methods.monte_carlo.kernels.modal_contacts import make_workspace
+from stochvi.methods.monte_carlo.kernels.modal_contacts import Accelerations, make_workspace
 from stochvi.methods.monte_carlo.kernels.modal_stops import (
     LaneArrays,
     Resets,
@@ -116,6 +116,19 @@ class SmoothResponse(NamedTuple):
     half_kick: Table
 
 
+class Largest(NamedTuple):
+    """Largest absolute accelerations in the contacts of the counted part of paths.
+
+    Parameters
+    ----------
+    rows : (outputs, modes), from modal forces of springs, dampers and stops to accelerations.
+    table : (paths, outputs), m/s^2 or rad/s^2, updated at every sub-step of a contact.
+    """
+
+    rows: NDArray[np.float64]
+    table: NDArray[np.float64]
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def fill_modal_spectrum(streams, real, imaginary, relative, spectrum):
     """Gaussian spectra of Y + i Y' / w0 of all modes, from the same random coefficients.
@@ -165,6 +178,14 @@ def add_to(total, part):
     for j in range(part.shape[0]):
         for i in range(part.shape[1]):
             total[j, i] += part[j, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_up(total, one, other):
+    """total = one + other, over the rows of `total`."""
+    for j in range(total.shape[0]):
+        for i in range(total.shape[1]):
+            total[j, i] = one[j, i] + other[j, i]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -256,9 +277,25 @@ def add_contact_pulls(pulled, y, v, stops, contacts):
                         pulled[k, i] += side * force * contacts.shares[j, k]
 
 
+@numba.njit(cache=True, error_model="numpy")
+def accelerations_of(largest, path, counted, spare, ends, before, after, lane):
+    """The part of `largest` for one path in one step; `spare` gets those that are not counted.
+
+    `before` and `after` (modes, lanes) are the modal forces at the ends of the step, of which those
+    of the lane are copied to `ends` (2, modes).
+    """
+    if largest is None:
+        return None
+    for k in range(ends.shape[1]):
+        ends[0, k], ends[1, k] = before[k, lane], after[k, lane]
+    own = largest.table[path] if counted else spare
+    return Accelerations(largest.rows, ends[0], ends[1], own)
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_modes(
-    state, streams, sums, structure, tables, contacts, pulls, burn_in, steps, stride, record, log
+    state, streams, sums, structure, tables, contacts, pulls, burn_in, steps, stride, record, log,
+    largest,
 ):  # fmt: skip
     """Advance every path by burn_in + steps steps, and add up the last `steps`.
 
@@ -278,6 +315,7 @@ def run_modes(
     record : None, or zeros (steps, paths, 2 modes + pairs), which get q, p and the signed impact
         speeds of every counted step.
     log : None, or an `impact_log.Log`, which gets the impacts in the counted steps.
+    largest : None, or `Largest`, where there are tables and no kicks, and `pulls`.
     """
     step, modes, passes = structure.step, structure.modes, structure.passes
     stops, margins, resets = structure.stops, structure.margins, structure.resets
@@ -297,6 +335,10 @@ def run_modes(
     first_pull = moments + rows * pairs
     local = np.zeros((sums.shape[0], width))
     pulled, pushing = np.zeros((modes, width)), np.zeros((pairs, width))
+    pull_0, pull_1 = np.zeros((modes, width)), np.zeros((modes, width))
+    ends, spare = np.zeros((2, modes)), np.zeros(0)
+    if largest is not None:
+        spare = np.zeros(largest.rows.shape[0])
     hits, gaps, work = np.zeros((pairs, rows)), np.zeros((pairs, 6)), make_workspace(pairs, modes)
     peaks = np.zeros((width, pairs, 2))
     c = np.zeros((10, width))
@@ -325,6 +367,9 @@ def run_modes(
             matrix_pass(s0, 0.0, smooth, passes.gaps, width)
             matrix_pass(r0, 0.0, smooth, passes.speeds, width)
             add_to(y0, s0)
+        if largest is not None:
+            add_up(total, old, smooth)
+            matrix_pass(pull_0, 0.0, total, pulls, width)
         for number in range(-burn_in, steps):
             counted = number >= 0
             half = (number + burn_in) % 2
@@ -353,6 +398,9 @@ def run_modes(
                     lower, upper = stops[j, 0, 0] + margins[j], stops[j, 1, 0] - margins[j]
                     mark_near_stops(y0, v0, y1, v1, j, third, lower, upper, marks)
                 count = gather_marked(marks, lanes, index)
+                if largest is not None:
+                    add_up(total, new, smooth)
+                    matrix_pass(pull_1, 0.0, total, pulls, width)
                 if count > 0:
                     matrix_pass(a0, 0.0, old, passes.bends_kicked, width)
                     matrix_pass(a1, 0.0, new, passes.bends, width)
@@ -371,8 +419,11 @@ def run_modes(
                         gaps[j, 3], gaps[j, 4], gaps[j, 5] = y1[j, i], v1[j, i], a1[j, i]
                     hits[:] = 0.0
                     step_with_stops(
-                        new, i, gaps, step, stops, resets, contacts, peaks[i], work, hits,
-                        page_of(log, start + i, number, step),
+                        new, i, gaps, step, stops, resets, contacts, peaks[i],
+                        accelerations_of(
+                            largest, start + i, counted, spare, ends, pull_0, pull_1, i
+                        ),
+                        work, hits, page_of(log, start + i, number, step),
                     )  # fmt: skip
                     for j in range(pairs):
                         y1[j, i] = gaps[j, 3]
@@ -385,6 +436,9 @@ def run_modes(
                 s0, s1 = s1, s0
                 r0, r1 = r1, r0
             old, new = new, old
+            if largest is not None:
+                add_up(total, old, smooth)
+                matrix_pass(pull_0, 0.0, total, pulls, width)
             if counted:
                 if number % stride == 0:
                     if tables is None:

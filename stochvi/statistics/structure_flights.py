@@ -1,0 +1,220 @@
+"""Flights of a linear structure from first hits of any of its pairs on.
+
+The motion of all modes without stops is synthesised, and an outcrossing of one gap is put into it:
+given that the gap y_c reaches its stop u with the slope p at t = 0, the modes are
+
+    q_m(t) = x_m(t) + (u - x_c(0)) rho_m(t) + (p - x_c'(0)) eta_m(t),
+    rho_m(t) = E[q_m(t) y_c(0)] / E y_c^2,    eta_m(t) = E[q_m(t) y_c'(0)] / E y_c'^2
+
+before and after the crossing (`kernels.crossings`). Where it is a first hit of any pair, the engine
+in modal coordinates adds to that motion what all stops make of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.methods.monte_carlo.gap_response import GapResponse, with_tables
+from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
+from stochvi.model.free_motion import free_motion
+from stochvi.model.model import Model
+from stochvi.statistics.burst_flights import TOUCH, WINDOWS, Part, widened
+from stochvi.statistics.crossing_ages import STRIDES
+from stochvi.statistics.pair_crossings import GapRecords, PairCrossings, PairMotion, own_distances
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Records = NDArray[np.float64]
+
+LEAST_SHARE = 0.1
+"""Smallest share of the first hits of a stop that is flown on: those of a stop that is hit seldom
+have little weight, but their bursts may be other ones."""
+
+CHOICE = 0xB0457
+"""Keeps the choice of first hits apart from other uses of a seed."""
+
+FLOWN_SAMPLES = 2**21
+"""Largest number of samples of all modes that are flown together, 16 MB."""
+
+LOGGED = 2**14
+"""Impacts for which a log has room at first."""
+
+
+class ModalMotion(PairMotion):
+    """The motion of all modes without stops, of which that of the gaps is made."""
+
+    @cached_property
+    def modes(self) -> GapResponse:
+        """Synthesis of the modal displacements, in the same records as those of the gaps."""
+        modal, law = self.model.modal, free_motion(self.model).law
+        n = modal.size
+        return replace(
+            self.response,
+            modes=modal._replace(gaps=np.eye(n)),
+            velocities=np.diag(law.covariance)[n : 2 * n],
+        )
+
+    @cached_property
+    def rows(self) -> Matrix:
+        """The gaps that move, from modal displacements."""
+        return np.asarray(self.model.modal.gaps[self.moving])
+
+    @cached_property
+    def window(self) -> int:
+        """Number of samples that are flown after a first hit."""
+        return math.ceil(WINDOWS * self.count)
+
+    @cached_property
+    def lagged(self) -> Records:
+        """See `GapResponse.correlations`: those of the modes, over the window."""
+        return self.modes.correlations(max(self.window, self.count))
+
+    @cached_property
+    def correlations(self) -> Records:
+        """Those of the gaps, over what records look back."""
+        kept = self.lagged[:, : self.count + 1]
+        return np.asarray(np.einsum("gm,olmn,hn->olgh", self.rows, kept, self.rows))
+
+    def around(self, gap: int) -> Records:
+        """rho, rho', eta and eta' of all modes from one sample before a crossing of one gap to the
+        end of the window, (samples, modes, 4)."""
+        row = self.rows[gap]
+        # E[q_m(t) y(0)] at t > 0 is E[y(-t) q_m(0)]; every derivative changes sign
+        after = np.einsum("m,olmn->oln", row, self.lagged[:, : self.window + 1])
+        after *= np.array([1.0, -1.0, 1.0])[:, None, None]
+        before = np.einsum("omn,n->om", self.lagged[:, 1], row)
+        r, rate, bend = np.concatenate([before[:, None], after], axis=1)
+        own, own_bend = self.correlations[0, 0, gap, gap], self.correlations[2, 0, gap, gap]
+        return np.stack([r / own, rate / own, rate / own_bend, bend / own_bend], axis=-1)
+
+
+class StructureFlights:
+    """Flights of a linear structure under Gaussian noise, between the stops of its pairs.
+
+    Raises `NotApplicable` as `pair_crossings` does.
+    """
+
+    def __init__(self, model: Model, seed: int) -> None:
+        self.model, self.seed = model, seed
+        free_motion(model)  # raises what no stationary Gaussian motion covers
+        plan = plan_modal_tables(with_tables(model), None, None)
+        self.motion = ModalMotion(model, plan.step, WINDOWS)
+        self.plan: ModalTablesPlan = replace(plan, step=self.motion.response.step)
+        below, above = own_distances(model)
+        self.records = GapRecords(self.motion, seed, below[None], above[None])
+        self.pairs = tuple(pair.name for pair in model.pairs)
+        # a rigid impact has no largest acceleration
+        soft = model.base_alone_moves and not any(stop.rigid for stop in model.stops)
+        self.outputs = model.outputs if soft else ()
+        self._shapes: dict[int, Records] = {}
+
+    @property
+    def together(self) -> int:
+        """Number of paths that are made together."""
+        return self.motion.modes.block(self.motion.modes.gaps)
+
+    def found(self, ages: NDArray[np.float32]) -> PairCrossings:
+        """What the crossings so far say."""
+        return self.records.found(ages)
+
+    def part(self, widening: float, first_path: int) -> Part:
+        """Crossings of one block of paths; those that are first hits are flown on."""
+        records, n = self.records, self.model.modal.size
+        free = self.motion.modes.records(self.seed, first_path, self.together, np.arange(n))
+        gaps = np.empty((*free.shape[:2], 2 * len(records.pairs)))
+        rows = self.motion.rows[records.chosen].T
+        gaps[:, :, 0::2], gaps[:, :, 1::2] = free[:, :, 0::2] @ rows, free[:, :, 1::2] @ rows
+        units = records.units(first_path, self.together)
+        ages = records.ages_in(gaps, units, STRIDES)
+        slopes, weights = widened(units, widening)
+        wide = ages[:1] if widening == 1.0 else records.ages_in(gaps, slopes, STRIDES[:1])
+        rates = records.rice_rates[:, 0]
+        kept = np.maximum(rates / rates.max(), LEAST_SHARE)
+        random = np.random.default_rng([self.seed, CHOICE, first_path])
+        chosen = random.random(wide[0, :, 0].shape) < kept[:, None, None]
+        chosen &= wide[0, :, 0] > records.horizon - 0.5 * self.plan.step
+        columns = [np.empty((3 + 3 * len(self.pairs) + len(self.outputs), 0))]
+        for side, (gap, near, _) in enumerate(records.sides):
+            path, start = np.nonzero(chosen[side])
+            for p, s in self._shared(path, start):
+                speeds = records.speed(gap) * slopes[gap, p, s]
+                motion = self._motion(
+                    free, gap, near[0, gap], p, s, speeds, self._signs(side, p + s)
+                )
+                weight = rates[side] / kept[side] * weights[gap, p, s]
+                columns.append(np.vstack([first_path + p, weight, self._follow(motion)]))
+        return Part(ages, np.concatenate(columns, axis=1))
+
+    def _shared(
+        self, path: NDArray[np.int64], start: NDArray[np.int64]
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        """First hits, in parts that are flown together."""
+        size = max(1, FLOWN_SAMPLES // (2 * self.motion.window * self.model.modal.size))
+        for first in range(0, len(path), size):
+            yield path[first : first + size], start[first : first + size]
+
+    def _signs(self, side: int, numbers: NDArray[np.int64]) -> Vector:
+        """(bursts,): 1 where an upper stop is hit, -1 where the motion is turned over to hit a
+        lower one; where lower stops are as far as upper ones, every other motion is."""
+        if self.records.alike:
+            return np.where(numbers % 2, -1.0, 1.0)
+        near = self.records.sides[side][1]
+        return np.full(len(numbers), 1.0 if near is self.records.above else -1.0)
+
+    def _motion(
+        self, free: Records, gap: int, near: float, path: NDArray[np.int64],
+        start: NDArray[np.int64], speeds: Vector, signs: Vector,
+    ) -> Records:  # fmt: skip
+        """Modal displacements and velocities around crossings of one gap (samples, modes, 2
+        bursts), for the engine, which begins at the last sample."""
+        n, samples = self.model.modal.size, free.shape[1]
+        sample = np.arange(-1, self.motion.window + 1)
+        around = self._around(gap)
+        row = self.motion.rows[self.records.chosen[gap]]
+        here = free[path, start_of := self.records.starts[start]]
+        record = free[path[:, None], (start_of[:, None] + sample) % samples]
+        away = (1.0 + TOUCH) * near - here[:, 0::2] @ row
+        change = speeds - here[:, 1::2] @ row
+        rows = np.empty((len(sample), n, 2 * len(path)))
+        for column, scale in ((0, 1.0), (1, self.plan.scale)):
+            moved = record[:, :, column::2].transpose(1, 2, 0).copy()
+            moved += around[:, :, column, None] * away + around[:, :, 2 + column, None] * change
+            rows[:, :, column::2] = moved * (signs / scale)
+        return np.ascontiguousarray(np.roll(rows, -1, axis=0))
+
+    def _around(self, gap: int) -> Records:
+        """See `ModalMotion.around`, of a gap of the records; kept."""
+        if gap not in self._shapes:
+            self._shapes[gap] = self.motion.around(int(self.records.chosen[gap]))
+        return self._shapes[gap]
+
+    def _follow(self, motion: Records) -> Matrix:
+        """Rows of `Part.bursts` from the hits in the first half of the window on."""
+        bursts = motion.shape[2] // 2
+        accelerations = np.zeros((bursts, len(self.outputs)))
+        rows = LOGGED
+        while True:
+            log = Log(np.zeros((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
+            accelerations[:] = 0.0
+            sums = self.plan.follow(motion, log, accelerations if self.outputs else None)
+            if log.count[0] <= rows:
+                break
+            rows = int(log.count[0])
+        path, pair, time, speed = log.events[: log.count[0]].T
+        fastest = np.zeros((len(self.pairs), bursts))
+        np.maximum.at(fastest, (pair.astype(int), path.astype(int)), np.abs(speed))
+        early = np.bincount(
+            path[time <= 0.5 * self.motion.window * self.plan.step].astype(int), minlength=bursts
+        )
+        of = {name: row for row, name in enumerate(self.plan.sums_of_pair)}
+        hits, speeds = (
+            sums[:, of[f"{what}_lower"]] + sums[:, of[f"{what}_upper"]] for what in ("n", "f1")
+        )
+        return np.vstack([early, hits, speeds, fastest, accelerations.T])

@@ -1,0 +1,403 @@
+"""Hits of several pairs of a structure in a mission: their number, and how hard the hardest is.
+
+Where first hits are rare, bursts are followed from first hits on (`bursts`), and fast first hits
+are drawn more often where a limit asks for them. Where hits hardly pause, pieces of the whole
+motion are simulated (`Windows`): the chance that a limit is exceeded in a mission follows from the
+share of windows in which it is exceeded, and from that of windows in whose second half it is
+exceeded for the first time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from stochvi.methods.monte_carlo import simulate
+from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
+from stochvi.methods.monte_carlo.gap_response import with_tables
+from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
+from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
+from stochvi.model.free_motion import free_motion
+from stochvi.model.modal import absolute_accelerations
+from stochvi.model.model import Model, Pair, model_of
+from stochvi.results.deadline import Deadline, as_far_as_it_got
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import binomial_interval, jackknife_error, upper_limit_unseen
+from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.rigid_body import MOTIONS, RigidBody
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.burst_flights import WINDOW_RELAXATIONS, WINDOWS
+from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts, chance_of
+from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
+from stochvi.statistics.rare_hits import risk_of_windows
+
+Vector = NDArray[np.float64]
+
+TYPICAL_SPEED = 1.25
+"""Speed of a usual first hit in rms velocities: about half of the first hits are faster."""
+
+WIDEST = 3.0
+"""Largest factor on the speeds of first hits; statistical weights grow with this factor."""
+
+FEWEST_WINDOWS, MOST_WINDOWS = 64, 2**15
+"""Smallest and largest number of windows of the whole motion."""
+
+LOGGED = 2**16
+"""Impacts for which the log of a block of windows has room at first."""
+
+
+class Limit(NamedTuple):
+    """What a hit must not exceed.
+
+    Parameters
+    ----------
+    event
+        "impact_speed" (m/s) of any pair, or "peak_acceleration" (m/s^2) of any of the outputs.
+    value
+        The limit.
+    outputs
+        Coordinates and points whose acceleration counts; empty for a speed.
+    """
+
+    event: str
+    value: float
+    outputs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class HitCounts:
+    """Hits per second and their mean speed (m/s; None where unknown), together and by pair; and how
+    they were found, "bursts" or "simulation"."""
+
+    rate: Estimate
+    rates: Mapping[str, Estimate]
+    speeds: Mapping[str, Estimate | None]
+    way: str
+    hits_per_burst: Estimate | None = None
+    steps: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exceedance:
+    """The chance that a limit is exceeded in a mission, with the interval from so many trials.
+
+    Parameters
+    ----------
+    chance
+        0 with an upper limit where no trial exceeded the limit.
+    by_output
+        The chance of each output alone, of a limit of an acceleration.
+    way
+        "bursts" or "windows".
+    degrees
+        Number of independent paths less one.
+    """
+
+    chance: Estimate
+    by_output: Mapping[str, Estimate]
+    way: str
+    trials: int
+    degrees: int
+
+
+def outputs_of(scene: Scene, at: str | None) -> tuple[str, ...]:
+    """Names of the coordinates and points whose acceleration `at` asks after; by default of all
+    that are lengths.
+
+    Raises `ValueError` for a name that the scene does not have, and `NotApplicable` where no
+    absolute acceleration is known.
+    """
+    model = model_of(scene)
+    if not model.base_alone_moves:
+        raise NotApplicable(
+            "peak_acceleration",
+            ["the base alone must move (an excitation of the base, on a structure with a base): "
+             "where noise acts on a mass, the acceleration has no largest value"],
+        )  # fmt: skip
+    if at is None:
+        turning = tuple(MOTIONS)[3:] if isinstance(scene.structure, RigidBody) else ()
+        return tuple(name for name in model.outputs if name not in turning)
+    found = tuple(name for name in model.outputs if at in (name, name.rpartition(".")[0]))
+    if not found:
+        raise ValueError(f"at must be one of {', '.join(model.outputs)}, got {at!r}")
+    return found
+
+
+def check_forces(model: Model) -> None:
+    """NotApplicable where a stop has no force, so that its impacts have no acceleration."""
+    rigid = [pair.name for pair in model.pairs if any(stop.rigid for stop in pair.stops)]
+    if rigid:
+        raise NotApplicable("peak_acceleration", [f"{NEEDS_FORCE} (stops of {', '.join(rigid)})"])
+
+
+def count_hits(scene: Scene, overlap: float, **sampling: Any) -> HitCounts:
+    """Hits per second: by bursts where these are apart, else by simulating everything.
+
+    Parameters
+    ----------
+    overlap
+        Expected first hits in the time for which a burst is followed, see `overlap_of`.
+    sampling
+        The arguments of `bursts` and `simulate` that both have.
+    """
+    found = _apart(scene, overlap, sampling)
+    if found is not None:
+        return HitCounts(
+            rate=found.hit_rate(),
+            rates={name: found.hit_rate(name) for name in found.pairs},
+            speeds={
+                name: found.impact_speed_mean(name) if hits.any() else None
+                for name, hits in zip(found.pairs, found.hits, strict=True)
+            },
+            way="bursts",
+            hits_per_burst=found.hits_per_burst(),
+        )
+    response = as_far_as_it_got(simulate, scene, **sampling)
+    rates, speeds = {}, {}
+    for pair in scene.impact_pairs:
+        rate, speed = (
+            response.impact_pairs[pair.name].get(name)
+            for name in ("collision_rate", "impact_speed_mean")
+        )
+        assert isinstance(rate, Estimate)
+        rates[pair.name] = rate
+        speeds[pair.name] = speed if isinstance(speed, Estimate) else None
+    return HitCounts(
+        rate=_sum([*rates.values()]), rates=rates, speeds=speeds, way="simulation",
+        steps=response.cost.steps,
+    )  # fmt: skip
+
+
+def exceedance(
+    scene: Scene, limit: Limit, mission: float, overlap: float, *,
+    far_from: float | None = None, **sampling: Any,
+) -> Exceedance:  # fmt: skip
+    """The chance that any hit of the mission exceeds a limit; `overlap` as for `count_hits`, and
+    `far_from` a rate of exceedances as for `bursts`."""
+    model = model_of(scene)
+
+    def rate(found: Bursts, outputs: tuple[str, ...] = limit.outputs) -> Estimate:
+        return found.exceedance_rate(limit.event, limit.value, outputs)
+
+    wider = {"widening": widening_of(model, limit), "far_from": far_from}
+    found = _apart(scene, overlap, {**sampling, **wider}, rate)
+    if found is None:
+        return windows(scene, limit, mission, **sampling)
+    reach = found.window / WINDOW_RELAXATIONS / mission
+    by_output = {name: chance_of(rate(found, (name,)), mission, reach) for name in limit.outputs}
+    return Exceedance(
+        chance=chance_of(rate(found), mission, reach),
+        by_output=by_output,
+        way="bursts",
+        trials=len(found.path),
+        degrees=max(len(np.unique(found.path)) - 1, 1),
+    )
+
+
+def overlap_of(crossings: PairCrossings, level: int = 0) -> float:
+    """Expected first hits in the time for which a burst is followed, at one level."""
+    return crossings.first_rate()[level].value * WINDOWS * crossings.horizon
+
+
+def _apart(
+    scene: Scene, overlap: float, sampling: Mapping[str, Any],
+    wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate,
+) -> Bursts | None:  # fmt: skip
+    """Bursts; None where these meet, or no pause separates them."""
+    if overlap >= UNFINISHED:
+        return None
+    try:
+        found: Bursts = as_far_as_it_got(bursts, scene, wanted=wanted, **sampling)
+    except NotApplicable:
+        return None
+    return found if found.apart else None
+
+
+def _sum(rates: list[Estimate]) -> Estimate:
+    """Sum of rates of one simulation, whose errors add up at worst."""
+    unseen = [each.upper_95 for each in rates if each.upper_95 is not None]
+    total = math.fsum(each.value for each in rates)
+    return replace(
+        rates[0],
+        value=total,
+        standard_error=math.fsum(each.standard_error for each in rates),
+        bias=math.fsum(each.bias or 0.0 for each in rates),
+        upper_95=math.fsum(unseen) if unseen and total == 0.0 else None,
+    )
+
+
+def without_stops(model: Model, limit: Limit, mission: float) -> float:
+    """Chance, at least, that the motion without stops alone exceeds the limit of an acceleration in
+    a mission: by crossings at the slowest natural frequency (Rice)."""
+    rows = model.output_rows[[model.outputs.index(name) for name in limit.outputs]]
+    squares = absolute_accelerations(model.modal, free_motion(model).law, rows)
+    slowest = math.sqrt(float(np.min(model.modal.squares))) / (2.0 * math.pi)
+    levels = 0.5 * limit.value**2 / np.maximum(squares, np.finfo(float).tiny)
+    return -math.expm1(-2.0 * slowest * mission * math.exp(-float(levels.min())))
+
+
+def widening_of(model: Model, limit: Limit) -> float:
+    """Factor by which first hits are drawn faster than usual, so that some exceed a limit."""
+    motion = PairMotion(model)
+    speeds = motion.velocity_std
+    if limit.event == "impact_speed":
+        ratio = limit.value / float(speeds.max())
+    else:
+        rows = model.output_rows[[model.outputs.index(name) for name in limit.outputs]]
+        ratio = min(
+            _speed_to_reach(model, pair, rows, limit.value) / speed
+            for pair, speed in zip(model.pairs, speeds, strict=True)
+            if speed > 0.0
+        )
+    return min(max(ratio / TYPICAL_SPEED, 1.0), WIDEST)
+
+
+def _speed_to_reach(model: Model, pair: Pair, rows: Vector, acceleration: float) -> float:
+    """Speed of an impact on one pair (m/s) whose peak force alone gives any of the outputs an
+    acceleration."""
+    push = np.linalg.solve(model.mass, pair.direction)
+    force = acceleration / float(np.max(np.abs(rows @ push)))
+    found = []
+    for stop in pair.stops:
+        law = stop.law
+        assert isinstance(law, CompliantLaw)
+
+        def missing(logarithm: float, law: CompliantLaw = law) -> float:
+            return law.impact(math.exp(logarithm), pair.mass).peak_force - force
+
+        low, high = math.log(1e-9), math.log(1e6)
+        reached = missing(low) < 0.0 < missing(high)
+        found.append(math.exp(brentq(missing, low, high)) if reached else 1e6)
+    return min(found)
+
+
+# Windows of the whole motion ---------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Windows:
+    """Windows of the motion with stops, each a path of its own.
+
+    `plan` has paths of one window, and the same `half` as long.
+    """
+
+    plan: ModalTablesPlan
+    limit: Limit
+    seed: int
+
+    @cached_property
+    def half(self) -> ModalTablesPlan:
+        """The first half of every window."""
+        return replace(self.plan, duration=0.5 * self.window)
+
+    @property
+    def window(self) -> float:
+        """Length of a window, s."""
+        return self.plan.steps * self.plan.step
+
+    def block(self, first: int, paths: int, deadline: Deadline) -> NDArray[np.bool_]:
+        """(2, names, windows): whether a limit is exceeded in the first half, and in a window."""
+        return np.concatenate(in_pieces(self._some, first, paths, deadline), axis=2)
+
+    def _some(self, first: int, paths: int) -> NDArray[np.bool_]:
+        if self.limit.event == "impact_speed":
+            path, time, speed = self._impacts(first, paths)
+            fast = speed > self.limit.value
+            hard = np.zeros((2, 1, paths), bool)
+            hard[0, 0, path[fast & (time <= 0.5 * self.window)]] = True
+            hard[1, 0, path[fast]] = True
+            return hard
+        names = self.plan.model.outputs
+        rows = [names.index(name) for name in self.limit.outputs]
+        found = []
+        for plan in (self.half, self.plan):
+            largest = np.zeros((paths, len(names)))
+            plan.averages(self.seed, first, paths, accelerations=largest)
+            found.append((largest[:, rows] > self.limit.value).T)
+        return np.array(found)
+
+    def _impacts(self, first: int, paths: int) -> tuple[NDArray[np.int64], Vector, Vector]:
+        rows = LOGGED
+        while True:
+            log = Log(np.zeros((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
+            self.plan.averages(self.seed, first, paths, log=log)
+            if log.count[0] <= rows:
+                break
+            rows = int(log.count[0])
+        path, _, time, speed = log.events[: log.count[0]].T
+        return path.astype(np.int64), time, np.abs(speed)
+
+
+def windows(
+    scene: Scene, limit: Limit, mission: float, *, rel_error: float = 0.05, seed: int = 0,
+    threads: int | None = None, executor: Executor | None = None, budget: float | None = 60.0,
+    progress: Any = None,
+) -> Exceedance:  # fmt: skip
+    """The chance that a limit is exceeded in a mission, from windows of the motion with stops."""
+    plan = plan_modal_tables(with_tables(model_of(scene)), None, None)
+    longest = plan.block_length - plan.burn_in
+    plan = replace(plan, duration=max(min(longest, mission), 2.0 * plan.step))
+    made = _Windows(plan, limit, seed)
+    done: list[NDArray[np.bool_]] = []
+    wanted = FEWEST_WINDOWS
+    with crew_of(executor, threads) as crew:
+        done += crew.results(made.block, [(0, plan.block)])
+        deadline = Deadline.after(budget)  # compilation is over
+        while True:
+            blocks = [*blocks_between(len(done) * plan.block, wanted, plan.block)]
+            for part in crew.results(made.block, blocks, deadline):
+                done.append(part)
+            seen = np.concatenate(done, axis=2)
+            chance = _of_windows(np.asarray(seen.any(axis=1)), made.window, mission)
+            error = chance.standard_error / chance.value if chance.value else math.inf
+            count = seen.shape[2]
+            if progress:
+                progress((rel_error / max(error, rel_error)) ** 2, f"{count} windows")
+            if error <= rel_error or deadline.passed() or count >= MOST_WINDOWS:
+                break
+            wanted = min(math.ceil(count * min(1.1 * (error / rel_error) ** 2, 4.0)), MOST_WINDOWS)
+    by_output = {
+        name: _of_windows(seen[:, number], made.window, mission)
+        for number, name in enumerate(limit.outputs)
+    }
+    found = Exceedance(
+        chance=chance, by_output=by_output, way="windows", trials=count, degrees=count - 1
+    )
+    if deadline.interrupted:
+        raise deadline.fell_short(f"after {count} windows", "", found)
+    return found
+
+
+def _of_windows(seen: NDArray[np.bool_], window: float, mission: float) -> Estimate:
+    """The chance in a mission from exceedances (2, windows), in the first half and at all."""
+    count = seen.shape[1]
+    early, whole = seen.astype(float)
+    if not whole.any():
+        most = upper_limit_unseen(count)
+        upper = float(risk_of_windows(np.array(most), np.array(0.5 * most), window, mission))
+        how = f"{count} windows without one"
+        return Estimate(value=0.0, bias=None, how=how, upper_95=min(upper, 1.0))
+    late = whole - early
+
+    def risk(exceeded: Vector, late: Vector) -> Vector:
+        return risk_of_windows(exceeded, late, window, mission)
+
+    value = float(risk(whole.mean(), late.mean()))
+    left_out = risk((whole.sum() - whole) / (count - 1), (late.sum() - late) / (count - 1))
+    error = jackknife_error(left_out)
+    if whole.all():  # of as many windows one less is as likely
+        least = binomial_interval(count, count)[0]
+        error = 0.5 * float(1.0 - risk(np.array(least), np.array(0.0)))
+    return Estimate(
+        value=value, standard_error=error, bias=0.0, how=f"{count} windows of {window:.3g} s"
+    )
