@@ -24,7 +24,7 @@ from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal
 from stochvi.methods.periodic.attractors import PERIODIC, Attractors
 from stochvi.methods.periodic.basins import Flown, Place, load_kernels
 from stochvi.methods.periodic.family import unmet
-from stochvi.model.model import Model, model_of
+from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
@@ -273,13 +273,15 @@ def lifetimes(
     if conditions:
         raise NotApplicable("lifetimes", conditions)
     load_kernels()
+    plan = plan_modal_tables(model, 0.0, None) if model.tables else plan_modal(model, 0.0, None)
+    plan.shortest().averages(0, 0, 2)  # has the kernels compiled
     deadline = Deadline.after(budget)
     number = threads or os.cpu_count() or 1
     with heeding_ctrl_c():
         place = Place(scene, 3, deadline)
         known = _coexisting(place, number, deadline)
         wanted = math.ceil(1.0 / rel_error**2)
-        watch = Watch(place, known, model)
+        watch = Watch(place, known, plan)
         groups = watch.groups(regimes, math.ceil(MORE_PATHS * wanted), seed)
         with ThreadPoolExecutor(number) as pool:
             while not deadline.passed():
@@ -334,9 +336,8 @@ def _coexisting(place: Place, threads: int, deadline: Deadline) -> Attractors:
 class Watch:
     """What all groups of paths share: the plan, the regimes, and how states are turned."""
 
-    def __init__(self, place: Place, known: Attractors, model: Model) -> None:
+    def __init__(self, place: Place, known: Attractors, plan: ModalPlan) -> None:
         self.place, self.known = place, known
-        plan = plan_modal_tables(model, 0.0, None) if model.tables else plan_modal(model, 0.0, None)
         period = place.period
         if isinstance(plan, ModalTablesPlan):
             self.plan: ModalPlan = plan.at_whole_periods(period)

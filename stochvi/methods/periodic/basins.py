@@ -425,7 +425,8 @@ class Place:
             return f"repeats after {each.cycle} period{'s' if each.cycle > 1 else ''}"
         struck = Counter(self.family.stops[stop] for stop in each.track.stops)
         stops = ", ".join(
-            stop if number == 1 else f"{number} {stop}" for stop, number in sorted(struck.items())
+            stop if number == 1 else f"{number} times {stop}"
+            for stop, number in sorted(struck.items())
         )
         if each.track.periods == 1:
             return stops or "no impacts"
