@@ -200,6 +200,7 @@ def sized_by_hits(scene: Scene, **asked: object) -> tuple[PairsSizing, Scene]:
     return found, at_distances(scene, np.array([places, places]))
 
 
+@pytest.mark.verify
 def test_a_rate_of_hits_is_kept() -> None:
     scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
     rate = 2e-4

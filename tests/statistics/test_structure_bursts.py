@@ -114,6 +114,7 @@ def test_rates_of_hits_agree_with_counting(name: str, rel_error: float, paths: i
             assert_agrees(first, total)
 
 
+@pytest.mark.verify
 def test_uncoupled_pairs_have_the_bursts_of_one_oscillator() -> None:
     """Two oscillators that know nothing of each other, one of which is hit a thousand times more
     seldom: the rates of each are those of it alone."""
@@ -134,6 +135,7 @@ def test_uncoupled_pairs_have_the_bursts_of_one_oscillator() -> None:
         assert_agrees(both.hit_rate("x"), alone["z"].hit_rate().value)
 
 
+@pytest.mark.verify
 def test_fast_first_hits_drawn_more_often_change_no_expectation() -> None:
     """The rate of bursts beyond a speed that few reach, against first hits drawn as they come."""
     scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
@@ -238,6 +240,7 @@ def test_stops_that_are_hit_all_the_time_have_no_bursts() -> None:
         bursts(scene, rel_error=0.3)
 
 
+@pytest.mark.verify
 def test_a_seed_gives_the_same_digits_on_any_number_of_threads() -> None:
     scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
     rates: list[Estimate] = [
