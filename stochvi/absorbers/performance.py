@@ -359,7 +359,10 @@ def without_absorber(scene: Scene) -> Scene:
         damping=alone(damping),
         stiffness=alone(stiffness),
     )
-    excitations = [each for each in scene.excitations if scene.place(each) not in gone]
+    excitations = [
+        each for each in scene.excitations
+        if gone.isdisjoint(each.between or (scene.place(each),))
+    ]  # fmt: skip
     _require_shaking(excitations)
     pairs = [pair for pair in scene.impact_pairs if not gone & {pair.on, *(pair.between or ())}]
     return Scene(

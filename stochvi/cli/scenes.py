@@ -17,6 +17,7 @@ KINDS = {
     "absorber": "absorber-on-a-tower",
     "sine": "isolator-sine",
     "rigid-body": "rigid-box",
+    "hammer": "hammer",
 }
 """Shipped scenes that `new` copies, by the kind that --kind names."""
 
@@ -33,7 +34,8 @@ zeta = 0.1
 # frequency_tolerance = 0.1  # relative, and damping_tolerance: for the sensitivity in reports
 # several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],
 # damping = .., stiffness = ..; then say on = or between = in every entry below, on = "base" for
-# an acceleration of the base
+# an acceleration of the base, or between = ["box", "absorber"] for a force and its reaction
+# a percussion machine of such masses: stochvi new --kind hammer
 # a box of six degrees of freedom on its mounts: stochvi new --kind rigid-body
 
 [[impact_pair]]              # leave the section out for no stops
@@ -98,8 +100,8 @@ def profiles() -> None:
 @click.option(
     "--kind", type=click.Choice(["any", *KINDS]), default="any",
     show_default=True,
-    help="A scene with every key, an isolator of this kind with its tables, an absorber, or a box "
-    "of six degrees of freedom on its mounts.",
+    help="A scene with every key, an isolator of this kind with its tables, an absorber, a box "
+    "of six degrees of freedom on its mounts, or a percussion machine.",
 )  # fmt: skip
 def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
@@ -121,6 +123,7 @@ def new(file: Path, kind: str) -> None:
         "any": f"check {file}",
         "absorber": f"absorber {file} --out out",
         "sine": f"sine {file} --from 60 --to 120 --out out",
+        "hammer": f"sine {file} --from 8 --to 16 --out out, and stochvi impacts {file}",
     }.get(kind, f"size {file} --probability 0.01 --out out")
     click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)
 

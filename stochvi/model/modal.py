@@ -24,6 +24,10 @@ Matrix = NDArray[np.float64]
 RIGID_BODY = 1e-13
 """Eigenvalues below this multiple of the largest one are rounding errors, and are set to 0."""
 
+UNREACHED = 1e-26
+"""Share of its largest possible size up to which the intensity of a modal force is rounding, the
+square of the relative error of a sum of forces that cancel each other."""
+
 UNSTABLE = 1e-8
 """Decay rate, relative to the fastest frequency, up to which a structure counts as one without a
 stationary law."""
@@ -147,7 +151,7 @@ def modal_form(model: Model) -> ModalForm:
         shapes=shapes,
         squares=squares,
         damping=shapes.T @ model.damping @ shapes,
-        white=shapes.T @ model.white @ shapes,
+        white=_modal_white(model.white, shapes),
         gaps=np.array(directions).reshape(-1, len(squares)) @ shapes,
         rest=np.divide(load, squares, out=np.zeros_like(load), where=~free),
         signals=generator,
@@ -156,6 +160,16 @@ def modal_form(model: Model) -> ModalForm:
         sines=tuple(sines),
         tables=tuple((table, shapes.T @ direction) for table, direction in model.tables),
     )
+
+
+def _modal_white(white: Matrix, shapes: Matrix) -> Matrix:
+    """Phi' S Phi, with zeros for modes that the noise does not reach: rounding would leave them
+    correlations above 1."""
+    found: Matrix = shapes.T @ white @ shapes
+    largest = np.diag(np.abs(shapes).T @ np.abs(white) @ np.abs(shapes))
+    still = np.diag(found) <= UNREACHED * largest
+    found[still], found[:, still] = 0.0, 0.0
+    return found
 
 
 class LinearLaw(NamedTuple):

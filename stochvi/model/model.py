@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 import weakref
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import assert_never
 
@@ -16,6 +17,7 @@ from stochvi.mathematics.frequency_response import Force, Steering
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.modal import ModalForm, modal_form
 from stochvi.scenes.cross_densities import independent_sources
+from stochvi.scenes.drift import without_drift
 from stochvi.scenes.excitations import (
     BASE,
     ConstantLoad,
@@ -371,7 +373,9 @@ class Model:
     @cached_property
     def load(self) -> float:
         """Constant load on one oscillator per unit mass, m/s^2."""
-        return sum((a / self._scale(d) if d[0] > 0.0 else -a for a, d in self.constants), start=0.0)
+        return sum(
+            (math.copysign(1.0, d[0]) * a / self._scale(d) for a, d in self.constants), start=0.0
+        )
 
     @cached_property
     def acceleration_tables(self) -> tuple[Table, ...]:
@@ -389,8 +393,9 @@ class Model:
 
     def _scale(self, direction: Force) -> float:
         """The mass that turns a force into an acceleration; 1 for an acceleration of the base."""
-        on_mass = not isinstance(direction, Steering) and direction[0] > 0.0
-        return self.unit_mass if on_mass else 1.0
+        if isinstance(direction, Steering):
+            return 1.0
+        return self.unit_mass / abs(direction[0]) if direction[0] else math.inf
 
     @property
     def noise_on_mass(self) -> bool:
@@ -400,7 +405,7 @@ class Model:
             *(d for _, d in self.tables if not isinstance(d, Steering)),
             *(signal.direction for signal in self.signals),
         ]
-        return any(direction[0] > 0.0 for direction in directions)
+        return any(direction[0] > 0.0 or not self.moving_base for direction in directions)
 
     @cached_property
     def lower(self) -> Stop | None:
@@ -492,7 +497,7 @@ def _lowered(scene: Scene) -> Model:
             rates = (math.sqrt(stiffness[0, 0] / mass[0, 0]), float(damping[0, 0] / mass[0, 0]))
     directions = [_direction(scene, excitation, mass) for excitation in scene.excitations]
     shaken = list(zip(scene.excitations, directions, strict=True))
-    return Model(
+    model = Model(
         coordinates=structure.coordinates,
         mass=mass,
         damping=damping,
@@ -517,6 +522,37 @@ def _lowered(scene: Scene) -> Model:
         potential=potential,
         drag=drag,
     )
+    references, motions = scene.drifts
+    return _seen_from(model, references, motions) if references else model
+
+
+def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
+    """The model of the motion relative to coordinates with which the whole drifts (`drifts`)."""
+    forces = without_drift(model.mass, references, motions)
+    kept = np.delete(np.arange(len(model.mass)), references)
+    inner = np.ix_(kept, kept)
+    mass, damping, stiffness = (
+        (forces @ model.mass)[:, kept],
+        model.damping[inner],
+        model.stiffness[inner],
+    )
+    rates = None
+    if len(kept) == 1:
+        rates = (math.sqrt(stiffness[0, 0] / mass[0, 0]), float(damping[0, 0] / mass[0, 0]))
+    return replace(
+        model,
+        coordinates=tuple(model.coordinates[place] for place in kept),
+        mass=mass,
+        damping=damping,
+        stiffness=stiffness,
+        whites=tuple((strength, forces @ force) for strength, force in model.whites),
+        constants=tuple((strength, forces @ force) for strength, force in model.constants),
+        signals=tuple(replace(each, direction=forces @ each.direction) for each in model.signals),
+        tables=tuple((table, forces @ np.asarray(force)) for table, force in model.tables),
+        pairs=tuple(replace(pair, direction=pair.direction[kept]) for pair in model.pairs),
+        base={axis: row[kept] for axis, row in model.base.items()},
+        rates=rates,
+    )
 
 
 def _signals(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[Signal]:
@@ -528,12 +564,24 @@ def _signals(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[
             case Sine():
                 omega = 2.0 * math.pi * excitation.frequency_hz
                 on_base = scene.place(excitation) == BASE
-                phase = math.radians(excitation.phase_deg)
-                yield Signal(omega, 0.0, 0.0, excitation.peak, direction, phase, on_base)
+                wave = cmath.rect(1.0, math.radians(excitation.phase_deg))
+                wave *= _crank_force(scene, excitation, direction) or excitation.peak
+                yield Signal(omega, 0.0, 0.0, abs(wave), direction, cmath.phase(wave), on_base)
             case WhiteNoise() | ConstantLoad() | DensityNoise():
                 pass  # a part of the model of its own
             case _:
                 assert_never(excitation)
+
+
+def _crank_force(scene: Scene, sine: Sine, direction: Vector) -> complex:
+    """Force on the first coordinate (N, complex peak) of a crank that moves the end of the spring
+    and damper between two; 0 of any other sine."""
+    if not sine.crank:
+        return 0.0
+    _, damping, stiffness = scene.structure.matrices
+    first, second = np.argmax(direction), np.argmin(direction)
+    rate = 2j * math.pi * sine.frequency_hz
+    return complex(-sine.crank * (stiffness[first, second] + rate * damping[first, second]))
 
 
 def _tables(
@@ -573,14 +621,12 @@ def _constants(
 
 def _direction(scene: Scene, excitation: Excitation, mass: Matrix) -> Vector:
     """Forces on the coordinates, per newton or per m/s^2 of the base."""
+    if excitation.between is not None:
+        return scene.unit(*excitation.between)
     place = scene.place(excitation)
     if place == BASE:
         return inertia_of(mass, _base(scene.structure)[excitation.axis or ""])
-    return _unit(scene, place)
-
-
-def _unit(scene: Scene, coordinate: str) -> Vector:
-    return np.array([float(name == coordinate) for name in scene.structure.coordinates])
+    return scene.unit(place)
 
 
 def inertia_of(mass: Matrix, influence: Vector) -> Vector:
@@ -609,10 +655,8 @@ def _pair(scene: Scene, pair: ImpactPair, mass: Matrix) -> Pair:
     if pair.at is not None and pair.direction is not None:
         along = np.array(pair.direction)
         direction = along @ rows_at(pair.at) / float(np.linalg.norm(along))
-    elif pair.between is not None:
-        direction = _unit(scene, pair.between[0]) - _unit(scene, pair.between[1])
     else:
-        direction = _unit(scene, pair.on or scene.structure.coordinates[0])
+        direction = scene.unit(*(pair.between or (pair.on or "",)))
     places = {"lower": (LOWER, pair.lower), "upper": (UPPER, pair.upper)}
     return Pair(
         name=pair.name,

@@ -82,7 +82,11 @@ def scales_of(
 def _first_guess(modes: ModalForm, pair: Pair) -> Substitute:
     frequency = modes.fastest
     stops = [stop.position for stop in pair.stops]
-    if frequency == 0.0:
+    if frequency == 0.0 and modes.tables:
+        # the middle of the band that shakes
+        bands = [(table.frequency_hz[0], table.frequency_hz[-1]) for table, _ in modes.tables]
+        frequency = 2.0 * math.pi * max(math.sqrt(low * high) for low, high in bands)
+    elif frequency == 0.0:
         # no time but that in which noise brings the mass across the gap
         noise = float(np.trace(modes.white)) / pair.mass
         width = max(stops) - min(stops) or abs(stops[0]) or 1.0
@@ -136,45 +140,59 @@ def _substitute(
              "a stop that it never leaves it: it is at rest; shake it, move that stop, or take the "
              "pair out of the scene"],
         )  # fmt: skip
+
+
+            method, [f"no excitation reaches the impact pair {pair.name!r}: it is at rest"]
+        )
+    own, force = held
     energy = pair.mass * square
-    own, slope = held[0], held[1] / energy
+    pressing = max(stop.side * (force - own * stop.position) for stop in pair.stops) / pair.mass
+    lifting = _energy_behind(modes, law, pair, gap) if pressing > 0.0 else 0.0
+    swinging = max(energy, lifting)
     try:
-        cut = _law_of_gap(pair, square, slope, own / energy, giving_way)
+        cut = _law_of_gap(pair, held, energy, giving_way)
+        spread = cut if swinging == energy else _law_of_gap(pair, held, swinging, giving_way)
     except ValueError:
         return None
-    needed = energy / cut.variance
+    needed = swinging / spread.variance
     spring = max(needed - own, SOFTEST * needed)
     power = _power_of_stops(pair, cut, square)
-    pressing = max(
-        stop.side * square * (slope - own / energy * stop.position) for stop in pair.stops
-    )
     mixed = Substitute(
         spring=math.sqrt(old.spring * spring),
-        centre=(needed * cut.mean - slope * energy) / spring,
+        centre=(needed * spread.mean - force) / spring,
         damper=0.5 * (old.damper + power / square),
     )
     leans = pressing * math.sqrt(cut.variance) > LEANING * square
     return mixed, PairScale(
         speed=math.sqrt(square),
         pressing=pressing if leans else 0.0,
-        slope=slope,
-        curvature=own / energy,
-        deviation=math.sqrt(cut.variance),
+        slope=force / swinging,
+        curvature=own / swinging,
+        deviation=math.sqrt(spread.variance),
     )
+
+
+def _energy_behind(modes: ModalForm, law: LinearLaw, pair: Pair, gap: Vector) -> float:
+    """Twice the mean energy, J, of the springs that pull at a gap: a swing behind a mass that is
+    pressed onto a stop lifts it where the motion of the mass itself does not."""
+    pull = pair.mass * gap * modes.squares
+    stiffness = pair.mass * float(pull @ gap)
+    return law.variances(pull, 0) / stiffness if stiffness > 0.0 else 0.0
 
 
 def _law_of_gap(
-    pair: Pair, square: float, slope: float, curvature: float, giving_way: bool
+    pair: Pair, held: tuple[float, float], energy: float, giving_way: bool
 ) -> CutNormal | GibbsLaw:
-    """The normal law exp(slope y - curvature y^2 / 2) between the stops, and within those that
-    give way times exp(-V / (mass square)), V the energy stored there."""
+    """The law exp(-(k y^2 / 2 - f y) / energy) of a gap that k y - f pulls back, between the stops,
+    and within those that give way times exp(-V / energy), V the energy stored there."""
+    own, force = held
     gap = Gap.of_pair(
-        pair, omega=math.sqrt(curvature * square), damping_rate=0.0, load=slope * square
+        pair, omega=math.sqrt(own / pair.mass), damping_rate=0.0, load=force / pair.mass
     )
     if giving_way and gap.soft:
-        return GibbsLaw.of(gap, theta=square)
+        return GibbsLaw.of(gap, theta=energy / pair.mass)
     lower, upper = gap.ends
-    return CutNormal(slope=slope, curvature=curvature, lower=lower, upper=upper)
+    return CutNormal(slope=force / energy, curvature=own / energy, lower=lower, upper=upper)
 
 
 def _power_of_stops(pair: Pair, law: CutNormal | GibbsLaw, square: float) -> float:

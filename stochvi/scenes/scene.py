@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Annotated, Any, Self, assert_never
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
 from stochvi.scenes.cross_densities import CrossDensity, impossible
+from stochvi.scenes.drift import drifts
 from stochvi.scenes.excitations import (
     BASE,
     EXCITATIONS,
@@ -33,6 +35,8 @@ from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, O
 from stochvi.scenes.text import read_text
 from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
 from stochvi.scenes.vehicles import QuarterCar
+
+Array = NDArray[np.float64]
 
 
 class ImpactPair(Checked):
@@ -314,6 +318,34 @@ class Scene(Checked):
         )
 
     @property
+    def drifts(self) -> tuple[list[int], Array]:
+        """Free motions of a whole structure that its stops do not feel either, by the coordinates
+        that the others are seen from (`stochvi.scenes.drift.drifts`); none without stops, or on a
+        moving base."""
+        structure = self.structure
+        none = list[int](), np.zeros((len(structure.coordinates), 0))
+        if not isinstance(structure, Matrices) or not self.impact_pairs:
+            return none
+        if any(self.place(excitation) == BASE for excitation in self.excitations):
+            return none
+        rows = [self.unit(*(pair.between or (pair.on or "",))) for pair in self.impact_pairs]
+        return drifts(np.vstack(structure.matrices[1:]), np.array(rows))
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """The coordinates that answers hold: all but those that a drift is seen from."""
+        references, _ = self.drifts
+        names = enumerate(self.structure.coordinates)
+        return tuple(name for place, name in names if place not in references)
+
+    def unit(self, first: str = "", second: str = "") -> Array:
+        """Row (n,) of a coordinate, or of the difference of two, over all coordinates; that of the
+        first one where none is named."""
+        names = self.structure.coordinates
+        row = np.array([float(name == (first or names[0])) for name in names])
+        return np.asarray(row - np.array([float(name == second) for name in names]))
+
+    @property
     def absorber_coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates that are absorber masses, in the model of the scene."""
         absorber = self.expanded.absorber
@@ -414,6 +446,8 @@ class Scene(Checked):
 
     def _misfit(self, excitation: Excitation) -> str:
         """What is wrong with the place of an excitation; empty if nothing is."""
+        if excitation.between is not None:
+            return self._misfit_between(excitation, excitation.between)
         rigid = isinstance(self.structure, RigidBody)
         known = AXES if rigid else self.structure.coordinates
         where = self.place(excitation)
@@ -443,13 +477,32 @@ class Scene(Checked):
             return "takes force on a coordinate and acceleration on the base"
         if isinstance(excitation, Sine) and (sentence := excitation.misplaced(where)):
             return sentence
-        if not isinstance(excitation, ConstantLoad | Sine):
-            try:
-                if excitation.density_unit is not None:
-                    check_unit(excitation.density_unit, where)
-            except ValueError as error:
-                return str(error)
-        return ""
+        return _misfit_unit(excitation, where)
+
+    def _misfit_between(self, excitation: Excitation, between: tuple[str, str]) -> str:
+        """What is wrong with the place of a force between two coordinates; empty if nothing is."""
+        if not isinstance(self.structure, Matrices):
+            return (
+                f"takes between with structure.kind = 'matrices' only, got {self.structure.kind!r}"
+            )
+        if excitation.on is not None or excitation.axis is not None:
+            return f"takes on or between, got between with {given(excitation, 'on', 'axis')}"
+        known = self.structure.coordinates
+        if len(set(between) & set(known)) < 2:
+            return f"needs two different names of {_one_of(known)} in between, got {list(between)}"
+        where = self.place(excitation)
+        if isinstance(excitation, ConstantLoad) and excitation.force is None:
+            return "takes force between coordinates, got acceleration"
+        if isinstance(excitation, Sine):
+            i, j = (known.index(name) for name in between)
+            _, damping, stiffness = self.structure.matrices
+            if excitation.crank and not (stiffness[i, j] or damping[i, j]):
+                return (
+                    f"has displacement of a crank, which needs a spring or damper between "
+                    f"{between[0]!r} and {between[1]!r}, got none; give amplitude (N)"
+                )
+            return excitation.misplaced(where)
+        return _misfit_unit(excitation, where)
 
     def tables_by_axis(self) -> dict[str, Table]:
         """The densities of the axes of the base that cross densities name.
@@ -497,8 +550,10 @@ class Scene(Checked):
         return [("cross_density", sentence)] if sentence else []
 
     def place(self, excitation: Excitation) -> str:
-        """Where an excitation acts: a coordinate or "base", by its own word, else by its kind and
-        the structure's; empty where that does not say."""
+        """Where an excitation acts: a coordinate, "base" or one coordinate against another, by its
+        own word, else by its kind and the structure's; empty where that does not say."""
+        if excitation.between is not None:
+            return " against ".join(excitation.between)
         if excitation.on is not None:
             return excitation.on
         if isinstance(self.structure, RigidBody):
@@ -548,6 +603,12 @@ class Scene(Checked):
         found = [UNLOADED]
         if self.structure.mass is None:
             found.append("mass is not given: 1 kg, which only forces and energies depend on")
+        for place in self.drifts[0]:
+            name = self.structure.coordinates[place]
+            found.append(
+                f"the whole drifts freely, which no stop feels: motions are those relative to "
+                f"{name!r}"
+            )
         words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}
         if isinstance(self.structure, RigidBody):
             found += self.structure.assumptions()
@@ -614,6 +675,17 @@ UNLOADED = "displacements are measured from the position of the unloaded spring"
 
 LARGEST_NUMBER = 1e50
 """Largest number in a scene, per unit mass, and inverse of the smallest: squares stay finite."""
+
+
+def _misfit_unit(excitation: Excitation, where: str) -> str:
+    """What is wrong with the unit of a density at a place; empty if nothing is."""
+    if isinstance(excitation, ConstantLoad | Sine) or excitation.density_unit is None:
+        return ""
+    try:
+        check_unit(excitation.density_unit, where)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def _one_of(names: Sequence[str]) -> str:

@@ -108,10 +108,7 @@ def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
         rows, 1, figsize=(9.6, 2.4 * rows + 0.8), sharex=True, squeeze=False, layout="constrained"
     )
     axes = list(grid[:, 0])
-    names = [
-        column.rpartition(".")[0] or scene.expanded.structure.coordinates[0]
-        for column in displacements
-    ]
+    names = [column.rpartition(".")[0] or scene.expanded.moving[0] for column in displacements]
     for name, column, ax in zip(names, displacements, axes, strict=False):
         own = [pair for pair in pairs if not _spans(pair) and (pair.on or names[0]) == name]
         _plot_motion(found, column, own, ax, f"displacement of {name}")
@@ -277,11 +274,13 @@ def _tracks(found: History, scene: Scene, time: Vector) -> list[Track]:
     """A row for each pair, and for each coordinate that no pair begins with; the stops between two
     masses move with the second."""
     whole = scene.expanded
-    names = whole.structure.coordinates
+    names = whole.moving
     sampled = found.samples["time_s"].to_numpy()
 
     def place(name: str) -> Vector:
         column = f"{name}.displacement_m" if len(names) > 1 else "displacement_m"
+        if name in whole.structure.coordinates and name not in names:
+            return np.zeros_like(time)  # the others are seen from it
         if name not in names:
             owner = name.removeprefix("gap of ")
             column = f"{owner}.gap_m" if len(whole.impact_pairs) > 1 else "gap_m"

@@ -142,3 +142,25 @@ def test_life_times_of_a_scene_with_noise(stochvi: Run, tmp_path: Path) -> None:
     assert regime["destinations"][0]["regime"] == "stops lower, stops upper"
     assert (out / "lifetimes.csv").is_file() and (out / "lifetimes.png").is_file()
     assert "noise beside the sine" in refused(stochvi("lifetimes", MOUNT))
+
+
+def test_new_writes_a_hammer_that_sine_and_impacts_take(tmp_path: Path, stochvi: Run) -> None:
+    file = str(tmp_path / "breaker.toml")
+    assert stochvi("new", file, "--kind", "hammer").code == 0
+    found = one_document(stochvi("sine", file, "--impacts", "1", "--json", "-").out)
+    # momentum: blows per second times their speed are feed / ((1 + R) m)
+    stable = [
+        speeds[0]
+        for branch in found["branches"]
+        if branch["impacts_per_period"] == branch["periods"] == 1
+        for speeds, good in zip(branch["impact_speed"], branch["stable"], strict=True)
+        if good
+    ]
+    assert stable == pytest.approx([100.0 / 1.3 / 12.0], rel=1e-9)
+    blows = one_document(
+        stochvi("impacts", file, "--paths", "16", "--duration", "20", "--json", "-").out
+    )
+    tool = blows["impact_pairs"]["tool"]
+    lost = tool["energy"]["value"] / tool["striking_energy"]["value"]
+    assert lost == pytest.approx(1.0 - 0.3**2)
+    assert tool["striking_energy"]["value"] == pytest.approx(tool["speed_rms"]["value"] ** 2 / 2.0)

@@ -50,10 +50,11 @@ def make_plan(
         raise NotApplicable("simulate", conditions)
     # where a stop gives way, filtered noises are tables, to which sines are added
     giving_way = bool(model.signals) and model.noisy and bool(model.not_rigid())
-    if model.single and (model.tables or giving_way):
+    # without a spring a load accelerates the mass, and tables move it freely: modal kernels
+    loose = model.single and model.restoring is None and model.omega == 0.0
+    falling = loose and (model.load != 0.0 or bool(model.tables))
+    if model.single and not falling and (model.tables or giving_way):
         return plan_tabulated(model, speed_threshold, duration)
-    # without a spring a load accelerates the mass, which only the modal kernels know
-    falling = model.single and model.omega == 0.0 and model.load != 0.0
     if falling or beyond_one_oscillator(model):
         if slow_impacts:
             raise NotApplicable(

@@ -47,6 +47,7 @@ from stochvi.methods.monte_carlo.step_bias import (
 from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
 from stochvi.model.scales import PairScale, scales_of
+from stochvi.model.stationary import not_stationary
 from stochvi.results.errors import NotApplicable
 
 Vector = NDArray[np.float64]
@@ -623,12 +624,12 @@ def basis(model: Model, threshold: float | None, duration: float | None) -> dict
     modes = model.modal
     found = scales_of(model, modes)
     if found is None:
+        missing = not_stationary(model) or [
+            "every mode must be shaken, lose energy by damping or at stops of a restitution below "
+            "1, and be held by stiffness, or by stops and loads"
+        ]
         raise NotApplicable(
-            "simulate",
-            [
-                "every mode must be shaken, lose energy by damping or at stops of a restitution "
-                "below 1, and be held by stiffness or stops (no stationary state was found)"
-            ],
+            "simulate", [f"{each} (no stationary state was found)" for each in missing]
         )
     law, pairs = found
     step = _step(model, modes, law, pairs)

@@ -381,10 +381,11 @@ def plan_modal_tables(
 def _interval(model: Model, known: dict[str, Any]) -> float:
     """Longest time between samples, s: a limit each by the steps of states, a period, the way to a
     stop."""
-    limits: list[float] = [known["step"]]
-    fastest = model.modal.fastest
-    if fastest > 0.0:
-        limits.append(2.0 * math.pi / fastest / SAMPLES_PER_PERIOD)
+    fastest = model.modal.fastest / (2.0 * math.pi)
+    if fastest == 0.0:
+        # a loose mass follows the whole band
+        fastest = max(float(table.frequency_hz[-1]) for table, _ in model.tables)
+    limits: list[float] = [known["step"], 1.0 / fastest / SAMPLES_PER_PERIOD]
     for pair, scale in zip(model.pairs, known["pairs"], strict=True):
         if pair.lower is not None and pair.upper is not None:
             gap = pair.upper.position - pair.lower.position
@@ -403,7 +404,8 @@ def _resonance_length(modes: ModalForm) -> float:
             raise NotApplicable(
                 "simulate",
                 [f"tabulated noise needs damping > 0 in every mode, got none at "
-                 f"{abs(value) / (2.0 * math.pi):.3g} Hz"],
+                 f"{abs(value) / (2.0 * math.pi):.3g} Hz; give the spring its damper (a thousandth "
+                 "of critical damping is enough), or take filtered noise"],
             )  # fmt: skip
         found.append(BLOCK_RELAXATIONS * max(-1.0 / value.real, 1.0 / abs(value)))
     return max(found)

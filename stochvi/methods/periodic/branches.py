@@ -401,9 +401,11 @@ class Finder:
 
 def _determined(track: Track) -> NDArray[np.bool_]:
     """Whether the force determines the motion without impacts: no multiplier is 1. Without damping
-    one is where the natural frequency is a multiple of that of the force."""
+    one is where the natural frequency is a multiple of that of the force; two are of a free body,
+    which rounding moves apart by its square root, but not the singular values."""
     whole = np.all(np.isfinite(track.factors), axis=(1, 2))
-    away = np.abs(np.linalg.eigvals(np.where(whole[:, None, None], track.factors, 0.0)) - 1.0)
+    factors = np.where(whole[:, None, None], track.factors, 0.0)
+    away = np.linalg.svd(factors - np.eye(factors.shape[1]), compute_uv=False)
     return np.asarray(whole & (away.min(axis=1) > FREE))
 
 

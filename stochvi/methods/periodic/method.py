@@ -72,7 +72,8 @@ def harmonic_response(
     followed by length of arc, through folds. The multipliers are those of the map over a period,
     in which an impact turns a disturbance as by its saltation matrix. Regimes are looked for by
     simulations from several states, and from many phases of few impacts: one that neither meets is
-    not found.
+    not found. Percussion machines, free bodies under a feed, are among the structures: their impact
+    speed (B 4.20), the range of their regimes (B 4.21) and of both branches (B 4.12, 4.28).
 
     Parameters
     ----------

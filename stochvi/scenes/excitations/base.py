@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, PrivateAttr, model_validator
+from pydantic import AfterValidator, PrivateAttr, field_validator, model_validator
 
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import DENSITIES, UNITS, Unit, listed_units, unit
@@ -67,10 +67,14 @@ class Disturbance(Checked):
     on
         What it acts on: a coordinate, as a force, or "base", as an acceleration of the base. May be
         left out where only one place is meant: of an isolator the base, of an oscillator x.
+    between
+        Instead: two coordinates of a structure of kind "matrices"; the force acts on the first, and
+        its reaction on the second.
     axis
         Axis along which it moves the base of a rigid body, "x", "y" or "z".
     """
 
+    between: tuple[str, str] | None = None
     axis: Literal["x", "y", "z"] | None = None
 
     effect_word: ClassVar[str]
@@ -78,6 +82,11 @@ class Disturbance(Checked):
 
     family: ClassVar[str]
     """The effect of which it is one kind; an effect that no excitation of a scene has is absent."""
+
+    @field_validator("between", mode="before")
+    @classmethod
+    def _two_names(cls, names: object) -> object:
+        return tuple(names) if isinstance(names, list) else names
 
     @abstractmethod
     def louder(self, level_db: float) -> Self:

@@ -25,7 +25,8 @@ class Sine(Disturbance):
         Peak of the force on a mass, N, or of the acceleration of the base, m/s^2.
     displacement, velocity
         Instead: peak displacement (m) or velocity (m/s) of the base, so that the acceleration grows
-        with the frequency.
+        with the frequency. A displacement `between` two coordinates is that of a crank on one of
+        them, which moves the end of the spring and damper that lead to the other.
     unbalance
         Instead: the unbalance of a rotor on the mass, kg m, whose force is unbalance * omega^2.
     frequency_hz
@@ -79,8 +80,13 @@ class Sine(Disturbance):
         return name, value
 
     @property
+    def crank(self) -> float | None:
+        """Radius (m) of a crank between two coordinates; None of a force, or of a base."""
+        return None if self.between is None else self.displacement
+
+    @property
     def peak(self) -> float:
-        """Peak force on a mass, N, or peak acceleration of the base, m/s^2."""
+        """Peak force on a mass, N, or peak acceleration of the base or of a crank, m/s^2."""
         name, value = self.strength
         power = {"amplitude": 0, "velocity": 1}.get(name, 2)
         return float(value * (2.0 * math.pi * self.frequency_hz) ** power)
@@ -88,7 +94,7 @@ class Sine(Disturbance):
     def misplaced(self, where: str) -> str:
         """What is wrong with the strength of a sine that acts there; empty if nothing is."""
         name, _ = self.strength
-        if name in ("displacement", "velocity") and where != BASE:
+        if name in ("displacement", "velocity") and where != BASE and not self.crank:
             return f"has {name}, which is that of the base, got on = {where!r}; give amplitude (N)"
         if name == "unbalance" and where == BASE:
             return "has unbalance, which acts on a mass, got on = 'base'; give amplitude (m/s^2)"
@@ -100,5 +106,5 @@ class Sine(Disturbance):
 
     def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
         unit = "m/s² peak" if where == BASE else "N peak"
-        strength = f"{self.peak:.4g} {unit}"
+        strength = f"{self.crank:.4g} m crank" if self.crank else f"{self.peak:.4g} {unit}"
         return [(f"Sine on {where}", strength, f"at {self.frequency_hz:g} Hz")]

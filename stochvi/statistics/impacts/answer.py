@@ -45,8 +45,9 @@ class PairStatistics:
         Root mean square impact speed, m/s.
     exponents
         By side, or "both" where both stops have one restitution.
-    energy
-        Mean loss per impact, in `energy_unit`: J, or J/kg where the scene gives no mass.
+    energy, striking_energy
+        Mean loss per impact, and mean m w^2 / 2 with which the reduced mass m arrives, the energy
+        of a blow, in `energy_unit`: J, or J/kg where the scene gives no mass.
     rice_rates, clump_rate, first_hit_rate
         1/s, without stops: Rice's crossings of each stop and of both; of their clumps
         (Vanmarcke); of first hits, from simulated first crossings, if they were asked for.
@@ -60,6 +61,7 @@ class PairStatistics:
     speed_rms: Estimate | None
     exponents: Mapping[str, Exponent]
     energy: Estimate | None
+    striking_energy: Estimate | None
     rice_rates: Mapping[str, float] | None
     clump_rate: float | None
     first_hit_rate: Estimate | None
@@ -193,6 +195,7 @@ def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
     add("variance / mean of counts", "1", pair.dispersion)
     add("rms impact speed", "m/s", pair.speed_rms)
     add("energy lost per impact", pair.energy_unit, pair.energy)
+    add("energy of a blow, m w^2 / 2", pair.energy_unit, pair.striking_energy)
     for side, exponent in pair.exponents.items():
         add(f"exponent of slow impacts, {side}", "1", exponent.fitted)
         if exponent.theory is not None:

@@ -325,6 +325,8 @@ def _pair(
     gap = linear_gap(plan.source.model, pair)
     square = ratio_and_error(tally.squares.sum(axis=1), numbers) if hits else None
     loss = ratio_and_error(tally.energies.sum(axis=1), numbers) if hits else None
+    mass = pair.mass if scene.expanded.structure.mass is not None else 1.0
+    blow = None if square is None else (mass / 2.0 * square[0], mass / 2.0 * square[1])
     return PairStatistics(
         speed_threshold=plan.thresholds[pair.name],
         rates=rates,
@@ -333,9 +335,8 @@ def _pair(
         intervals=histogram(tally.intervals, grid.intervals) if tally.intervals.any() else None,
         speed_rms=None if square is None else _root(square, how),
         exponents=_exponents(pair, tally, grid, plan),
-        energy=None
-        if loss is None
-        else Estimate(value=loss[0], standard_error=loss[1], bias=None, how=how),
+        energy=_ratio(loss, how),
+        striking_energy=_ratio(blow, how),
         rice_rates=None if gap is None else rice_rates(gap, pair),
         clump_rate=None if gap is None else vanmarcke_rate(gap, pair),
         first_hit_rate=_first_hits(scene, pair, gap.mean, seed, threads, executor)
@@ -343,6 +344,12 @@ def _pair(
         else None,
         energy_unit="J/kg" if scene.expanded.structure.mass is None else "J",
     )
+
+
+def _ratio(found: tuple[float, float] | None, how: str) -> Estimate | None:
+    if found is None:
+        return None
+    return Estimate(value=found[0], standard_error=found[1], bias=None, how=how)
 
 
 def _root(square: tuple[float, float], how: str) -> Estimate:
