@@ -40,7 +40,7 @@ def sine(
     options: Common, scene: str, start: float | None, end: float | None, points: int,
     vary: str | None, sweep: str | None, form: str, coordinate: str | None, impacts: int,
 ) -> None:  # fmt: skip
-    """What a structure between rigid stops does under a sine: all regimes, jumps, stability.
+    """What a structure between stops does under a sine: all regimes, jumps, stability.
 
     Regimes that repeat themselves follow exactly, stable or not, over frequency or any key of the
     scene; where a slow sweep jumps is stated. Without --from and --to: at the frequency of the

@@ -140,10 +140,6 @@ def _substitute(
              "a stop that it never leaves it: it is at rest; shake it, move that stop, or take the "
              "pair out of the scene"],
         )  # fmt: skip
-
-
-            method, [f"no excitation reaches the impact pair {pair.name!r}: it is at rest"]
-        )
     own, force = held
     energy = pair.mass * square
     pressing = max(stop.side * (force - own * stop.position) for stop in pair.stops) / pair.mass

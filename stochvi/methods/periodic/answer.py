@@ -100,6 +100,14 @@ BRANCH_KEYS = (
 """Keys of a branch in a JSON document."""
 
 
+COLUMNS = (
+    "branch", "form", "impacts", "impacts_per_period", "periods", "value", "frequency_hz",
+    "displacement_max", "acceleration_max", "impact_speed_max", "multiplier", "stable",
+    "admissible", "name",
+)  # fmt: skip
+"""Columns of a table of regimes."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SpecialPoint:
     """A place where regimes appear, vanish or change their stability.
@@ -260,7 +268,7 @@ class HarmonicResponse(Result):
                 "name": list(branch.names),
             }
             tables.append(pd.DataFrame(columns))
-        empty = pd.DataFrame(columns=["value", "admissible", "name", "multiplier"])
+        empty = pd.DataFrame(columns=list(COLUMNS))
         return pd.concat(tables, ignore_index=True) if tables else empty
 
     def jump_at(self, *, upwards: bool) -> float | None:

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from stochvi.methods.periodic import kernel
 from stochvi.methods.periodic.even import TOLERANCE, even_phases
-from stochvi.methods.periodic.family import Family
+from stochvi.methods.periodic.family import Family, amplitudes
 from stochvi.results.deadline import NEVER, Deadline
 
 Vector = NDArray[np.float64]
@@ -137,6 +137,8 @@ class Track:
         What each point is.
     margin, displacement, acceleration, speeds, factors, starts
         Of `kernel.inspect`.
+    phases
+        Phases of the impacts (points, impacts).
     """
 
     stops: tuple[int, ...]
@@ -149,6 +151,7 @@ class Track:
     speeds: Matrix
     factors: NDArray[np.float64]
     starts: Matrix
+    phases: Matrix
 
     @cached_property
     def sigma(self) -> Vector:
@@ -190,7 +193,9 @@ class Track:
         )  # fmt: skip
 
 
-MEASURED = ("points", "margin", "displacement", "acceleration", "speeds", "factors", "starts")
+MEASURED = (
+    "points", "margin", "displacement", "acceleration", "speeds", "factors", "starts", "phases",
+)  # fmt: skip
 """Fields of a track with a row for each of its points."""
 
 
@@ -263,9 +268,33 @@ class Finder:
         for start in self.starts():
             if self.deadline.passed():
                 return
-            settled = simulate(motion, start, SETTLING)
+            settled = self.simulate(sigma, start)
             if settled is not None and (found := settled.regime(motion, sigma)) is not None:
                 yield found
+
+    def simulate(
+        self, sigma: float, state: Vector, phase: float = 0.0, periods: int = SETTLING
+    ) -> Settled | None:
+        """A motion at a place of the range, by default until it has settled; None where impacts
+        come too fast to be followed."""
+        return simulate(self.motion(sigma), state, periods, phase)
+
+    def end_of(self, track: Track, number: int) -> tuple[Vector, float]:
+        """A state of a regime, and the phase of the force at which it has it."""
+        phase = float(track.phases[number, 0]) if track.stops else 0.0
+        return track.starts[number], phase
+
+    def reaches(self, settled: Settled, sigma: float) -> Callable[[Track, int], bool]:
+        """Whether a simulated motion has settled to a point of a branch with impacts."""
+        regime = settled.regime(self.motion(sigma), sigma)
+        return lambda track, number: regime is not None and track.regime(number).same(regime)
+
+    def amplitude(self, track: Track) -> Vector:
+        """Amplitude of the first harmonic of the output, in units of the kernels."""
+        flat = self.family.flat(track.sigma)
+        return amplitudes(
+            flat, self.family.sizes, track.stops, track.periods, track.phases, track.speeds
+        )
 
     def starts(self) -> Matrix:
         """States (number, 2 n) from which simulations start: rest, and speeds of the pairs."""
@@ -337,7 +366,7 @@ class Finder:
         margin, displacement, acceleration = found.T
         return Track(
             stops, periods, points, tuple(names), margin, displacement, acceleration, speeds,
-            factors, starts,
+            factors, starts, points[:, :-1],
         )  # fmt: skip
 
     def _at(self, track: Track, share: float, number: int) -> Matrix | None:

@@ -13,6 +13,8 @@ from stochvi.methods.periodic import kernel
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import Viscoelastic
+from stochvi.scenes.impact_laws.viscoelastic import LinearLaw
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -157,15 +159,16 @@ def forced(parts: Mapping[str, Matrix], omega: Vector, force: Waves) -> Waves:
     return np.asarray(np.linalg.solve(matrix, force[:, :, None])[:, :, 0])
 
 
-def unmet(model: Model) -> list[str]:
-    """What keeps the periodic regimes of a model from being found, in sentences."""
+def unmet(model: Model, *, giving_way: bool = False) -> list[str]:
+    """What keeps the periodic regimes of a model from being found, in sentences; `giving_way`, if
+    stops may be springs with or without dampers."""
     found = functions(model)
+    kinds = "'restitution', 'elastic' or 'viscoelastic'" if giving_way else "'restitution'"
     found += [
-        f"law.kind must be 'restitution', got {stop.law.kind!r} at the {stop.name} stop of "
-        f"{pair.name}"
+        f"law.kind must be {kinds}, got {stop.law.kind!r} at the {stop.name} stop of {pair.name}"
         for pair in model.pairs
         for stop in pair.stops
-        if not stop.rigid
+        if not stop.rigid and not (giving_way and isinstance(stop.law, LinearLaw))
     ]
     if not model.sines:
         found.append("the scene needs an excitation of kind = 'sine', got none")
@@ -213,7 +216,7 @@ def numbers_of(model: Model, coordinate: int) -> Numbers:
         forces=forces,
         rows=np.array(rows).reshape(-1, len(whitening)),
         distances=np.array([stop.distance for _, stop in stops]),
-        restitutions=np.array([stop.coefficient for _, stop in stops], dtype=float),
+        restitutions=np.array([stop.coefficient or 0.0 for _, stop in stops]),
         omega=model.sines[0].omega / orders[0],
         output=whitening[:, coordinate],
         base=base,
@@ -233,6 +236,9 @@ class Family:
         Chebyshev coefficients (terms, numbers) over the range, scaled.
     sizes
         (n, m, h): coordinates, stops, harmonics.
+    laws
+        Coefficients (terms, 2 m) of stiffness and damping of each stop in turn, scaled; 0 of a
+        rigid one.
     stops
         "pair side" of each stop.
     length, time
@@ -242,6 +248,7 @@ class Family:
     low: float
     high: float
     series: Matrix
+    laws: Matrix
     sizes: tuple[int, int, int]
     stops: tuple[str, ...]
     length: float
@@ -249,9 +256,15 @@ class Family:
 
     @classmethod
     def of(
-        cls, model_at: Callable[[float], Model], low: float, high: float, coordinate: str | None
+        cls,
+        model_at: Callable[[float], Model],
+        low: float,
+        high: float,
+        coordinate: str | None,
+        *,
+        giving_way: bool = False,
     ) -> Family:
-        """The family of the models at the values of a range.
+        """The family of the models at the values of a range; stops may be `giving_way`.
 
         Raises
         ------
@@ -259,22 +272,27 @@ class Family:
             If a model is not covered.
         """
         middle = model_at(0.5 * (low + high))
-        if conditions := unmet(middle):
+        if conditions := unmet(middle, giving_way=giving_way):
             raise NotApplicable("sine", conditions)
         number = 0 if coordinate is None else _place(middle, coordinate)
         numbers = numbers_of(middle, number)
         units, length, time = numbers.units()
         scale = units.flat
+        reach = float(units.rows.flat[0]) if units.rows.size else 1.0
+        softness = reach * time * np.array([reach * time, reach])
 
         def at(x: float) -> Vector:
             model = model_at(low + 0.5 * (1.0 + x) * (high - low))
-            return np.asarray(numbers_of(model, number).flat / scale)
+            laws = np.array(_laws(model)).reshape(-1, 2) * softness
+            return np.concatenate([numbers_of(model, number).flat / scale, laws.ravel()])
 
         pairs = [(pair, stop) for pair in middle.pairs for stop in pair.stops]
+        series = _series(at)
         return cls(
             low=low,
             high=high,
-            series=_series(at),
+            series=np.ascontiguousarray(series[:, : len(scale)]),
+            laws=series[:, len(scale) :],
             sizes=numbers.sizes,
             stops=tuple(f"{pair.name} {stop.name}" for pair, stop in pairs),
             length=length,
@@ -312,6 +330,18 @@ class Family:
         """The scaled numbers (points, numbers) at places of the range."""
         at = 2.0 * np.atleast_1d(sigma) - 1.0
         return np.asarray(np.polynomial.chebyshev.chebval(at, self.series).T)
+
+
+def _laws(model: Model) -> list[tuple[float, float]]:
+    """Stiffness (N/m) and damping (N s/m) of each stop; 0 of a rigid one."""
+    return [
+        (
+            stop.law.stiffness if isinstance(stop.law, LinearLaw) else 0.0,
+            stop.law.damping(pair.mass) if isinstance(stop.law, Viscoelastic) else 0.0,
+        )
+        for pair in model.pairs
+        for stop in pair.stops
+    ]
 
 
 def _place(model: Model, coordinate: str) -> int:

@@ -9,12 +9,10 @@ import numpy as np
 
 from stochvi.methods.periodic.branches import (
     REPEATS,
-    SETTLING,
     Finder,
     Settled,
     Track,
     Vector,
-    simulate,
 )
 
 SMALLEST = 0.02
@@ -61,8 +59,8 @@ class Sweep:
             place = self._place_of(settled, sigma)
             if place is not None:
                 track, number = self._last(place)
-                end, state = float(track.sigma[number]), track.starts[number]
-                phase = float(track.points[number, 0]) if track.stops else 0.0
+                end = float(track.sigma[number])
+                state, phase = self.finder.end_of(track, number)
                 before = _size_at(track, number)
             further = self.grid[(self.grid - end) * self.direction > 1e-12]
             if not len(further):
@@ -89,7 +87,7 @@ class Sweep:
                 return
             periods, sizes = settled.period(REPEATS), [_size(settled)]
             for _ in range((periods or UNSETTLED) - 1):
-                settled = simulate(self.finder.motion(float(sigma)), settled.state, 1)
+                settled = self.finder.simulate(float(sigma), settled.state, periods=1)
                 if settled is None:
                     return
                 sizes.append(_size(settled))
@@ -97,18 +95,17 @@ class Sweep:
             state = settled.state
 
     def _settled(self, sigma: float, state: Vector, phase: float) -> Settled | None:
-        return simulate(self.finder.motion(sigma), state, SETTLING, phase)
+        return self.finder.simulate(sigma, state, phase)
 
     def _place_of(self, settled: Settled, sigma: float) -> Place | None:
         """The point of a branch that a simulated motion has settled to."""
         impacts = settled.impacts(1) if settled.period(REPEATS) == 1 else None
-        regime = settled.regime(self.finder.motion(sigma), sigma)
+        reaches = self.finder.reaches(settled, sigma)
         for track in self.finder.tracks:
             here = np.flatnonzero(np.abs(track.sigma - sigma) < 1e-12)
             for number in here[track.admissible[here]]:
-                point = track.regime(int(number))
                 free = not track.stops and impacts is not None and len(impacts) == 0
-                if free or (regime is not None and track.stops and point.same(regime)):
+                if free or (track.stops and reaches(track, int(number))):
                     return Place(track, int(number))
         return None
 

@@ -18,7 +18,8 @@ from stochvi.methods.periodic.answer import (
     SpecialPoint,
 )
 from stochvi.methods.periodic.branches import Finder, Track
-from stochvi.methods.periodic.family import Family, amplitudes, unmet
+from stochvi.methods.periodic.contact_branches import ContactFinder
+from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.jumps import Sweep
 from stochvi.methods.periodic.linearised import FORMS, linearised, not_covered
 from stochvi.model.model import Model, model_of
@@ -26,7 +27,7 @@ from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.excitations import Sine
-from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
@@ -65,21 +66,23 @@ def harmonic_response(
     sweep: str | None = None,
     budget: float | None = None,
 ) -> HarmonicResponse:
-    """The periodic regimes of a linear structure with rigid stops under a sine or a sum of sines.
+    """The periodic regimes of a linear structure with stops under a sine or a sum of sines.
 
     Between impacts the motion is linear and exact. Regimes with a given order of impacts in a
     number of periods follow from the phases of the impacts by Newton's iteration; branches are
     followed by length of arc, through folds. The multipliers are those of the map over a period,
-    in which an impact turns a disturbance as by its saltation matrix. Regimes are looked for by
-    simulations from several states, and from many phases of few impacts: one that neither meets is
-    not found. Percussion machines, free bodies under a feed, are among the structures: their impact
-    speed (B 4.20), the range of their regimes (B 4.21) and of both branches (B 4.12, 4.28).
+    in which an impact turns a disturbance as by its saltation matrix. In contact with a stop that
+    gives way the motion is linear, too; regimes are then states at the phase 0 that the flow takes
+    back to themselves. Regimes are looked for by simulations from several states, and by Newton's
+    iteration from many more: one that neither meets is not found. Percussion machines, free bodies
+    under a feed, are among the structures: their impact speed (B 4.20), the range of their regimes
+    (B 4.21) and of both branches (B 4.12, 4.28).
 
     Parameters
     ----------
     scene
-        A linear structure with rigid stops of any restitution, gap or preload, constant loads, and
-        sines whose frequencies are multiples of one. Noise is left out, with a warning.
+        A linear structure with rigid, elastic or viscoelastic stops of any gap or preload, constant
+        loads, and sines whose frequencies are multiples of one. Noise is left out, with a warning.
     frequency_hz
         Frequencies of the lowest common multiple of the sines, at which regimes are wanted; by
         default that of the scene.
@@ -138,11 +141,12 @@ def harmonic_response(
     if most_impacts < 1:
         raise ValueError(f"most_impacts must be at least 1, got {most_impacts}")
     if budget is not None:
-        _load_kernels()
+        _load_kernels(giving_way=bool(model_of(scene).not_rigid()))
     deadline = Deadline.after(budget)
     key, values, scene_at = varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
-    if conditions := unmet(model) if form == "exact" else not_covered(model):
+    soft = bool(model.not_rigid())
+    if conditions := unmet(model, giving_way=True) if form == "exact" else not_covered(model):
         raise NotApplicable("sine" if form == "exact" else f"sine:{form}", conditions)
     low, high = float(values[0]), float(values[-1])
     if key == FREQUENCY and high > WIDEST * low:
@@ -153,15 +157,18 @@ def harmonic_response(
     if low == high:
         wide = MARGIN * (abs(low) or 1.0)
         low, high = low - wide, high + wide
-    family = Family.of(lambda value: model_of(scene_at(value)), low, high, coordinate)
-    finder = Finder(family, family.sigma(values), most_impacts, deadline)
+    family = Family.of(
+        lambda value: model_of(scene_at(value)), low, high, coordinate, giving_way=soft
+    )
+    kind = ContactFinder if soft else Finder
+    finder = kind(family, family.sigma(values), most_impacts, deadline)
     if slow := too_slow(finder):
         raise NotApplicable("sine", [slow])
     with heeding_ctrl_c():
         finder.find()
         jumps = _jumps(finder) if len(values) > 1 else ()
         simulated = tuple(_simulated(finder, upwards) for upwards in SWEEPS[sweep])
-    branches = tuple(_branch(family, track) for track in finder.tracks)
+    branches = tuple(_branch(finder, track) for track in finder.tracks)
     error = None
     if form != "exact":
         found = linearised(lambda value: model_of(scene_at(value)), values, form)
@@ -236,10 +243,10 @@ def _checked(key: str, given: ArrayLike) -> Vector:
 
 
 @cache
-def _load_kernels() -> None:
+def _load_kernels(*, giving_way: bool) -> None:
     """Load the kernels by a small case, or compile them, which takes a minute once on each machine
     and is no part of a budget."""
-    law = Restitution(coefficient=0.5)
+    law = Elastic(stiffness=10.0) if giving_way else Restitution(coefficient=0.5)
     mount = Scene(
         structure=Oscillator(mass=1.0, damping=0.2, stiffness=1.0),
         impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=law)],
@@ -273,8 +280,8 @@ def _at_frequency(scene: Scene, factor: float) -> Scene:
     return scene.model_copy(update={"excitations": changed})
 
 
-def _branch(family: Family, track: Track) -> Branch:
-    sigma, multiplier = track.sigma, track.multiplier
+def _branch(finder: Finder, track: Track) -> Branch:
+    family, sigma, multiplier = finder.family, track.sigma, track.multiplier
     return Branch(
         form="exact",
         stops=tuple(family.stops[stop] for stop in track.stops),
@@ -282,9 +289,9 @@ def _branch(family: Family, track: Track) -> Branch:
         value=family.value(sigma),
         frequency_hz=family.frequency_hz(sigma),
         displacement_max=track.displacement * family.length,
-        amplitude=family.length * _amplitude(family, track),
+        amplitude=family.length * finder.amplitude(track),
         acceleration_max=track.acceleration * family.length / family.time**2,
-        phase=track.points[:, :-1],
+        phase=track.phases,
         **family.states(track.starts, sigma),
         impact_speed=track.speeds * family.speed,
         multiplier=multiplier,
@@ -292,12 +299,6 @@ def _branch(family: Family, track: Track) -> Branch:
         admissible=track.admissible,
         names=track.names,
     )
-
-
-def _amplitude(family: Family, track: Track) -> Vector:
-    phases = track.points[:, :-1]
-    flat = family.flat(track.sigma)
-    return amplitudes(flat, family.sizes, track.stops, track.periods, phases, track.speeds)
 
 
 def _special_points(branches: Sequence[Branch]) -> tuple[SpecialPoint, ...]:

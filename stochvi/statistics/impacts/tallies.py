@@ -208,8 +208,10 @@ def fitted_exponent(fits: NDArray[np.float64], ranges: tuple[tuple[float, float]
     )
     low, high = ranges[0]
     long, short = (ratio_and_error(fits[:, k, 2], fits[:, k, 0])[0] for k in range(2))
+    # where all that is fitted lies in the shorter range, it tells nothing
+    bias = abs(value - other) * long / (long - short) if long > short else None
     return Estimate(
-        value=value, standard_error=error, bias=abs(value - other) * long / (long - short),
+        value=value, standard_error=error, bias=bias,
         how=f"{fits[:, 0, 0].sum():.0f} impacts of {low:.3g} to {high:.3g} m/s; bias from "
         "the slower half of that",
     )  # fmt: skip

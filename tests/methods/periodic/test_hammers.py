@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stochvi import ImpactPair, Matrices, Restitution, Scene, harmonic_response
-from stochvi.methods.periodic.answer import Branch, HarmonicResponse
+from stochvi.methods.periodic.answer import COLUMNS, Branch, HarmonicResponse
 from stochvi.model.model import model_of
 from stochvi.scenes.excitations import ConstantLoad, Sine
 from stochvi.scenes.keys import changed_scene
@@ -128,3 +128,9 @@ def test_a_crank_is_a_force_that_grows_with_the_spring_and_the_damper() -> None:
     np.testing.assert_allclose(one[columns], other[columns], rtol=1e-9)
     # the phase, by which the damper leads, is that of the force: seen beside a second crank
     assert model_of(scene).sines[0].phase == pytest.approx(math.atan(0.2 * omega))
+
+
+def test_where_no_regime_is_found_the_table_is_empty_and_has_its_columns() -> None:
+    found = harmonic_response(hammer(5.0, 0.5, 3.0), hertz(0.9, 3.0), most_impacts=1)
+    assert not found.branches
+    assert found.at(hertz(0.9, 3.0)).columns.tolist() == list(COLUMNS)

@@ -1,0 +1,189 @@
+"""Regimes between stops that give way, against integration of the equations of motion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from stochvi import ImpactPair, Matrices, Oscillator, Restitution, Scene, harmonic_response
+from stochvi.methods.periodic.answer import Branch, HarmonicResponse
+from stochvi.model.model import model_of
+from stochvi.results.errors import NotApplicable
+from stochvi.scenes.excitations import ConstantLoad, Sine
+from stochvi.scenes.impact_laws import Elastic, Hertz, Law, Viscoelastic
+
+
+def mount(law: Law, frequency: float = 0.25, lower: float | None = -1.0, **changes) -> Scene:
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=lower, upper=1.0, law=law)],
+        excitations=[Sine(**{"amplitude": 0.6, "frequency_hz": frequency, **changes})],
+    )
+
+
+def two_masses() -> Scene:
+    """A preloaded buffer between two masses, and a stop of another law, under a load."""
+    return Scene(
+        structure=Matrices(
+            coordinates=["a", "b"], mass=[[2.0, 0.1], [0.1, 1.0]],
+            damping=[[0.3, -0.1], [-0.1, 0.2]], stiffness=[[5.0, -2.0], [-2.0, 3.0]],
+        ),
+        impact_pairs=[
+            ImpactPair(
+                name="buffer", between=["b", "a"], upper=-0.02, lower=-0.6,
+                upper_law=Viscoelastic(stiffness=40.0, damping_ratio=0.3),
+                lower_law=Elastic(stiffness=90.0),
+            ),
+            ImpactPair(name="wall", on="b", upper=0.5, law=Elastic(stiffness=70.0)),
+        ],
+        excitations=[
+            Sine(on="a", amplitude=2.0, frequency_hz=0.21), ConstantLoad(on="b", force=-0.3),
+            Sine(on="b", amplitude=0.7, frequency_hz=0.42, phase_deg=40.0),
+        ],
+    )  # fmt: skip
+
+
+def integrated(scene: Scene, state: np.ndarray, phase: float, periods: float) -> np.ndarray:
+    """The state after some periods, by a Runge-Kutta method of order 8 and the force law itself."""
+    model, n = model_of(scene), len(model_of(scene).mass)
+    lowest = min(sine.omega for sine in model.sines)
+
+    def rate(time: float, y: np.ndarray) -> np.ndarray:
+        x, v = y[:n], y[n:]
+        force = model.constant_force - model.stiffness @ x - model.damping @ v
+        for sine in model.sines:
+            angle = sine.omega * (time + phase / lowest) + sine.phase
+            force = force + sine.amplitude * math.cos(angle) * sine.direction
+        for pair in model.pairs:
+            force = force - pair.direction * pair.force(pair.direction @ x, pair.direction @ v)
+        return np.concatenate([v, np.linalg.solve(model.mass, force)])
+
+    end = 2.0 * math.pi * periods / lowest
+    return solve_ivp(
+        rate, (0.0, end), state, method="DOP853", rtol=1e-12, atol=1e-13,
+        max_step=0.0125 * end / periods,
+    ).y[:, -1]  # fmt: skip
+
+
+def states(found: HarmonicResponse, value: float) -> list[tuple[Branch, int, np.ndarray, float]]:
+    """Every regime at a value: its branch and place, its state, and the phase of that state."""
+    return [
+        (
+            branch, place, np.concatenate([branch.displacement[place], branch.velocity[place]]),
+            float(branch.phase[place, 0]) if branch.stops else 0.0,
+        )
+        for branch in found.branches
+        for place in branch.at(value)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("scene", "frequency"),
+    [
+        (mount(Viscoelastic(stiffness=100.0, damping_ratio=0.2)), 0.25),
+        (mount(Elastic(stiffness=30.0), 0.2, lower=None), 0.2),
+        (two_masses(), 0.21),
+    ],
+    ids=["two viscoelastic", "one elastic", "two masses"],
+)
+def test_a_regime_repeats_itself_under_the_force_law(scene: Scene, frequency: float) -> None:
+    found = states(harmonic_response(scene, most_impacts=1), frequency)
+    assert any(branch.stops and branch.stable[place] for branch, place, _, _ in found)
+    for branch, place, start, phase in found:
+        # errors of the integration grow with what is unstable
+        end = integrated(scene, start, phase, branch.periods)
+        assert end == pytest.approx(start, abs=1e-9 * max(1.0, branch.multiplier[place]))
+
+
+def test_disturbances_grow_by_the_multiplier() -> None:
+    scene = mount(Viscoelastic(stiffness=100.0, damping_ratio=0.2), 0.26)
+    unstable = [
+        each for each in states(harmonic_response(scene), 0.26) if not each[0].stable[each[1]]
+    ]
+    assert unstable
+    for branch, place, start, phase in unstable:
+        # not where a contact begins: a disturbance of that state is in contact, or is not
+        start, phase = integrated(scene, start, phase, 0.2), phase + 0.4 * math.pi
+        change = 1e-6 * np.eye(2)
+        factors = np.column_stack(
+            [
+                (integrated(scene, start + step, phase, branch.periods)
+                 - integrated(scene, start - step, phase, branch.periods)) / 2e-6
+                for step in change
+            ]
+        )  # fmt: skip
+        largest = np.abs(np.linalg.eigvals(factors)).max()
+        assert branch.multiplier[place] == pytest.approx(largest, rel=1e-4)
+
+
+def test_stiff_stops_lead_to_rigid_ones() -> None:
+    """The difference shrinks as the time of a contact, that is with the root of the stiffness."""
+    law = Viscoelastic(stiffness=1.0, damping_ratio=0.2)
+    rigid = harmonic_response(mount(Restitution(coefficient=law.restitution))).at(0.25)
+    speed = rigid[rigid["stable"] & (rigid["periods"] == 1)]["impact_speed_max"].max()
+    away = []
+    for stiffness in (1e3, 1e5):
+        soft = mount(Viscoelastic(stiffness=stiffness, damping_ratio=0.2))
+        known = harmonic_response(soft, most_impacts=1).at(0.25)
+        found = known[known["stable"] & (known["impacts_per_period"] == 2)]["impact_speed_max"]
+        away.append(abs(float(found.max()) / speed - 1.0))
+    assert away[1] < 0.02
+    assert away[0] / away[1] == pytest.approx(10.0, rel=0.2)
+
+
+def test_rigid_stops_beside_one_that_is_out_of_reach_have_their_own_regimes() -> None:
+    rigid = mount(Restitution(coefficient=0.6))
+    far = ImpactPair(name="far", upper=9.0, law=Elastic(stiffness=10.0))
+    both = rigid.model_copy(update={"impact_pairs": (*rigid.impact_pairs, far)})
+    one, other = (harmonic_response(each).at(0.25) for each in (rigid, both))
+    # largest values are those of cubics over steps of either solver
+    columns = {"impact_speed_max": 1e-8, "multiplier": 1e-8, "displacement_max": 1e-4,
+               "acceleration_max": 1e-4}  # fmt: skip
+    for count in (0, 2):
+        a, b = (each[each["impacts_per_period"] == count] for each in (one, other))
+        assert len(a) and len(a) == len(b)
+        for column, tolerance in columns.items():
+            np.testing.assert_allclose(a[column], b[column], rtol=tolerance)
+
+
+def test_a_contact_begins_where_the_motion_fills_the_gap() -> None:
+    law = Elastic(stiffness=5.0)
+    found = harmonic_response(mount(law, lower=None), np.linspace(0.18, 0.24, 7), most_impacts=1)
+    free = next(branch for branch in found.branches if not branch.stops)
+    grazing = free.frequency_hz[free.names.index("grazing")]
+    omega = 2.0 * math.pi * grazing
+    assert 0.6 / math.hypot(1.0 - omega**2, 0.1 * omega) == pytest.approx(1.0, rel=1e-6)
+    # the first harmonic of motion without contacts is all of it
+    assert free.amplitude == pytest.approx(free.displacement_max, rel=1e-5)
+
+
+def test_the_largest_acceleration_is_that_in_the_stop() -> None:
+    scene = mount(Elastic(stiffness=100.0))
+    found = states(harmonic_response(scene, most_impacts=1), 0.25)
+    for branch, place, start, phase in found:
+        largest, step, model = 0.0, start, model_of(scene)
+        pair, (sine,) = model.pairs[0], model.sines
+        period = 1.0 / 0.25
+        for number in range(4000 * branch.periods):
+            time = phase / sine.omega + number * period / 4000
+            x, v = step
+            push = 0.6 * math.cos(sine.omega * time) - x - 0.1 * v - float(pair.force(x, v))
+            largest = max(largest, abs(push))
+            # Heun's method
+            h = period / 4000
+            guess = step + h * np.array([v, push])
+            later = 0.6 * math.cos(sine.omega * (time + h)) - guess[0] - 0.1 * guess[1]
+            later -= float(pair.force(*guess))
+            step = step + h / 2.0 * np.array([v + guess[1], push + later])
+        assert branch.acceleration_max[place] == pytest.approx(largest, rel=1e-2)
+        break
+
+
+def test_stops_that_are_no_springs_are_refused_in_a_sentence() -> None:
+    with pytest.raises(
+        NotApplicable, match="'restitution', 'elastic' or 'viscoelastic', got 'hertz'"
+    ):
+        harmonic_response(mount(Hertz(coefficient=10.0)))
