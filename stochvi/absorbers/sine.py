@@ -149,7 +149,10 @@ class AbsorberSine(Result):
             if np.all(np.isnan(each.worst)):
                 continue
             at = each.tuned
-            found += f"; at best {each.worst[at]:.3g} with {each.key} = {each.value[at]:.4g}"
+            if each.worst[at] < 1.0:
+                found += f"; at best {each.worst[at]:.3g} with {each.key} = {each.value[at]:.4g}"
+            else:
+                found += f"; no {each.key} is sure to help"
         return found
 
     def _document(self) -> dict[str, Any]:
