@@ -217,7 +217,9 @@ def reliability(
     )
     unfound = [name.replace("_", " ") for name in missing]
     if jobs.deadline.interrupted:
-        where = f"before {', '.join(unfound)} were found" if unfound else "before its errors were"
+        verb = "was" if len(unfound) == 1 else "were"
+        where = f"before {', '.join(unfound)} {verb} found"
+        where = where if unfound else "before its errors were small enough"
         raise jobs.deadline.fell_short(where, "", found)
     if missing:
         told = zip(unfound, missing.values(), strict=True)
