@@ -95,12 +95,13 @@ def run_once(case: Case, name: str, scene: Path, budget: float, ctrl_c: bool) ->
     cpu = used.ru_utime + used.ru_stime
     wall = cpu if options.cpu_clock else wall
     limit = CTRL_C + SECONDS if ctrl_c else limit_of(case, budget)
+    due = CTRL_C if ctrl_c else budget if case.budgeted else limit or 0.0
     code = os.waitstatus_to_exitcode(status)
     return {
         "command": case.command, "question": case.question, "scene": name,
         "ended_by": "Ctrl-C" if ctrl_c else "budget", "budget": budget if case.budgeted else None,
         "wall": round(wall, 2), "cpu": round(cpu, 2), "limit": limit,
-        "overrun": None if limit is None else round(wall - (CTRL_C if ctrl_c else budget), 2),
+        "overrun": None if limit is None else round(wall - due, 2),
         "in_time": None if limit is None else wall <= limit,
         "wall_with_compiling": None, "exit_code": code, "files": " ".join(files),
         "says": told[-1] if told else "",
