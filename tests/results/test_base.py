@@ -21,6 +21,7 @@ import pytest
 import stochvi
 from stochvi import Oscillator, Scene, WhiteNoise
 from stochvi.cli.answer_schema import answer_schema
+from stochvi.methods import periodic
 from stochvi.results.base import Result, plain, total_cost
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.statistics.impacts.method import impacts
@@ -60,6 +61,15 @@ def replayed() -> Result:
         return stochvi.replay(Scene(structure=mount, excitations=[noise]))
 
 
+def shaken() -> Scene:
+    """A mass with a stop under a sine."""
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[stochvi.ImpactPair(upper=1.0, law=stochvi.Restitution(coefficient=0.5))],
+        excitations=[stochvi.Sine(amplitude=1.0, frequency_hz=0.2)],
+    )
+
+
 ANSWERS: dict[str, Callable[[], Result]] = {
     "Response": lambda: stochvi.fokker_planck(lossy()),
     "Check": lambda: stochvi.check(lossy(), rel_error=0.1, threads=1),
@@ -70,16 +80,14 @@ ANSWERS: dict[str, Callable[[], Result]] = {
     "Screening": lambda: stochvi.screen(scene_between_stops()),
     "Sizing": lambda: sizing_of(scene_between_stops(), paths=64),
     "FirstPassage": lambda: stochvi.first_passage(lossy(), times=[1.0]),
-    "HarmonicResponse": lambda: stochvi.harmonic_response(
-        Scene(
-            structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
-            impact_pairs=[
-                stochvi.ImpactPair(upper=1.0, law=stochvi.Restitution(coefficient=0.5))
-            ],
-            excitations=[stochvi.Sine(amplitude=1.0, frequency_hz=0.2)],
-        ),
-        [0.15, 0.2],
-        sweep="up",
+    "HarmonicResponse": lambda: stochvi.harmonic_response(shaken(), [0.15, 0.2], sweep="up"),
+    "Basins": lambda: periodic.basins(
+        shaken(),
+        {"displacement.x": np.linspace(-1.0, 1.0, 4), "velocity.x": np.linspace(-1.0, 1.0, 4)},
+        threads=1,
+    ),
+    "Bifurcation": lambda: periodic.bifurcation(
+        shaken(), [0.15, 0.2], settling=64, watched=64
     ),
     "Transient": lambda: stochvi.transient(oscillator(), [1.0]),
     "Reliability": lambda: stochvi.reliability(
@@ -108,7 +116,7 @@ ANSWERS: dict[str, Callable[[], Result]] = {
     ),
     "Replay": replayed,
 }  # fmt: skip
-"""A small answer of each kind. The best box and jolts take long, see their own tests."""
+"""A small answer of each kind. Best boxes, jolts and life times take long, see their own tests."""
 
 
 ANSWERS_SCHEMA = answer_schema()
@@ -132,7 +140,7 @@ def test_every_kind_of_answer_is_tested_here_or_where_it_is_made() -> None:
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
     names = {each.__name__ for each in kinds(Result) if each.__module__.startswith("stochvi.")}
-    assert names == {*ANSWERS, "Design", "Jolts"}
+    assert names == {*ANSWERS, "Design", "Jolts", "LifeTimes"}
 
 
 def test_a_document_is_plain_json(answer: Result) -> None:
