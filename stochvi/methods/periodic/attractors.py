@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.spatial import cKDTree
 
-from stochvi.methods.periodic import flights, kernel
 from stochvi.methods.periodic.branches import SETTLING, Finder, Track, simulate
+from stochvi.methods.periodic.kernels import flights, solver
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -216,7 +216,7 @@ class Attractors:
         phase = 0.0
         if track.stops:
             phase = float(track.points[0, 0])
-            touch.fastest[0] = kernel.strike(self.motion, track.stops[0], y)
+            touch.fastest[0] = solver.strike(self.motion, track.stops[0], y)
             touch.on[1] = track.stops[0]
         none, log = np.empty((len(y), 0)), np.empty((0, 3))
         angle = (self.phase - phase) % (2.0 * math.pi)
@@ -330,7 +330,7 @@ class Attractors:
         settled = simulate(self.motion, states[0], SETTLING, self.phase)
         regime = None if settled is None else settled.regime(self.motion, self.sigma)
         if regime is not None:
-            points_ = np.append(regime.theta, kernel.WEIGHT * regime.sigma)[None]
+            points_ = np.append(regime.theta, solver.WEIGHT * regime.sigma)[None]
             track = self.finder.inspected(regime.stops, regime.periods, points_, [""])
             known = len(self.found)
             self._add(track)

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.periodic import flights
 from stochvi.methods.periodic.attractors import (
     FRUITLESS,
     LAST,
@@ -26,6 +25,7 @@ from stochvi.methods.periodic.attractors import (
 )
 from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.family import Family, unmet
+from stochvi.methods.periodic.kernels import flights
 from stochvi.methods.periodic.method import MARGIN, noise_left_out, too_slow, varied
 from stochvi.methods.periodic.states import States
 from stochvi.model.model import model_of

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.methods.periodic import flights
 from stochvi.methods.periodic.attractors import (
     BATCHES,
     SIGNIFICANT,
@@ -22,6 +21,7 @@ from stochvi.methods.periodic.attractors import (
 from stochvi.methods.periodic.basins import Place, load_kernels, rate_of
 from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.family import Family
+from stochvi.methods.periodic.kernels import flights
 from stochvi.methods.periodic.method import (
     SWEEPS,
     noise_left_out,

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from stochvi.methods.periodic import kernel
 from stochvi.methods.periodic.even import TOLERANCE, even_phases
 from stochvi.methods.periodic.family import Family, amplitudes
+from stochvi.methods.periodic.kernels import solver
 from stochvi.results.deadline import NEVER, Deadline
 
 Vector = NDArray[np.float64]
@@ -136,7 +136,7 @@ class Track:
     names
         What each point is.
     margin, displacement, acceleration, speeds, factors, starts
-        Of `kernel.inspect`.
+        Of `solver.inspect`.
     phases
         Phases of the impacts (points, impacts).
     """
@@ -156,7 +156,7 @@ class Track:
     @cached_property
     def sigma(self) -> Vector:
         """Places in the range."""
-        return np.asarray(self.points[:, -1] / kernel.WEIGHT)
+        return np.asarray(self.points[:, -1] / solver.WEIGHT)
 
     @cached_property
     def admissible(self) -> NDArray[np.bool_]:
@@ -308,16 +308,16 @@ class Finder:
             found.append(state)
         return np.array(found[: 1 + 8])
 
-    def motion(self, sigma: float) -> kernel.Motion:
+    def motion(self, sigma: float) -> solver.Motion:
         """The motion at a place of the range."""
-        motion: kernel.Motion = kernel.motion_at(self.family.series, sigma, *self.family.sizes)
+        motion: solver.Motion = solver.motion_at(self.family.series, sigma, *self.family.sizes)
         return motion
 
     # Branches
 
     def _without_impacts(self) -> list[Track]:
         """The motion without impacts, over the grid."""
-        points = kernel.WEIGHT * self.grid[:, None]
+        points = solver.WEIGHT * self.grid[:, None]
         track = self.inspected((), 1, points, [POINT] * len(points))
         # a loose mass, or resonance without damping: there is no such motion, or no single one
         if not np.all(known := _determined(track)):
@@ -333,17 +333,17 @@ class Finder:
         parts: list[tuple[Matrix, list[str]]] = []
         for direction in (1.0, -1.0):
             points, kinds = np.empty((most, len(stops) + 1)), np.empty(most, np.int64)
-            u = np.append(seed.theta, kernel.WEIGHT * seed.sigma)
-            found, closed = kernel.follow(
+            u = np.append(seed.theta, solver.WEIGHT * seed.sigma)
+            found, closed = solver.follow(
                 self.family.series, *self.family.sizes, stops, seed.periods, u, direction,
                 self.grid, points, kinds,
             )  # fmt: skip
-            named = {kernel.GRID: POINT, kernel.FOLD: FOLD, kernel.VANISHED: GRAZING}
+            named = {solver.GRID: POINT, solver.FOLD: FOLD, solver.VANISHED: GRAZING}
             parts.append((points[:found], [named[kind] for kind in kinds[:found].tolist()]))
             if closed:
                 break
         (points, names), *other = parts
-        middle = np.append(seed.theta, kernel.WEIGHT * seed.sigma)[None]
+        middle = np.append(seed.theta, solver.WEIGHT * seed.sigma)[None]
         points, names = np.concatenate([middle, points]), [POINT, *names]
         if other:
             before, before_names = other[0]
@@ -358,7 +358,7 @@ class Finder:
         number, n = len(points), self.family.sizes[0]
         found, speeds = np.empty((number, 3)), np.empty((number, len(stops)))
         factors, starts = np.empty((number, 2 * n, 2 * n)), np.empty((number, 2 * n))
-        kernel.inspect(
+        solver.inspect(
             self.family.series, *self.family.sizes, np.array(stops, np.int64), periods,
             np.ascontiguousarray(points), found, speeds, factors,
             starts,
@@ -376,7 +376,7 @@ class Finder:
         if len(track.stops):
             normal = normal / np.linalg.norm(normal)
             states = np.empty((len(track.stops), 2 * self.family.sizes[0]))
-            good = kernel.correct(
+            good = solver.correct(
                 self.family.series, *self.family.sizes, np.array(track.stops), track.periods,
                 u, normal, states,
             )  # fmt: skip
@@ -470,14 +470,14 @@ def _rotations(word: tuple[int, ...]) -> list[tuple[int, ...]]:
     return [word[first:] + word[:first] for first in range(len(word))]
 
 
-def _settles(motion: kernel.Motion, stops: Whole, periods: int, theta: Vector) -> bool:
+def _settles(motion: solver.Motion, stops: Whole, periods: int, theta: Vector) -> bool:
     """Whether Newton's iteration, in the place of theta, ends at a regime that has no further
     impact, and none that is too slow or too soon followed by another."""
     states = np.empty((len(stops), 2 * motion.rows.shape[1]))
     return bool(
-        kernel.settle(motion, stops, periods, theta, states)
-        and kernel.slowest(motion, stops, theta, periods, states) > SLOWEST
-        and kernel.survey(motion, stops, theta, periods, states)[0] >= -TOLERANCE
+        solver.settle(motion, stops, periods, theta, states)
+        and solver.slowest(motion, stops, theta, periods, states) > SLOWEST
+        and solver.survey(motion, stops, theta, periods, states)[0] >= -TOLERANCE
     )
 
 
@@ -522,7 +522,7 @@ class Settled:
         end = self.phase + 2.0 * math.pi * (len(self.ends) - 1)
         return self.log[self.log[:, 0] > end - 2.0 * math.pi * periods]
 
-    def regime(self, motion: kernel.Motion, sigma: float) -> Regime | None:
+    def regime(self, motion: solver.Motion, sigma: float) -> Regime | None:
         """The regime that the motion settles to; None without impacts, or if it does not repeat."""
         periods = self.period(REPEATS)
         impacts = self.impacts(periods) if periods else np.empty((0, 3))
@@ -537,12 +537,12 @@ class Settled:
 
 
 def simulate(
-    motion: kernel.Motion, start: Vector, periods: int, phase: float = 0.0
+    motion: solver.Motion, start: Vector, periods: int, phase: float = 0.0
 ) -> Settled | None:
     """A motion from a state at a phase of the force, from impact to impact; None where impacts come
     too fast to be followed."""
     ends, log = np.empty((periods + 1, len(start))), np.zeros((MOST_KEPT, 3))
-    hits, displacement = kernel.march(motion, start, periods, phase, ends, log)
+    hits, displacement = solver.march(motion, start, periods, phase, ends, log)
     if hits < 0:
         return None
     kept = log[: min(hits, MOST_KEPT)]

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.periodic import contact_flow, kernel
 from stochvi.methods.periodic.branches import (
     FOLD,
     GRAZING,
@@ -32,6 +31,7 @@ from stochvi.methods.periodic.branches import (
     Track,
     Vector,
 )
+from stochvi.methods.periodic.kernels import contact_flow, solver
 
 CHANGE = 1e-6
 """Step of sigma over which the flow is differenced."""
@@ -58,7 +58,7 @@ LINGERING = 8
 """Periods in which a motion that starts on the edge comes close to the regime on it."""
 
 STEPS = (1e-6, 0.02, 0.3)
-"""Smallest, first and largest step of arc, in units of the kernels and of `kernel.WEIGHT`."""
+"""Smallest, first and largest step of arc, in units of the kernels and of `solver.WEIGHT`."""
 
 TURN = 0.95
 """Smallest cosine of the angle between tangents at two successive points."""
@@ -151,7 +151,7 @@ class ContactFinder(Finder):
         return np.array([np.nan if each is None else each.amplitude for each in found])
 
     def _flown(self, u: Vector, periods: int, *, factors: bool = True) -> Motion | None:
-        return self.flown(u[-1] / kernel.WEIGHT, u[:-1], periods, factors=factors)
+        return self.flown(u[-1] / solver.WEIGHT, u[:-1], periods, factors=factors)
 
     # Regimes at one place
 
@@ -204,7 +204,7 @@ class ContactFinder(Finder):
     def _still(self, sigma: float) -> Vector | None:
         """The motion without contacts at the phase 0; None where there is none."""
         states = np.empty((1, 2 * self.family.sizes[0]))
-        good = kernel.unstruck(self.motion(sigma), 0.0, states)
+        good = solver.unstruck(self.motion(sigma), 0.0, states)
         return states[0] if good and np.all(np.abs(states) < 1e6) else None
 
     def _settled_orbit(self, settled: Settled, sigma: float) -> Orbit | None:
@@ -253,7 +253,7 @@ class ContactFinder(Finder):
             ]
             if motion is None or sides[0] is None or sides[1] is None:
                 return None
-            slope = (sides[1].ends[-1] - sides[0].ends[-1]) / (2.0 * CHANGE * kernel.WEIGHT)
+            slope = (sides[1].ends[-1] - sides[0].ends[-1]) / (2.0 * CHANGE * solver.WEIGHT)
             matrix = np.vstack(
                 [np.column_stack([motion.factors - np.eye(len(slope)), slope]), normal]
             )
@@ -277,7 +277,7 @@ class ContactFinder(Finder):
         self, orbit: Orbit, direction: float
     ) -> tuple[list[Vector], list[str], bool]:
         """Points of a branch in one direction of sigma, with their names, and whether it closed."""
-        first = np.append(orbit.state, kernel.WEIGHT * orbit.sigma)
+        first = np.append(orbit.state, solver.WEIGHT * orbit.sigma)
         found = self._corrected(first, np.eye(len(first))[-1], orbit.periods)
         if found is None:
             return [], [], False
@@ -305,7 +305,7 @@ class ContactFinder(Finder):
                 self._fill(points, names, u, fresh, orbit.periods)
             length += step
             u, tangent = fresh, way
-            if not 0.0 <= u[-1] <= kernel.WEIGHT:
+            if not 0.0 <= u[-1] <= solver.WEIGHT:
                 break
             if length > 4.0 * step + 0.5 and np.linalg.norm(u - first) < step:
                 return points, names, True
@@ -332,7 +332,7 @@ class ContactFinder(Finder):
     ) -> None:
         """Add the regimes at the values of the grid between two points of a branch."""
         low, high = sorted((start[-1], end[-1]))
-        values = kernel.WEIGHT * self.grid
+        values = solver.WEIGHT * self.grid
         inside = (
             values[(values > low) & (values <= high)]
             if end[-1] > start[-1]
@@ -341,14 +341,14 @@ class ContactFinder(Finder):
         for value in inside:
             share = (value - start[-1]) / (end[-1] - start[-1])
             guess = start + share * (end - start)
-            orbit = self._orbit(guess[:-1], periods, value / kernel.WEIGHT)
+            orbit = self._orbit(guess[:-1], periods, value / solver.WEIGHT)
             if orbit is not None and orbit.periods == periods:
                 points.append(np.append(orbit.state, value))
                 names.append(POINT)
 
     def _traced(self, orbit: Orbit) -> list[Track]:
         """The branch through a regime, as branches of one order of contacts each."""
-        middle = np.append(orbit.state, kernel.WEIGHT * orbit.sigma)
+        middle = np.append(orbit.state, solver.WEIGHT * orbit.sigma)
         points, names, closed = self._followed_from(orbit, 1.0)
         before, before_names, _ = ([], [], True) if closed else self._followed_from(orbit, -1.0)
         points = [*before[::-1], middle, *points]
@@ -445,7 +445,7 @@ def _turned(log: Matrix, periods: int) -> Matrix:
 def _moved(u: Vector, change: float) -> Vector:
     """The same state at another place of the range."""
     moved = u.copy()
-    moved[-1] += change * kernel.WEIGHT
+    moved[-1] += change * solver.WEIGHT
     return moved
 
 

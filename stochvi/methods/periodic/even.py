@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.periodic import kernel
 from stochvi.methods.periodic.family import Numbers, amplitudes
+from stochvi.methods.periodic.kernels import solver
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -55,7 +55,7 @@ class EvenRegime:
     admissible: bool
 
 
-def even_phases(motion: kernel.Motion, stops: Sequence[int], periods: int) -> Matrix:
+def even_phases(motion: solver.Motion, stops: Sequence[int], periods: int) -> Matrix:
     """Phases (number, impacts) at which impacts evenly in time meet the first stop.
 
     The distance at the first impact is a sum of harmonics of its phase, so that all its roots are
@@ -78,13 +78,13 @@ def even_regimes(numbers: Numbers, stops: Sequence[int], periods: int = 1) -> li
     states = np.empty((len(word), 2 * n))
     found = []
     for theta in even_phases(motion, stops, periods):
-        if not kernel.settle(motion, word, periods, theta, states):
+        if not solver.settle(motion, word, periods, theta, states):
             continue
         rows = motion.rows[word]
         speeds = speed * np.einsum("ki,ki->k", rows, states[:, n:])
         if not speeds.min() > 0.0:
             continue
-        margin, _, _, factors = kernel.survey(motion, word, theta, periods, states)
+        margin, _, _, factors = solver.survey(motion, word, theta, periods, states)
         (amplitude,) = amplitudes(
             numbers.flat[None], numbers.sizes, stops, periods, theta[None], speeds[None]
         )
@@ -117,7 +117,7 @@ def _apart(stops: Sequence[int], periods: int) -> Vector:
     return np.asarray(2.0 * np.pi * periods / len(stops) * np.arange(len(stops)))
 
 
-def _waves(motion: kernel.Motion, stops: Sequence[int], periods: int) -> NDArray[np.complex128]:
+def _waves(motion: solver.Motion, stops: Sequence[int], periods: int) -> NDArray[np.complex128]:
     """Coefficients of e^(i k phase) of the distance at the first impact, from the highest k to the
     lowest; NaN where phases leave the motion undetermined."""
     count, n = len(stops), motion.rows.shape[1]
@@ -127,7 +127,7 @@ def _waves(motion: kernel.Motion, stops: Sequence[int], periods: int) -> NDArray
     distances = np.full(samples, np.nan)
     for number in range(samples):
         theta = 2.0 * np.pi * number / samples + apart
-        if not kernel.residual(motion, word, theta, periods, states, left, none):
+        if not solver.residual(motion, word, theta, periods, states, left, none):
             break
         distances[number] = left[0]
     return np.asarray(np.fft.fftshift(np.fft.fft(distances))[::-1] / samples)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.periodic import kernel
+from stochvi.methods.periodic.kernels import solver
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
@@ -68,10 +68,10 @@ class Numbers:
         """(n, m, h): coordinates, stops, harmonics."""
         return *self.rows.shape[::-1], (self.forces.shape[1] - 1) // 2
 
-    def motion(self, units: Numbers) -> kernel.Motion:
+    def motion(self, units: Numbers) -> solver.Motion:
         """What the kernels take, in these units."""
         series = (self.flat / units.flat)[None]
-        motion: kernel.Motion = kernel.motion_at(series, 0.5, *self.sizes)
+        motion: solver.Motion = solver.motion_at(series, 0.5, *self.sizes)
         return motion
 
     def units(self) -> tuple[Numbers, float, float]:

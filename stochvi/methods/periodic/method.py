@@ -9,7 +9,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.methods.periodic import kernel
 from stochvi.methods.periodic.answer import (
     Branch,
     HarmonicResponse,
@@ -21,6 +20,7 @@ from stochvi.methods.periodic.branches import Finder, Track
 from stochvi.methods.periodic.contact_branches import ContactFinder
 from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.jumps import Sweep
+from stochvi.methods.periodic.kernels import solver
 from stochvi.methods.periodic.linearised import FORMS, linearised, not_covered
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
@@ -259,7 +259,7 @@ def too_slow(finder: Finder) -> str:
     """Why periods of the force hold too many steps at an end of the range; empty if they do not."""
     for sigma in (0.0, 1.0):
         motion = finder.motion(sigma)
-        steps = 2.0 * np.pi / motion.omega / kernel.step_of(motion)
+        steps = 2.0 * np.pi / motion.omega / solver.step_of(motion)
         if not 0.0 < steps <= MOST_STEPS:
             return (
                 "the force must not be so much slower than the structure: a period at "

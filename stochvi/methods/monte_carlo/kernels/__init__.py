@@ -3,6 +3,6 @@
 Importing this package makes numba compile a kernel again after any kernel file has changed.
 """
 
-from stochvi.methods.monte_carlo.kernels import cache
+from stochvi.methods.kernel_cache import watch_package
 
-cache.watch_folder(cache.KERNELS)
+watch_package(__path__)

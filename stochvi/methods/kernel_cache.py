@@ -12,13 +12,11 @@ the kernels, else, where that cannot be written, a folder of the user.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
 from numba.core import caching
-
-KERNELS = Path(__file__).parent
-"""The folder of the kernels of the Monte Carlo."""
 
 
 @cache
@@ -30,12 +28,15 @@ def digest(folder: Path) -> str:
     return found.hexdigest()
 
 
-def watch_folder(folder: Path) -> None:
-    """Compile every cached function of a folder again after any file of the folder has changed.
+def watch_package(path: Iterable[str]) -> None:
+    """Compile every cached function of a package again after any file of its folder has changed.
+
+    `path` is the `__path__` of the package.
 
     The locators of numba find a place for the cache of a function and the stamp that its source
     has. One that is put before them answers for the functions of the folder, and for no others.
     """
+    folder = Path(next(iter(path)))
 
     class FolderStamp:
         def get_source_stamp(self) -> str:

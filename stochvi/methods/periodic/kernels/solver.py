@@ -269,12 +269,15 @@ def strike(motion, stop, y):
 def residual(motion, stops, theta, periods, states, left, jacobian):
     """How far each impact of a regime is from its stop, and what its phases change.
 
-    The state at the first impact is found from y = M y + c - sum of v_k d_k, M y + c that after the
-    periods, d_k the distance at an impact and v_k a change along its row: where all d_k are 0 the
-    motion is periodic, also that of a loose mass, which M y + c = y leaves free to move, and where
-    nothing or little is lost. The displacements of the v_k differ in size, since alike ones may
-    cancel each other; so do their velocities, else a motion that loses little is undetermined but
-    for its rounding. The velocities add up to 0, so that a loose mass keeps its own.
+    Let M y + c be the state after the periods of a motion that starts in the state y and has its
+    impacts at the given phases; d_k the distance from the stop at impact k, and v_k a change of the
+    state along the row of that stop. The state at the first impact is the solution of
+    y = M y + c - sum of v_k d_k. Where all d_k are 0 that motion is periodic. Without the sum, y
+    would be undetermined for a loose mass, and nearly so where little energy is lost.
+
+    The displacements in the v_k differ in size, because equal ones may cancel each other. So do the
+    velocities, because a motion that loses little would otherwise be determined by rounding alone.
+    The velocities add up to 0, so that a loose mass keeps its own.
 
     Writes the states (K, 2 n) before each impact, `left` (K,) and the Jacobian (K, K), which is not
     computed if its array has the shape (0, 0); False where the phases do not determine the motion.

@@ -3,9 +3,9 @@
 A stop s presses with k d + c d', d = row . q - position, while d > 0 and that is positive; then
 q'' changes by -(k d + c d') row. Contact ends at zero force, mostly before d is 0 again: the stop
 follows without a force. Entering a stop with a damper, the force jumps from 0 to c d'; everywhere
-else it is continuous, and so are disturbances. Rigid stops may stand beside, as in `kernel`.
+else it is continuous, and so are disturbances. Rigid stops may stand beside, as in `solver`.
 
-Symbols as in `kernel`.
+Symbols as in `solver`.
 """
 
 import math
@@ -13,7 +13,7 @@ import math
 import numba
 import numpy as np
 
-from stochvi.methods.periodic.kernel import (
+from stochvi.methods.periodic.kernels.solver import (
     ANGLE,
     MOST_IMPACTS,
     NORM,

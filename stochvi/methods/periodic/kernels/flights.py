@@ -1,6 +1,6 @@
 """Many flights under a periodic force: to the regimes that they end in, with what disturbances do.
 
-The symbols are those of `kernel`. A period is divided into even steps at fixed phases of the force,
+The symbols are those of `solver`. A period is divided into even steps at fixed phases of the force,
 so that what the force adds in each step is known once for all flights; where a stop may be met
 within a step, the flight goes on from impact to impact by Taylor series.
 """
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from stochvi.methods.periodic.kernel import (
+from stochvi.methods.periodic.kernels.solver import (
     FREE,
     MOST_IMPACTS,
     STILL,

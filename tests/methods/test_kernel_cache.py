@@ -1,5 +1,6 @@
 """A kernel is compiled again after any file of its folder has changed, and only then."""
 
+import importlib
 import os
 import shutil
 import subprocess
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stochvi.methods.monte_carlo.kernels import cache
+from stochvi.methods import kernel_cache
 
 ADDEND = "import numba\n\n\n@numba.njit(cache=True)\ndef addend():\n    return {value}\n"
 
@@ -32,9 +33,9 @@ def made_package(folder: Path, watched: bool = True) -> Path:
     """A package of two kernels, the first of which calls the second."""
     package = folder / "pretend"
     package.mkdir()
-    shutil.copy(cache.__file__, package / "cache.py")
-    start = "from pretend import cache\n\ncache.watch_folder(cache.KERNELS)\n" if watched else ""
-    (package / "__init__.py").write_text(start, encoding="utf-8")
+    shutil.copy(kernel_cache.__file__, package / "kernel_cache.py")
+    start = "from pretend.kernel_cache import watch_package\n\nwatch_package(__path__)\n"
+    (package / "__init__.py").write_text(start if watched else "", encoding="utf-8")
     (package / "total.py").write_text(TOTAL, encoding="utf-8")
     (package / "addend.py").write_text(ADDEND.format(value=10), encoding="utf-8")
     return package
@@ -82,8 +83,15 @@ def test_where_the_folder_cannot_be_written_the_cache_is_a_folder_of_the_user(
     assert run(tmp_path)[0] == 21
 
 
-def test_the_kernels_of_the_package_are_watched():
-    from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-
-    stamp = seed_streams._cache._impl.locator.get_source_stamp()
-    assert stamp == cache.digest(cache.KERNELS)
+@pytest.mark.parametrize(
+    ("module", "function"),
+    [
+        ("stochvi.methods.monte_carlo.kernels.random_numbers", "seed_streams"),
+        ("stochvi.methods.periodic.kernels.solver", "march"),
+        ("stochvi.methods.periodic.kernels.flights", "fly"),
+    ],
+)
+def test_the_kernels_of_the_package_are_watched(module: str, function: str):
+    kernels = importlib.import_module(module)
+    stamp = getattr(kernels, function)._cache._impl.locator.get_source_stamp()
+    assert stamp == kernel_cache.digest(Path(kernels.__file__).parent)
