@@ -368,7 +368,7 @@ class Model:
     @cached_property
     def intensity(self) -> float:
         """Intensity S0 of the white noise on one oscillator, per unit mass squared, m^2/s^3."""
-        return sum((s0 / self._scale(d) ** 2 for s0, d in self.whites), start=0.0)
+        return float(sum(s0 / self._scale(d) ** 2 for s0, d in self.whites))
 
     @cached_property
     def load(self) -> float:

@@ -271,9 +271,9 @@ def basins(
     >>> import stochvi
     >>> from stochvi.scenes.datasets import shipped_scene
     >>> mount = stochvi.load_scene(shipped_scene("isolator-sine"))
-    >>> speeds = {"displacement.x": [0.0], "velocity.x": [0.0, 0.2]}
-    >>> [each.name for each in basins(mount, speeds).regimes]
-    ['no impacts', 'wall lower, wall upper']
+    >>> starts = {"displacement.x": [-0.0004, 0.0], "velocity.x": [-0.3, 0.0]}
+    >>> [each.name for each in basins(mount, starts).regimes]
+    ['no impacts', 'stops lower, stops upper']
     """
     began = time.perf_counter()
     if periods < 1:

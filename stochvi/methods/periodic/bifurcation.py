@@ -320,7 +320,9 @@ def lyapunov_exponent(
     Returns
     -------
     Estimate
-        The rate, with the standard error by the means of 32 parts of the motion.
+        The rate, with the standard error by the means of 32 parts of the motion. Over a short time
+        the rate also depends on how far the disturbance has turned, by some 2 divided by that time,
+        which the standard error does not contain.
 
     Raises
     ------
@@ -336,7 +338,7 @@ def lyapunov_exponent(
     >>> import stochvi
     >>> from stochvi.scenes.datasets import shipped_scene
     >>> mount = stochvi.load_scene(shipped_scene("isolator-sine"))
-    >>> round(float(lyapunov_exponent(mount, periods=320)), 2)
+    >>> round(float(lyapunov_exponent(mount)), 2)
     -6.28
     """
     if settling < 0 or periods < BATCHES:
