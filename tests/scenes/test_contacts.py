@@ -281,3 +281,12 @@ def test_a_bad_bumper_gives_a_sentence(tmp_path, keys, content, key, words):
 def test_a_unit_without_a_file_is_refused():
     with pytest.raises(SceneError, match="takes unit with a file only"):
         ForceTable(deflection=[2.0], force=[40.0], unit="mm,N")
+
+
+def test_a_table_that_is_changed_has_pieces_of_its_own() -> None:
+    law = ForceTable(deflection=(0.1, 0.3), force=(3.0, 20.0))
+    assert float(law.force_at(0.1)) == pytest.approx(3.0)
+    for halved in (law.per_unit_mass(2.0), law.replace(force=(1.5, 10.0))):
+        assert float(halved.force_at(0.1)) == pytest.approx(1.5)
+        assert float(halved.potential_at(0.1)) == pytest.approx(float(law.potential_at(0.1)) / 2.0)
+        assert halved != law and law == ForceTable(deflection=(0.1, 0.3), force=(3.0, 20.0))

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
@@ -19,6 +22,17 @@ from stochvi.scenes.text import TextTable, all_columns, read_text_table
 from stochvi.scenes.validation import NonNegatives
 
 Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """A table as straight pieces: where each begins (m), its force (N) and its potential (J) there,
+    and its slope (N/m)."""
+
+    starts: Vector
+    forces: Vector
+    slopes: Vector
+    potentials: Vector
 
 
 class ForceTable(CompliantLaw):
@@ -115,21 +129,34 @@ class ForceTable(CompliantLaw):
                 raise ValueError(f"needs force that never decreases, got {two:g} after {one:g}")
         return self
 
+    @cached_property
+    def arrays(self) -> Pieces:
+        """The table by its pieces, made once: a closure asks for it some 100,000 times."""
+        y, f = np.array(self.deflection), np.array(self.force)
+        if y[0] > 0.0:
+            y, f = np.insert(y, 0, 0.0), np.insert(f, 0, 0.0)
+        starts, forces, slopes = y[:-1], f[:-1], np.diff(f) / np.diff(y)
+        lengths = np.diff(starts)
+        areas = lengths * (forces[:-1] + 0.5 * slopes[:-1] * lengths)
+        return Pieces(starts, forces, slopes, np.concatenate([[0.0], np.cumsum(areas)]))
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy with other values, whose pieces are its own."""
+        copy = super().model_copy(update=update, deep=deep)
+        copy.__dict__.pop("arrays", None)
+        return copy
+
     @property
     def pieces(self) -> Vector:
         """(3, pieces): deflection and force where a piece begins, and its slope; the last has no
         end."""
-        y, f = np.array(self.deflection), np.array(self.force)
-        if y[0] > 0.0:
-            y, f = np.insert(y, 0, 0.0), np.insert(f, 0, 0.0)
-        return np.stack([y[:-1], f[:-1], np.diff(f) / np.diff(y)])
+        return np.stack([self.arrays.starts, self.arrays.forces, self.arrays.slopes])
 
     def _piece(self, deflection: ArrayLike) -> tuple[NDArray[np.intp], Vector, Vector, Vector]:
         """Of the piece at each deflection: its number, force and slope, and how far into it."""
-        starts, forces, slopes = self.pieces
-        y = inside(deflection)
-        number = np.searchsorted(starts, y, side="right") - 1
-        return number, forces[number], slopes[number], y - starts[number]
+        table, y = self.arrays, inside(deflection)
+        number = np.searchsorted(table.starts, y, side="right") - 1
+        return number, table.forces[number], table.slopes[number], y - table.starts[number]
 
     def damping(self, mass: float) -> float:
         return 0.0
@@ -139,19 +166,16 @@ class ForceTable(CompliantLaw):
         return np.asarray(force + slope * into)
 
     def potential_at(self, deflection: ArrayLike) -> Vector:
-        starts, forces, slopes = self.pieces
-        lengths = np.diff(starts)
-        areas = lengths * (forces[:-1] + 0.5 * slopes[:-1] * lengths)
-        before = np.concatenate([[0.0], np.cumsum(areas)])
         number, force, slope, into = self._piece(deflection)
-        return np.asarray(before[number] + into * (force + 0.5 * slope * into))
+        before = self.arrays.potentials[number]
+        return np.asarray(before + into * (force + 0.5 * slope * into))
 
     def slope_at(self, deflection: ArrayLike) -> Vector:
         _, _, slope, _ = self._piece(deflection)
         return np.where(np.asarray(deflection) > 0.0, slope, 0.0)
 
     def deflection_at(self, force: ArrayLike) -> Vector:
-        starts, forces, slopes = self.pieces
+        forces, slopes, starts = self.arrays.forces, self.arrays.slopes, self.arrays.starts
         given = inside(force)
         number = np.searchsorted(forces, given, side="right") - 1
         with np.errstate(divide="ignore", invalid="ignore"):
