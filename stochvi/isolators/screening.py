@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
 
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
@@ -434,9 +435,30 @@ def predicted_rates(scene: Scene, clearances: Sequence[float]) -> pd.DataFrame:
 
 
 def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
-    """`predicted_rates` at many clearances in the range of a curve from `clearance_curve`."""
+    """The columns of `predicted_rates` at many clearances in the range of a `clearance_curve`.
+
+    The closure is interpolated between the rates that the curve holds, as the logarithm of the rate
+    over the square of the clearance, which is a straight line for a Gaussian motion: solving it
+    anew at each place would take seconds after the budget of the curve is spent.
+    """
     lowest, highest = curve["clearance"].min(), curve["clearance"].max()
-    return predicted_rates(scene, list(np.linspace(lowest, highest, SMOOTH_POINTS)))
+    places = np.linspace(lowest, highest, SMOOTH_POINTS)
+    linear = screen_isolator(scene)
+    known = curve[curve["closure"] > 0.0].sort_values("clearance")
+    closure = np.full(len(places), np.nan)
+    if len(known) > 1:
+        rates = scipy.interpolate.PchipInterpolator(
+            known["clearance"] ** 2, np.log(known["closure"]), extrapolate=False
+        )
+        closure = np.exp(rates(places**2))
+    return pd.DataFrame(
+        {
+            "clearance": places,
+            "clearance_in_sigma": places / linear.displacement_std,
+            "rice": [linear.rice_rate(each) for each in places],
+            "closure": closure,
+        }
+    )
 
 
 def _closure_rate(scene: Scene) -> float:

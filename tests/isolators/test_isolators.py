@@ -18,7 +18,12 @@ from stochvi import (
     screen,
 )
 from stochvi.isolators import clearance_curve
-from stochvi.isolators.screening import clearance_notes, predicted_rates, with_clearance
+from stochvi.isolators.screening import (
+    clearance_notes,
+    predicted_curve,
+    predicted_rates,
+    with_clearance,
+)
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from support.known import oscillator
 
@@ -59,6 +64,16 @@ def test_a_curve_between_elastic_stops_in_white_noise_is_the_exact_one() -> None
     assert (curve["closure"] > curve["rice"]).all()
     again = predicted_rates(scene, list(curve["clearance"]))
     np.testing.assert_allclose(again["closure"], curve["closure"], rtol=1e-12)
+
+
+def test_between_the_places_of_a_curve_the_closure_is_interpolated() -> None:
+    scene = white_mount(10.0, 10.0, 0.01)
+    places = screen(scene).displacement_std * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0])
+    smooth = predicted_curve(scene, predicted_rates(scene, list(places)))
+    solved = predicted_rates(scene, list(smooth["clearance"]))
+    np.testing.assert_allclose(smooth["closure"], solved["closure"], rtol=0.02)
+    np.testing.assert_allclose(smooth["rice"], solved["rice"], rtol=1e-12)
+    assert smooth["clearance_in_sigma"].iloc[0] == pytest.approx(1.0)
 
 
 def test_clearances_share_a_budget_and_those_without_an_answer_are_named() -> None:
