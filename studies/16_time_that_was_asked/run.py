@@ -169,12 +169,17 @@ late = judged[~judged["in_time"].astype(bool)]
 print(f"{len(judged)} runs with a limit, {len(late)} of them late")
 if options.out == Path(__file__).parent:
     write_into(options.out / "README.md", by_command(judged))
-figure, ax = plt.subplots(figsize=(7.2, 4.6), layout="constrained")
-for command, group in judged.groupby("command", sort=False):
-    ax.plot(group["limit"], group["wall"], "o", label=command, markersize=4, alpha=0.7)
-top = 1.1 * float(max(judged["limit"].max(), judged["wall"].max()))
-ax.plot([0.0, top], [0.0, top], color="#1b1b1b", linewidth=1.0)
-ax.set(xlabel="limit: 1.2 budgets + 2 s (s)", xlim=(0.0, top), ylim=(0.0, top))
-ax.set_ylabel("CPU time (s)" if options.cpu_clock else "wall time (s)")
-ax.legend(frameon=False, fontsize="small", ncols=2)
+commands = list(dict.fromkeys(judged["command"]))[::-1]
+figure, ax = plt.subplots(figsize=(7.2, 0.3 * len(commands) + 1.4), layout="constrained")
+for how, (marker, colour, up) in {
+    "budget": ("o", "#2a6f97", 0.12), "Ctrl-C": ("x", "#c1440e", -0.12),
+}.items():  # fmt: skip
+    shown = judged[judged["ended_by"] == how]
+    places = [commands.index(command) + up for command in shown["command"]]
+    ax.plot(shown["wall"] - shown["limit"], places, marker, color=colour, markersize=4, label=how)
+ax.axvline(0.0, color="#1b1b1b", linewidth=1.0)
+clock = "CPU" if options.cpu_clock else "wall"
+ax.set_xlabel(f"{clock} time beyond the limit (s); left of the line a run ended in time")
+ax.set_yticks(range(len(commands)), commands)
+ax.legend(title="ended by", frameon=False, fontsize="small", loc="upper right")
 write_picture(ax, options.out / "figure.png")
