@@ -84,8 +84,9 @@ def _display_of_notebook() -> Callable[..., Any] | None:
     if getattr(shell, "kernel", None) is None:
         return None
     # a notebook draws HTML itself; the bars of rich and tqdm there need ipywidgets besides
-    from IPython.display import display
+    import IPython.display
 
+    display: Callable[..., Any] = IPython.display.display
     return display
 
 

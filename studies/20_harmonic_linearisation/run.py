@@ -64,9 +64,11 @@ def swept(found: HarmonicResponse) -> tuple[int, int, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="a third of the frequencies")
-    points = 40 if parser.parse_args().quick else 121
+    parser.add_argument("--out", type=Path, default=HERE, help="folder of the figure and the table")
+    options = parser.parse_args()
+    points = 40 if options.quick else 121
     began = time.process_time()
     rows = []
     for case in STOPS:
@@ -79,7 +81,7 @@ def main() -> None:
                     row |= {f"{form}_{name}": value for name, value in error.items()}
                 rows.append(row)
                 print(row, f"{time.process_time() - began:.0f} s", flush=True)
-    _, axes = plt.subplots(3, 2, figsize=(11.0, 11.0), layout="constrained")
+    figure, axes = plt.subplots(3, 2, figsize=(11.0, 11.0), layout="constrained")
     for ax, case in zip(axes.flat, STOPS, strict=False):
         given, at = scene(case, SHOWN, 0.2), frequencies(case, points)
         exact = sv.harmonic_response(given, at, sweep="both")
@@ -108,9 +110,10 @@ def main() -> None:
         ax.set_ylabel("median error of impact speeds (%)")
         ax.set_ylim(bottom=0.0)
         ax.set_title(f"linearisation by {form}")
-    axes[2, 1].legend(fontsize="small")
-    plt.savefig(HERE / "figure.png", dpi=110)
-    table.to_csv(HERE / "result.csv", index=False, float_format="%.5g")
+    lines = axes[2, 1].get_legend_handles_labels()
+    figure.legend(*lines, loc="outside lower center", ncols=4, fontsize="small")
+    figure.savefig(options.out / "figure.png", dpi=110)
+    table.to_csv(options.out / "result.csv", index=False, float_format="%.5g")
     print(f"{time.process_time() - began:.0f} s of CPU")
 
 

@@ -141,7 +141,7 @@ for name, label in names.items():
     low = low + taken[name].to_numpy()
 areas.set_ylim(0.0, 1.0)
 areas.set_ylabel("share of starts")
-areas.legend(loc="lower left", fontsize="small")
+areas.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize="small")
 for panel in (speeds, areas):
     panel.set_xlabel("clearance per side (mm)")
     panel.set_xlim(0.19, 0.61)
