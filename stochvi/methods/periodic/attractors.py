@@ -212,7 +212,7 @@ class Attractors:
 
     def _points(self, track: Track) -> Matrix:
         """The states of a regime at the phase at which flights are looked at."""
-        y, touch = track.starts[0].copy(), flights.free_touch()
+        y, touch = track.starts[0].copy(), solver.free_touch()
         phase = 0.0
         if track.stops:
             phase = float(track.points[0, 0])
@@ -239,7 +239,7 @@ class Attractors:
             return known
         eye = np.eye(len(point))
         factors, y = eye.copy(), point.copy()
-        touch = flights.free_touch()
+        touch = solver.free_touch()
         for _ in range(track.periods):
             flights.fly(self.course, y, touch, factors, np.empty((0, 3)), 0)
         share = math.sqrt(max(float(np.abs(np.linalg.eigvals(factors)).max()), 1e-6))

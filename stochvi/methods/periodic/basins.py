@@ -25,7 +25,7 @@ from stochvi.methods.periodic.attractors import (
 )
 from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.family import Family, unmet
-from stochvi.methods.periodic.kernels import flights
+from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.method import MARGIN, noise_left_out, too_slow, varied
 from stochvi.methods.periodic.states import States
 from stochvi.model.model import model_of
@@ -438,7 +438,7 @@ class Place:
         state = each.points[-1].copy()
         lead = flights.course_of(known.motion, known.phase, (phase - known.phase) % (2.0 * math.pi))
         none = np.empty((len(state), 0))
-        flights.fly(lead, state, flights.free_touch(), none, np.empty((0, 3)), 0)
+        flights.fly(lead, state, solver.free_touch(), none, np.empty((0, 3)), 0)
         (there,) = self.states.physical(state[None])
         n = len(self.model.mass)
         if each.track is not None:

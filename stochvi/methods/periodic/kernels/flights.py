@@ -14,19 +14,20 @@ import numpy as np
 from stochvi.methods.periodic.kernels.solver import (
     FREE,
     MOST_IMPACTS,
-    STILL,
+    NONE,
     TERMS,
     Motion,
     distance_of,
     expand,
-    first_rise,
     force_state,
+    free_touch,
     held,
-    push_of,
+    next_event,
     rate,
     rest_on,
     step_of,
     strike,
+    strike_or_rest,
     sum_terms,
     transition,
 )
@@ -52,14 +53,6 @@ class Course(NamedTuple):
     resting: np.ndarray
 
 
-class Touch(NamedTuple):
-    """What a flight keeps besides its state: `on` (3,), the stop that is rested on, the one that
-    was struck last and the one to be passed over; `fastest` (1,), the largest impact speed."""
-
-    on: np.ndarray
-    fastest: np.ndarray
-
-
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def course_of(motion, phase, angle):
     """The course over an angle of phases (rad) from one on."""
@@ -79,12 +72,6 @@ def course_of(motion, phase, angle):
             forced[k, i] = total
     matrix = whole[:two, :two].copy()
     return Course(motion, part, matrix, forced, waves, phase, held(motion))
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def free_touch():
-    """A flight that rests on no stop and has struck none."""
-    return Touch(np.full(3, FREE), np.zeros(1))
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -140,14 +127,12 @@ def fly(course, y, touch, disturbances, log, hits):
     columns = disturbances.shape[1]
     fresh, turned = np.empty(two), np.empty(two)
     z, later = np.empty(size), np.empty(size)
-    terms, c = np.empty((TERMS, size)), np.empty(TERMS)
+    terms, before = np.empty((TERMS, size)), hits
     distances, speeds = np.empty(m), np.empty(m)
-    state, touched, skipped = touch.on[0], touch.on[1], touch.on[2]
-    fastest, before = touch.fastest[0], hits
     for s in range(m):
         distances[s], speeds[s] = distance_of(motion, s, y)
     for number in range(len(course.forced)):
-        clear = state == FREE
+        clear = touch.on[0] == FREE
         if clear:
             for i in range(two):
                 total = course.forced[number, i]
@@ -169,75 +154,43 @@ def fly(course, y, touch, disturbances, log, hits):
                         total += course.matrix[i, j] * disturbances[j, column]
                     turned[i] = total
                 disturbances[:, column] = turned
-            touched, skipped = FREE, FREE
+            touch.on[1], touch.on[2] = FREE, FREE
             continue
         left = part
         z[:two], z[two:] = y, course.waves[number]
         while left > 0.0:
+            state = touch.on[0]
             generator = motion.generator if state == FREE else course.resting[state]
             expand(generator, z, terms)
             sum_terms(terms, left, later)
-            sooner, event, released = left, FREE, False
-            for s in range(m):
-                if s in (state, skipped):
-                    continue
-                start, speed = distance_of(motion, s, z)
-                end, end_speed = distance_of(motion, s, later)
-                if max(start, end) + 0.5 * left * (abs(speed) + abs(end_speed)) < 0.0:
-                    continue
-                for k in range(TERMS):
-                    c[k] = 0.0
-                    for i in range(n):
-                        c[k] += motion.rows[s, i] * terms[k, i]
-                c[0] -= motion.positions[s]
-                # from the stop itself, or from beyond it by rounding: the next touch
-                on = s == touched or c[0] > 0.0
-                at = first_rise(c[1:], sooner) if on else first_rise(c, sooner)
-                if at >= 0.0 and (at < sooner or event == FREE):
-                    sooner, event = at, s
-            if state != FREE:
-                for k in range(TERMS):
-                    c[k] = -push_of(motion, state, terms[k])
-                at = first_rise(c, sooner)
-                if at >= 0.0:
-                    sooner, event, released = at, FREE, True
+            sooner, event = next_event(motion, generator, touch, z, later, left, terms, True)
             for column in range(columns):
                 turn(generator, sooner, disturbances, column, turned)
-            if event == FREE and not released:
+            if event == NONE:
                 z[:] = later
-                touched, skipped, left = FREE, FREE, 0.0
+                touch.on[1], touch.on[2], left = FREE, FREE, 0.0
                 continue
             sum_terms(terms, sooner, z)
             left = max(left - sooner, 0.0)
-            if released:
-                touched, skipped, state = FREE, state, FREE
+            if event == state:
+                touch.on[0], touch.on[1], touch.on[2] = FREE, FREE, state
                 continue
-            state = FREE
             if columns:
                 turn_at_impact(motion, event, z, disturbances)
-            speed = strike(motion, event, z[:two])
+            speed = strike_or_rest(motion, event, touch, z)
             if len(log):
                 slot = hits % len(log)
                 log[slot, 0] = course.phase + motion.omega * ((number + 1) * part - left)
                 log[slot, 1], log[slot, 2] = event, speed
             hits += 1
-            fastest = max(fastest, speed)
-            touched = event
             if hits - before > MOST_IMPACTS:
                 return -1
-            if motion.restitutions[event] * speed <= STILL * fastest:
-                if push_of(motion, event, z) > 0.0:
-                    state = event
-                    rest_on(motion, event, z)
-                    for column in range(columns):
-                        settle_on(motion, event, disturbances[:, column])
-                else:
-                    skipped = event
+            if touch.on[0] != FREE:
+                for column in range(columns):
+                    settle_on(motion, event, disturbances[:, column])
         y[:] = z[:two]
         for s in range(m):
             distances[s], speeds[s] = distance_of(motion, s, y)
-    touch.on[0], touch.on[1], touch.on[2] = state, touched, skipped
-    touch.fastest[0] = fastest
     return hits
 
 

@@ -60,6 +60,9 @@ TURN = 0.98
 FREE = -1
 """State of a motion in which no stop is rested on."""
 
+NONE = -2
+"""Number of the stop of the next event where there is none."""
+
 MOST_IMPACTS = 4000
 """Largest number of impacts in one period that a simulation follows."""
 
@@ -83,6 +86,14 @@ class Motion(NamedTuple):
     omega: float
     output: np.ndarray
     base: np.ndarray
+
+
+class Touch(NamedTuple):
+    """What a flight keeps besides its state: `on` (3,), the stop that is rested on, the one that
+    was struck last and the one to be passed over; `fastest` (1,), the largest impact speed."""
+
+    on: np.ndarray
+    fastest: np.ndarray
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -1020,6 +1031,65 @@ def rest_on(motion, stop, z):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def free_touch():
+    """A flight that rests on no stop and has struck none."""
+    return Touch(np.full(3, FREE), np.zeros(1))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def next_event(motion, generator, touch, z, later, left, terms, expanded):
+    """Time and stop of the next event of a flight from the state z to the one `later`, the time
+    left after it: an impact, or the release from the stop that is rested on. Without an event the
+    stop is NONE. `terms` takes the Taylor coefficients of z, unless it is `expanded` already; they
+    are computed where a stop may be met only."""
+    n, c = motion.rows.shape[1], np.empty(TERMS)
+    resting, touched, skipped = touch.on[0], touch.on[1], touch.on[2]
+    sooner, event = left, np.int64(NONE)
+    for s in range(len(motion.positions)):
+        if s in (resting, skipped):
+            continue
+        start, speed = distance_of(motion, s, z)
+        end, end_speed = distance_of(motion, s, later)
+        if max(start, end) + 0.5 * left * (abs(speed) + abs(end_speed)) < 0.0:
+            continue
+        if not expanded:
+            expand(generator, z, terms)
+            expanded = True
+        for k in range(TERMS):
+            c[k] = 0.0
+            for i in range(n):
+                c[k] += motion.rows[s, i] * terms[k, i]
+        c[0] -= motion.positions[s]
+        # from the stop itself, or from beyond it by rounding: the next touch
+        on = s == touched or c[0] > 0.0
+        at = first_rise(c[1:], sooner) if on else first_rise(c, sooner)
+        if at >= 0.0 and (at < sooner or event == NONE):
+            sooner, event = at, s
+    if resting != FREE:
+        for k in range(TERMS):
+            c[k] = -push_of(motion, resting, terms[k])
+        at = first_rise(c, sooner)
+        if at >= 0.0:
+            sooner, event = at, resting
+    return sooner, event
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def strike_or_rest(motion, stop, touch, z):
+    """An impact of a flight, in the place of z, after which it may rest on the stop; its speed."""
+    speed = strike(motion, stop, z[: 2 * motion.rows.shape[1]])
+    touch.fastest[0] = max(touch.fastest[0], speed)
+    touch.on[0], touch.on[1] = FREE, stop
+    if motion.restitutions[stop] * speed <= STILL * touch.fastest[0]:
+        if push_of(motion, stop, z) > 0.0:
+            touch.on[0] = stop
+            rest_on(motion, stop, z)
+        else:
+            touch.on[2] = stop
+    return speed
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def march(motion, start, periods, phase, ends, log):
     """Simulate from impact to impact: `start` (2 n,) at a phase of the force, over whole periods.
 
@@ -1028,20 +1098,16 @@ def march(motion, start, periods, phase, ends, log):
     many. Returns the number of impacts (0 or more; -1 where they came too fast to be followed), and
     the largest displacement of the output over the last period.
     """
-    n, m = motion.rows.shape[1], len(motion.positions)
-    two, size = 2 * n, len(motion.generator)
+    two, size = 2 * motion.rows.shape[1], len(motion.generator)
     steps = math.ceil(2.0 * math.pi / motion.omega / step_of(motion))
     part = 2.0 * math.pi / motion.omega / steps
     resting = held(motion)
     matrix = transition(motion.generator, part)
     z, fresh = np.empty(size), np.empty(size)
-    terms, c = np.empty((TERMS, size)), np.empty(TERMS)
+    terms, touch = np.empty((TERMS, size)), free_touch()
     put(start, z[:two])
     put(start, ends[0])
-    # of a stated type: numba would compile what takes a stop once more for the literal FREE
-    state = np.int64(FREE)
-    touched, skipped = state, state
-    hits, fastest, displacement = 0, 0.0, 0.0
+    hits, displacement = 0, 0.0
     last_hits = -1
     for period in range(periods):
         before = hits
@@ -1051,73 +1117,41 @@ def march(motion, start, periods, phase, ends, log):
         for number in range(steps):
             left = part
             while left > 0.0:
+                state = touch.on[0]
+                generator = motion.generator if state == FREE else resting[state]
                 expanded = left < part or state != FREE
                 if expanded:
-                    expand(motion.generator if state == FREE else resting[state], z, terms)
+                    expand(generator, z, terms)
                     sum_terms(terms, left, fresh)
                 else:
                     apply(matrix, z, fresh)
-                sooner, event, released = left, np.int64(FREE), False
-                for s in range(m):
-                    if s in (state, skipped):
-                        continue
-                    start_, start_rate = distance_of(motion, s, z)
-                    end, end_rate = distance_of(motion, s, fresh)
-                    reach = 0.5 * left * (abs(start_rate) + abs(end_rate))
-                    if max(start_, end) + reach < 0.0:
-                        continue
-                    if not expanded:
-                        expand(motion.generator, z, terms)
-                        expanded = True
-                    for k in range(TERMS):
-                        c[k] = 0.0
-                        for i in range(n):
-                            c[k] += motion.rows[s, i] * terms[k, i]
-                    c[0] -= motion.positions[s]
-                    # from the stop itself, or from beyond it by rounding: the next touch
-                    on = s == touched or c[0] > 0.0
-                    at = first_rise(c[1:], sooner) if on else first_rise(c, sooner)
-                    if at >= 0.0 and (at < sooner or event == FREE):
-                        sooner, event = at, s
-                if state != FREE:
-                    for k in range(TERMS):
-                        c[k] = -push_of(motion, state, terms[k])
-                    at = first_rise(c, sooner)
-                    if at >= 0.0:
-                        sooner, event, released = at, FREE, True
-                if event == FREE and not released:
+                sooner, event = next_event(
+                    motion, generator, touch, z, fresh, left, terms, expanded
+                )
+                if event == NONE:
                     put(fresh, z)
-                    touched, skipped, left = FREE, FREE, 0.0
+                    touch.on[1], touch.on[2], left = FREE, FREE, 0.0
                     continue
                 sum_terms(terms, sooner, z)
                 left = max(left - sooner, 0.0)
-                if released:
-                    touched, skipped, state = FREE, state, FREE
+                if event == state:
+                    touch.on[0], touch.on[1], touch.on[2] = FREE, FREE, state
                     continue
-                state = FREE
-                speed = strike(motion, event, z[:two])
+                speed = strike_or_rest(motion, event, touch, z)
                 slot = hits % len(log)
                 log[slot, 0] = (
                     phase + 2.0 * math.pi * period + motion.omega * ((number + 1) * part - left)
                 )
                 log[slot, 1], log[slot, 2] = event, speed
                 hits += 1
-                fastest = max(fastest, speed)
-                touched = event
                 if period == periods - 1:
                     displacement = max(displacement, abs(output_of(motion, z)[0]))
                 if hits - before > MOST_IMPACTS:
                     return -1, displacement
-                if motion.restitutions[event] * speed <= STILL * fastest:
-                    if push_of(motion, event, z) > 0.0:
-                        state = event
-                        rest_on(motion, event, z)
-                    else:
-                        skipped = event
             if period == periods - 1:
                 place, moving = output_of(motion, z)
                 displacement = max(displacement, abs(place))
-                if hits == last_hits and state == FREE:
+                if hits == last_hits and touch.on[0] == FREE:
                     ends_, rates = (last_place, place), (last_moving, moving)
                     displacement = max(displacement, swing(ends_, rates, part))
                 last_hits, last_place, last_moving = hits, place, moving
