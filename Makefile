@@ -32,6 +32,7 @@ studies: .venv/test-installed
 
 bench: .venv/bench-installed
 	$(BIN)/python studies/02_cost_of_accuracy/run.py --libraries
+	$(BIN)/python studies/23_time_of_every_job/run.py --history
 
 .venv/bin/python:
 	$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "stochvi needs Python 3.11 or newer"'
