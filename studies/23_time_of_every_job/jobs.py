@@ -93,7 +93,7 @@ def engines() -> Iterator[Engine]:
     for name, file, duration in (
         ("R = 1, 1 sigma", "oscillator-elastic", 2e4),
         ("R = 0.5, 1 sigma", "lossy-0.5", 1e4),
-        ("load on a lossy stop", "lossy-load", 1e4),
+        ("pressed on a lossy stop", "lossy-preload", 5e3),
         ("elastic stops at 2 sigma", "elastic-two-sigma", 2e4),
         ("springs for stops", "spring-stops", 2e3),
         ("a table, elastic stops", "psd-truck-elastic", 100.0),

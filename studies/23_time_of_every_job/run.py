@@ -1,7 +1,6 @@
 """CPU time of every job that users wait for, what its imports cost alone, and an older revision."""
 
 import argparse
-import json
 import os
 import platform
 import subprocess
@@ -25,6 +24,12 @@ HOUSE = FOLDER.parents[1]
 
 HISTORY = HOUSE / "data" / "bench" / "history.csv"
 """A row for each job and run, so that a release can be compared with those before it."""
+
+PLACE = "<!-- result.csv -->"
+"""What stands before and after the table on the page of the study."""
+
+ANSWERED = (0, 1)
+"""Exit codes of a program that has given an answer, 1 for one that is not as accurate as asked."""
 
 PATHS = 1024
 """Number of paths of the runs that time a step."""
@@ -52,6 +57,8 @@ def run(words: list[str], house: Path, cache: Path | None = None) -> tuple[float
         )  # fmt: skip
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode not in ANSWERED:
+            raise SystemExit(f"{' '.join(words)} ended with {process.returncode}")
         wall = os.times().elapsed - began.elapsed
         printed.seek(0)
         return used.ru_utime + used.ru_stime, wall, printed.read()
@@ -67,17 +74,9 @@ def time_of_job(job: Job, house: Path) -> tuple[float, float]:
 
 def time_of_step(engine: Engine, house: Path) -> tuple[float, float]:
     """CPU ns per second of scene time and per step: what a run thrice as long takes more."""
-    found = []
-    for duration in (engine.duration, 3.0 * engine.duration):
-        cpu, _, printed = run(
-            ["-m", "stochvi", "simulate", str(engine.scene), "--paths", str(PATHS), "--duration",
-             str(duration), "--threads", "1", "--seed", "1", "--json", "-"],
-            house,
-        )  # fmt: skip
-        found.append((cpu, json.loads(printed)["cost"]["steps"]))
-    (short, few), (long, many) = found
-    more = 1e9 * (long - short)
-    return more / (2.0 * engine.duration * PATHS), more / (many - few)
+    words = [str(FOLDER / "step_time.py"), str(engine.scene), str(PATHS), str(engine.duration)]
+    of_scene, of_step = run(words, house)[2].split()
+    return float(of_scene), float(of_step)
 
 
 @contextmanager
@@ -131,6 +130,22 @@ def measure(houses: dict[str, Path], repeats: int, quick: bool) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
+def as_page(table: pd.DataFrame) -> str:
+    """The rows as a table of a page, with a ratio where an older revision was timed."""
+    before = table[table["revision"] == "before"].set_index("name")["cpu"]
+    lines = ["| job | CPU | unit | older revision, ratio |", "|---|---|---|---|"]
+    for row in table[table["revision"] == "now"].itertuples():
+        ratio = f"{before[row.name] / row.cpu:.2f}" if row.name in before else "-"
+        lines.append(f"| {row.name} | {row.cpu:.3g} | {row.unit.split(';')[0]} | {ratio} |")
+    return "\n".join(lines)
+
+
+def write_into(page: Path, table: str) -> None:
+    """Put the table in its place on a page that has one."""
+    before, _, after = page.read_text("utf-8").split(PLACE)
+    page.write_text(f"{before}{PLACE}\n{table}\n{PLACE}{after}", "utf-8")
+
+
 def processor() -> str:
     """Name of the processor, as the system states it."""
     try:
@@ -163,8 +178,10 @@ if __name__ == "__main__":
     with checkout_of(options.against) if options.against else nullcontext() as older:
         houses = {"now": HOUSE} | ({"before": older} if older else {})
         result = measure(houses, options.repeats, options.quick)
-    result.to_csv(options.out / "result.csv", index=False)
+    result.to_csv(options.out / "result.csv", index=False, float_format="%.6g")
     draw(result, options.out / "figure.png")
+    if options.out == FOLDER:
+        write_into(FOLDER / "README.md", as_page(result))
     if options.history:
         git = ["git", "-C", str(HOUSE), "rev-parse", "--short", "HEAD"]
         revision = subprocess.run(git, check=True, capture_output=True, text=True).stdout.strip()
@@ -172,4 +189,6 @@ if __name__ == "__main__":
         rows.insert(0, "date", date.today().isoformat())
         rows["processor"] = processor()
         HISTORY.parent.mkdir(exist_ok=True)
-        rows.to_csv(HISTORY, mode="a", header=not HISTORY.exists(), index=False)
+        rows.to_csv(
+            HISTORY, mode="a", header=not HISTORY.exists(), index=False, float_format="%.6g"
+        )
