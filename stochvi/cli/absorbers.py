@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from stochvi.cli.options import FREQUENCY, Common, common, frequencies, numbers, shown
+from stochvi.cli.options import Common, Varied, common, numbers, shown, varied
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
@@ -29,19 +29,12 @@ if TYPE_CHECKING:
     help="Numbers of equal masses that a design may choose from.",
 )  # fmt: skip
 @click.option("--sine", is_flag=True, help="Instead: under the sine of the scene, exactly.")
-@click.option("--from", "start", type=FREQUENCY, metavar="F", help="With --sine: lowest, Hz ...")
-@click.option("--to", "end", type=FREQUENCY, metavar="F", help="... and highest frequency.")
-@click.option("--points", type=int, default=200, show_default=True, help="Frequencies in between.")
-@click.option(
-    "--vary", metavar="KEY=FIRST:LAST:NUMBER",
-    help="With --sine: what is tuned, as absorber.play=1mm:9mm:50 [play or gap, and mass].",
-)  # fmt: skip
+@varied(200, "what is tuned, as absorber.play=1mm:9mm:50 [play or gap, and mass].", "With --sine: ")
 @click.option("--rel-error", type=float, default=0.01, show_default=True, help="Of Monte Carlo.")
 @common("budget", "seed", "threads", "json", "out", "force", "quiet")
 def absorber(
     options: Common, scene: str, levels: str, mass_budget: float | None, restitutions: str,
-    units: str, sine: bool, start: float | None, end: float | None, points: int,
-    vary: str | None, rel_error: float,
+    units: str, sine: bool, varied: Varied, rel_error: float,
 ) -> None:  # fmt: skip
     """Does a loose mass in a box help: with, without, over levels; or the best box.
 
@@ -64,11 +57,6 @@ def absorber(
                 loaded, levels_db=numbers("--levels", levels, "dB"), progress=report, **asked
             )
 
-    def tuned() -> dict[str, list[float]] | None:
-        from stochvi.sweeps import values_of
-
-        return None if vary is None else dict([values_of(vary, loaded.document(as_written=True))])
-
     def design() -> Design:
         assert mass_budget is not None
         with options.progress("absorber") as report:
@@ -83,11 +71,11 @@ def absorber(
             raise ValueError("--sine and --mass-budget are two questions; leave out one")
         shown(
             lambda: absorber_sine(
-                loaded, frequencies(start, end, points), tune=tuned(), budget=options.budget
+                loaded, varied.frequencies(), tune=varied.values(loaded), budget=options.budget
             ),
             lambda found: _show_sine(options, scene, found),
         )
-    elif start is not None or end is not None or vary is not None:
+    elif varied.given:
         raise ValueError("--from, --to and --vary need --sine")
     elif mass_budget is None:
         shown(performance, lambda found: _show_performance(options, scene, found))

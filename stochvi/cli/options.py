@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from stochvi.results.origin import Origin
     from stochvi.results.progress import Progress
+    from stochvi.scenes.scene import Scene
 
 BUDGET = 60.0
 """Seconds of wall time that a command may take to reach an accuracy, unless --budget is given."""
@@ -322,20 +323,88 @@ def shown(solve: Callable[[], Found], show: Callable[[Found], None]) -> None:
     show(found)
 
 
-def frequencies(start: float | None, end: float | None, points: int) -> list[float] | None:
-    """The frequencies (Hz) that --from, --to and --points ask for; None without them."""
-    import numpy as np
+@dataclass(frozen=True)
+class Varied:
+    """What --from, --to, --points and --vary ask for: frequencies, or values of a key."""
 
-    if start is None and end is None:
-        return None
-    if start is None or end is None or not start < end:
-        raise ValueError(
-            f"--from and --to must be two rising frequencies (Hz), got {start} and {end}"
-        )
-    if points < 2:
-        raise ValueError(f"--points must be at least 2, got {points}")
-    found: list[float] = np.linspace(start, end, points).tolist()
-    return found
+    start: float | None
+    end: float | None
+    points: int
+    vary: str | None
+
+    @property
+    def given(self) -> bool:
+        """Whether any of them is given."""
+        return self.start is not None or self.end is not None or self.vary is not None
+
+    def frequencies(self) -> list[float] | None:
+        """The frequencies, Hz; None without --from and --to."""
+        import numpy as np
+
+        if self.start is None and self.end is None:
+            return None
+        if self.start is None or self.end is None or not self.start < self.end:
+            raise ValueError(
+                "--from and --to must be two rising frequencies (Hz), got "
+                f"{self.start} and {self.end}"
+            )
+        if self.points < 2:
+            raise ValueError(f"--points must be at least 2, got {self.points}")
+        found: list[float] = np.linspace(self.start, self.end, self.points).tolist()
+        return found
+
+    def values(self, scene: Scene) -> dict[str, Any] | None:
+        """The key of a scene that --vary names, and its values; None without --vary."""
+        from stochvi.sweeps import values_of
+
+        if self.vary is None:
+            return None
+        return dict([values_of(self.vary, scene.document(as_written=True))])
+
+    def asked(self, scene: Scene) -> dict[str, Any]:
+        """Frequencies or values as `harmonic_response` and `bifurcation` take them."""
+        if self.vary is None:
+            found = self.frequencies()
+            return {} if found is None else {"frequency_hz": found}
+        if self.start is not None or self.end is not None:
+            raise ValueError("--vary takes the place of --from and --to, got both; leave out one")
+        return {"vary": self.values(scene)}
+
+
+def varied(
+    points: int, key: str, condition: str = ""
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command --from, --to, --points and --vary, whose values it gets as `varied`.
+
+    `points` is the number of frequencies unless --points is given, `key` says what --vary takes,
+    and `condition` when the options count.
+    """
+    options = [
+        click.option(
+            "--from", "start", type=FREQUENCY, metavar="F",
+            help=f"{condition}Lowest frequency, Hz ...",
+        ),
+        click.option("--to", "end", type=FREQUENCY, metavar="F", help="... and the highest."),
+        click.option(
+            "--points", type=int, default=points, show_default=True, help="Frequencies in between."
+        ),
+        click.option(
+            "--vary", metavar="KEY=FIRST:LAST:NUMBER", help=f"{condition or 'Instead: '}{key}",
+        ),
+    ]  # fmt: skip
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def run(
+            *, start: float | None, end: float | None, points: int, vary: str | None, **given: Any
+        ) -> None:
+            command(varied=Varied(start, end, points, vary), **given)
+
+        for option in reversed(options):
+            run = option(run)
+        return run
+
+    return decorate
 
 
 def numbers(option: str, text: str, unit: str = "") -> list[float]:

@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from stochvi.cli.options import FREQUENCY, Common, common, frequencies, shown
+from stochvi.cli.options import Common, Varied, common, shown, varied
 from stochvi.cli.program import main
-
-if TYPE_CHECKING:
-    from stochvi.scenes.scene import Scene
 
 
 @main.command()
 @click.argument("scene")
-@click.option("--from", "start", type=FREQUENCY, metavar="F", help="Lowest frequency, Hz ...")
-@click.option("--to", "end", type=FREQUENCY, metavar="F", help="... and the highest.")
-@click.option("--points", type=int, default=400, show_default=True, help="Frequencies in between.")
-@click.option(
-    "--vary", metavar="KEY=FIRST:LAST:NUMBER",
-    help="Instead: values of a key of the scene, as impact_pair.0.clearance=3mm:6mm:100.",
-)  # fmt: skip
+@varied(400, "values of a key of the scene, as impact_pair.0.clearance=3mm:6mm:100.")
 @click.option(
     "--sweep", type=click.Choice(["up", "down", "both"]),
     help="Simulate a slow sweep from value to value beside the branches.",
@@ -37,8 +28,8 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @common("budget", "json", "out", "quiet")
 def sine(
-    options: Common, scene: str, start: float | None, end: float | None, points: int,
-    vary: str | None, sweep: str | None, form: str, coordinate: str | None, impacts: int,
+    options: Common, scene: str, varied: Varied, sweep: str | None, form: str,
+    coordinate: str | None, impacts: int,
 ) -> None:  # fmt: skip
     """What a structure between stops does under a sine: all regimes, jumps, stability.
 
@@ -51,7 +42,7 @@ def sine(
     from stochvi.views.sine import draw_sine, print_sine
 
     loaded = load_scene(scene)
-    asked = _varied(loaded, start, end, points, vary)
+    asked = varied.asked(loaded)
     shown(
         lambda: harmonic_response(
             loaded, **asked, form=form, sweep=sweep, coordinate=coordinate, most_impacts=impacts,
@@ -59,20 +50,6 @@ def sine(
         ),
         lambda found: _show(options, found, print_sine, draw_sine, "sine"),
     )  # fmt: skip
-
-
-def _varied(
-    scene: Scene, start: float | None, end: float | None, points: int, vary: str | None
-) -> dict[str, Any]:
-    """What --from, --to and --points, or --vary, ask for."""
-    from stochvi.sweeps import values_of
-
-    if vary is not None:
-        if start is not None or end is not None:
-            raise ValueError("--vary takes the place of --from and --to, got both; leave out one")
-        return {"vary": dict([values_of(vary, scene.document(as_written=True))])}
-    asked = frequencies(start, end, points)
-    return {} if asked is None else {"frequency_hz": asked}
 
 
 @main.command()
@@ -112,13 +89,7 @@ def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, pe
 
 @main.command()
 @click.argument("scene")
-@click.option("--from", "first", type=FREQUENCY, metavar="F", help="Lowest frequency, Hz ...")
-@click.option("--to", "last", type=FREQUENCY, metavar="F", help="... and the highest.")
-@click.option("--points", type=int, default=400, show_default=True, help="Frequencies in between.")
-@click.option(
-    "--vary", metavar="KEY=FIRST:LAST:NUMBER",
-    help="Instead: values of a key of the scene, as excitation.0.amplitude=1:3:400.",
-)  # fmt: skip
+@varied(400, "values of a key of the scene, as excitation.0.amplitude=1:3:400.")
 @click.option(
     "--sweep", type=click.Choice(["up", "down", "both"]), default="both", show_default=True,
     help="Each motion goes on from that at the value before.",
@@ -136,8 +107,8 @@ def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, pe
 )  # fmt: skip
 @common("budget", "json", "out", "quiet")
 def bifurcation(
-    options: Common, scene: str, first: float | None, last: float | None, points: int,
-    vary: str | None, sweep: str, settling: int, watched: int, starts: tuple[str, ...],
+    options: Common, scene: str, varied: Varied, sweep: str, settling: int, watched: int,
+    starts: tuple[str, ...],
 ) -> None:  # fmt: skip
     """Impact speeds that a slow sweep goes through, period doublings and chaos included.
 
@@ -149,7 +120,7 @@ def bifurcation(
     from stochvi.views.basins import draw_bifurcation, print_bifurcation
 
     loaded = load_scene(scene)
-    asked = _varied(loaded, first, last, points, vary)
+    asked = varied.asked(loaded)
     if not asked:
         raise ValueError("--from and --to, or --vary, must say what is varied, got neither")
     begun = {name: values[0] for name, values in map(_numbers_of, starts)}

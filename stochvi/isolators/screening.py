@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
 from stochvi.isolators.structure_screening import StructureScreening, screen_structure
@@ -21,7 +21,7 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.cautions import scene_notes
-from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
@@ -148,8 +148,7 @@ def screen_isolator(scene: Scene) -> Screening:
         unmet.append("structure.kind must be 'isolator' with noise on its base only")
     if model.damping_rate == 0.0 or model.omega == 0.0:
         unmet.append("damping and stiffness must be positive")
-    if model.intensity == 0.0 and not tables:
-        unmet.append("excitation must contain noise")
+    unmet += without_noise(model)
     if unmet:
         raise NotApplicable("screening", unmet)
     omega, b = model.omega, model.damping_rate
@@ -423,15 +422,8 @@ def predicted_rates(scene: Scene, clearances: Sequence[float]) -> pd.DataFrame:
 
     Where the closure finds no solution its rate is left out (NaN).
     """
-    linear = screen_isolator(scene)
-    return pd.DataFrame(
-        {
-            "clearance": clearances,
-            "clearance_in_sigma": np.asarray(clearances) / linear.displacement_std,
-            "rice": [linear.rice_rate(clearance) for clearance in clearances],
-            "closure": [_closure_rate(with_clearance(scene, c)) for c in clearances],
-        }
-    )
+    closure = [_closure_rate(with_clearance(scene, each)) for each in clearances]
+    return _rates(scene, np.asarray(clearances), closure)
 
 
 def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
@@ -443,7 +435,6 @@ def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
     """
     lowest, highest = curve["clearance"].min(), curve["clearance"].max()
     places = np.linspace(lowest, highest, SMOOTH_POINTS)
-    linear = screen_isolator(scene)
     known = curve[curve["closure"] > 0.0].sort_values("clearance")
     closure = np.full(len(places), np.nan)
     if len(known) > 1:
@@ -451,11 +442,17 @@ def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
             known["clearance"] ** 2, np.log(known["closure"]), extrapolate=False
         )
         closure = np.exp(rates(places**2))
+    return _rates(scene, places, closure)
+
+
+def _rates(scene: Scene, clearances: np.ndarray, closure: ArrayLike) -> pd.DataFrame:
+    """Rates by Rice and by the closure, which are given, at clearances (m)."""
+    linear = screen_isolator(scene)
     return pd.DataFrame(
         {
-            "clearance": places,
-            "clearance_in_sigma": places / linear.displacement_std,
-            "rice": [linear.rice_rate(each) for each in places],
+            "clearance": clearances,
+            "clearance_in_sigma": clearances / linear.displacement_std,
+            "rice": [linear.rice_rate(each) for each in clearances],
             "closure": closure,
         }
     )

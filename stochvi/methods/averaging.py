@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.coverage import beyond_one_oscillator, not_white, without_dissipation
 from stochvi.model.energy_law import (
     CONTINUOUS,
     FINITE_JUMPS,
@@ -181,13 +181,7 @@ def unmet(model: Model) -> list[str]:
     found = beyond_one_oscillator(model)
     if found:
         return found
-    found = model.not_rigid()
-    if model.tables:
-        found.append("excitation must be white noise, got a tabulated density")
-    elif model.intensity == 0.0:
-        found.append("excitation must contain noise, got a constant load alone")
-    if model.damping_rate == 0.0 and model.elastic:
-        found.append("damping must be positive where no stop takes energy, got 0")
+    found = [*model.not_rigid(), *not_white(model), *without_dissipation(model)]
     if not model.held:
         found.append("stiffness must be positive where stops do not hold the mass, got 0")
     return found

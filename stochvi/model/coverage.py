@@ -54,3 +54,32 @@ def beyond_one_oscillator(
         for kind in sorted(kinds - set(covered))
     ]
     return found
+
+
+def without_noise(model: Model, *, with_sines: bool = False) -> list[str]:
+    """The condition of a method for random motion, where nothing in a model is random.
+
+    Parameters
+    ----------
+    with_sines
+        Whether the method takes a sine in place of noise.
+    """
+    if model.noisy or (with_sines and model.sines):
+        return []
+    wanted = "noise or a sine" if with_sines else "noise"
+    got = "a sine" if model.sines else "a constant load"
+    return [f"excitation must contain {wanted}, got {got} alone"]
+
+
+def not_white(model: Model) -> list[str]:
+    """The conditions of a method for white noise that the noise of a model does not meet."""
+    if model.tables:
+        return ["excitation must be white noise, got a tabulated density"]
+    return without_noise(model)
+
+
+def without_dissipation(model: Model) -> list[str]:
+    """The condition that one oscillator loses the energy which noise brings, where none is lost."""
+    if model.damping_rate == 0.0 and model.drag is None and model.elastic:
+        return ["damping must be positive where no stop takes energy, got 0"]
+    return []

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.model.coverage import functions
+from stochvi.model.coverage import functions, without_noise
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
@@ -52,8 +52,7 @@ def free_motion(model: Model) -> FreeMotion:
     unmet = [condition for condition in functions(model) if condition.startswith("structure")]
     if model.sines:
         unmet.append("excitation must be noise or constant, got sine")
-    if not model.noisy:
-        unmet.append("excitation must contain noise")
+    unmet += without_noise(model)
     law = None if unmet else linear_law(model.modal)
     if law is None:
         raise NotApplicable(

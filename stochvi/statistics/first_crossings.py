@@ -37,7 +37,7 @@ from stochvi.methods.monte_carlo.tabulated import (
     TabulatedPlan,
     plan_tabulated,
 )
-from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.progress import Progress, shown_in_notebooks
@@ -170,11 +170,9 @@ def crossing_plan(scene: Scene, horizons: float = 1.0) -> TabulatedPlan:
     narrow for any block.
     """
     model = model_of(scene)
-    unmet = beyond_one_oscillator(model, with_filters=True)
+    unmet = beyond_one_oscillator(model, with_filters=True) or without_noise(model)
     if unmet:
         raise NotApplicable("first_crossings", unmet)
-    if not model.noisy:
-        raise NotApplicable("first_crossings", ["excitation must contain noise"])
     plan = plan_tabulated(model, None, None)
     period = 2.0 * math.pi / plan.model.omega
     plan = plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))

@@ -23,7 +23,7 @@ from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, 
 from stochvi.methods.closed_form.coupled import MOST_PAIRS, CoupledLaw, Intractable
 from stochvi.methods.closed_form.one import lossy
 from stochvi.model.balances import residuals
-from stochvi.model.coverage import functions
+from stochvi.model.coverage import functions, without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import absolute_accelerations, linear_law
@@ -88,16 +88,14 @@ def unmet(model: Model) -> list[str]:
         )
     if model.sines:
         found.append("excitation must be noise, got a sine")
-    coloured = any(signal.intensity for signal in model.signals)
-    if not (np.any(model.white) or coloured or model.tables):
-        found.append("excitation must contain noise, got none")
+    found.extend(without_noise(model))
     if not model.pairs:
         if not _settles(model):
             found.append(
                 "stiffness and damping must hold every coordinate where there are no stops"
             )
         return found
-    if coloured:
+    if any(signal.intensity for signal in model.signals):
         found.append("excitation must be white noise where there are stops, got filtered noise")
     for pair in model.pairs:
         for stop in pair.stops:

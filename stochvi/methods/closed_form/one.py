@@ -12,6 +12,7 @@ import numpy as np
 
 from stochvi.mathematics.impact_rates import gaussian_stop
 from stochvi.mathematics.spectra import LinearMoments, response_moments
+from stochvi.model.coverage import without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw, Spring
 from stochvi.model.model import Model, model_of
@@ -62,8 +63,7 @@ def unmet(model: Model) -> list[str]:
         )
     if model.damping_rate == 0.0 and model.drag is None:
         found.append("damping must be positive, got 0 (there would be no stationary state)")
-    if model.intensity == 0.0 and not model.tables:
-        found.append("excitation must contain noise, got a constant load alone")
+    found.extend(without_noise(model))
     if model.restoring is not None:
         if not found and not _held(model, _white_theta(model)):
             found.append("restoring_force must hold the mass where stops do not")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from stochvi.methods.fokker_planck.motion import Motion
-from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.coverage import beyond_one_oscillator, not_white, without_dissipation
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 
@@ -40,9 +40,7 @@ def unmet(model: Model) -> list[str]:
     found = beyond_one_oscillator(model, with_functions=True)
     if found:
         return found
-    found = _noise(model)
-    if model.damping_rate == 0.0 and model.drag is None and model.elastic:
-        found.append("damping must be positive where no stop takes energy, got 0")
+    found = [*not_white(model), *without_dissipation(model)]
     if not _held(model):
         found.append(
             "stiffness must be positive where stops do not hold the mass, got 0"
@@ -116,7 +114,7 @@ def unmet_by_first_passage(model: Model, lower: float | None, upper: float | Non
     found = beyond_one_oscillator(model)
     if found:
         return found
-    found = _noise(model)
+    found = not_white(model)
     low, high = barriers(model, lower, upper)
     if math.isinf(low) and math.isinf(high):
         found.append("there must be a lower or an upper barrier, or a stop, got none")
@@ -142,14 +140,6 @@ def barriers(
     if lower is None and upper is None:
         return model.lower_position, model.upper_position
     return -math.inf if lower is None else lower, math.inf if upper is None else upper
-
-
-def _noise(model: Model) -> list[str]:
-    if model.tables:
-        return ["excitation must be white noise, got a tabulated density"]
-    if model.intensity == 0.0:
-        return ["excitation must contain noise, got a constant load alone"]
-    return []
 
 
 def _held(model: Model) -> bool:

@@ -17,7 +17,12 @@ from stochvi.methods.linearisation.outputs import answer_of
 from stochvi.methods.linearisation.scales import gibbs_law, linear_moments
 from stochvi.methods.linearisation.several import closure
 from stochvi.methods.linearisation.solver import solve
-from stochvi.model.coverage import beyond_one_oscillator, functions
+from stochvi.model.coverage import (
+    beyond_one_oscillator,
+    functions,
+    without_dissipation,
+    without_noise,
+)
 from stochvi.model.gap import Gap
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.model.responses import linear_acceleration
@@ -279,15 +284,12 @@ def unmet(model: Model, form: str = "closure", variant: str = "consistent") -> l
     found = beyond_one_oscillator(model, with_filters=True)
     if found:
         return found
-    white = not model.tables and not model.filters
-    if model.intensity == 0.0 and white:
-        found.append("excitation must contain noise, got a constant load alone")
+    found = without_noise(model)
     if form == "clumps":
-        if not white:
+        if model.tables or model.filters:
             found.append("excitation must be white noise for form 'clumps', got a coloured one")
         found.extend(model.not_rigid())
-    if model.damping_rate == 0.0 and model.elastic:
-        found.append("damping must be positive where no stop takes energy, got 0")
+    found.extend(without_dissipation(model))
     if model.omega == 0.0:
         if not _held(model):
             found.append("stiffness must be positive where stops do not hold the mass, got 0")

@@ -26,6 +26,7 @@ from stochvi.methods.linearisation.scales import Frame
 from stochvi.methods.linearisation.soft_closure import soft_closure
 from stochvi.methods.linearisation.solver import NOWHERE, SAME, START_SPEEDS, root
 from stochvi.model.balances import residuals
+from stochvi.model.coverage import without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.modal import (
     LinearLaw,
@@ -105,10 +106,8 @@ def closure(scene: Scene) -> tuple[Response, ...]:
     """
     started = time.perf_counter()
     model = model_of(scene)
-    if not np.any(model.white) and not model.signals and not model.tables:
-        raise NotApplicable(
-            "linearise", ["excitation must contain noise or a sine, got a constant load alone"]
-        )
+    if conditions := without_noise(model, with_sines=True):
+        raise NotApplicable("linearise", conditions)
     box = boxes.box_of(model)
     if box is not None:
         return (boxes.response(scene, model, box, METHOD),)

@@ -10,17 +10,14 @@ from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.rigid_white import plan_white
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
-from stochvi.model.coverage import beyond_one_oscillator, functions
+from stochvi.model.coverage import beyond_one_oscillator, functions, without_noise
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 
 
 def unmet(model: Model) -> list[str]:
     """The conditions of `simulate` that a model does not meet, as far as the model alone shows."""
-    found = functions(model)
-    if not model.noisy and not model.sines:
-        found.append("excitation must contain noise or a sine, got a constant load alone")
-    return found
+    return [*functions(model), *without_noise(model, with_sines=True)]
 
 
 def make_plan(

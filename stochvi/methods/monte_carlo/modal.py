@@ -44,6 +44,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_smooth_motion,
     lossiest,
 )
+from stochvi.model.coverage import without_noise
 from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
 from stochvi.model.scales import PairScale, scales_of
@@ -617,10 +618,8 @@ def plan_modal(model: Model, threshold: float | None, duration: float | None) ->
 def basis(model: Model, threshold: float | None, duration: float | None) -> dict[str, Any]:
     """Arguments of every plan in modal coordinates: model, linear law, scales of pairs, step,
     lengths."""
-    if not np.any(model.white) and not model.signals and not model.tables:
-        raise NotApplicable(
-            "simulate", ["excitation must contain noise or a sine, got a constant load alone"]
-        )
+    if conditions := without_noise(model, with_sines=True):
+        raise NotApplicable("simulate", conditions)
     modes = model.modal
     found = scales_of(model, modes)
     if found is None:

@@ -28,7 +28,7 @@ from stochvi.methods.monte_carlo.missions import (
     settling_time,
 )
 from stochvi.methods.monte_carlo.simulate import check_arguments
-from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -475,9 +475,9 @@ def _is_coloured(scene: Scene, model: Model, start: str, way: str | None) -> boo
     unmet = beyond_one_oscillator(model, with_filters=True)
     if unmet:
         raise NotApplicable("reliability", unmet)
+    if unmet := without_noise(model):
+        raise NotApplicable("reliability", unmet)
     kinds = {excitation.kind for excitation in scene.excitations}
-    if kinds == {"constant"}:
-        raise NotApplicable("reliability", ["excitation must contain noise, got constant alone"])
     coloured = not kinds <= {"white", "constant"}
     if coloured and start == "rest":
         raise NotApplicable(

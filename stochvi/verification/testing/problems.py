@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stochvi.model.coverage import functions
+from stochvi.model.coverage import functions, without_noise
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
@@ -220,8 +220,7 @@ def _unmet(model: Model) -> list[str]:
         unmet.append(
             "structure.kind must not be 'rigid-body': problems name pairs and noises by coordinates"
         )
-    if not model.noisy:
-        unmet.append("excitation must contain noise, got none")
+    unmet += without_noise(model)
     if not unmet and not math.isfinite(_relaxation_time(model)):
         unmet.append(
             "structure.damping must be above 0, and damp every motion of the structure without "
