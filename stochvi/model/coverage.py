@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from stochvi.model.model import Model
 from stochvi.scenes.excitations import DENSITY_KINDS
-from stochvi.scenes.impact_laws import SpeedRestitution
+from stochvi.scenes.impact_laws import SpeedRestitution, Viscoelastic
 
 
 def functions(model: Model) -> list[str]:
@@ -25,6 +25,29 @@ def functions(model: Model) -> list[str]:
         if isinstance(stop.law, SpeedRestitution)
     ]
     return found
+
+
+def without_form(model: Model) -> list[str]:
+    """The laws of a model that no simulation follows, each as a condition of one."""
+    return [
+        f"law must be one that a simulation follows, got {stop.law.kind!r} at the {stop.name} "
+        f"stop of {pair.name}"
+        for pair in model.pairs
+        for stop in pair.stops
+        if stop.law.form() is None and not isinstance(stop.law, SpeedRestitution)
+    ]
+
+
+def unknown_dampers(model: Model) -> list[str]:
+    """The laws of a model with a damper beside a spring that is not linear, each as a condition of
+    a method that knows the contacts of viscoelastic stops alone."""
+    return [
+        f"law must be 'viscoelastic' where it has a damper, got {stop.law.kind!r} at the "
+        f"{stop.name} stop of {pair.name}"
+        for pair in model.pairs
+        for stop in pair.stops
+        if not (stop.rigid or stop.law.conservative or isinstance(stop.law, Viscoelastic))
+    ]
 
 
 def beyond_one_oscillator(

@@ -3,8 +3,8 @@
 Symbols, per unit mass: E energy, U potential of spring and load, T(E) the period of the orbit of
 energy E between the stops it reaches, J(E) = closed integral of v dx (J' = T), c_i a stop, E_i =
 U(c_i), R_i its restitution, D = S0 / 2, b = c / m. A cycle gains D T by noise, loses b J by
-damping and (1 - R_i^2)(E - E_i) at each stop that it reaches, and p(E) = T G. Up to floor 3 this is
-mathematics that methods share; `average` says where it comes from.
+damping and (1 - R_i^2)(E - E_i) at each stop that it reaches, and p(E) = T G. This file
+holds what several methods share; `average` says where it comes from.
 """
 
 from __future__ import annotations

@@ -84,10 +84,10 @@ def _display_of_notebook() -> Callable[..., Any] | None:
     if getattr(shell, "kernel", None) is None:
         return None
     # a notebook draws HTML itself; the bars of rich and tqdm there need ipywidgets besides
-    import IPython.display
+    from IPython.display import display
 
-    display: Callable[..., Any] = IPython.display.display
-    return display
+    shown: Callable[..., Any] = display
+    return shown
 
 
 class _Bar:

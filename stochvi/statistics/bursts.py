@@ -151,7 +151,8 @@ class Bursts:
         mean of `what` in that time, such times begin once in 1 / lambda + d seconds (renewal), and
         the rate is lambda m / (1 + lambda d). The window w holds m (1 + lambda (w - d)) of it, to
         first order in lambda: together lambda mean / (1 + lambda w). The bias states all of that.
-        What no burst has, has each of them as if it were the one of the largest weight.
+        Where no burst has any of it, the upper limit is taken as if the burst of the largest weight
+        had it.
         """
         mean = self._mean(what)
         rate = self.first_rate.value / (1.0 + self.overlap)

@@ -1,7 +1,8 @@
-"""Ages of outcrossings: the chance of a first hit, and its rate, from times without an exceedance.
+"""The chance of a first hit and its rate, from the ages of outcrossings.
 
-With nu_s the rate of outcrossings of stop s (S. O. Rice 1944) and G_s(t) the chance that none of
-the stops was exceeded in a time t before one of them, a stationary process has
+The age of an outcrossing of a stop is the time before it in which no stop was exceeded. With nu_s
+the rate of outcrossings of stop s (S. O. Rice 1944) and G_s(t) the chance that the age of one of
+them is above t, a stationary process has
 
     P(hit before T) = P(beyond a stop at 0) + sum_s nu_s integral_0^T G_s(t) dt
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
@@ -9,9 +10,15 @@ import numpy as np
 import pytest
 
 from stochvi.cli.scenes import TEMPLATE
+from stochvi.methods.fokker_planck.motion import Motion
+from stochvi.methods.fokker_planck.scaled_motion import scaled_motion
+from stochvi.methods.linearisation.method import unmet as unmet_by_linearisation
+from stochvi.methods.monte_carlo.choose_plan import unmet as unmet_by_simulation
+from stochvi.model.model import Model, model_of
+from stochvi.scenes import shipped_scene
 from stochvi.scenes.excitations import EXCITATIONS, Excitation
-from stochvi.scenes.impact_laws import Law
-from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.impact_laws import Hertz, Law
+from stochvi.scenes.scene import ImpactPair, Scene, load_scene
 from stochvi.scenes.structures import Isolator
 from stochvi.verification.explain import explain
 
@@ -96,6 +103,52 @@ def test_a_simulation_follows_a_law_or_says_that_it_does_not(law: Law) -> None:
     scene = scene_of(EXCITATIONS[0](**KEYS_OF_EXCITATIONS["white"]), law)
     applies = explain(scene).methods["simulate"] == "applies"
     assert applies == (law.form() is not None)
+
+
+class Sticky(Hertz):
+    """Round bodies with a damper between them, which no simulation follows."""
+
+    def damping(self, mass: float) -> float:
+        return 0.3
+
+    def force_at(self, deflection: Any, rate: Any = 0.0, mass: float = 1.0) -> np.ndarray:
+        pushed = super().force_at(deflection) + 0.3 * np.asarray(rate)
+        return np.where(np.asarray(deflection) > 0.0, np.maximum(pushed, 0.0), 0.0)
+
+    def form(self) -> None:
+        return None
+
+
+def with_law(model: Model, law: Law) -> Model:
+    """The model with the law at all of its stops."""
+    pairs = [
+        replace(pair, stops=tuple(replace(stop, law=law) for stop in pair.stops))
+        for pair in model.pairs
+    ]
+    return replace(model, pairs=tuple(pairs))
+
+
+def test_a_damper_that_a_method_does_not_know_is_refused_or_followed() -> None:
+    scene = load_scene(shipped_scene("oscillator-lossy"))
+    plain, damped = Hertz(coefficient=80.0), Sticky(coefficient=80.0)
+    for law, refused in ((plain, False), (damped, True)):
+        model = with_law(model_of(scene), law)
+        assert bool(unmet_by_linearisation(model)) == refused
+        assert bool(unmet_by_simulation(model)) == refused
+
+
+def test_the_fokker_planck_equation_follows_any_damper_beside_any_spring() -> None:
+    law = Sticky(coefficient=80.0)
+    model = with_law(model_of(load_scene(shipped_scene("oscillator-lossy"))), law)
+    box = scaled_motion(Motion(model=model))
+    stop, grip = box.stops[-1], box.grips[-1]
+    xi = box.place(stop) + np.array([0.01, 0.05])[:, None] * stop.side
+    u = np.array([-3.0, -0.3, 0.4])
+    depth, rate = stop.side * box.length * (xi - box.place(stop)), stop.side * box.speed * u
+    pushed = law.force_at(depth, rate) - law.force_at(depth)
+    ratio = grip.force(xi, u) / pushed
+    assert ratio == pytest.approx(ratio[0, 0], rel=1e-12)
+    assert np.unique(pushed / rate).size > 1  # in some of them the stop has ceased to push
 
 
 def test_an_excitation_is_named_wherever_it_is_spoken_of(excitation: Excitation) -> None:

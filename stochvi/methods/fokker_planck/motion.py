@@ -14,7 +14,7 @@ from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.basis import Array
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
+from stochvi.scenes.impact_laws import CompliantLaw
 
 LAW_DEPTH = 18.0
 """Energy in units of s^2 at which the law exp(-energy / s^2) is cut while its scale s is searched
@@ -135,7 +135,7 @@ class Motion:
         for stop in self.stops:
             if isinstance(stop.law, CompliantLaw):
                 y = stop.deflection(x)
-                total = total - stop.side * _elastic(stop.law).force_at(y)
+                total = total - stop.side * stop.law.force_at(y)
         return np.asarray(total, dtype=float)
 
     def energy(self, x: Array) -> Array:
@@ -324,8 +324,3 @@ def _root(function: Callable[[float], float], start: float) -> float:
         else:
             raise NotApplicable("fokker-planck", ["damping must take up the power of the noise"])
     return float(brentq(function, low, high, xtol=1e-9)) if high > low else low
-
-
-def _elastic(law: CompliantLaw) -> CompliantLaw:
-    """Law of the elastic stops without their dampers: it has a potential."""
-    return law.model_copy(update={"damping_ratio": 0.0}) if isinstance(law, Viscoelastic) else law

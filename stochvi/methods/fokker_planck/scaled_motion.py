@@ -21,7 +21,7 @@ from stochvi.methods.fokker_planck.linear_boxes import FARTHEST_STOP
 from stochvi.methods.fokker_planck.motion import PIECES, SPEEDS, Motion
 from stochvi.model.model import UPPER, Stop
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic
+from stochvi.scenes.impact_laws import CompliantLaw
 
 Law = Callable[[Array], Array]
 
@@ -160,25 +160,25 @@ class ScaledMotion:
 
     @property
     def grips(self) -> tuple[Grip, ...]:
-        """What the dampers of viscoelastic stops add to the forces of their springs."""
+        """What the dampers of stops add to the forces of their springs."""
         return tuple(
-            self._grip(stop, stop.law) for stop in self.stops if isinstance(stop.law, Viscoelastic)
+            self._grip(stop, stop.law)
+            for stop in self.stops
+            if isinstance(stop.law, CompliantLaw) and not stop.law.conservative
         )
 
-    def _grip(self, stop: Stop, law: Viscoelastic) -> Grip:
+    def _grip(self, stop: Stop, law: CompliantLaw) -> Grip:
         damping, place = law.damping(1.0), self.place(stop)
 
         def spring(xi: Array) -> Array:
-            return np.asarray(law.stiffness * stop.side * self.length * (xi - place), dtype=float)
+            return law.force_at(stop.side * self.length * (xi - place))
 
         def force(xi: Array, u: Array) -> Array:
-            # towards the mass: max(K y + c y', 0) less K y
+            # towards the mass: max(spring(y) + c y', 0) less spring(y)
             push = np.maximum(damping * stop.side * self.speed * u, -spring(xi))
             return np.asarray(-stop.side * self._acceleration * push, dtype=float)
 
         def kink(xi: Array) -> Array:
-            if damping == 0.0:
-                return np.full_like(xi, math.inf)
             return np.asarray(-stop.side * spring(xi) / (damping * self.speed), dtype=float)
 
         left, right = (place, math.inf) if stop.side == UPPER else (-math.inf, place)

@@ -5,9 +5,9 @@ spring and damper, under white noise, a mass between two stops of restitution R 
 units. There F1 = A p s^2 / 2 and F2 = A g p s^3 sqrt(2 / pi), with the density p at the stop of
 the family of this closure, and A and g that depend on R alone (the slow rebounds of an inelastic
 stop fill the density near it, but hardly add to the force). Both fade where damping makes the
-speeds Gaussian: with the share h of the impacts in all losses, A is to the power of sqrt(h) and g,
-which stands for the law of speeds, to that of h. With A as it is in any gap, the mean error of F1
-for zeta > .05 in gaps above a deviation is 9.1 % (2.5 % with sqrt(h)); with A to the power of h,
+speeds Gaussian: where impacts take the share h of all losses, A^sqrt(h) stands in place of A, and
+g^h in place of g, which belongs to the law of speeds. With A itself in any gap, the mean error of
+F1 for zeta > .05 in gaps above a deviation is 9.1 % (2.5 % with sqrt(h)); with A to the power of h,
 that of sigma_x in narrower gaps is .7 % (.4 %), on the grid of the atlas.
 """
 

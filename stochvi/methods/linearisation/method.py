@@ -20,6 +20,7 @@ from stochvi.methods.linearisation.solver import solve
 from stochvi.model.coverage import (
     beyond_one_oscillator,
     functions,
+    unknown_dampers,
     without_dissipation,
     without_noise,
 )
@@ -284,7 +285,7 @@ def unmet(model: Model, form: str = "closure", variant: str = "consistent") -> l
     found = beyond_one_oscillator(model, with_filters=True)
     if found:
         return found
-    found = without_noise(model)
+    found = [*without_noise(model), *unknown_dampers(model)]
     if form == "clumps":
         if model.tables or model.filters:
             found.append("excitation must be white noise for form 'clumps', got a coloured one")

@@ -26,7 +26,7 @@ from stochvi.methods.linearisation.scales import Frame
 from stochvi.methods.linearisation.soft_closure import soft_closure
 from stochvi.methods.linearisation.solver import NOWHERE, SAME, START_SPEEDS, root
 from stochvi.model.balances import residuals
-from stochvi.model.coverage import without_noise
+from stochvi.model.coverage import unknown_dampers, without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.modal import (
     LinearLaw,
@@ -106,7 +106,7 @@ def closure(scene: Scene) -> tuple[Response, ...]:
     """
     started = time.perf_counter()
     model = model_of(scene)
-    if conditions := without_noise(model, with_sines=True):
+    if conditions := [*without_noise(model, with_sines=True), *unknown_dampers(model)]:
         raise NotApplicable("linearise", conditions)
     box = boxes.box_of(model)
     if box is not None:

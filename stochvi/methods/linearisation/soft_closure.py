@@ -23,8 +23,9 @@ noise where no stop takes energy and where the mass never leaves the stop, and t
 rigid stops of the same restitution as they stiffen.
 
 Where a lossy stop is pressed there may be no such law: what bounces ever lower stays close to the
-stop. Then kappa is kept at its limit, and a factor rises from 1 instead: of the densities at and
-within the stop, as for rigid stops, where contacts are brief; of tau where they are not.
+stop. Then kappa is kept at its limit, and a factor from 1 upwards takes its place as the unknown.
+Where contacts are brief it multiplies the densities at and within the stop, as for rigid stops;
+where they are not it multiplies tau.
 """
 
 from __future__ import annotations

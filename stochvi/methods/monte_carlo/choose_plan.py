@@ -10,14 +10,14 @@ from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.rigid_white import plan_white
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
-from stochvi.model.coverage import beyond_one_oscillator, functions, without_noise
+from stochvi.model.coverage import beyond_one_oscillator, functions, without_form, without_noise
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 
 
 def unmet(model: Model) -> list[str]:
     """The conditions of `simulate` that a model does not meet, as far as the model alone shows."""
-    return [*functions(model), *without_noise(model, with_sines=True)]
+    return [*functions(model), *without_form(model), *without_noise(model, with_sines=True)]
 
 
 def make_plan(

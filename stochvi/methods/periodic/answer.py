@@ -1,4 +1,4 @@
-"""What a structure between rigid stops does under a sine: branches of regimes, and jumps."""
+"""What a structure between stops does under a sine: branches of regimes, and jumps."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
 from stochvi.methods.replay.march import Motion, Shaking, march, rest_of
-from stochvi.model.coverage import functions
+from stochvi.model.coverage import functions, without_form
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -150,7 +150,7 @@ def _compiled(model: Model, shaking: Shaking) -> float:
 
 def unmet(scene: Scene, model: Model) -> list[str]:
     """What of a scene keeps its records from being replayed."""
-    found = functions(model)
+    found = [*functions(model), *without_form(model)]
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if not records:
         found.append('excitation must hold a measured record (kind = "record"), got none')

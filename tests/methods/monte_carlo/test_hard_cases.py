@@ -62,7 +62,7 @@ def case(name: str) -> object:
 
 
 @rel_errors(0.2, 0.05)
-@pytest.mark.parametrize("name", map(case, CASES))
+@pytest.mark.parametrize("name", [case(each) for each in CASES])
 def test_the_answer_is_finite_and_meets_the_balances(name: str, rel_error: float) -> None:
     response = answer(name, rel_error)
     # an Estimate refuses NaN and infinity by itself
