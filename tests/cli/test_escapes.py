@@ -127,8 +127,9 @@ def test_a_sweep_does_not_follow_a_link_in_its_folder(stochvi: Run, tmp_path: Pa
 
 @pytest.mark.parametrize("columns", ["x", "²", "-5", "0", "9" * 5000, "1000000000000", " "])
 def test_any_width_of_a_terminal_is_taken(stochvi: Run, tmp_path: Path, monkeypatch, columns):
-    monkeypatch.setenv("COLUMNS", columns)
-    code, text, errors = stochvi("exact", scene_in(tmp_path))
+    with monkeypatch.context() as terminal:  # pytest reads it, too
+        terminal.setenv("COLUMNS", columns)
+        code, text, errors = stochvi("exact", scene_in(tmp_path))
     assert (code, errors) == (0, "") and "rms displacement" in text
 
 
