@@ -1,4 +1,4 @@
-"""Where numba keeps compiled kernels, and when it compiles them again.
+"""Where numba keeps compiled kernels, when it compiles them again, and which process does.
 
 With `cache=True` numba keeps the machine code of a function on the disk, and compiles it again when
 the file that holds the function has changed. It does not look at the files from which that function
@@ -7,16 +7,38 @@ with one digest of all files of the folder.
 
 The places stay numba's own: the folder NUMBA_CACHE_DIR where that is set, else `__pycache__` beside
 the kernels, else, where that cannot be written, a folder of the user.
+
+Processes that start together need the same kernels. One of them compiles a kernel while the others
+wait, and then they load it. With numba alone each of them compiles it; and where two write into the
+index of a function at the same time, one entry is lost, or it names the machine code of the other.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
-from collections.abc import Iterable
+import os
+import time
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-from numba.core import caching
+from numba.core import caching, dispatcher
+
+try:
+    import fcntl
+except ImportError:  # Windows has no such locks: there every process compiles what it needs
+    fcntl = None
+
+PATIENCE = 120.0
+"""Longest wait, s, for another process that compiles the same kernel: several times what the
+largest kernel takes. A process that has waited so long compiles the kernel itself, because the
+other one may have been suspended."""
+
+BETWEEN_ATTEMPTS = 0.02
+"""Time, s, between two attempts to get a lock that another process has."""
 
 
 @cache
@@ -28,17 +50,83 @@ def digest(folder: Path) -> str:
     return found.hexdigest()
 
 
+class Watched:
+    """Marks the places of caches whose functions are stamped with the digest of their folder."""
+
+
+@cache
+def lock_file(folder: str) -> int | None:
+    """Descriptor of the file of locks on the caches of a folder, or None where there are no locks.
+
+    The locks lie on bytes beyond its end. The system takes them back when a process ends, however
+    it ends, and a process never waits for itself.
+    """
+    if fcntl is None:
+        return None
+    with suppress(OSError):
+        return os.open(Path(folder) / "kernels.lock", os.O_RDWR | os.O_CREAT, 0o666)
+    return None
+
+
+@contextmanager
+def in_turn(kept, work: str) -> Iterator[None]:
+    """Let other processes wait with the same work on the cache of a watched function."""
+    watched = isinstance(kept, caching.FunctionCache) and isinstance(kept._impl.locator, Watched)
+    file = lock_file(kept.cache_path) if watched else None
+    if file is None:
+        yield
+        return
+    byte = zlib.crc32(f"{kept._impl.filename_base} {work}".encode())
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
+            break
+        except (BlockingIOError, PermissionError):  # another process has it
+            time.sleep(BETWEEN_ATTEMPTS)
+        except OSError:  # a file system without locks
+            break
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)
+
+
+@cache
+def compile_in_turn() -> None:
+    """Have numba wait for other processes that compile the same kernel or write the same index."""
+    compile_alone = dispatcher.Dispatcher.compile
+    save_alone = caching.FunctionCache.save_overload
+
+    @functools.wraps(compile_alone)
+    def compile(self, sig):
+        with in_turn(self._cache, str(sig)):
+            return compile_alone(self, sig)
+
+    @functools.wraps(save_alone)
+    def save_overload(self, sig, data):
+        with in_turn(self, "index"):
+            save_alone(self, sig, data)
+
+    dispatcher.Dispatcher.compile = compile
+    caching.FunctionCache.save_overload = save_overload
+
+
 def watch_package(path: Iterable[str]) -> None:
     """Compile every cached function of a package again after any file of its folder has changed.
+
+    Of several processes that need it, one compiles it.
 
     `path` is the `__path__` of the package.
 
     The locators of numba find a place for the cache of a function and the stamp that its source
     has. One that is put before them answers for the functions of the folder, and for no others.
     """
+    compile_in_turn()
     folder = Path(next(iter(path)))
 
-    class FolderStamp:
+    class FolderStamp(Watched):
         def get_source_stamp(self) -> str:
             return digest(folder)
 

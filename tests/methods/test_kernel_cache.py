@@ -1,4 +1,4 @@
-"""A kernel is compiled again after any file of its folder has changed, and only then."""
+"""A kernel is compiled again after any file of its folder has changed, only then, and once."""
 
 import importlib
 import os
@@ -26,6 +26,16 @@ def total(x):
 RUN = """\
 from pretend.total import total
 print(total(1), sum(total.stats.cache_hits.values()), total.stats.cache_path)
+"""
+
+RUN_TOGETHER = """\
+import os, pathlib, sys, time
+from pretend.total import total
+here = pathlib.Path(sys.argv[1])
+(here / str(os.getpid())).touch()
+while len(list(here.iterdir())) < 2:
+    time.sleep(0.01)
+print(total(1), sum(total.stats.cache_hits.values()))
 """
 
 
@@ -60,8 +70,24 @@ def test_a_kernel_is_compiled_again_after_a_file_that_it_imports_has_changed(tmp
     assert run(tmp_path)[:2] == (21, 0)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
+def test_of_two_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path):
+    made_package(tmp_path)
+    ready = tmp_path / "ready"
+    ready.mkdir()
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    command = [sys.executable, "-c", RUN_TOGETHER, ready]
+    both = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+        for _ in range(2)
+    ]
+    assert sorted(each.communicate()[0].split() for each in both) == [["11", "0"], ["11", "1"]]
+
+
+@pytest.mark.verify
 def test_numba_alone_keeps_the_old_kernel(tmp_path: Path):
-    """The control: once numba looks at imported files itself, cache.py can go."""
+    """The control: once numba looks at imported files itself, the stamps can go."""
     package = made_package(tmp_path, watched=False)
     assert run(tmp_path)[:2] == (11, 0)
     (package / "addend.py").write_text(ADDEND.format(value=20), encoding="utf-8")

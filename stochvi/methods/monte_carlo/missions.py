@@ -105,7 +105,7 @@ class Fleet(NamedTuple):
             top=self.top[paths],
             how=self.how[paths],
             hits=self.hits[paths],
-            streams=self.streams[:, paths],
+            streams=np.ascontiguousarray(self.streams[:, paths]),
         )
 
 

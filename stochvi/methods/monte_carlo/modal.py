@@ -549,7 +549,8 @@ class ModalPlan(SteppedPlan):
         return Resets(
             states=np.ascontiguousarray(series[:, : 2 * n]),
             at_once=at_once.reshape(pairs, pairs, 2),
-            later=later,
+            # C order for one pair and for several: each order of arrays has a compiled kernel
+            later=np.ascontiguousarray(later),
         )
 
     @cached_property

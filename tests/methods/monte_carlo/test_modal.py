@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -405,6 +406,15 @@ def test_digits_of_a_path_do_not_depend_on_its_block_or_the_threads() -> None:
     np.testing.assert_array_equal(whole[:, 30:], plan.averages(1, 30, 10))
     one, two = (simulate(absorber(0.8), paths=300, duration=40.0, threads=n) for n in (1, 2))
     assert one.to_frame().equals(two.to_frame())
+
+
+def test_one_pair_and_several_share_the_compiled_code() -> None:
+    """It depends on the types of what it gets, and an order of an array is part of its type."""
+    one, several = (
+        numba.typeof(plan_modal(model_of(scene), None, 50.0)._kernel_constants)
+        for scene in (absorber(0.8), chain(3, 0.8))
+    )
+    assert one == several
 
 
 def test_a_record_names_its_columns() -> None:
