@@ -105,6 +105,25 @@ class Series(NamedTuple):
     f: np.ndarray
 
 
+class Touch(NamedTuple):
+    """How the m stops are touched: states (m,), number of roots at the begin of a step of each way
+    out of the state (m, 2), depth of a Hertz contact below which there is no force (m,), its row in
+    the log of impacts (m,), and speed inwards at the begin of a step (m,)."""
+
+    state: np.ndarray
+    zeros: np.ndarray
+    depth: np.ndarray
+    entry: np.ndarray
+    speed: np.ndarray
+
+
+class Scratch(NamedTuple):
+    """Work space: a series with its derivatives (4, powers), and the times at which it turns."""
+
+    p: np.ndarray
+    found: np.ndarray
+
+
 # Power series over a short time: row 0 of an array p holds the coefficients, p(t) = sum of
 # p[0, k] t^k for k <= last, rows 1 to 3 those of its derivatives.
 
@@ -255,23 +274,23 @@ def dot(a, b):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def longest_step(left, slowest, stops, state, depth, d, speed):
+def longest_step(left, slowest, stops, touch, d):
     """Length of the next step, at most `left`, and the highest power that its series need."""
     stiff, loss, hertz = 0.0, 0.0, False
-    for s in range(len(state)):
-        if state[s] == FREE or stops.kinds[s] == RIGID:
+    for s in range(len(touch.state)):
+        if touch.state[s] == FREE or stops.kinds[s] == RIGID:
             continue
         if stops.kinds[s] == PIECES:
-            stiff += stops.laws[s, state[s], 2]
+            stiff += stops.laws[s, touch.state[s], 2]
         elif stops.kinds[s] == DAMPED:
             stiff += stops.laws[s, 0, 0]
             loss += stops.laws[s, 0, 1]
-        elif state[s] == 1:
+        elif touch.state[s] == 1:
             hertz = True
-            deep = max(d[s, 0], depth[s])
+            deep = max(d[s, 0], touch.depth[s])
             stiff += 1.5 * stops.laws[s, 0, 0] * math.sqrt(2.0 * deep)
-            if speed[s] != 0.0:
-                left = min(left, APPROACH * deep / abs(speed[s]))
+            if touch.speed[s] != 0.0:
+                left = min(left, APPROACH * deep / abs(touch.speed[s]))
     rate = slowest + math.sqrt(stiff) + loss
     span = min(left, ANGLE / rate) if rate > 0.0 else left
     return span, (MOST_TERMS if hertz else terms_for(span * rate))
@@ -352,62 +371,62 @@ def expand(last, force, slope, structure, stops, state, resting, series):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def next_change(span, last, stops, state, zeros, depth, series, p, found):
+def next_change(span, last, stops, touch, series, scratch):
     """Time, stop and way (0: back, towards free; 1: on, further in) of the first change of state
     within a step; a time of -1 where there is none."""
     when, which, way = -1.0, -1, 0
-    for s in range(len(state)):
+    for s in range(len(touch.state)):
         kind, d, f = stops.kinds[s], series.d[s], series.f[s]
         for direction in range(2):
             offset = 0.0
             if direction == 1:
-                if state[s] == FREE:
+                if touch.state[s] == FREE:
                     sign, source = 1.0, d
-                elif kind == PIECES and state[s] + 1 < stops.laws.shape[1]:
+                elif kind == PIECES and touch.state[s] + 1 < stops.laws.shape[1]:
                     sign, source = 1.0, d
-                    offset = -stops.laws[s, state[s] + 1, 0]
-                elif kind == DAMPED and state[s] == 1:
+                    offset = -stops.laws[s, touch.state[s] + 1, 0]
+                elif kind == DAMPED and touch.state[s] == 1:
                     sign, source = 1.0, f
-                elif kind == HERTZ and state[s] == 0:
+                elif kind == HERTZ and touch.state[s] == 0:
                     sign, source = 1.0, d
-                    offset = -depth[s]
+                    offset = -touch.depth[s]
                 else:
                     continue
-            elif state[s] == FREE:
+            elif touch.state[s] == FREE:
                 continue
-            elif kind == RIGID or (kind == DAMPED and state[s] == 0):
+            elif kind == RIGID or (kind == DAMPED and touch.state[s] == 0):
                 sign, source = -1.0, f
             else:
                 sign, source = -1.0, d
                 if kind == PIECES:
-                    offset = stops.laws[s, state[s], 0]
-                elif kind == HERTZ and state[s] == 1:
-                    offset = depth[s]
+                    offset = stops.laws[s, touch.state[s], 0]
+                elif kind == HERTZ and touch.state[s] == 1:
+                    offset = touch.depth[s]
             for k in range(last + 1):
-                p[0, k] = sign * source[k]
-            p[0, 0] += offset
-            if kind == RIGID and state[s] == 0 and p[0, 0] > 0.0:
+                scratch.p[0, k] = sign * source[k]
+            scratch.p[0, 0] += offset
+            if kind == RIGID and touch.state[s] == 0 and scratch.p[0, 0] > 0.0:
                 time = 0.0
             else:
-                time = first_rise(p, zeros[s, direction], last, span, found)
+                time = first_rise(scratch.p, touch.zeros[s, direction], last, span, scratch.found)
             if time >= 0.0 and (when < 0.0 or time < when):
                 when, which, way = time, s, direction
     return when, which, way
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def strike(s, structure, stops, state, zeros, tally, force, tick, q, v):
+def strike(s, structure, stops, touch, tally, force, tick, q, v):
     """An impact on rigid stop s, and on those at which it throws a mass that rested on them."""
     moved = True
     for attempt in range(MOST_PASSES):
-        for r in range(len(state)):
-            if stops.kinds[r] != RIGID or not (r == s or state[r] == 0):
+        for r in range(len(touch.state)):
+            if stops.kinds[r] != RIGID or not (r == s or touch.state[r] == 0):
                 continue
             speed = stops.sides[r] * dot(stops.gaps[r], v)
             if r != s and speed <= 0.0:
                 if speed < 0.0:  # pulled off by the impact on another stop
-                    state[r] = FREE
-                    zeros[r, 1] = 1
+                    touch.state[r] = FREE
+                    touch.zeros[r, 1] = 1
                 continue
             if r == s and attempt > 0 and speed <= 0.0:
                 continue
@@ -423,12 +442,12 @@ def strike(s, structure, stops, state, zeros, tally, force, tick, q, v):
             ends = push > 0.0 and 2.0 * rebound <= tick * push * (1.0 - restitution)
             rests = ends or (rebound == 0.0 and push >= 0.0) or attempt == MOST_PASSES - 1
             if rests:
-                tally[r, RESTS] += 1.0 if state[r] != 0 else 0.0
+                tally[r, RESTS] += 1.0 if touch.state[r] != 0 else 0.0
                 for i in range(len(q)):
                     v[i] += stops.sides[r] * rebound / stops.levers[r] * stops.gaps[r, i]
-            state[r] = 0 if rests else FREE
-            zeros[r, 0] = 0
-            zeros[r, 1] = 1 if rebound > 0.0 else 2
+            touch.state[r] = 0 if rests else FREE
+            touch.zeros[r, 0] = 0
+            touch.zeros[r, 1] = 1 if rebound > 0.0 else 2
             moved = True
         if not moved:
             break
@@ -436,14 +455,15 @@ def strike(s, structure, stops, state, zeros, tally, force, tick, q, v):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def add_step(last, span, base, passed, base_rate, structure, stops, state, entry, series, extremes,
-             tally, log, p, found):  # fmt: skip
-    """Add a step to the extremes of the coordinates, to times in contact and to peak forces."""
+def add_coordinates(last, span, base, rate, structure, series, extremes, scratch):
+    """Add a step to the extremes of the coordinates; `base` (c,) is what is added to their
+    accelerations at its begin, and `rate` how fast that grows."""
+    p, found = scratch
     for j in range(len(extremes)):
         for power in range(last + 1):
             p[0, power] = dot(structure.shapes[j], series.a[power])
-        p[0, 0] += base[j] + passed * base_rate[j]
-        p[0, 1] += base_rate[j]
+        p[0, 0] += base[j]
+        p[0, 1] += rate[j]
         known = extremes[j, ACCELERATION]
         low, high = widened(p, last, span, found, -known, known)
         extremes[j, ACCELERATION] = max(-low, high)
@@ -452,16 +472,23 @@ def add_step(last, span, base, passed, base_rate, structure, stops, state, entry
         extremes[j, LOWEST], extremes[j, HIGHEST] = widened(
             p, last, span, found, extremes[j, LOWEST], extremes[j, HIGHEST]
         )
-    for s in range(len(state)):
-        if state[s] == FREE:
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def add_contacts(last, span, stops, touch, series, tally, log, scratch):
+    """Add a step to the times in contact and to the peak forces of contacts."""
+    p, found = scratch
+    for s in range(len(touch.state)):
+        if touch.state[s] == FREE:
             continue
         tally[s, CONTACT] += span
-        silent = stops.kinds[s] == RIGID or (stops.kinds[s] == DAMPED and state[s] == 1)
-        if not silent and entry[s] >= 0:
+        silent = stops.kinds[s] == RIGID or (stops.kinds[s] == DAMPED and touch.state[s] == 1)
+        entry = touch.entry[s]
+        if not silent and entry >= 0:
             factor = stops.laws[s, 0, 0] if stops.kinds[s] == HERTZ else 1.0
             for power in range(last + 1):
                 p[0, power] = factor * series.f[s, power]
-            log[entry[s], PEAK] = widened(p, last, span, found, 0.0, log[entry[s], PEAK])[1]
+            log[entry, PEAK] = widened(p, last, span, found, 0.0, log[entry, PEAK])[1]
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -503,13 +530,16 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
     sums, extremes, tally = np.zeros((c, 4)), np.zeros((c, 3)), np.zeros((m, 2))
     log, logged = np.empty((64, 4)), 0
     q, v = start.copy(), np.zeros(n)
-    state, zeros = np.full(m, FREE, np.int64), np.zeros((m, 2), np.int64)
-    depth, entry, speed = np.zeros(m), np.full(m, -1, np.int64), np.zeros(m)
+    touch = Touch(
+        np.full(m, FREE, np.int64), np.zeros((m, 2), np.int64), np.zeros(m),
+        np.full(m, -1, np.int64), np.zeros(m),
+    )  # fmt: skip
+    state, zeros, depth, entry, speed = touch
     powers = MOST_TERMS + 4
     series = Series(
         np.zeros((powers, n)), np.zeros((powers, n)), np.zeros((m, powers)), np.zeros((m, powers))
     )
-    p, found = np.zeros((4, powers)), np.zeros(4)
+    scratch = Scratch(np.zeros((4, powers)), np.zeros(4))
     force, slope = np.zeros(n), np.zeros(n)
     slowest = 0.0
     for i in range(n):
@@ -523,7 +553,7 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
         if d < 0.0:
             continue
         if stops.kinds[s] == RIGID:
-            strike(s, structure, stops, state, zeros, tally, forces[0], tick, q, v)
+            strike(s, structure, stops, touch, tally, forces[0], tick, q, v)
         elif stops.kinds[s] == PIECES:
             state[s] = 0
             while state[s] + 1 < stops.laws.shape[1] and d >= stops.laws[s, state[s] + 1, 0]:
@@ -557,7 +587,7 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
                 if stops.kinds[s] == HERTZ and state[s] == 1:
                     series.d[s, 0] = max(series.d[s, 0], depth[s])
             left = step - passed
-            span, last = longest_step(left, slowest, stops, state, depth, series.d, speed)
+            span, last = longest_step(left, slowest, stops, touch, series.d)
             expand(last, force, slope, structure, stops, state, resting, series)
             base_rate = (base[following] - base[k]) / step
             if fresh:
@@ -581,11 +611,12 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
             if k == samples - 1:
                 break
 
-            when, which, way = next_change(span, last, stops, state, zeros, depth, series, p, found)
+            when, which, way = next_change(span, last, stops, touch, series, scratch)
             taken = span if when < 0.0 else when
 
-            add_step(last, taken, base[k], passed, base_rate, structure, stops, state, entry,
-                     series, extremes, tally, log, p, found)  # fmt: skip
+            begin = base[k] + passed * base_rate
+            add_coordinates(last, taken, begin, base_rate, structure, series, extremes, scratch)
+            add_contacts(last, taken, stops, touch, series, tally, log, scratch)
 
             # the end of the step
             for i in range(n):
@@ -620,7 +651,7 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
                     off = dot(stops.gaps[s], q) - stops.places[s]
                     for i in range(n):
                         q[i] -= off * stops.gaps[s, i] / stops.levers[s]
-                    strike(s, structure, stops, state, zeros, tally, force, tick, q, v)
+                    strike(s, structure, stops, touch, tally, force, tick, q, v)
                 else:
                     state[s] = 0
                     if kind != DAMPED:
