@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -73,7 +75,7 @@ def _row(number: int, branch: Branch) -> dict[str, object]:
     return {
         "branch": number,
         "form": branch.form,
-        "impacts": ", ".join(branch.stops) or "none",
+        "impacts": _impacts(branch.stops),
         "periods": branch.periods,
         "from": float(branch.value[shown].min()),
         "to": float(branch.value[shown].max()),
@@ -82,6 +84,13 @@ def _row(number: int, branch: Branch) -> dict[str, object]:
         "impact speed (m/s)": float(branch.impact_speed[shown].max(initial=0.0)),
         "acceleration (m/s²)": float(branch.acceleration_max[shown].max()),
     }
+
+
+def _impacts(stops: Sequence[str]) -> str:
+    """The stops that are hit in their order, those in a row counted: "2 x tool upper"."""
+    runs = [(name, len(list(hits))) for name, hits in itertools.groupby(stops)]
+    words = [name if count == 1 else f"{count} x {name}" for name, count in runs]
+    return ", ".join(words) or "none"
 
 
 def _range(values: np.ndarray) -> str:
@@ -98,6 +107,10 @@ def draw_sine(found: HarmonicResponse) -> Axes:
         plot_branches(found, ax, column)
     for ax in axes[:2]:
         ax.set_xlabel("")
+    jumps = "; dotted: a slow sweep jumps" if found.jumps else ""
+    axes[0].set_title(
+        f"{found.coordinate}: full where stable, dashed where unstable{jumps}", fontsize="medium"
+    )
     first: Axes = axes[0]
     return first
 
