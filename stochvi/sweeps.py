@@ -161,7 +161,8 @@ def sweep(
         changed_scene(document, change)
     folder = None if out is None else folder_in(Path(out), "rows")
     rows = []
-    deadline = Deadline.after(None)
+    each = arguments.get("budget")
+    deadline = Deadline.after(None if each is None else len(grid) * each)
     for number, change in enumerate(grid):
         if deadline.interrupted:
             raise deadline.fell_short(f"after row {number} of {len(grid)}", "")
@@ -171,6 +172,8 @@ def sweep(
                 progress((number + done) / len(grid), f"row {number + 1} of {len(grid)}, {text}")
 
         scene = changed_scene(document, change)
+        if each is not None:  # what a row took too long, the others have less
+            arguments["budget"] = min(each, deadline.part(1.0 / (len(grid) - number)) or each)
         job = Job.of(scene, change, method, common, seed, arguments)
         rows.append(job.row(folder, executor, report))
     return pd.DataFrame(rows).astype({"seed": "Int64", "paths": "Int64", "seconds": float})

@@ -71,7 +71,7 @@ def absorber(
             raise ValueError("--sine and --mass-budget are two questions; leave out one")
         shown(
             lambda: absorber_sine(
-                loaded, varied.frequencies(), tune=varied.values(loaded), budget=options.budget
+                loaded, varied.frequencies(), tune=varied.values(loaded), budget=options.rest
             ),
             lambda found: _show_sine(options, scene, found),
         )

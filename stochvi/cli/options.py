@@ -6,7 +6,6 @@ import contextlib
 import functools
 import hashlib
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -100,8 +99,8 @@ class Common:
         early = 0.0
         if self.out is not None:
             early = max(DRAWING_SECONDS - ALLOWED_SECONDS - GRACE_SHARE * budget, 0.0)
-        latest = max(self.begun.moment + budget - early, time.time() + LEAST_SHARE * budget)
-        return replace(self.begun, moment=latest, budget=budget)
+        due = self.begun.sooner_by(early - budget).in_no_less_than(LEAST_SHARE * budget)
+        return replace(due, budget=budget)
 
     @contextlib.contextmanager
     def within(self, budget: float | None) -> Iterator[None]:
@@ -135,10 +134,14 @@ class Common:
         return console_for(self.json_file)
 
     @property
+    def rest(self) -> float | None:
+        """The seconds that are left of --budget, as the `budget` of a calculation that begins."""
+        return self.until(self.budget).rest
+
+    @property
     def sampling(self) -> dict[str, Any]:
         """Arguments of every calculation that samples: seed, threads and budget."""
-        rest = self.until(self.budget).rest
-        return {"seed": self.seed, "threads": self.threads, "budget": rest}
+        return {"seed": self.seed, "threads": self.threads, "budget": self.rest}
 
     def progress(self, title: str) -> AbstractContextManager[Progress]:
         """Progress of a calculation on standard error, unless --quiet is given."""

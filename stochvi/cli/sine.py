@@ -46,7 +46,7 @@ def sine(
     shown(
         lambda: harmonic_response(
             loaded, **asked, form=form, sweep=sweep, coordinate=coordinate, most_impacts=impacts,
-            budget=options.budget,
+            budget=options.rest,
         ),
         lambda found: _show(options, found, print_sine, draw_sine, "sine"),
     )  # fmt: skip
@@ -81,7 +81,7 @@ def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, pe
     shown(
         lambda: map_of(
             loaded, plane, phase_deg=phase, periods=periods, threads=options.threads,
-            budget=options.budget,
+            budget=options.rest,
         ),
         lambda found: _show(options, found, print_basins, plot_basins, "basins"),
     )  # fmt: skip
@@ -127,7 +127,7 @@ def bifurcation(
     shown(
         lambda: diagram_of(
             loaded, **asked, sweep=sweep, settling=settling, watched=watched, start=begun,
-            budget=options.budget,
+            budget=options.rest,
         ),
         lambda found: _show(options, found, print_bifurcation, draw_bifurcation, "bifurcation"),
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -100,8 +101,11 @@ def sweep(
     given.pop("dask", None)
     if "peak_acceleration" in given:
         given["peak_acceleration"] = acceleration(given["peak_acceleration"])
-    if "paths" in given:
-        given.setdefault("budget", None)
+    if "budget" in given:
+        rows = math.prod(len(values) for values in ranges.values())
+        given["budget"] = (options.until(rows * given["budget"]).rest or 0.0) / rows
+    elif "paths" in given:
+        given["budget"] = None
     try:
         with (
             executor_at(dask) as executor,

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any, TypeVar
 
 from stochvi.results.errors import Interrupted, NotConverged
@@ -32,6 +32,31 @@ _heeded_from: list[int] = []
 """How often it had when Ctrl-C began to be heeded (see `heeding_ctrl_c`); empty where it is not."""
 
 
+_stood_still = [0.0]
+"""Seconds for which the clock of all deadlines has stood still in this process."""
+
+_stands_still_since: list[float] = []
+"""When it was stopped and not started again, by `time.time()`, outermost first."""
+
+
+def stood_still() -> float:
+    """Seconds for which the clock of all deadlines has stood still: kernels were being compiled,
+    which no budget pays for."""
+    return _stood_still[0] + sum(time.time() - since for since in _stands_still_since[:1])
+
+
+def stop_clock() -> None:
+    """Let the clock of all deadlines stand still, until `start_clock` was called as often."""
+    _stands_still_since.append(time.time())
+
+
+def start_clock() -> None:
+    """Let the clock of all deadlines go on."""
+    since = _stands_still_since.pop()
+    if not _stands_still_since:
+        _stood_still[0] += time.time() - since
+
+
 @dataclass(frozen=True)
 class Deadline:
     """The moment at which an answer is due.
@@ -46,6 +71,9 @@ class Deadline:
     before
         How often Ctrl-C had been heard when it was made: one more, and it has passed. Infinite
         where Ctrl-C is not heard.
+    stood
+        For how many seconds the clock had stood still when it was made; it is `due` by as much
+        later as that has grown since then.
 
     Examples
     --------
@@ -56,6 +84,11 @@ class Deadline:
     moment: float = math.inf
     budget: float | None = None
     before: float = math.inf
+    stood: float = field(default_factory=stood_still, compare=False)
+
+    def __reduce__(self) -> tuple[type[Deadline], tuple[float, float | None, float]]:
+        # another process has a count of its own of the seconds for which its clock stood still
+        return Deadline, (self.due, self.budget, self.before)
 
     @classmethod
     def after(cls, budget: float | None) -> Deadline:
@@ -68,9 +101,14 @@ class Deadline:
             return cls(math.inf, None, before)
         return cls(time.time() + budget, _asked_for.get() or budget, before)
 
+    @property
+    def due(self) -> float:
+        """The moment, as time has stood still since it was made."""
+        return self.moment + (stood_still() - self.stood)
+
     def passed(self) -> bool:
         """Whether the answer is due."""
-        return self.interrupted or time.time() >= self.moment
+        return self.interrupted or time.time() >= self.due
 
     @property
     def interrupted(self) -> bool:
@@ -80,7 +118,7 @@ class Deadline:
     @property
     def left(self) -> float:
         """Seconds until the answer is due: infinite without a limit, zero once it has passed."""
-        return 0.0 if self.passed() else max(self.moment - time.time(), 0.0)
+        return 0.0 if self.passed() else max(self.due - time.time(), 0.0)
 
     @property
     def rest(self) -> float | None:
@@ -96,6 +134,11 @@ class Deadline:
     def sooner_by(self, seconds: float) -> Deadline:
         """The deadline so many seconds before this one."""
         return replace(self, moment=self.moment - seconds)
+
+    def in_no_less_than(self, seconds: float) -> Deadline:
+        """This deadline, or that which so many seconds from now make if it is later."""
+        moment = max(self.due, time.time() + seconds)
+        return replace(self, moment=moment, stood=stood_still())
 
     def part(self, share: float) -> float | None:
         """A share (0 to 1) of the seconds that are left, as the `budget` of one of several

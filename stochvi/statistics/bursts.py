@@ -230,6 +230,7 @@ def bursts(
     NotApplicable
         As for `first_crossings`, or without stops on both sides of the mean position.
     """
+    deadline = Deadline.after(budget)
     model = model_of(scene)
     flights: Flights = (
         OscillatorFlights(scene, seed) if model.single else StructureFlights(model, seed)
@@ -241,7 +242,6 @@ def bursts(
 
     with crew_of(executor, threads) as crew:
         parts += crew.results(work, [(0, together)])
-        deadline = Deadline.after(budget)  # compilation is over
 
         def late() -> bool:
             return deadline.passed() and len(parts) * together >= 2 * LEAST_PATHS

@@ -217,9 +217,9 @@ def until_accurate(
 ) -> Ages_co:
     """As many paths as a pilot finds necessary for `rel_error`, see `first_crossings`."""
     block = records.together
+    started, deadline = time.time(), Deadline.after(budget)
     with crew_of(executor, threads) as crew:
         pilot = [records.ages(PILOT)]
-        started, deadline = time.time(), Deadline.after(budget)  # compilation is over
 
         def fly(first: int, ages: list[NDArray[np.float32]], paths: int) -> Ages_co:
             """So many paths, or those that the budget allows, from the first on."""

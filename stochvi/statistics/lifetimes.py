@@ -22,7 +22,7 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.methods.periodic.attractors import PERIODIC, Attractors
-from stochvi.methods.periodic.basins import Flown, Place, load_kernels
+from stochvi.methods.periodic.basins import Flown, Place
 from stochvi.methods.periodic.family import unmet
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
@@ -57,6 +57,10 @@ MIXED = 0.1
 
 GROUP = 64
 """Number of paths that are simulated together."""
+
+FIRST_GROUPS = 64
+"""Number of groups of each regime that are begun at first; after each round there are twice as
+many, so that a small budget is not spent on their beginnings."""
 
 MORE_PATHS = 2.56
 """Paths for each that must leave: those that are left behind shorten the wait."""
@@ -232,7 +236,7 @@ def lifetimes(
     threads
         Number of threads, by default that of the cores.
     budget
-        Seconds of wall time, after the kernels are loaded.
+        Seconds of wall time, without that in which kernels are compiled.
 
     Returns
     -------
@@ -263,7 +267,7 @@ def lifetimes(
     >>> [each.regime for each in found.regimes]
     ['no impacts']
     """
-    began = time.perf_counter()
+    began, deadline = time.perf_counter(), Deadline.after(budget)
     if not 0.0 < rel_error <= 1.0:
         raise ValueError(f"rel_error must be above 0 and at most 1, got {rel_error}")
     model = model_of(scene)
@@ -272,24 +276,24 @@ def lifetimes(
         conditions.append("excitation must contain noise beside the sine, got none")
     if conditions:
         raise NotApplicable("lifetimes", conditions)
-    load_kernels()
     plan = plan_modal_tables(model, 0.0, None) if model.tables else plan_modal(model, 0.0, None)
-    plan.shortest().averages(0, 0, 2)  # has the kernels compiled
-    deadline = Deadline.after(budget)
     number = threads or os.cpu_count() or 1
     with heeding_ctrl_c():
         place = Place(scene, 3, deadline)
         known = _coexisting(place, number, deadline)
         wanted = math.ceil(1.0 / rel_error**2)
         watch = Watch(place, known, plan)
-        groups = watch.groups(regimes, math.ceil(MORE_PATHS * wanted), seed)
+        most = math.ceil(MORE_PATHS * wanted / GROUP)
+        groups = watch.groups(regimes, most, seed)
         with ThreadPoolExecutor(number) as pool:
             while not deadline.passed():
-                waiting = [group for of in groups if _left(of) < wanted for group in of]
-                waiting = [group for group in waiting if not np.all(group.left)]
+                behind = [of for of in groups if _left(of) < wanted]
+                waiting = [group for of in behind for group in of if not np.all(group.left)]
                 if not waiting:
                     break
                 list(pool.map(Group.advance, waiting))
+                for of in behind:
+                    of += watch.more(of, most)
     answer = LifeTimes(
         regimes=watch.answers(groups),
         frequency_hz=1.0 / place.period,
@@ -357,19 +361,27 @@ class Watch:
         order = range(len(known.found))
         self.described = place.described(known, order, np.zeros(len(order)), 0.0)
 
-    def groups(self, names: Sequence[str] | None, paths: int, seed: int) -> list[list[Group]]:
-        """Groups of paths that start in each motion, or in those of some names."""
+    def groups(self, names: Sequence[str] | None, most: int, seed: int) -> list[list[Group]]:
+        """The first of at most so many groups of paths that start in each motion, or in those of
+        some names."""
         known = [each.name for each in self.described]
         if unknown := set(names or ()) - set(known):
             raise ValueError(
                 f"regimes must be some of {', '.join(map(repr, known))}, got "
                 f"{', '.join(map(repr, sorted(unknown)))}"
             )
-        number = math.ceil(paths / GROUP)
         return [
-            [Group(self, regime, number * regime + k, seed) for k in range(number)]
+            [Group(self, regime, most * regime + k, seed) for k in range(min(most, FIRST_GROUPS))]
             for regime, name in enumerate(known)
             if names is None or name in names
+        ]
+
+    def more(self, of: Sequence[Group], most: int) -> list[Group]:
+        """As many groups again that start in the same motion, at most `most` with these."""
+        first = of[0]
+        return [
+            Group(self, first.regime, first.number + k, first.seed)
+            for k in range(len(of), min(2 * len(of), most))
         ]
 
     def start(self, regime: int, streams: NDArray[np.uint64]) -> Matrix:

@@ -600,11 +600,10 @@ def rare_hits(
     NotApplicable
         As `first_crossings`, or if there are no stops on both sides of the mean position.
     """
+    deadline = Deadline.after(budget)
     bursts, windows = kinds_of(scene, event, mission, rel_error, seed, budget)
     began = time.process_time()
     rare = mission > bursts.window and bursts.rare()
-    (bursts if rare else windows).drawn(_draw(PILOT, 0, 0))  # compiled, or taken from the cache
-    deadline = Deadline.after(budget)
     with crew_of(executor, threads) as crew:
         ask = _Question(limit, mission, rel_error, confidence, crew, deadline, progress)
         # where hits hardly pause, or bursts hardly end, the whole motion is looked at

@@ -344,6 +344,7 @@ def windows(
     progress: Any = None,
 ) -> Exceedance:  # fmt: skip
     """The chance that a limit is exceeded in a mission, from windows of the motion with stops."""
+    deadline = Deadline.after(budget)
     plan = plan_modal_tables(with_tables(model_of(scene)), None, None)
     longest = plan.block_length - plan.burn_in
     plan = replace(plan, duration=max(min(longest, mission), 2.0 * plan.step))
@@ -352,7 +353,6 @@ def windows(
     wanted = FEWEST_WINDOWS
     with crew_of(executor, threads) as crew:
         done += crew.results(made.block, [(0, plan.block)])
-        deadline = Deadline.after(budget)  # compilation is over
         while True:
             blocks = [*blocks_between(len(done) * plan.block, wanted, plan.block)]
             for part in crew.results(made.block, blocks, deadline):

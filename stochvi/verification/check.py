@@ -260,11 +260,14 @@ def answers(
     responses: list[Response] = []
     simulated: list[Response] = []
     solvable = not unmet_by_fokker_planck(model_of(scene))
-    sampling = deadline.sooner(FOR_SOLVER) if solvable else deadline
     try:
         responses.append(exact(scene))
     except NoExactSolution as reason:
         left_out.append(str(reason))
+    # they have no budget of their own, so that the simulation gets what they leave
+    not_approximated: list[str] = []
+    approximate = approximations(scene, not_approximated)
+    sampling = deadline.sooner(FOR_SOLVER) if solvable else deadline
     try:
         simulated.append(
             simulate(
@@ -286,9 +289,11 @@ def answers(
         left_out.append("fokker_planck: interrupted by Ctrl-C")
     else:
         responses += _solved(scene, SHARPER * rel_error, simulated, left_out, deadline)
-    responses += simulated
-    approximate = approximations(scene, left_out)
-    return MethodResponses(responses=responses, approximations=approximate, left_out=left_out)
+    return MethodResponses(
+        responses=[*responses, *simulated],
+        approximations=approximate,
+        left_out=[*left_out, *not_approximated],
+    )
 
 
 FOR_SOLVER = 0.1

@@ -39,7 +39,7 @@ from stochvi.results.machine import thread_seconds
 from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
-from stochvi.verification.check import ROUNDING, approximations
+from stochvi.verification.check import FOR_SOLVER, ROUNDING, approximations
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,6 +58,9 @@ MOST_HALVINGS = 10
 
 LARGEST_BLOCK = 256
 """Largest number of paths of a block: enough for full speed, few enough to stop in time."""
+
+LEAST_SECONDS = 0.3
+"""Seconds that the simulation gets, however long everything before it took."""
 
 DAY, YEAR = 86400.0, 365.25 * 86400.0
 """Seconds of a day and of a year."""
@@ -375,20 +378,22 @@ def cost(
         raise ValueError(
             f"paths must be at least {FEWEST_PATHS} for honest standard errors, got {paths}"
         )
+    started, deadline = time.perf_counter(), Deadline.after(budget if paths is None else None)
     plan = make_plan(model_of(scene))
     plans = ladder(plan)
-    for rung in plans:
+    for rung in plans:  # kernels are loaded where they are called first
         rung.shortest().averages(0, 0, 2)
-    started = time.perf_counter()
     layout = _joint_layout(plans)
     with crew_of(executor, threads) as crew:
-        deadline = Deadline.after(budget if paths is None else None)
-        statistics, cpu = _simulate(plans, layout, seed, budget, deadline, paths, crew, progress)
+        # they have no budget of their own, so that the simulation gets what they leave
+        free = approximations(scene, [])
+        sampling = deadline.sooner(FOR_SOLVER).in_no_less_than(LEAST_SECONDS)
+        statistics, cpu = _simulate(plans, layout, seed, sampling, paths, crew, progress)
     known, reference = _known(scene, plan)
     rows: list[StepError] = []
     models: list[ModelError] = []
     left_out = []
-    free = _deterministic(scene, plan, deadline)
+    free += _solved(scene, plan, deadline)
     for key, quantity in governed(plan.model).items():
         size_of = quantity
         if key[1] == "displacement_mean":
@@ -468,7 +473,6 @@ def _simulate(
     plans: Sequence[Plan],
     layout: Layout,
     seed: int,
-    budget: float,
     deadline: Deadline,
     paths: int | None,
     crew: Crew,
@@ -486,7 +490,8 @@ def _simulate(
         seconds += spent
         if progress:
             elapsed = time.perf_counter() - started
-            share = elapsed / budget if paths is None else statistics.count / paths
+            there = elapsed / (elapsed + deadline.left)
+            share = there if paths is None else statistics.count / paths
             progress(min(1.0, share), f"{statistics.count} paths")
     if statistics.count < FEWEST_PATHS:
         raise deadline.fell_short(
@@ -534,19 +539,17 @@ def _known(scene: Scene, plan: Plan) -> tuple[dict[Key, Estimate], str]:
         return {}, "finest step" if plan.elastic else "limit of the two finest steps"
 
 
-def _deterministic(scene: Scene, plan: Plan, deadline: Deadline) -> list[Response]:
-    """Responses of the methods that draw no random numbers, of meshes that the deadline allows;
-    their rates count the same impacts as the simulated ones."""
-    found = approximations(scene, [])
+def _solved(scene: Scene, plan: Plan, deadline: Deadline) -> list[Response]:
+    """The response of the Fokker-Planck equation, of a mesh that the deadline allows; its rates
+    count the same impacts as the simulated ones."""
     threshold = next(iter(plan.layout.thresholds.values()), None)
     try:
-        found.append(fokker_planck(scene, speed_threshold=threshold, budget=deadline.rest))
+        return [fokker_planck(scene, speed_threshold=threshold, budget=deadline.rest)]
     except NotApplicable:
-        pass
+        return []
     except (NotConverged, Interrupted) as reason:
         # its bias says what it has reached
-        found += [] if reason.response is None else [reason.response]
-    return found
+        return [] if reason.response is None else [reason.response]
 
 
 def _reference(

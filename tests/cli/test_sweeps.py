@@ -5,6 +5,8 @@ import json
 import signal
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -396,6 +398,23 @@ def test_a_reliability_for_each_row(tmp_path: Path) -> None:
     assert table["mission.hit"][0] == own.chances["hit"].estimate.value
     assert own.hits is not None and table["mission.expected_hits"][0] == own.hits.value
     assert table["mission.expected_hits"][1] < table["mission.expected_hits"][0]
+
+
+def test_what_a_row_takes_too_long_the_others_have_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, given = [0.0], []
+    monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
+
+    def row(job: Any, *_: Any) -> dict[str, Any]:
+        given.append(job.arguments["budget"])
+        now[0] += 22.0 if len(given) == 1 else 1.0
+        return {"seed": 0, "paths": 2, "seconds": 1.0, "note": ""}
+
+    monkeypatch.setattr(stochvi.sweeps.Job, "row", row)
+    sweep(oscillator(0.5), {GAP: [2.0, 3.0, 4.0]}, budget=10.0)
+    assert given == [10.0, 4.0, 7.0]
+    given.clear()
+    sweep(oscillator(0.5), {GAP: [2.0]}, budget=None)
+    assert given == [None]
 
 
 def test_a_record_is_replayed_for_each_row(tmp_path: Path) -> None:

@@ -5,14 +5,20 @@ from __future__ import annotations
 import importlib
 import subprocess
 import sys
+import time
 from pathlib import Path
+from typing import Any
 
 import click
 import pandas as pd
 import pytest
 
 from stochvi.cli import main
+from stochvi.results.errors import NotConverged
+from stochvi.scenes.datasets import shipped_scene
+from support.commands import ELASTIC, Run
 
+scene_room = importlib.import_module("stochvi.scenes.scene")
 STUDY = importlib.import_module("studies.16_time_that_was_asked.cases")
 
 
@@ -48,3 +54,54 @@ def test_commands_end_in_their_cpu_time(tmp_path: Path) -> None:
     # the caches that others share make CPU times a quarter longer
     late = judged[judged["wall"] > 1.25 * judged["limit"]]
     assert not len(late), late[["command", "scene", "ended_by", "wall", "limit"]].to_string()
+
+
+MOUNT, BOX = str(shipped_scene("isolator-sine")), str(shipped_scene("absorber-in-a-box"))
+
+HANDED_ON = [
+    ("simulate", "stochvi.methods.monte_carlo.simulate", ELASTIC),
+    ("spectrum", "stochvi.statistics.spectra.spectrum", ELASTIC),
+    ("impacts", "stochvi.statistics.impacts.impacts", ELASTIC),
+    ("check", "stochvi.verification.check.check", ELASTIC),
+    ("cost", "stochvi.verification.cost.cost", ELASTIC),
+    ("reliability --mission 60", "stochvi.statistics.reliability.reliability", ELASTIC),
+    ("size --rate 0.01", "stochvi.isolators.sizing.method.size", ELASTIC),
+    ("sine", "stochvi.methods.periodic.harmonic_response", MOUNT),
+    ("basins", "stochvi.methods.periodic.basins", MOUNT),
+    ("bifurcation --from 90 --to 100", "stochvi.methods.periodic.bifurcation", MOUNT),
+    ("lifetimes", "stochvi.statistics.lifetimes.lifetimes", MOUNT),
+    ("absorber --sine", "stochvi.absorbers.absorber_sine", BOX),
+    ("sweep --vary structure.stiffness=1,2", "stochvi.sweeps.sweep", ELASTIC),
+]  # fmt: skip
+"""Commands, and the functions that they call."""
+
+
+@pytest.mark.parametrize(("command", "function", "scene"), HANDED_ON, ids=lambda word: word[:20])
+def test_the_start_of_a_command_is_a_part_of_its_budget(
+    monkeypatch: pytest.MonkeyPatch, stochvi: Run, command: str, function: str, scene: str
+) -> None:
+    """Imports, and a scene that is long in reading, leave less to the calculation."""
+    clock, late, given = time.time, [0.0], []
+    monkeypatch.setattr(time, "time", lambda: clock() + late[0])
+
+    def loaded(name: str, load: Any = scene_room.load_scene) -> Any:
+        late[0] += 6.0
+        return load(name)
+
+    def solve(*_: Any, budget: float, **__: Any) -> None:
+        given.append(budget)
+        raise NotConverged("a stub")
+
+    monkeypatch.setattr(scene_room, "load_scene", loaded)
+    module, _, name = function.rpartition(".")
+    monkeypatch.setattr(importlib.import_module(module), name, solve)
+    assert stochvi(*command.split()[:1], scene, *command.split()[1:], "--budget", "10").code == 1
+    rows = 2 if command.startswith("sweep") else 1
+    (left,) = given
+    assert 3.0 <= left * rows <= rows * 10.0 - 6.0
+
+
+def test_every_command_with_a_budget_hands_it_on() -> None:
+    tried = {command.split()[0] for command, *_ in HANDED_ON}
+    # clearance hands on the same arguments as reliability
+    assert tried | {"clearance"} == {case.command for case in STUDY.cases() if case.budgeted}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 
 import numpy as np
@@ -19,6 +20,8 @@ from stochvi import (
     WhiteNoise,
 )
 from stochvi.statistics import lifetimes
+
+module = importlib.import_module("stochvi.statistics.lifetimes")
 
 GAP, DRIVE, RESTITUTION = 4e-4, 200.0 * math.pi, 0.6
 """Clearance (m), frequency (rad/s) and restitution of a mount that may clatter or not."""
@@ -133,3 +136,21 @@ def test_what_has_no_life_time_is_refused_in_a_sentence() -> None:
         lifetimes(mount(WhiteNoise(intensity=NOISE)), rel_error=0.0)
     with pytest.raises(ValueError, match="regimes must be some of 'no impacts'"):
         lifetimes(mount(WhiteNoise(intensity=NOISE)), ["rattle"])
+
+
+def test_a_small_budget_is_not_spent_on_the_beginnings_of_many_paths() -> None:
+    with pytest.raises(NotConverged) as ended:
+        lifetimes(mount(WhiteNoise(intensity=NOISE)), [REST], rel_error=1e-3, budget=0.6, threads=1)
+    asked = module.MORE_PATHS * 1e6
+    assert 0 < ended.value.response.cost.paths < 0.02 * asked
+
+
+def test_groups_that_begin_later_live_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = mount(WhiteNoise(intensity=NOISE))
+    (at_once,) = lifetimes(scene, [REST], rel_error=0.1, seed=1).regimes
+    monkeypatch.setattr(module, "FIRST_GROUPS", 1)
+    (in_turn,) = lifetimes(scene, [REST], rel_error=0.1, seed=2).regimes
+    assert in_turn.left >= 100
+    lives = [math.log(each.life_time) for each in (at_once, in_turn)]
+    error = math.hypot(*(each.left**-0.5 for each in (at_once, in_turn)))
+    assert abs(lives[0] - lives[1]) < 4.0 * error

@@ -1,5 +1,6 @@
 """Monte Carlo of vibro-impact scenes: many paths at once, impacts inside the step."""
 
+from stochvi.methods.compile_time import leave_out_of_budgets
 from stochvi.methods.monte_carlo.simulate import (
     Prospect,
     prospect,
@@ -7,5 +8,7 @@ from stochvi.methods.monte_carlo.simulate import (
     record_paths,
     simulate,
 )
+
+leave_out_of_budgets()
 
 __all__ = ["Prospect", "prospect", "record_path", "record_paths", "simulate"]

@@ -81,9 +81,9 @@ FIRST_STEPS, MORE_STEPS = 2, 4
 """Number of steps in the first trial that predicts the time of a path, and the factor by which each
 further trial is longer."""
 
-PRICE_SHARE, PRICE_SECONDS = 0.02, 0.05
-"""A trial decides that paths take too long once it has taken this share of the time that is left,
-and this many seconds."""
+PRICE_SHARE, LEAST_PRICE, MOST_PRICE = 0.02, 0.05, 0.25
+"""A trial is long enough to predict the time of a path once it has taken this share of the time
+that is left, within these two numbers of seconds."""
 
 PIECE_SECONDS = 0.25
 """Largest expected time in seconds of a piece of a block, so that a budget is overrun by no
@@ -186,14 +186,14 @@ def seconds_of_first_paths(plan: Plan, seed: int, deadline: Deadline) -> float:
     the time that is left. It is 0 without a deadline, and for plans that cannot be shortened.
     """
     steps = FIRST_STEPS
-    enough = max(PRICE_SHARE * deadline.left, PRICE_SECONDS)
-    while math.isfinite(enough) and steps < plan.steps_per_path:
+    enough = max(min(PRICE_SHARE * deadline.left, MOST_PRICE), LEAST_PRICE)
+    while math.isfinite(deadline.moment) and steps < plan.steps_per_path:
         trial = plan.shortest(steps)
         if trial.steps_per_path < steps:
             break
+        if steps == FIRST_STEPS:  # kernels are loaded where they are called first
+            _seconds_of(trial, seed)
         took = _seconds_of(trial, seed)
-        if took >= enough:  # kernels are loaded where they are called first
-            took = min(took, _seconds_of(trial, seed))
         predicted = took * plan.steps_per_path / trial.steps_per_path
         if predicted <= PIECE_SECONDS or took >= enough:
             return predicted
@@ -209,10 +209,13 @@ def _seconds_of(trial: Plan, seed: int) -> float:
 
 
 def check_price(plans: Sequence[Plan], seed: int, deadline: Deadline) -> None:
-    """Raise `NotConverged` where two paths by each of these plans take longer than there is."""
+    """Raise `NotConverged` where two paths by each of these plans take longer than there is, and
+    `Interrupted` where Ctrl-C came before they were begun."""
     seconds = 0.0
     for plan in plans:
         seconds += seconds_of_first_paths(plan, seed, deadline)
+        if deadline.interrupted:
+            raise deadline.fell_short("before any path was simulated", "")
         if seconds > deadline.left + PATIENCE_SECONDS:
             raise NotConverged(
                 f"the budget of {deadline.budget:g} s is too short for {FEWEST_AT_ONCE} paths, "

@@ -163,6 +163,7 @@ def simulate(
     )  # fmt: skip
     _check_files(checkpoint=checkpoint, resume=resume)
     check_executor(executor)
+    deadline = Deadline.after(budget)
     try:
         run, asked = _begun(
             scene, asked, budget, threads, executor, progress, checkpoint, checkpoint_interval,
@@ -173,7 +174,6 @@ def simulate(
     try:
         try:
             with heeding_ctrl_c():
-                deadline = Deadline.after(budget)
                 _simulate(run, asked, deadline)
         finally:
             if executor is None:

@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,10 +32,7 @@ from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.scenes.excitations import Sine
-from stochvi.scenes.impact_laws import Restitution
-from stochvi.scenes.scene import ImpactPair, Scene
-from stochvi.scenes.structures import Oscillator
+from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,7 +46,8 @@ UNDECIDED, BEYOND = -1, -2
 beyond a stop."""
 
 BLOCK = 256
-"""Number of starts that are flown between looks at the clock: some hundredths of a second."""
+"""Number of starts that are flown over FIRST periods, or fewer, between looks at the clock: a tenth
+of a second or so. Over more periods there are fewer starts in a block."""
 
 ACROSS = 1.25
 """Half the width of a map that is not given, in multiples of the largest motion of a regime."""
@@ -245,7 +242,7 @@ def basins(
     threads
         Number of threads, by default that of the cores.
     budget
-        Seconds of wall time, after the kernels are loaded.
+        Seconds of wall time, without that in which kernels are compiled.
 
     Returns
     -------
@@ -278,8 +275,6 @@ def basins(
     began = time.perf_counter()
     if periods < 1:
         raise ValueError(f"periods must be at least 1, got {periods}")
-    if budget is not None:
-        load_kernels()
     deadline = Deadline.after(budget)
     with heeding_ctrl_c():
         place = Place(scene, most_impacts, deadline)
@@ -320,17 +315,6 @@ RECOGNISED = (
     "without impacts by its energy, else as found for 256 states around the regime"
 )
 """What the recognition of regimes takes for granted."""
-
-
-@cache
-def load_kernels() -> None:
-    """Load the kernels by a small case, or compile them, which is no part of a budget."""
-    mount = Scene(
-        structure=Oscillator(mass=1.0, damping=0.2, stiffness=1.0),
-        impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.5))],
-        excitations=[Sine(amplitude=1.0, frequency_hz=0.16)],
-    )
-    basins(mount, {"displacement.x": [0.0], "velocity.x": [0.0]}, periods=1, most_impacts=1)
 
 
 class Place:
@@ -554,9 +538,8 @@ class Flown:
             found[found == flights.LOST] = flights.WANDERS
             return block, states, owners[found]
 
-        blocks = np.array_split(left, max(1, math.ceil(len(left) / BLOCK)))
         with ThreadPoolExecutor(self.threads) as pool:
-            for block, states, owner in pool.map(fly, blocks):
+            for block, states, owner in pool.map(fly, _blocks(left, periods)):
                 self.states[block], ends[block] = states, owner
         return ends
 
@@ -578,11 +561,16 @@ class Flown:
                 flights.settle_flights(lead, self.known.course, states, 1, *none, found)
             return block, self.known.found[number].holds(path) & (found != flights.LOST)
 
-        blocks = np.array_split(left, max(1, math.ceil(len(left) / BLOCK)))
         with ThreadPoolExecutor(self.threads) as pool:
-            for block, held in pool.map(fly, blocks):
+            for block, held in pool.map(fly, _blocks(left, LAST)):
                 ends[block[held]] = number
         return ends
+
+
+def _blocks(starts: Whole, periods: int) -> list[Whole]:
+    """Starts in blocks, in each of which so many periods of all take about as long."""
+    size = max(1, BLOCK * FIRST // max(periods, FIRST))
+    return np.array_split(starts, max(1, math.ceil(len(starts) / size)))
 
 
 def _shares(ends: Whole, number: int) -> tuple[list[int], Vector]:

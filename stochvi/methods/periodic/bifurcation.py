@@ -18,7 +18,7 @@ from stochvi.methods.periodic.attractors import (
     exponent,
     watch,
 )
-from stochvi.methods.periodic.basins import Place, load_kernels, rate_of
+from stochvi.methods.periodic.basins import Place, rate_of
 from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import flights
@@ -199,7 +199,7 @@ def bifurcation(
     start
         The state before the first value, as {"velocity.x": 0.2}; by default at rest.
     budget
-        Seconds of wall time, after the kernels are loaded.
+        Seconds of wall time, without that in which kernels are compiled.
 
     Returns
     -------
@@ -234,8 +234,6 @@ def bifurcation(
         raise ValueError(
             f"settling must be at least 0 and watched at least 64, got {settling} and {watched}"
         )
-    if budget is not None:
-        load_kernels()
     deadline = Deadline.after(budget)
     key, values, scene_at = varied(scene, frequency_hz, vary)
     low, high = float(values[0]), float(values[-1])

@@ -12,10 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stochvi.methods.compile_time import leave_out_of_budgets
 from stochvi.methods.periodic.even import TOLERANCE, even_phases
 from stochvi.methods.periodic.family import Family, amplitudes
 from stochvi.methods.periodic.kernels import solver
 from stochvi.results.deadline import NEVER, Deadline
+
+leave_out_of_budgets()
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

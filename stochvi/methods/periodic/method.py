@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,10 +26,8 @@ from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.excitations import Sine
-from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.keys import changed_scene
-from stochvi.scenes.scene import ImpactPair, Scene
-from stochvi.scenes.structures import Oscillator
+from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
 
@@ -98,7 +95,7 @@ def harmonic_response(
     sweep
         "up", "down" or "both": simulate such a slow sweep as well, 300 periods at each value.
     budget
-        Seconds of wall time, after the kernels are loaded; they compile once on each machine, which
+        Seconds of wall time; that kernels are compiled, once on each machine, is no part of it and
         takes about a minute.
 
     Returns
@@ -140,8 +137,6 @@ def harmonic_response(
         raise ValueError(f"sweep must be 'up', 'down' or 'both', got {sweep!r}")
     if most_impacts < 1:
         raise ValueError(f"most_impacts must be at least 1, got {most_impacts}")
-    if budget is not None:
-        _load_kernels(giving_way=bool(model_of(scene).not_rigid()))
     deadline = Deadline.after(budget)
     key, values, scene_at = varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
@@ -240,19 +235,6 @@ def _checked(key: str, given: ArrayLike) -> Vector:
             f"{key} must have from 1 to {MOST_VALUES} finite values, got {len(values)}"
         )
     return values
-
-
-@cache
-def _load_kernels(*, giving_way: bool) -> None:
-    """Load the kernels by a small case, or compile them, which takes a minute once on each machine
-    and is no part of a budget."""
-    law = Elastic(stiffness=10.0) if giving_way else Restitution(coefficient=0.5)
-    mount = Scene(
-        structure=Oscillator(mass=1.0, damping=0.2, stiffness=1.0),
-        impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=law)],
-        excitations=[Sine(amplitude=1.0, frequency_hz=0.16)],
-    )
-    harmonic_response(mount, [0.16, 0.17], most_impacts=1, sweep="up")
 
 
 def too_slow(finder: Finder) -> str:

@@ -28,7 +28,7 @@ from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.step_bias import lossiest
 from stochvi.model.coverage import functions
 from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
-from stochvi.results.deadline import Deadline
+from stochvi.results.deadline import Deadline, as_far_as_it_got
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
@@ -92,6 +92,12 @@ FEWEST_HITS = 30
 
 REL_ERROR = 0.02
 """Of the rates, where neither an error nor a number of paths is asked for."""
+
+FOR_FIRST_HITS = 0.3
+"""Share of the time that the impacts leave to the first hits, where these are asked for."""
+
+NO_FIRST_HITS = "no time was left for the rate of first hits; raise budget"
+"""What is missing where the deadline passed before the first hits."""
 
 MOST_UNSEEN = 2**17
 """Paths without any impact after which none is looked for, also where there is time left."""
@@ -176,7 +182,7 @@ def impacts(
     """
     check_arguments(rel_error, paths, duration, seed, speed_threshold, budget, threads)
     asked = REL_ERROR if rel_error is None else rel_error
-    started = time.perf_counter()
+    started, deadline = time.perf_counter(), Deadline.after(budget)
     model = model_of(scene)
     if conditions := functions(model):
         raise NotApplicable("simulate", conditions)
@@ -184,35 +190,36 @@ def impacts(
     plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, **shares)
     grids = {pair.name: _grid(plan, pair) for pair in model.pairs}
     with compiling(progress):
-        plan.source.shortest().averages(seed, 0, 2)
-        check_price([plan.source], seed, Deadline.after(budget))
-        plan.impacts(seed, 0, 1)
+        replace(plan, source=plan.source.shortest()).impacts(seed, 0, 2)
+        check_price([plan.source], seed, deadline)
     found: dict[str, list[Tally]] = {name: [] for name in grids}
-    deadline = Deadline.after(budget)
+    sampling = deadline.sooner(FOR_FIRST_HITS) if first_hits else deadline
     done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths
 
     work = partial(_block, plan, grids, seed)
     with crew_of(executor, threads) as crew:
         while True:
             blocks = [*blocks_between(done, target, plan.block)]
-            for tallies in crew.results(work, blocks, deadline, at_least=0 if done else 1):
+            for tallies in crew.results(work, blocks, sampling, at_least=0 if done else 1):
                 for name, tally in tallies.items():
                     found[name].append(tally)
                 done += len(tally.numbers)  # all pairs have the same paths
                 if progress and paths:
                     progress(done / paths, f"{done} paths")
-            error = _largest_error([merged(tallies) for tallies in found.values()], plan)
+            found = {name: [merged(tallies)] for name, tallies in found.items()}
+            error = _largest_error([tally for (tally,) in found.values()], plan)
             if progress and not paths:
                 progress((asked / max(error, asked)) ** 2, f"{done} paths")
-            short = _fell_short(done, paths, error, asked, deadline)
+            short = _fell_short(done, paths, error, asked, sampling)
             if short or done == paths or error <= asked:
                 break
             target = done + math.ceil(done * min(1.1 * (error / asked) ** 2 - 1.0, 3.0))
             target = math.ceil(target / plan.block) * plan.block
+    late = deadline.passed()
     pairs = {
         pair.name: _pair(
-            scene, pair, plan, grids[pair.name], merged(found[pair.name]), first_hits, seed,
-            threads, executor,
+            scene, pair, plan, grids[pair.name], found[pair.name][0],
+            deadline if first_hits and not late else None, seed, threads, executor,
         )
         for pair in model.pairs
     }  # fmt: skip
@@ -224,6 +231,7 @@ def impacts(
         assumptions=scene.assumptions(),
         warnings=(
             *(["the accuracy asked for was not reached"] if short else []),
+            *([NO_FIRST_HITS] if first_hits and late else []),
             *_unseen(pairs, done * plan.duration),
             *_warnings(plan, model),
         ),
@@ -309,8 +317,8 @@ def _largest_error(tallies: list[Tally], plan: ImpactPlan) -> float:
 
 
 def _pair(
-    scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally, first_hits: bool,
-    seed: int, threads: int | None, executor: Executor | None,
+    scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally,
+    first_hits: Deadline | None, seed: int, threads: int | None, executor: Executor | None,
 ) -> PairStatistics:  # fmt: skip
     numbers = tally.numbers.sum(axis=1)
     hits = float(numbers.sum())
@@ -339,8 +347,8 @@ def _pair(
         striking_energy=_ratio(blow, how),
         rice_rates=None if gap is None else rice_rates(gap, pair),
         clump_rate=None if gap is None else vanmarcke_rate(gap, pair),
-        first_hit_rate=_first_hits(scene, pair, gap.mean, seed, threads, executor)
-        if first_hits and gap is not None
+        first_hit_rate=_first_hits(scene, pair, gap.mean, first_hits, seed, threads, executor)
+        if first_hits is not None and gap is not None
         else None,
         energy_unit="J/kg" if scene.expanded.structure.mass is None else "J",
     )
@@ -395,16 +403,18 @@ def _fitted(fits: NDArray[np.float64], grid: Grid, shift: float | None) -> Estim
 
 
 def _first_hits(
-    scene: Scene, pair: Pair, mean: float, seed: int, threads: int | None,
+    scene: Scene, pair: Pair, mean: float, deadline: Deadline, seed: int, threads: int | None,
     executor: Executor | None,
 ) -> Estimate | None:  # fmt: skip
-    """Limiting rate of first crossings of the stops without them; None where it does not apply."""
+    """Limiting rate of first crossings of the stops without them, as far as it is known by the
+    deadline; None where it does not apply."""
     lower = None if pair.lower is None else mean - pair.lower.position
     upper = None if pair.upper is None else pair.upper.position - mean
     try:
-        found = first_crossings(
-            scene, lower=lower, upper=upper, seed=seed, threads=threads, executor=executor
-        )
+        found = as_far_as_it_got(
+            first_crossings, scene, lower=lower, upper=upper, seed=seed, threads=threads,
+            executor=executor, budget=deadline.rest,
+        )  # fmt: skip
     except (NotApplicable, ValueError):  # a scene, or stops, that it does not cover
         return None
     chance = found.probability(found.horizon)[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,19 +93,11 @@ class Tally:
             windows=total(one, window, WINDOWS),
         )
 
-    def merge(self, other: Tally) -> Tally:
-        """Of the paths of both."""
-        return Tally(
-            **{
-                each.name: np.concatenate([getattr(self, each.name), getattr(other, each.name)])
-                for each in fields(self)
-            }
-        )
-
 
 def merged(tallies: list[Tally]) -> Tally:
     """Of all paths, in order."""
-    return reduce(Tally.merge, tallies)
+    names = [each.name for each in fields(Tally)]
+    return Tally(**{name: np.concatenate([getattr(t, name) for t in tallies]) for name in names})
 
 
 @dataclass(frozen=True, kw_only=True)

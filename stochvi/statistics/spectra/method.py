@@ -158,13 +158,11 @@ def spectrum(
     check_arguments(rel_error, paths, None, seed, None, budget, threads)
     _check_options(method, highest, segment)
     asked = REL_ERROR if rel_error is None else rel_error
-    started = time.perf_counter()
+    started, deadline = time.perf_counter(), Deadline.after(budget)
     plan, layout, bandwidth = _planned(scene, method, highest, segment)
     with compiling(progress):
-        plan.plan.shortest().averages(seed, 0, 2)
-        check_price([plan.plan], seed, Deadline.after(budget))
-        plan.histories(seed, 0, 1)
-    deadline = Deadline.after(budget)
+        plan.plan.shortest().histories(seed, 0, 2, samples=2)
+        check_price([plan.plan], seed, deadline)
     target = FEWEST_PATHS if paths is None else paths
     moments: PathMoments | None = None
     part: PathMoments | None = None  # of the round under way

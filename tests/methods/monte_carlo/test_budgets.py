@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import signal
+
 import numpy as np
 import pytest
 
 from stochvi import (
     ImpactPair,
+    Interrupted,
     NotConverged,
     Oscillator,
     Restitution,
@@ -15,12 +18,13 @@ from stochvi import (
     exact,
     simulate,
 )
+from stochvi.methods.monte_carlo import blocks
 from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE, averages_in_time, check_price
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees
 from support.known import oscillator
@@ -85,3 +89,35 @@ def test_f2_of_a_mass_that_a_load_holds_at_a_dead_stop_states_no_bias() -> None:
     assert plan.step_bias("impact_speed_square_rate", 0.01) is None
     free = make_plan(model_of(between_stops(2.0 * COLLAPSE_RESTITUTION, 0.3, 1.0)))
     assert free.step_bias("impact_speed_square_rate", 0.01) is not None
+
+
+class SlowPlan:
+    """A plan of so many steps, each of which takes a millisecond of a clock that nothing else
+    moves."""
+
+    def __init__(self, steps: int, clock: list[float]) -> None:
+        self.steps_per_path, self.clock = steps, clock
+
+    def shortest(self, steps: int = 2) -> SlowPlan:
+        return SlowPlan(steps, self.clock)
+
+    def averages(self, seed: int, first_path: int, paths: int) -> None:
+        self.clock[0] += 1e-3 * self.steps_per_path
+
+
+def test_a_price_is_found_in_a_moment_also_where_there_is_much_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The trials of a path of 3 s used to take as long again where the budget was 400 s."""
+    clock = [0.0]
+    monkeypatch.setattr(blocks, "thread_seconds", lambda: clock[0])
+    price = blocks.seconds_of_first_paths(SlowPlan(100_000, clock), 0, Deadline.after(400.0))
+    assert price == pytest.approx(100.0) and clock[0] < 4.0 * blocks.MOST_PRICE
+
+
+def test_paths_are_not_begun_after_ctrl_c() -> None:
+    deadline = Deadline.after(60.0)
+    with heeding_ctrl_c():
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Interrupted, match="before any path"):
+            check_price([plan_of(2e3)], 3, deadline)
