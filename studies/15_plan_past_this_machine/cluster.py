@@ -40,7 +40,7 @@ class Cluster(Executor):
         self.now = 0.0
         self.tasks = self.again = self.open_blocks = self.most_open_blocks = 0
 
-    def submit(self, function, work, blocks, deadline=NEVER, attempt=1):
+    def submit(self, function, work, blocks, deadline=NEVER, attempt=1, needed=True):
         self.now += self.sending / 2.0
         self.tasks += 1
         self.again += attempt > 1

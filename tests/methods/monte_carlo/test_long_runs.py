@@ -1,5 +1,6 @@
 """Long runs: nothing lost in a crash, on any executor, and the same digits as one never stopped."""
 
+import importlib
 import json
 import math
 import os
@@ -367,6 +368,16 @@ def test_blocks_to_a_task_never_show() -> None:
         assert Crew(executor, 1, external_executor=False, block_seconds=1e-3).per_task(1000) == 1
         far = simulate(oscillator(), paths=30_000, duration=1.0, seed=3, executor=executor)
     assert digits(far) == digits(simulate(oscillator(), paths=30_000, duration=1.0, seed=3))
+
+
+@pytest.mark.parametrize("real", [True, False])
+def test_the_cluster_of_the_study_does_what_an_executor_does(real: bool) -> None:
+    study = importlib.import_module("studies.15_plan_past_this_machine.cluster")
+    cluster = study.Cluster(7, block_seconds=0.1, sending=0.0, late=0.1, lost=0.2, real=real)
+    asked = {"paths": 40 * 1024, "duration": 2.0, "seed": 1}
+    there = simulate(oscillator(), executor=cluster, threads=7, **asked)
+    assert cluster.again > 0
+    assert (digits(there) == digits(simulate(oscillator(), **asked))) == real
 
 
 def test_blocks_start_at_multiples_of_their_size() -> None:
