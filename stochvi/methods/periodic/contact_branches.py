@@ -92,7 +92,7 @@ class Motion(NamedTuple):
 
 
 class ContactFinder(Finder):
-    """Finds the branches of a family whose stops give way as springs and dampers do."""
+    """Finds the branches of a family with stops that give way."""
 
     def find(self) -> list[Track]:
         """All branches that were found."""
@@ -113,12 +113,11 @@ class ContactFinder(Finder):
         self, sigma: float, state: Vector, periods: int, phase: float = 0.0, *, factors: bool = True
     ) -> Motion | None:
         """A motion over some periods; None where contacts come too fast to be followed."""
-        n, m, _ = self.family.sizes
-        at = np.polynomial.chebyshev.chebval(2.0 * sigma - 1.0, self.family.laws)
+        n = self.family.sizes[0]
         ends, grown = np.empty((periods + 1, 2 * n)), np.empty((2 * n, 2 * n))
         log = np.zeros((MOST_KEPT, 3 + 2 * n))
         hits, *sizes = contact_flow.flow(
-            self.motion(sigma), np.reshape(at, (m, 2)), np.ascontiguousarray(state), periods,
+            self.motion(sigma), *self.family.laws_at(sigma), np.ascontiguousarray(state), periods,
             phase, ends, log, grown, factors,
         )  # fmt: skip
         if hits < 0 or not np.all(np.isfinite(ends)):

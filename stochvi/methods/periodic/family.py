@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.periodic.kernels import solver
+from stochvi.methods.periodic.kernels import contact_flow, solver
 from stochvi.model.coverage import functions
-from stochvi.model.model import Model
+from stochvi.model.model import Model, Pair, Stop
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import Viscoelastic
-from stochvi.scenes.impact_laws.viscoelastic import LinearLaw
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -161,14 +160,14 @@ def forced(parts: Mapping[str, Matrix], omega: Vector, force: Waves) -> Waves:
 
 def unmet(model: Model, *, giving_way: bool = False) -> list[str]:
     """What keeps the periodic regimes of a model from being found, in sentences; `giving_way`, if
-    stops may be springs with or without dampers."""
+    stops need not be rigid."""
     found = functions(model)
-    kinds = "'restitution', 'elastic' or 'viscoelastic'" if giving_way else "'restitution'"
+    kinds = "one whose force a simulation follows" if giving_way else "'restitution'"
     found += [
         f"law.kind must be {kinds}, got {stop.law.kind!r} at the {stop.name} stop of {pair.name}"
         for pair in model.pairs
         for stop in pair.stops
-        if not stop.rigid and not (giving_way and isinstance(stop.law, LinearLaw))
+        if not stop.rigid and not (giving_way and stop.law.form() is not None)
     ]
     if not model.sines:
         found.append("the scene needs an excitation of kind = 'sine', got none")
@@ -237,8 +236,11 @@ class Family:
     sizes
         (n, m, h): coordinates, stops, harmonics.
     laws
-        Coefficients (terms, 2 m) of stiffness and damping of each stop in turn, scaled; 0 of a
-        rigid one.
+        Coefficients (terms, numbers) of the numbers of `_laws`, scaled.
+    pieces
+        Number of straight pieces of the force of each stop, 0 of a rigid one.
+    curved
+        Whether any stop is of Hertz's law.
     stops
         "pair side" of each stop.
     length, time
@@ -249,6 +251,8 @@ class Family:
     high: float
     series: Matrix
     laws: Matrix
+    pieces: tuple[int, ...]
+    curved: bool
     sizes: tuple[int, int, int]
     stops: tuple[str, ...]
     length: float
@@ -279,22 +283,24 @@ class Family:
         units, length, time = numbers.units()
         scale = units.flat
         reach = float(units.rows.flat[0]) if units.rows.size else 1.0
-        softness = reach * time * np.array([reach * time, reach])
+        forces = _forces(middle, length, time)
+        most = max((len(force.pieces) for force in forces), default=0)
 
         def at(x: float) -> Vector:
             model = model_at(low + 0.5 * (1.0 + x) * (high - low))
-            laws = np.array(_laws(model)).reshape(-1, 2) * softness
+            laws = _laws(_forces(model, length, time), reach, most)
             return np.concatenate([numbers_of(model, number).flat / scale, laws.ravel()])
 
-        pairs = [(pair, stop) for pair in middle.pairs for stop in pair.stops]
         series = _series(at)
         return cls(
             low=low,
             high=high,
             series=np.ascontiguousarray(series[:, : len(scale)]),
             laws=series[:, len(scale) :],
+            pieces=tuple(len(force.pieces) for force in forces),
+            curved=any(force.hertz for force in forces),
             sizes=numbers.sizes,
-            stops=tuple(f"{pair.name} {stop.name}" for pair, stop in pairs),
+            stops=tuple(f"{pair.name} {stop.name}" for pair in middle.pairs for stop in pair.stops),
             length=length,
             time=time,
         )
@@ -303,6 +309,14 @@ class Family:
     def speed(self) -> float:
         """The unit of speed of the kernels, m/s."""
         return self.length / self.time
+
+    def laws_at(self, sigma: float) -> tuple[contact_flow.Laws, Vector | None]:
+        """The forces of the stops at a place of the range, and the coefficients of Hertz's law."""
+        numbers = np.polynomial.chebyshev.chebval(2.0 * sigma - 1.0, self.laws)
+        rows = np.reshape(numbers, (len(self.pieces), -1))
+        pieces = np.ascontiguousarray(rows[:, 2:]).reshape(len(rows), -1, 3)
+        laws = contact_flow.Laws(np.array(self.pieces), pieces, rows[:, 0].copy())
+        return laws, rows[:, 1].copy() if self.curved else None
 
     def value(self, sigma: Vector | float) -> Vector:
         """The number that is varied."""
@@ -332,16 +346,43 @@ class Family:
         return np.asarray(np.polynomial.chebyshev.chebval(at, self.series).T)
 
 
-def _laws(model: Model) -> list[tuple[float, float]]:
-    """Stiffness (N/m) and damping (N s/m) of each stop; 0 of a rigid one."""
-    return [
-        (
-            stop.law.stiffness if isinstance(stop.law, LinearLaw) else 0.0,
-            stop.law.damping(pair.mass) if isinstance(stop.law, Viscoelastic) else 0.0,
-        )
-        for pair in model.pairs
-        for stop in pair.stops
-    ]
+class Force(NamedTuple):
+    """Force of a stop: of each straight piece the depth and the force at which it begins and its
+    slope (pieces, 3), none of a rigid one; coefficients of a damper and of Hertz's law."""
+
+    pieces: Matrix
+    damper: float = 0.0
+    hertz: float = 0.0
+
+
+def _force(pair: Pair, stop: Stop, length: float, time: float) -> Force:
+    """The force of a stop in the units of the kernels, where a unit force gives a unit mass a unit
+    acceleration."""
+    form = stop.law.per_unit_mass(pair.mass).scaled(length, time).form()
+    assert form is not None, "other laws are refused"
+    numbers = pair.mass * form.numbers
+    if form.name == "rigid":
+        return Force(np.empty((0, 3)))
+    if form.name == "pieces":
+        return Force(np.column_stack([form.numbers[:, 0], numbers[:, 1:]]))
+    if form.name == "damped":
+        ((stiffness, damper),) = numbers
+        return Force(np.array([[0.0, 0.0, stiffness]]), damper=damper)
+    return Force(np.zeros((1, 3)), hertz=float(numbers[0, 0]))
+
+
+def _forces(model: Model, length: float, time: float) -> list[Force]:
+    return [_force(pair, stop, length, time) for pair in model.pairs for stop in pair.stops]
+
+
+def _laws(forces: Sequence[Force], reach: float, most: int) -> Matrix:
+    """Numbers of the forces for rows of a length: damper, Hertz's coefficient and the pieces, up to
+    the largest number of them, of each stop in turn."""
+    found = np.zeros((len(forces), 2 + 3 * most))
+    for row, force in zip(found, forces, strict=True):
+        row[:2] = reach**2 * force.damper, reach**2 * force.hertz
+        row[2 : 2 + force.pieces.size] = np.ravel(force.pieces * [1.0, reach**2, reach**2])
+    return found
 
 
 def _place(model: Model, coordinate: str) -> int:

@@ -69,17 +69,19 @@ def harmonic_response(
     number of periods follow from the phases of the impacts by Newton's iteration; branches are
     followed by length of arc, through folds. The multipliers are those of the map over a period,
     in which an impact turns a disturbance as by its saltation matrix. In contact with a stop that
-    gives way the motion is linear, too; regimes are then states at the phase 0 that the flow takes
-    back to themselves. Regimes are looked for by simulations from several states, and by Newton's
-    iteration from many more: one that neither meets is not found. Percussion machines, free bodies
+    gives way the motion is linear, too, or linear piece by piece; Hertz's law is integrated to
+    rounding. Regimes are then states at the phase 0 that the flow takes back to themselves. They
+    are looked for by simulations from several states, and by Newton's iteration from many more: one
+    that neither meets is not found. Percussion machines, free bodies
     under a feed, are among the structures: their impact speed (B 4.20), the range of their regimes
     (B 4.21) and of both branches (B 4.12, 4.28).
 
     Parameters
     ----------
     scene
-        A linear structure with rigid, elastic or viscoelastic stops of any gap or preload, constant
-        loads, and sines whose frequencies are multiples of one. Noise is left out, with a warning.
+        A linear structure with stops of any law whose numbers are given, of any gap or preload,
+        constant loads, and sines whose frequencies are multiples of one. Noise is left out, with a
+        warning.
     frequency_hz
         Frequencies of the lowest common multiple of the sines, at which regimes are wanted; by
         default that of the scene.

@@ -1,6 +1,7 @@
 """The compiled code of periodic regimes.
 
-`solver` holds rigid stops, `contact_flow` stops that give way, and `flights` many starts at once.
+`solver` holds rigid stops, `contact_flow` stops that give way, `hertz_flow` what those of Hertz's
+law add, and `flights` many starts at once.
 
 Importing this package makes numba compile a kernel again after any kernel file has changed.
 """

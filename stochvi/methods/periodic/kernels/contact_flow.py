@@ -1,18 +1,32 @@
-"""Flow of a structure whose stops give way as springs and dampers do: linear in each contact.
+"""Flow of a structure whose stops give way: linear between the events of each contact.
 
-A stop s presses with k d + c d', d = row . q - position, while d > 0 and that is positive; then
-q'' changes by -(k d + c d') row. Contact ends at zero force, mostly before d is 0 again: the stop
-follows without a force. Entering a stop with a damper, the force jumps from 0 to c d'; everywhere
-else it is continuous, and so are disturbances. Rigid stops may stand beside, as in `solver`.
+The force of a stop is made of straight pieces over the depth d = row . q - position > 0: in piece
+p it is f_p + k_p (d - b_p), and q'' changes by minus that times the row. It passes from piece to
+piece at b_p, and contact ends at d = 0. A stop with a damper has one piece, k d + c d' where that
+is positive: contact ends at zero force, before d is 0 again, and the stop follows without a force.
+Entering it the force jumps from 0 to c d'; everywhere else it is continuous, and so are
+disturbances. Stops of Hertz's law are in `hertz_flow`; rigid ones may stand beside, as in `solver`.
 
-Symbols as in `solver`.
+Symbols as in `solver`. `hertz` (m,) holds the coefficient h of each stop, 0 of another law; where
+no stop is of that law it is None, and all that concerns it is absent from the compiled code.
 """
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
+from stochvi.methods.periodic.kernels.hertz_flow import (
+    FAINT,
+    add_forces,
+    added_acceleration,
+    any_presses,
+    curve,
+    curved_step,
+    presses,
+    turn_curved,
+)
 from stochvi.methods.periodic.kernels.solver import (
     ANGLE,
     MOST_IMPACTS,
@@ -27,38 +41,54 @@ from stochvi.methods.periodic.kernels.solver import (
     force_state,
     multiply,
     output_of,
+    put,
     rate,
     strike,
     sum_terms,
     swing,
+    times_generator,
     transition,
+    value_at,
 )
 
-AWAY, PRESSED, FOLLOWING = range(3)
-"""States of a stop: the gap is open; it presses; the mass is beyond it, and it follows without a
-force."""
+AWAY, FOLLOWING = -1, -2
+"""States of a stop: the gap is open; the mass is beyond it, and it follows without a force. Where
+it presses the state is the number of the piece, from 0 on."""
 
 TOUCHED = 1e-12
 """Size of a quantity, relative to its largest Taylor term in a step, up to which it is 0 at an
 event of its own stop."""
 
 
+class Laws(NamedTuple):
+    """The stops: number of pieces (m,), 0 of a rigid one; depth b and force f at which each piece
+    begins, and its slope k (m, most, 3); coefficient c of the damper (m,)."""
+
+    counts: np.ndarray
+    pieces: np.ndarray
+    dampers: np.ndarray
+
+
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def pressed_generator(motion, laws, states):
-    """The generator with the springs and dampers of the stops that press."""
+def pressed(motion, laws, states):
+    """The motion with the springs and dampers of the stops that press."""
     n, size = motion.rows.shape[1], len(motion.generator)
     g = motion.generator.copy()
     for s in range(len(states)):
-        if states[s] != PRESSED:
+        if states[s] < 0:
             continue
-        k, c = laws[s]
+        b, f, k = laws.pieces[s, states[s]]
+        c = laws.dampers[s]
         for i in range(n):
             push = motion.rows[s, i]
             for j in range(n):
                 g[n + i, j] -= k * push * motion.rows[s, j]
                 g[n + i, n + j] -= c * push * motion.rows[s, j]
-            g[n + i, size - 1] += k * push * motion.positions[s]
-    return g
+            g[n + i, size - 1] -= (f - k * (b + motion.positions[s])) * push
+    return Motion(
+        g, motion.rows, motion.positions, motion.restitutions, motion.omega, motion.output,
+        motion.base,
+    )  # fmt: skip
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -79,102 +109,182 @@ def step_between(now):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def first_states(motion, laws, z, states):
-    """The state of each stop, from that of the motion."""
+def first_states(motion, laws, hertz, z, states, roots):
+    """The state of each stop from that of the motion, and the roots of depths (m,) in stops of
+    Hertz's law, 1 elsewhere."""
     for s in range(len(states)):
         deep, speed = distance_of(motion, s, z)
-        states[s] = AWAY
-        if laws[s, 0] > 0.0 and deep > 0.0:
-            force = laws[s, 0] * deep + laws[s, 1] * speed
-            states[s] = PRESSED if force > 0.0 else FOLLOWING
+        states[s], roots[s] = AWAY, 1.0
+        if laws.counts[s] == 0 or deep <= 0.0:
+            continue
+        states[s] = 0
+        while states[s] + 1 < laws.counts[s] and laws.pieces[s, states[s] + 1, 0] < deep:
+            states[s] += 1
+        if laws.pieces[s, 0, 2] * deep + laws.dampers[s] * speed < 0.0:
+            states[s] = FOLLOWING
+        if hertz is not None and hertz[s] > 0.0:
+            roots[s] = math.sqrt(deep)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def next_event(motion, laws, states, terms, time, touched):
+def first_rise_after(series, length, own):
+    """The first time in [0, length] at which a series is above 0, after one at which it is 0 if
+    the last event was its own; -1 where none."""
+    largest, power = 0.0, 1.0
+    for t in range(TERMS):
+        largest = max(largest, abs(series[t]) * power)
+        power *= length
+    if series[0] > 0.0 or (own and series[0] > -TOUCHED * largest):
+        return first_rise(series[1:], length)
+    return first_rise(series, length)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def next_event(motion, laws, hertz, states, terms, bends, length, touched):
     """Time of the next event, -1 where there is none, its stop, and the state that follows."""
     n = motion.rows.shape[1]
-    depth, force = np.empty(TERMS), np.empty(TERMS)
+    depth, series = np.empty(TERMS), np.empty(TERMS)
     at, stop, following = -1.0, -1, AWAY
     for s in range(len(states)):
-        k, c = laws[s]
+        state, c = states[s], laws.dampers[s]
         for t in range(TERMS):
-            depth[t], force[t] = 0.0, 0.0
+            depth[t] = 0.0
             for i in range(n):
                 depth[t] += motion.rows[s, i] * terms[t, i]
-                force[t] += motion.rows[s, i] * (k * terms[t, i] + c * terms[t, n + i])
         depth[0] -= motion.positions[s]
-        force[0] -= k * motion.positions[s]
-        for way in range(3):
-            # away: touched; pressed: without force; following: away, or pressed again
-            if states[s] == AWAY and way == 0:
-                series, after = depth, PRESSED
-            elif states[s] == PRESSED and way == 0:
-                series, after = -force, FOLLOWING
-            elif states[s] == FOLLOWING and way == 1:
-                series, after = -depth, AWAY
-            elif states[s] == FOLLOWING and way == 2:
-                series, after = force, PRESSED
+        for up in range(2):
+            if state == AWAY and up == 0:
+                # touched
+                put_line(depth, 1.0, 0.0, series)
+                after = 0
+            elif state == FOLLOWING and up == 0:
+                # the gap opens
+                put_line(depth, -1.0, 0.0, series)
+                after = AWAY
+            elif c > 0.0 and up == (0 if state >= 0 else 1) and state != AWAY:
+                # pressing ends without force, or begins again
+                sign, k = (-1.0 if state >= 0 else 1.0), laws.pieces[s, 0, 2]
+                put_line(depth, sign * k, 0.0, series)
+                for t in range(TERMS):
+                    for i in range(n):
+                        series[t] += sign * c * motion.rows[s, i] * terms[t, n + i]
+                after = FOLLOWING if state >= 0 else 0
+            elif c == 0.0 and state >= 0 and up == 0:
+                # the piece before, or the end of contact
+                put_line(depth, -1.0, laws.pieces[s, state, 0], series)
+                if hertz is not None and presses(hertz, states, s):
+                    put_line(bends[s], -1.0, 0.0, series)
+                after = state - 1
+            elif c == 0.0 and 0 <= state < laws.counts[s] - 1 and up == 1:
+                put_line(depth, 1.0, -laws.pieces[s, state + 1, 0], series)
+                after = state + 1
             else:
                 continue
-            largest, power = 0.0, 1.0
-            for t in range(TERMS):
-                largest = max(largest, abs(series[t]) * power)
-                power *= time
-            zero = series[0] > 0.0 or (s == touched and series[0] > -TOUCHED * largest)
-            found = first_rise(series[1:], time) if zero else first_rise(series, time)
+            found = first_rise_after(series, length, s == touched)
             if found >= 0.0 and (stop < 0 or found < at):
                 at, stop, following = found, s, after
     return at, stop, following
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def flow(motion, laws, start, periods, phase, ends, log, factors, with_factors):
+def put_line(series, factor, constant, out):
+    """out = factor * series + constant."""
+    for t in range(TERMS):
+        out[t] = factor * series[t]
+    out[0] += constant
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def rates_of(now, hertz, states, roots, z, out):
+    """(q', q'') of a state, with the forces of all stops."""
+    rate(now, z, out)
+    if hertz is not None:
+        add_forces(now, hertz, states, roots, out)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def acceleration_of(now, hertz, states, roots, z, pull, slope):
+    """Absolute acceleration of the output, and its rate by time."""
+    value, change = dot(pull, z), dot(slope, z)
+    if hertz is not None:
+        more, faster = added_acceleration(now, hertz, states, roots, z, pull)
+        value, change = value + more, change + faster
+    return value, change
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def pace_of(roots):
+    """dt / dtau: 1 where no stop of Hertz's law presses."""
+    pace = 1.0
+    for s in range(len(roots)):
+        pace *= roots[s]
+    return pace
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def flow(motion, laws, hertz, start, periods, phase, ends, log, factors, with_factors):
     """Follow a motion over whole periods of the force from a phase of it.
 
-    `laws` (m, 2) holds stiffness and damping of each stop, of a rigid one zeros. `ends` (periods +
-    1, 2 n) takes the state after each period; `log` (most, 3 + 2 n) phase, stop, speed and state of
-    each contact that begins, the last ones in the place of the first where they are too many;
-    `factors` (2 n, 2 n) the factors of small disturbances. Returns the number of contacts, -1 where
-    they come too fast to be followed, and of the output the largest displacement and acceleration
-    and the amplitude of the first harmonic.
+    `ends` (periods + 1, 2 n) takes the state after each period; `log` (most, 3 + 2 n) phase, stop,
+    speed and state of each contact that begins, the last ones in the place of the first where they
+    are too many; `factors` (2 n, 2 n) the factors of small disturbances. Returns the number of
+    contacts, -1 where events come too fast to be followed, and of the output the largest
+    displacement and acceleration and the amplitude of the first harmonic.
     """
     n, m = motion.rows.shape[1], len(motion.positions)
     two, size = 2 * n, len(motion.generator)
     z, fresh, w = np.empty(size), np.empty(size), np.empty(size - two)
-    terms, states = np.empty((TERMS, size)), np.zeros(m, np.int64)
+    terms, states, roots = np.empty((TERMS, size)), np.zeros(m, np.int64), np.ones(m)
     before, after, other = np.empty(two), np.empty(two), np.empty((two, two))
     salt, grown = np.empty((two, two)), np.eye(two)
+    bends, paces, clock = np.empty((m, TERMS)), np.empty(TERMS), np.empty(TERMS)
     force_state(motion, phase, w)
-    z[:two], z[two:] = start, w
-    ends[0] = start
-    first_states(motion, laws, z, states)
-    now = Motion(
-        pressed_generator(motion, laws, states), motion.rows, motion.positions,
-        motion.restitutions, motion.omega, motion.output, motion.base,
-    )  # fmt: skip
+    put(start, z[:two])
+    put(w, z[two:])
+    put(start, ends[0])
+    first_states(motion, laws, hertz, z, states, roots)
+    now = pressed(motion, laws, states)
     part = step_between(now)
     matrix = transition(now.generator, part)
+    pull = acceleration_row(now)
+    slope = times_generator(pull, now)
+    most = MOST_IMPACTS * (1 + laws.pieces.shape[1])
     touched, hits, displacement, acceleration = -1, 0, 0.0, 0.0
     even, odd = 0.0, 0.0
     for period in range(periods):
-        begun = hits
+        events = 0
         force_state(motion, phase, w)
-        z[two:] = w
+        put(w, z[two:])
         left = 2.0 * math.pi / motion.omega
-        pull = acceleration_row(now)
-        slope = pull @ now.generator
         while left > 0.0:
-            time = min(part, left)
-            expand(now.generator, z, terms)
-            at, stop, following = next_event(motion, laws, states, terms, time, touched)
-            length = at if stop >= 0 else time
+            curved = False
+            if hertz is not None and any_presses(hertz, states):
+                curved = True
+                curve(now, hertz, states, roots, z, terms, bends, paces, clock)
+                step = curved_step(terms, bends, clock, left)
+            else:
+                expand(now.generator, z, terms)
+                step = min(part, left)
+            at, stop, following = next_event(
+                motion, laws, hertz, states, terms, bends, step, touched
+            )
+            length = at if stop >= 0 else step
             sum_terms(terms, length, fresh)
             place, moving = output_of(motion, z)
             place_, moving_ = output_of(motion, fresh)
-            displacement = max(displacement, swing((place, place_), (moving, moving_), length))
-            bends = (dot(pull, z), dot(pull, fresh))
+            push, jerk = acceleration_of(now, hertz, states, roots, z, pull, slope)
+            pace, time = 1.0, length
+            if hertz is not None and curved:
+                pace, time = pace_of(roots), value_at(clock, length)
+                for s in range(m):
+                    roots[s] = value_at(bends[s], length)
+            pace_ = pace_of(roots)
+            push_, jerk_ = acceleration_of(now, hertz, states, roots, fresh, pull, slope)
+            displacement = max(
+                displacement, swing((place, place_), (pace * moving, pace_ * moving_), length)
+            )
             acceleration = max(
-                acceleration, swing(bends, (dot(slope, z), dot(slope, fresh)), length)
+                acceleration, swing((push, push_), (pace * jerk, pace_ * jerk_), length)
             )
             # cosine and sine of the force are states; each product by its values and slopes
             for number in range(2):
@@ -184,66 +294,66 @@ def flow(motion, laws, start, periods, phase, ends, log, factors, with_factors):
                     -motion.omega * fresh[two + 1] if number == 0 else motion.omega * fresh[two]
                 )
                 bend = moving * wave + place * turning - moving_ * wave_ - place_ * turning_
-                part_ = 0.5 * length * (place * wave + place_ * wave_) + length**2 / 12.0 * bend
+                part_ = 0.5 * time * (place * wave + place_ * wave_) + time**2 / 12.0 * bend
                 if number == 0:
                     even += part_
                 else:
                     odd += part_
-            z[:] = fresh
-            left -= length
+            put(fresh, z)
+            left -= time
             if left < 1e-13:
                 left = 0.0
             if with_factors:
-                whole = matrix if length == part else transition(now.generator, length)
-                multiply(whole[:two, :two], grown, other)
-                grown[:] = other
+                if hertz is not None and curved:
+                    turn_curved(now, hertz, states, bends, paces, length, grown)
+                else:
+                    whole = matrix if length == part else transition(now.generator, length)
+                    multiply(whole[:two, :two], grown, other)
+                    grown, other = other, grown
             if stop < 0:
                 touched = -1
                 continue
             touched = stop
+            events += 1
+            if events > most:
+                return -1, displacement, acceleration, 0.0
             _, speed = distance_of(motion, stop, z)
-            rate(now, z, before)
-            rigid = laws[stop, 0] == 0.0
-            if following == PRESSED and states[stop] == AWAY:
+            entering = states[stop] == AWAY
+            rates_of(now, hertz, states, roots, z, before)
+            for j in range(two):
+                for i in range(two):
+                    salt[i, j] = 1.0 if i == j else 0.0
+            if entering:
                 slot = hits % len(log)
                 log[slot, 0] = phase + 2.0 * math.pi * (period + 1) - motion.omega * left
                 log[slot, 1], log[slot, 2] = stop, speed
-                log[slot, 3:] = z[:two]
+                put(z[:two], log[slot, 3:])
                 hits += 1
-                if hits - begun > MOST_IMPACTS:
-                    return -1, displacement, acceleration, 0.0
-            entering = following == PRESSED and states[stop] == AWAY
+            rigid = laws.counts[stop] == 0
             if rigid:
                 strike(motion, stop, z[:two])
+                strike(motion, stop, before)
                 for j in range(two):
-                    for i in range(two):
-                        salt[i, j] = 1.0 if i == j else 0.0
                     strike(motion, stop, salt[:, j])
             else:
                 states[stop] = following
-                now = Motion(
-                    pressed_generator(motion, laws, states), motion.rows, motion.positions,
-                    motion.restitutions, motion.omega, motion.output, motion.base,
-                )  # fmt: skip
+                if hertz is not None and hertz[stop] > 0.0:
+                    roots[stop] = FAINT if following >= 0 else 1.0
+                now = pressed(motion, laws, states)
                 part = step_between(now)
                 matrix = transition(now.generator, part)
                 pull = acceleration_row(now)
-                slope = pull @ now.generator
-                for j in range(two):
-                    for i in range(two):
-                        salt[i, j] = 1.0 if i == j else 0.0
+                slope = times_generator(pull, now)
             if with_factors and entering:
-                rate(now, z, after)
-                if rigid:
-                    strike(motion, stop, before)
+                rates_of(now, hertz, states, roots, z, after)
                 # a disturbed path enters at another moment, by the old and the new rates
                 for i in range(two):
                     for j in range(n):
                         salt[i, j] += (after[i] - before[i]) * motion.rows[stop, j] / speed
                 multiply(salt, grown, other)
-                grown[:] = other
-        ends[period + 1] = z[:two]
-    if with_factors:
-        factors[:] = grown
+                grown, other = other, grown
+        put(z[:two], ends[period + 1])
+    for i in range(two):
+        put(grown[i], factors[i])
     amplitude = motion.omega / (math.pi * periods) * math.hypot(even, odd)
     return hits, displacement, acceleration, amplitude

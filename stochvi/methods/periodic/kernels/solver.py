@@ -794,11 +794,7 @@ def survey(motion, stops, theta, periods, states):
     terms, c = np.empty((TERMS, size)), np.empty(TERMS)
     before, after = np.empty(two), np.empty(two)
     pull = acceleration_row(motion)
-    slope = np.empty(size)
-    for j in range(size):
-        slope[j] = 0.0
-        for i in range(size):
-            slope[j] += pull[i] * motion.generator[i, j]
+    slope = times_generator(pull, motion)
     factors, other = np.eye(two), np.empty((two, two))
     salt = np.empty((two, two))
     flights = max(len(stops), 1)
@@ -882,6 +878,16 @@ def acceleration_row(motion):
             found[j] += motion.output[i] * motion.generator[n + i, j]
     for j in range(size - 2 * n):
         found[2 * n + j] += motion.base[j]
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def times_generator(row, motion):
+    """The row whose product with a state is the rate of the product with another row."""
+    found = np.zeros(len(row))
+    for j in range(len(row)):
+        for i in range(len(row)):
+            found[j] += row[i] * motion.generator[i, j]
     return found
 
 
