@@ -46,6 +46,10 @@ RANDOM_STARTS = 12
 """Number of states, for each number of periods, from which Newton's iteration is started at a
 value; they are normal, of the size of the motions that simulations settle to."""
 
+REACH = 10.0
+"""Size of a state, in multiples of the largest one that simulations settle to, at which Newton's
+iteration is given up that started at random: it leads to no regime, and takes long."""
+
 MOST_EDGES = 3
 """Largest number of pairs of stable regimes at a value between which an unstable one is looked for,
 and of values at which that is done."""
@@ -62,6 +66,10 @@ STEPS = (1e-6, 0.02, 0.3)
 
 TURN = 0.95
 """Smallest cosine of the angle between tangents at two successive points."""
+
+BESIDE = 0.25
+"""Largest distance of a regime from the chord between two points of its branch, in lengths of the
+chord: one that is farther away belongs to another branch."""
 
 HALVINGS = 40
 """Number of times that the step to a fold or to a grazing is halved."""
@@ -180,7 +188,7 @@ class ContactFinder(Finder):
             for start in size * random.normal(size=(RANDOM_STARTS, 2 * self.family.sizes[0])):
                 if self.deadline.passed():
                     return
-                if (orbit := self._orbit(start, periods, sigma)) is not None:
+                if (orbit := self._orbit(start, periods, sigma, reach=REACH * size)) is not None:
                     yield orbit
 
     def _on_edge(self, one: Orbit, other: Orbit) -> Orbit | None:
@@ -210,15 +218,16 @@ class ContactFinder(Finder):
         periods = settled.period(REPEATS)
         return self._orbit(settled.state, periods, sigma) if periods else None
 
-    def _orbit(self, start: Vector, periods: int, sigma: float) -> Orbit | None:
-        """The regime that Newton's iteration ends at; None where it fails."""
+    def _orbit(self, start: Vector, periods: int, sigma: float, reach: float = 1e3) -> Orbit | None:
+        """The regime that Newton's iteration ends at; None where it fails, or leaves the states
+        within a reach."""
         state = start.copy()
         for _ in range(MOST_ITERATIONS):
             motion = self.flown(sigma, state, periods)
             if motion is None:
                 return None
             change = _solved(motion.factors - np.eye(len(state)), state - motion.ends[-1])
-            if change is None or not np.abs(change).max() < 1e3:
+            if change is None or not np.abs(state + change).max() < reach:
                 return None
             state = state + change
             if np.abs(change).max() < CONVERGED * (1.0 + np.abs(state).max()):
@@ -327,23 +336,31 @@ class ContactFinder(Finder):
         return turn
 
     def _fill(
-        self, points: list[Vector], names: list[str], start: Vector, end: Vector, periods: int
-    ) -> None:
-        """Add the regimes at the values of the grid between two points of a branch."""
-        low, high = sorted((start[-1], end[-1]))
-        values = solver.WEIGHT * self.grid
-        inside = (
-            values[(values > low) & (values <= high)]
-            if end[-1] > start[-1]
-            else (values[(values >= low) & (values < high)][::-1])
-        )
-        for value in inside:
-            share = (value - start[-1]) / (end[-1] - start[-1])
-            guess = start + share * (end - start)
+        self, points: list[Vector], names: list[str], start: Vector, end: Vector, periods: int,
+        parts: int = 2**6,
+    ) -> None:  # fmt: skip
+        """Add the regimes at the values of the grid between two points of a branch, if Newton's
+        iteration ends at each beside the chord between them; else by the two halves of the chord,
+        down to so many parts of it."""
+        values, way = solver.WEIGHT * self.grid, end - start
+        ahead = np.sign(way[-1])
+        inside = values[(ahead * (values - start[-1]) > 0.0) & (ahead * (values - end[-1]) <= 0.0)]
+        found = list[Vector]()
+        for value in inside if ahead > 0.0 else inside[::-1]:
+            guess = start + (value - start[-1]) / way[-1] * way
             orbit = self._orbit(guess[:-1], periods, value / solver.WEIGHT)
             if orbit is not None and orbit.periods == periods:
-                points.append(np.append(orbit.state, value))
-                names.append(POINT)
+                away = np.linalg.norm(orbit.state - guess[:-1])
+                if away < BESIDE * np.linalg.norm(way):
+                    found.append(np.append(orbit.state, value))
+        if len(found) < len(inside) and parts > 1:
+            middle = self._corrected(start + 0.5 * way, way / np.linalg.norm(way), periods)
+            if middle is not None:
+                self._fill(points, names, start, middle[0], periods, parts // 2)
+                self._fill(points, names, middle[0], end, periods, parts // 2)
+                return
+        points += found
+        names += [POINT] * len(found)
 
     def _traced(self, orbit: Orbit) -> list[Track]:
         """The branch through a regime, as branches of one order of contacts each."""
