@@ -197,7 +197,8 @@ def seconds_of_first_paths(plan: Plan, seed: int, deadline: Deadline) -> float:
         predicted = took * plan.steps_per_path / trial.steps_per_path
         if predicted <= PIECE_SECONDS or took >= enough:
             return predicted
-        steps *= MORE_STEPS
+        # the last trial is not much longer than it has to be
+        steps = math.ceil(steps * min(MORE_STEPS, 1.0 + enough / max(took, SHORTEST_BLOCK)))
     return 0.0
 
 

@@ -22,7 +22,7 @@ Vector = NDArray[np.float64]
 
 Made = TypeVar("Made")
 
-FIRST_ROWS = 2**14
+FIRST_ROWS = 2**20
 """Number of impacts that the first log of a block holds; if there are more, the block is simulated
 again with a log of the right size."""
 
