@@ -6,7 +6,7 @@ matplotlib is imported where the first picture is drawn: a report may have none.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
     from stochvi.scenes.scene import ImpactPair, Scene
 
@@ -92,32 +93,29 @@ def as_written(ax: Axes) -> Figure:
     Names and titles are those of a user: a "$" in them begins no formula. Labels of ticks and what
     belongs to them keep their powers of ten.
     """
-    from matplotlib.axis import Axis
-    from matplotlib.text import Text
-
     figure = ax.get_figure(root=True)
     assert figure is not None
     for each in figure.axes:
         low, high = sorted(each.get_ylim())
         if each.get_yscale() == "log" and not high < 10.0 ** (MOST_DECADES + 2) * low:
             limit_decades(each)
-    scales = {id(text) for axis in figure.findobj(Axis) for text in _of_scale(axis)}
-    for text in figure.findobj(Text):
-        assert isinstance(text, Text)
-        if id(text) not in scales:
-            text.set_parse_math(False)
-            text.set_text("\n".join(map(_shortened, text.get_text().splitlines())))
+    for text in _words(figure):
+        text.set_parse_math(False)
+        text.set_text("\n".join(map(_shortened, text.get_text().splitlines())))
     return figure
 
 
-def _of_scale(axis: Artist) -> list[Artist]:
-    """The texts of an axis that its scale makes, all but its label."""
+def _words(artist: Artist) -> Iterator[Text]:
+    """The texts of an artist and its parts; of an axis its label alone, and not those that its
+    scale makes."""
     from matplotlib.axis import Axis
     from matplotlib.text import Text
 
-    assert isinstance(axis, Axis)
-    return [text for part in axis.get_children() if part is not axis.label
-            for text in part.findobj(Text)]  # fmt: skip
+    if isinstance(artist, Text):
+        yield artist
+    # the ticks of an axis are made when they are asked for, which takes as long as to draw them
+    for part in [artist.label] if isinstance(artist, Axis) else artist.get_children():
+        yield from _words(part)
 
 
 def _shortened(line: str) -> str:
