@@ -55,7 +55,7 @@ class Cluster(Executor):
         return Later(self, end, lost, function, (work, blocks))
 
     def result(self, function, work, blocks):
-        """Of a task, as if it had run. `work` is `path_statistics` of a plan, a layout and a seed,
+        """Of a task, as if it had run. `work` is `block_statistics` of a plan, a layout and a seed,
         as `partial` binds them."""
         if self.real:
             done = function(work, blocks)

@@ -23,7 +23,7 @@ from concurrent.futures import (
 )
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 from itertools import islice
 from typing import Any, TypeVar
 
@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
+from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics, StepPairs
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotConverged, StochviError
 from stochvi.results.machine import thread_seconds, usable_cores
@@ -73,6 +73,9 @@ LANES = 16
 """Pieces of a block with more paths than this have a multiple of it: the loops of the kernels over
 paths fill vectors of 8 numbers."""
 
+FEWEST_PAIRS = 64
+"""Number of the first paths of a run that are all simulated at twice the step too."""
+
 FEWEST_AT_ONCE = 2
 """Number of paths in the first piece of a block, whose time says how large the next one may be: the
 smallest that gives a standard error."""
@@ -93,6 +96,9 @@ PATIENCE_SECONDS = 0.5
 """Seconds beyond the budget that the first two paths may take, without which there is no answer."""
 
 Piece = TypeVar("Piece")
+
+Averages = NDArray[np.float64]
+"""Time averages (rows, paths)."""
 
 Block = tuple[int, int]
 """Number of the first path of a block, and number of its paths."""
@@ -158,24 +164,61 @@ def do_blocks(
     return Done(results=tuple(results), machine=machine(), seconds=thread_seconds() - start)
 
 
-def path_statistics(
+BlockStatistics = tuple[PathStatistics, StepPairs]
+"""Statistics of a block of paths, and those of its paths that were simulated at twice the step too,
+which may be none."""
+
+
+def block_statistics(
     plan: Plan,
     layout: Layout,
     seed: int,
     first_path: int,
     paths: int,
     deadline: Deadline = NEVER,
-) -> PathStatistics:
+) -> BlockStatistics:
     """Statistics of a block of paths, or of its first paths if the deadline passes."""
-    return PathStatistics.of(averages_in_time(plan, seed, first_path, paths, deadline), layout)
+    fine, pairs = averages_in_time(plan, seed, first_path, paths, deadline)
+    known = StepPairs.of(pairs, layout) if pairs.shape[1] else StepPairs.none(layout)
+    return PathStatistics.of(fine, layout), known
 
 
 def averages_in_time(
     plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline
-) -> NDArray[np.float64]:
-    """Averages of a block of paths, or of its first paths if the deadline passes."""
-    parts = in_pieces(partial(plan.averages, seed), first_path, paths, deadline)
-    return np.concatenate(parts, axis=1)
+) -> tuple[Averages, Averages]:
+    """Averages of a block of paths, or of its first paths if the deadline passes; and those of
+    `paths_at_both_steps`, with the rows at twice the step after those at the step."""
+
+    def make(first_path: int, paths: int) -> tuple[Averages, Averages]:
+        fine = plan.averages(seed, first_path, paths)
+        pairs = [np.empty((2 * len(fine), 0))]
+        for first, number in paths_at_both_steps(plan, first_path, paths):
+            coarse = plan.coarser().averages(seed, first, number)
+            known = fine[:, first - first_path : first - first_path + number]
+            pairs.append(np.concatenate([known, coarse]))
+        return fine, np.concatenate(pairs, axis=1)
+
+    fine, pairs = zip(*in_pieces(make, first_path, paths, deadline), strict=True)
+    return np.concatenate(fine, axis=1), np.concatenate(pairs, axis=1)
+
+
+def paths_at_both_steps(plan: Plan, first_path: int, paths: int) -> Iterator[Block]:
+    """Those of some paths that are simulated at twice the step as well.
+
+    They are groups of successive paths, the first ones of each block if blocks are large, and
+    chosen by the numbers of the paths alone: the share of those that a run has made depends neither
+    on its goal nor on what was left of a block.
+    """
+    if plan.elastic:
+        return
+    if plan.coarse_share == 1.0:
+        yield first_path, paths
+        return
+    every = round(1.0 / plan.coarse_share)
+    group = max(FEWEST_PAIRS, plan.block // every)
+    for first, number in blocks_of(first_path, paths, group):
+        if first // group % every == 0:
+            yield first, number
 
 
 def seconds_of_first_paths(plan: Plan, seed: int, deadline: Deadline) -> float:

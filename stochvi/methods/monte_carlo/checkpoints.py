@@ -1,6 +1,6 @@
 """Checkpoints: the state of a run on disk, written atomically and bound to one scene.
 
-A checkpoint is one line, "stochvi checkpoint 1" and the SHA-256 of the rest of the file, followed
+A checkpoint is one line, "stochvi checkpoint 2" and the SHA-256 of the rest of the file, followed
 by a JSON document with the scene, the arguments, the versions, the processor and the state. Floats
 are written with all their digits, so that a resumed run gives the same bits as one that was never
 stopped.
@@ -26,14 +26,15 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from stochvi.mathematics.units import plain_number
-from stochvi.methods.monte_carlo.blocks import machine
+from stochvi.methods.monte_carlo.blocks import BlockStatistics, machine
 from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
+from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics, StepPairs
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.errors import CheckpointError
+from stochvi.results.intervals import PathMoments
 from stochvi.scenes.scene import Scene
 
-HEADER, FORMAT = "stochvi checkpoint", 1
+HEADER, FORMAT = "stochvi checkpoint", 2
 """First words of a checkpoint file, and the number of its format, which follows them."""
 
 LONG_SECONDS = 10.0
@@ -48,7 +49,7 @@ Count = Annotated[int, Ge(0)]
 
 
 class PartDocument(TypedDict):
-    """`PathStatistics` as plain types, without their layout."""
+    """`PathStatistics` or `StepPairs` as plain types, without their layout."""
 
     __pydantic_config__ = STRICT  # type: ignore[misc]
     count: Count
@@ -61,7 +62,7 @@ class StateDocument(TypedDict):
 
     __pydantic_config__ = STRICT  # type: ignore[misc]
     fine: PartDocument
-    coarse: PartDocument
+    pairs: PartDocument
     goal: Count
     steps: Count
     refinements: Count
@@ -125,7 +126,7 @@ class State:
     """
 
     fine: PathStatistics
-    coarse: PathStatistics
+    pairs: StepPairs
     goal: int = 0
     steps: int = 0
     refinements: int = 0
@@ -135,16 +136,15 @@ class State:
     @classmethod
     def start(cls, layout: Layout) -> State:
         """The state of a run that has not begun."""
-        none = PathStatistics.none(layout)
-        return cls(fine=none, coarse=none)
+        return cls(fine=PathStatistics.none(layout), pairs=StepPairs.none(layout))
 
-    def with_block(self, block: list[PathStatistics], steps: int, where: Sequence[str]) -> State:
-        """The state after one more block, from its statistics by the plan and, where there is bias,
-        by the coarser plan, and from the number of its steps."""
+    def with_block(self, block: BlockStatistics, steps: int, where: Sequence[str]) -> State:
+        """The state after one more block, from its statistics and the number of its steps."""
+        fine, pairs = block
         return replace(
             self,
-            fine=self.fine.merge(block[0]),
-            coarse=self.coarse.merge(block[1]) if len(block) > 1 else self.coarse,
+            fine=self.fine.merge(fine),
+            pairs=self.pairs.merge(pairs) if pairs.count else self.pairs,
             steps=self.steps + steps,
             machines=tuple(dict.fromkeys((*self.machines, *where))),
         )
@@ -152,8 +152,8 @@ class State:
     def document(self) -> dict[str, Any]:
         """The state as types that JSON can hold."""
         plain = {field.name: getattr(self, field.name) for field in fields(self)}
-        for name in ("fine", "coarse"):
-            part: PathStatistics = plain[name]
+        for name in ("fine", "pairs"):
+            part: PathMoments = plain[name]
             plain[name] = {
                 "count": part.count,
                 "mean": part.mean.tolist(),
@@ -165,19 +165,23 @@ class State:
     def from_document(cls, plain: Mapping[str, Any], layout: Layout) -> State:
         """Read the state from the document; `layout` is that of the scene. ValueError if the tables
         do not have the size of the layout."""
-        size = len(layout.rows)
-        parts = {
-            name: PathStatistics(
-                count=plain[name]["count"],
-                mean=np.array(plain[name]["mean"], float),
-                scatter=np.array(plain[name]["scatter"], float),
-                layout=layout,
+        parts: dict[str, PathMoments] = {}
+        for name, none in (
+            ("fine", PathStatistics.none(layout)),
+            ("pairs", StepPairs.none(layout)),
+        ):
+            part = plain[name]
+            parts[name] = replace(
+                none,
+                count=part["count"],
+                mean=np.array(part["mean"], float),
+                scatter=np.array(part["scatter"], float),
             )
-            for name in ("fine", "coarse")
-        }
-        for name, part in parts.items():
-            if part.mean.shape != (size,) or part.scatter.shape != (size, size):
-                raise ValueError(f"state.{name} has not the {size} rows of this scene")
+            for table in ("mean", "scatter"):
+                if getattr(parts[name], table).shape != getattr(none, table).shape:
+                    raise ValueError(
+                        f"state.{name} has not the {len(none.mean)} rows of this scene"
+                    )
         return cls(**{**plain, **parts, "machines": tuple(plain["machines"])})
 
 

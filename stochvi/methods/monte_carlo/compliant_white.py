@@ -22,12 +22,10 @@ from stochvi.methods.monte_carlo.kernels.steps import ContactStop
 from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
     GAP_PER_STEP,
-    LARGEST_ANGLE,
     LOSSY_ANGLE,
     LOSSY_DECAY,
     WhitePlan,
     _flow,
-    _kick,
     default_threshold,
     expected_speed,
     lengths,
@@ -60,6 +58,9 @@ dissipated power (m^2/s^3) per unit mass; the sum of the peak forces of ended co
 and unit mass (m/s^3); the share of time in contact; and the ended contacts per second (1/s), slow
 ones included."""
 
+LARGEST_ANGLE = 0.8
+"""Largest omega h of a step (rad) between elastic stops, where any step is free of bias."""
+
 SPREAD_PER_STEP = GAP_PER_STEP * math.sqrt(12.0)
 """Largest distance that the mass crosses in a step at its rms speed, in standard deviations of x.
 It equals GAP_PER_STEP for a uniform law, whose width is sqrt(12) standard deviations."""
@@ -75,7 +76,7 @@ class CompliantPlan(WhitePlan):
 
     def _kernel_constants(self) -> tuple[Any, ...]:
         return (
-            _kick(self.model, self.step),
+            self._kick,
             _flow(self.model, self.step),
             *kernel_stops(self.model),
         )

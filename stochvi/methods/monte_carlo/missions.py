@@ -27,7 +27,7 @@ from stochvi.methods.monte_carlo.rigid_white import (
     RELAXATIONS,
     WhitePlan,
     _flow,
-    _kick,
+    kick_over,
     plan_white,
 )
 from stochvi.model.model import LOWER, UPPER, Model
@@ -165,7 +165,7 @@ class MissionPlan:
             # a step is half a kick, a flow and half a kick; the kernel begins with the second half
             first, second = np.empty((2, paths))
             normal_pairs(streams[0], streams[1], first, second)
-            _, spread = _kick(self.base.model, 0.5 * self.step)
+            spread = kick_over(self.base.model, 0.5 * self.step).spread
             _, cosine, sine, _ = _flow(self.base.model, self.step)
             x, v = sine * spread * first, cosine * spread * first
             left -= 1.0
@@ -182,7 +182,7 @@ class MissionPlan:
         event = event or self.event
         return int(
             run_missions(
-                fleet, _kick(self.base.model, self.step), _flow(self.base.model, self.step),
+                fleet, kick_over(self.base.model, self.step), _flow(self.base.model, self.step),
                 self.lower, self.upper, event.kind, event.limit, self.base.threshold,
                 float(self.counted), level,
             )

@@ -27,6 +27,7 @@ from stochvi.methods.monte_carlo.plan import Histories, SteppedPlan
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
+    COARSE_SHARE,
     DURATION,
     GAP_PER_STEP,
     LONGEST_BLOCK,
@@ -93,15 +94,20 @@ the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
 
 @dataclass(frozen=True, kw_only=True)
 class ModalPlan(SteppedPlan):
-    """Steps, start and lengths for a scene of any structure without tabulated noise (SI units)."""
+    """Steps, start and lengths for a scene of any structure without tabulated noise (SI units).
+
+    Steps that are `merged` take the noise of two steps of half their length.
+    """
 
     law: LinearLaw
     pairs: tuple[PairScale, ...]
     speed_threshold: float | None
+    merged: bool = False
 
     method = "kick-flow-kick in modal coordinates"
     contacts = False
     excitation_known = False
+    coarse_share = COARSE_SHARE
     sums_of_pair = SUMS_OF_PAIR
 
     @property
@@ -215,8 +221,9 @@ class ModalPlan(SteppedPlan):
         return self.steps + self._burn_in_steps
 
     def coarser(self) -> ModalPlan:
-        """The same paths at twice the step, to measure what the step leaves as bias."""
-        return self.with_step(2.0 * self.step)
+        """The same paths at twice the step and with the same noise, to measure what the step leaves
+        as bias."""
+        return replace(self.with_step(2.0 * self.step), merged=True)
 
     def finer(self) -> ModalPlan:
         """The same paths at half the step."""
@@ -461,12 +468,16 @@ class ModalPlan(SteppedPlan):
         grown = size[:, None] * transition(flow * size / size[:, None], h) / size
         kicked = np.eye(len(flow))
         kicked[motion, motion] = decay
-        drawn = np.hstack([grown[:, motion] @ brought, self._signal_noise(flow)])
+        drawn = np.hstack([grown[:, motion] @ brought, self._signal_noise(flow, h)])
+        speed_drawn = np.zeros((n, drawn.shape[1]))
+        speed_drawn[:, : brought.shape[1]] = brought
+        normals = drawn.shape[1]
+        if self.merged:
+            drawn, speed_drawn = self._merged_noise(grown, flow)
+            normals = drawn.shape[1] // 2
         displacement = np.hstack([modes.gaps, np.zeros((len(modes.gaps), len(flow) - n))])
         speed = np.roll(displacement, n, axis=1)
         curvature = speed @ flow
-        speed_drawn = np.zeros((len(modes.gaps), drawn.shape[1]))
-        speed_drawn[:, : brought.shape[1]] = modes.gaps @ brought
         # a grazing path may leave the hull of its cubic by its fourth derivative
         margins = (modes.fastest * h) ** 3 / 384.0 * h * np.array([s.speed for s in self.pairs])
         resets = self._resets(flow, speed, curvature)
@@ -475,9 +486,10 @@ class ModalPlan(SteppedPlan):
         passes = Passes(
             states=_table(grown @ kicked),
             states_drawn=_table(drawn),
-            normals=drawn.shape[1],
+            normals=normals,
+            merged=self.merged,
             speeds_kicked=_table(speed @ kicked),
-            speeds_drawn=_table(speed_drawn),
+            speeds_drawn=_table(modes.gaps @ speed_drawn),
             bends_kicked=_table(curvature @ kicked),
             gaps=_table(displacement),
             speeds=_table(speed),
@@ -494,17 +506,30 @@ class ModalPlan(SteppedPlan):
             origins=self.law.mean,
         )
 
-    def _signal_noise(self, flow: Matrix) -> Matrix:
-        """Matrix from independent normals to the noise that the signals add to all states in a
-        step."""
+    def _merged_noise(self, grown: Matrix, flow: Matrix) -> tuple[Matrix, Matrix]:
+        """Matrices from the normals of two steps of half the length, those of the first step first,
+        to the noise that a step adds to all states, and that its kick adds to the speeds of the
+        modes."""
+        n, half = self.modes.size, self.step / 2.0
+        decay, brought = self._kick(half)
+        signals, size = self._signal_noise(flow, half), self._size
+        half_grown = size[:, None] * transition(flow * size / size[:, None], half) / size
+        quiet = np.zeros((n, signals.shape[1]))
+        speeds = np.hstack([decay @ brought, quiet, brought, quiet])
+        states = grown[:, n : 2 * n] @ speeds
+        kicks = np.zeros((len(grown), brought.shape[1]))
+        states += np.hstack([kicks, half_grown @ signals, kicks, signals])
+        return states, speeds
+
+    def _signal_noise(self, flow: Matrix, h: float) -> Matrix:
+        """Matrix from independent normals to the noise that the signals add to all states in a time
+        h, s."""
         modes = self.modes
         if not np.any(modes.signal_noise):
             return np.zeros((len(flow), 0))
         size = self._size
         intensity = modes.noise(np.zeros_like(modes.white)) / np.outer(size, size)
-        values, vectors = np.linalg.eigh(
-            step_covariance(flow * size / size[:, None], intensity, self.step)
-        )
+        values, vectors = np.linalg.eigh(step_covariance(flow * size / size[:, None], intensity, h))
         kept = values > NEGLIGIBLE
         columns: Matrix = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
         return columns

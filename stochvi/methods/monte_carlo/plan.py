@@ -87,6 +87,10 @@ class Plan(Protocol):
         """Whether the stationary law is exact at any step, so that there is no bias."""
 
     @property
+    def coarse_share(self) -> float:
+        """Share of the paths that are simulated at twice the step as well, 1 over an integer."""
+
+    @property
     def fastest(self) -> float:
         """Largest frequency of a mode or a signal, rad/s."""
 

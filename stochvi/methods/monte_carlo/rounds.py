@@ -13,11 +13,12 @@ from threading import Timer
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.methods.monte_carlo.blocks import (
+    BlockStatistics,
     Crew,
+    block_statistics,
     blocks_of,
     check_price,
     machine,
-    path_statistics,
 )
 from stochvi.methods.monte_carlo.checkpoints import Keeper, State
 from stochvi.methods.monte_carlo.plan import Plan
@@ -35,7 +36,7 @@ from stochvi.methods.monte_carlo.quantities import (
     of_pair,
     speed_mean,
 )
-from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.methods.monte_carlo.statistics import PathStatistics, StepPairs
 from stochvi.model.balances import residuals
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Pair
@@ -93,8 +94,8 @@ def compiling(progress: Progress | None) -> Iterator[None]:
 
 @dataclass
 class Run:
-    """A simulation: statistics of the paths at the step and, unless the scheme has no bias, at
-    twice the step.
+    """A simulation: statistics of the paths at the step and, unless the scheme has no bias, of some
+    of them at twice the step.
 
     `state` holds all results so far, the last of which came after `merged_at` seconds: what is
     under way at the end of a budget is no part of it. `rel_error` is the relative error that is
@@ -133,9 +134,9 @@ class Run:
         return self.state.fine
 
     @property
-    def coarse(self) -> PathStatistics:
-        """Statistics of the same paths at twice the step."""
-        return self.state.coarse
+    def pairs(self) -> StepPairs:
+        """Statistics of the paths that were simulated at twice the step as well."""
+        return self.state.pairs
 
     @property
     def exposure(self) -> float:
@@ -168,37 +169,39 @@ class Run:
         plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
         if not self.fine.count:
             check_price(plans, self.seed, deadline)
-        steps_per_path = sum(plan.steps_per_path for plan in plans)
         goal = self.state.goal
         if self.rel_error is None:
             self.expected_paths = goal
         left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
         total = math.ceil((goal - self.fine.count) / self.plan.block)
-        works = [partial(path_statistics, plan, self.layout, self.seed) for plan in plans]
-        results = self.crew.do(works, left, total, deadline)
+        work = partial(block_statistics, self.plan, self.layout, self.seed)
+        results = self.crew.do([work], left, total, deadline)
         with closing(results):  # closed at once, so that after an interrupt no further task begins
-            for (_, paths), statistics, where in results:
-                if any(each.count < paths for each in statistics):
-                    self._end_early(statistics, steps_per_path, where)
+            for (_, paths), (statistics,), where in results:
+                if statistics[0].count < paths:
+                    self._end_early(statistics, where)
                     break
-                self.state = self.state.with_block(statistics, paths * steps_per_path, where)
+                self.state = self.state.with_block(statistics, self._steps_of(statistics), where)
                 self.merged_at = self.seconds
                 if self.keeper and self.keeper.due():
                     self.write_checkpoint()
                 self._report()
         return self.fine.count == goal
 
-    def _end_early(
-        self, statistics: list[PathStatistics], steps_per_path: int, where: list[str]
-    ) -> None:
+    def _steps_of(self, block: BlockStatistics) -> int:
+        """Number of steps of a block, those at twice the step included."""
+        fine, pairs = block
+        coarse = pairs.count * self.plan.coarser().steps_per_path if pairs.count else 0
+        return fine.count * self.plan.steps_per_path + coarse
+
+    def _end_early(self, statistics: BlockStatistics, where: list[str]) -> None:
         """Use the paths of a block that the budget cut short, if there are no other paths.
 
         The checkpoint leaves them out: a run that resumes from it simulates the whole block.
         """
         if not self.fine.count:
             self.whole_blocks = self.state
-            steps = statistics[0].count * steps_per_path
-            self.state = self.state.with_block(statistics, steps, where)
+            self.state = self.state.with_block(statistics, self._steps_of(statistics), where)
             self.merged_at = self.seconds
 
     def write_checkpoint(self) -> None:
@@ -247,26 +250,29 @@ class Run:
     def refine(self) -> None:
         """Start again with a plan of less bias: half the step, or slow impacts resolved."""
         self.plan = self.plan.finer()
-        none, before = PathStatistics.none(self.layout), self.state
+        before = self.state
         self.state = replace(
             before,
-            fine=none,
-            coarse=none,
+            fine=PathStatistics.none(self.layout),
+            pairs=StepPairs.none(self.layout),
             goal=before.fine.count,  # this number of paths was enough for the errors
             refinements=before.refinements + 1,
         )
 
     def estimate(self, quantity: Quantity, name: str = "") -> Estimate:
         """A quantity with its standard error and the bias that the step leaves in it."""
-        return self._stated(
-            name, self.fine.evaluate(quantity), lambda: self.coarse.evaluate(quantity)
-        )
+        return self._stated(name, self.fine.evaluate(quantity), lambda: self.difference(quantity))
+
+    def difference(self, quantity: Quantity) -> tuple[float, float]:
+        """A quantity at twice the step less that at the step, with its standard error."""
+        ((difference, error),) = self.pairs.differences(lambda means: (quantity(means),), self.fine)
+        return difference, error
 
     def _stated(
-        self, name: str, fine: tuple[float, float], at_twice: Callable[[], tuple[float, float]]
+        self, name: str, fine: tuple[float, float], difference: Callable[[], tuple[float, float]]
     ) -> Estimate:
-        """The estimate of a quantity from its value and standard error at the step, and from those
-        at twice the step, which are asked for only where the scheme has a bias."""
+        """The estimate of a quantity from its value and standard error, and from its difference to
+        twice the step, which is asked for only where the scheme has a bias."""
         value, error = fine
         how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
         if value == 0.0 and (name in RATES or name.startswith("impact_speed")):
@@ -274,20 +280,23 @@ class Run:
             return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
         if self.plan.elastic:
             return Estimate(value=value, standard_error=error, how=how)
-        coarse, coarse_error = at_twice()
-        if math.isnan(coarse):  # no impact at twice the step, as may be if there are few at all
+        change, change_error = difference()
+        if math.isnan(change):  # no impact at twice the step, as may be if there are few at all
             return Estimate(
                 value=value, standard_error=error, how=f"{how}; bias of the step unknown", bias=None
             )
-        bias = self.plan.step_bias(name, abs(coarse - value))
-        source = "bias of the step unknown" if bias is None else "bias from twice the step"
+        bias = self.plan.step_bias(name, abs(change))
+        source = (
+            "bias of the step unknown"
+            if bias is None
+            else f"bias from {self.pairs.count} paths at twice the step"
+        )
         return Estimate(
             value=value,
             standard_error=error,
             bias=bias,
             how=f"{how}; {source}",
-            # paths at the two steps may share their noise: independence is the safe assumption
-            bias_error=self.plan.step_bias(name, math.hypot(error, coarse_error)) or 0.0,
+            bias_error=self.plan.step_bias(name, change_error) or 0.0,
         )
 
     def _limit_unseen(self, name: str) -> float:
@@ -385,10 +394,10 @@ class Run:
 
         names = residuals(self.model, self.fine.means(), origin)
         fine = self.fine.evaluate_all(balances)
-        twice = fine if self.plan.elastic else self.coarse.evaluate_all(balances)
+        changes = fine if self.plan.elastic else self.pairs.differences(balances, self.fine)
         return {
-            name: self._stated("", one, lambda other=other: other)  # type: ignore[misc]
-            for name, one, other in zip(names, fine, twice, strict=True)
+            name: self._stated("", one, lambda change=change: change)  # type: ignore[misc]
+            for name, one, change in zip(names, fine, changes, strict=True)
         }
 
     def _acceleration(self, name: str) -> Estimate | None:
@@ -528,9 +537,9 @@ def _relative_errors(run: Run) -> tuple[float, float]:
             # half the step would hardly improve the rates at lossy stops: their bias is stated only
             if key[1] in RATES:
                 continue
-            value, error = run.fine.evaluate(quantity)
-            coarse, coarse_error = run.coarse.evaluate(quantity)
-            excess = abs(coarse - value) - 2.0 * math.hypot(error, coarse_error)
+            value, _ = run.fine.evaluate(quantity)
+            change, change_error = run.difference(quantity)
+            excess = abs(change) - 2.0 * change_error
             size = _reference_size(run, key, value)
             bias = run.plan.step_bias(key[1], max(0.0, excess))
             biases.append(bias / size if bias and size else 0.0)

@@ -45,7 +45,7 @@ from stochvi.methods.monte_carlo.plan import (
     histories_of_one,
     layout_of_one,
 )
-from stochvi.methods.monte_carlo.rigid_white import default_threshold
+from stochvi.methods.monte_carlo.rigid_white import COARSE_SHARE, default_threshold
 from stochvi.methods.monte_carlo.statistics import Layout
 from stochvi.methods.monte_carlo.step_bias import (
     bias_of_plain_step,
@@ -143,6 +143,7 @@ class TabulatedPlan:
 
     method = "response-domain synthesis"
     states = 2
+    coarse_share = COARSE_SHARE
     elastic = False
     kicked = False
     settling = 0

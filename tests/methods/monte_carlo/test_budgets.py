@@ -24,7 +24,7 @@ from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees
 from support.known import oscillator
@@ -37,15 +37,24 @@ def plan_of(duration: float) -> Plan:
 def test_a_block_that_is_late_ends_with_its_first_paths() -> None:
     plan = plan_of(20.0)
     whole = plan.averages(3, 64, 64)
-    late = averages_in_time(plan, 3, 64, 64, deadline=Deadline(0.0))
+    late, _ = averages_in_time(plan, 3, 64, 64, deadline=Deadline(0.0))
     assert late.shape[1] == FEWEST_AT_ONCE
     np.testing.assert_array_equal(late, whole[:, :FEWEST_AT_ONCE])
 
 
 def test_paths_do_not_depend_on_the_pieces_of_their_block() -> None:
     plan = plan_of(20.0)
-    pieces = averages_in_time(plan, 3, 0, 64, deadline=Deadline.after(1000.0))
-    np.testing.assert_array_equal(pieces, plan.averages(3, 0, 64))
+    group = plan.block // 4
+    paths = 6 * group
+    pieces, pairs = averages_in_time(plan, 3, 0, paths, deadline=Deadline.after(1000.0))
+    whole = plan.averages(3, 0, paths)
+    np.testing.assert_array_equal(pieces, whole)
+    # the first of four groups, wherever a piece or a block begins
+    some = np.r_[:group, 4 * group : 5 * group]
+    coarse = plan.coarser().averages(3, 0, paths)
+    np.testing.assert_array_equal(pairs, np.concatenate([whole, coarse])[:, some])
+    blocks = [averages_in_time(plan, 3, 3 * n * group, 3 * group, NEVER)[1] for n in range(2)]
+    np.testing.assert_array_equal(pairs, np.concatenate(blocks, axis=1))
 
 
 def test_paths_that_take_longer_than_the_budget_are_refused_before_they_are_begun() -> None:

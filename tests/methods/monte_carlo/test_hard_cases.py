@@ -171,7 +171,7 @@ def test_a_stop_that_is_never_reached_has_an_upper_limit() -> None:
 def test_a_mean_speed_of_impacts_that_twice_the_step_does_not_see_has_no_known_bias() -> None:
     """Of two short paths one step may see a hit, and twice the step none."""
     loose = oscillator(0.0, 1.0, 0.7)
-    found = [simulate(loose, paths=2, duration=2.0, seed=seed, threads=1) for seed in range(4)]
+    found = [simulate(loose, paths=2, duration=2.0, seed=seed, threads=1) for seed in range(24)]
     means = [each.impact_pairs["stops"].impact_speed_mean for each in found]
     assert any(mean is not None and mean.bias is None and mean.value > 0.0 for mean in means)
 

@@ -26,11 +26,10 @@ import math
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.flight import LANES, add_moments
+from stochvi.methods.monte_carlo.kernels.flight import LANES, add_moments, normals_of_step
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
 from stochvi.methods.monte_carlo.kernels.intervals import decay
 from stochvi.methods.monte_carlo.kernels.limits import RESTING
-from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
@@ -501,7 +500,7 @@ def step_clear_paths(x, v, z, near, kick, flow, lower, upper):
     This holds for w0 h < pi. A mass turns in the step if it moves up before and down after it; its
     orbit then reaches the stop if v^2 + w0^2 x^2 > w0^2 stop^2. Returns the number of marked paths.
     """
-    e, s = kick
+    e, s, _ = kick
     _, cosine, sine, stiff = flow
     count = 0
     for i in range(x.shape[0]):
@@ -555,10 +554,8 @@ def run_contacts(paths, kick, flow, lower, upper, counting, record, log):
         peaks[:] = 0.0
         z1, z2, near = first[: end - start], second[: end - start], mark[: end - start]
         for step in range(burn_in + steps):
-            if step % 2 == 0:
-                normal_pairs(state0, state1, z1, z2)
+            z = normals_of_step(step, kick.earlier, state0, state1, z1, z2)
             counted = step >= burn_in
-            z = z1 if step % 2 == 0 else z2
             count = step_clear_paths(xs, vs, z, near, kick, flow, lower, upper)
             for i in range(end - start if count > 0 else 0):
                 if near[i] != 0.0:

@@ -43,6 +43,9 @@ LANES = 256
 """Number of paths that are advanced together: their dozen arrays of 2 kB each stay in the
 first-level cache."""
 
+CACHE_LINE = 8
+"""Numbers in a line of the cache, 64 bytes."""
+
 CORNER_SHARE = 0.25
 """Usual length of a sub-step near a stop, as a share of the time in which noise changes the state.
 The error of slow impacts falls with its root, and the cost of sub-steps grows with its inverse."""
@@ -66,7 +69,7 @@ def find_crossing(x, v, x1, v1, stiff, stop):
 @numba.njit(cache=True, error_model="numpy")
 def step_without_stops(x, v, z, kick, flow):
     """Advance every path by one step where there is no stop."""
-    e, s = kick
+    e, s, _ = kick
     _, cosine, sine, stiff = flow
     for i in range(x.shape[0]):
         q = x[i]
@@ -83,7 +86,7 @@ def step_with_stops(x, v, z, hit, kick, flow, lower, upper):
     or AGAIN for a path that has had its kick only, as it may hit more than once. Returns the number
     of paths marked AGAIN.
     """
-    e, s = kick
+    e, s, _ = kick
     h, cosine, sine, stiff = flow
     again = 0
     for i in range(x.shape[0]):
@@ -137,12 +140,10 @@ def step_between_stops(x, v, z, hit, kick, flow, lower, upper):
     have to turn before the upper stop, and from there it is more than a quarter of a period to the
     lower one. The signs of x and v are changed so that every mass moves up.
     """
-    e, s = kick
+    e, s, _ = kick
     _, cosine, sine, stiff = flow
     low, restitution_low, _ = lower
     high, restitution_high, _ = upper
-    # a mass at the speed sqrt(energy) takes sr / sqrt(energy) <= time left <= pi / 2 of that
-    reach = (high - low) / (0.5 * math.pi)
     again = 0
     for i in range(x.shape[0]):
         q = x[i]
@@ -151,15 +152,16 @@ def step_between_stops(x, v, z, hit, kick, flow, lower, upper):
         q = q if rising else -q
         p = p if rising else -p
         stop = high if rising else -low
+        opposite = low if rising else -high
         restitution = restitution_high if rising else restitution_low
         x1 = cosine * q + sine * p
         v1 = cosine * p - stiff * sine * q
         energy = p * p + stiff * q * q
         passed, w, sr, cr = find_crossing(q, p, x1, v1, stiff, stop)
-        more = passed & (sr * sr >= reach * reach * energy)
         factor = (1.0 + restitution) * w / energy if passed else 0.0
         x2 = min(x1 - factor * sr, stop)
         v2 = v1 - factor * cr
+        more = x2 < opposite
         x2 = q if more else x2
         v2 = p if more else v2
         speed = w if passed else 0.0
@@ -185,7 +187,7 @@ def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
 
     x and v are those before the kick.
     """
-    e, s = kick
+    e, s, _ = kick
     h, cosine, sine, stiff = flow
     p = e * v + s * z
     stop = 0.0
@@ -350,6 +352,47 @@ def add_moments(x, v, origin, mean, square, speed):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def aligned_rows(rows):
+    """Zeros (rows, LANES + CACHE_LINE) whose rows begin at lines of the cache.
+
+    A vector then never lies in two lines, and entries of one lane in different rows do not compete
+    for the same places of the cache, as they do at a distance of a power of two.
+    """
+    row = LANES + CACHE_LINE
+    room = np.zeros(rows * row + CACHE_LINE)
+    skipped = (-(room.ctypes.data // 8)) % CACHE_LINE
+    return room[skipped : skipped + rows * row].reshape((rows, row))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def merge_pairs(first, second, earlier):
+    """Put into `first` the normal of one kick in the place of two: both with their weights."""
+    later = math.sqrt(1.0 - earlier * earlier)
+    for i in range(first.shape[0]):
+        first[i] = earlier * first[i] + later * second[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def normals_of_step(step, earlier, state0, state1, first, second):
+    """The normals of a step: of a pair that two successive steps use, or of one drawn for it."""
+    if (earlier > 0.0) | (step % 2 == 0):
+        normal_pairs(state0, state1, first, second)
+    if earlier > 0.0:
+        merge_pairs(first, second, earlier)
+    return second if (earlier == 0.0) & (step % 2 == 1) else first
+
+
+@numba.njit(cache=True, error_model="numpy")
+def first_marked(hit):
+    """Number of the first path that is marked AGAIN, by a loop that fills vectors."""
+    n = hit.shape[0]
+    first = n
+    for i in range(n):
+        first = min(first, i if hit[i] == AGAIN else n)
+    return first
+
+
+@numba.njit(cache=True, error_model="numpy")
 def negate(values, out):
     """Put -values into `out`."""
     for i in range(values.shape[0]):
@@ -387,33 +430,31 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
     """
     x, v, streams, sums = paths
     burn_in, steps, stride, origin, threshold = counting
-    first = np.empty(LANES)
-    second = np.empty(LANES)
-    hit = np.zeros(LANES)
-    mirrored = np.empty(LANES)
-    local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
+    work = aligned_rows(12 + SUMS)
+    words = aligned_rows(2).view(np.uint64)
+    local = work[12:]  # close together: rows of `sums` would evict one another
     several = np.zeros(SUMS)
-    slow, corner_x, corner_v = np.zeros(LANES), np.empty(LANES), np.empty(LANES)
     usual = 0.5 * flow.step
-    owed = np.empty(LANES)
-    if log is not None:
-        before_x, before_v = np.empty(LANES), np.empty(LANES)
     for start in range(0, x.shape[0], LANES):
         end = min(start + LANES, x.shape[0])
-        xs, vs = x[start:end], v[start:end]
-        state0, state1 = streams[0][start:end], streams[1][start:end]
+        n = end - start
+        xs, vs, z1, z2, hits, opposite = (
+            work[0][:n], work[1][:n], work[2][:n], work[3][:n], work[4][:n], work[5][:n]
+        )  # fmt: skip
+        slow, owed, corner_x, corner_v = work[6][:n], work[7][:n], work[8][:n], work[9][:n]
+        before_x, before_v = work[10], work[11]
+        state0, state1 = words[0][:n], words[1][:n]
+        for i in range(n):
+            xs[i], vs[i], hits[i], owed[i] = x[start + i], v[start + i], 0.0, usual
+            state0[i], state1[i] = streams[0, start + i], streams[1, start + i]
         local[:] = 0.0
-        owed[:] = usual
-        z1, z2 = first[: end - start], second[: end - start]
-        hits, opposite = hit[: end - start], mirrored[: end - start]
         for step in range(burn_in + steps):
-            if step % 2 == 0:
-                normal_pairs(state0, state1, z1, z2)
+            z = normals_of_step(step, kick.earlier, state0, state1, z1, z2)
             counted = step >= burn_in
             refined = 0
             if corner is not None:
                 refined = find_near_stop(xs, vs, owed, usual, corner, lower, upper, slow)
-                for i in range(end - start if refined > 0 else 0):
+                for i in range(n if refined > 0 else 0):
                     if slow[i] != 0.0:
                         several[:] = 0.0
                         corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = step_near_stop(
@@ -422,9 +463,9 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                             page_of(log, start + i, step - burn_in, flow.step),
                         )  # fmt: skip
                         add_impacts(several, counted, local, record, step - burn_in, start, i)
-            z = z1 if step % 2 == 0 else z2
             if log is not None:
-                before_x[: end - start], before_v[: end - start] = xs, vs
+                for i in range(n):
+                    before_x[i], before_v[i] = xs[i], vs[i]
             again = 0
             if (lower is None) and (upper is None):
                 step_without_stops(xs, vs, z, kick, flow)
@@ -432,22 +473,22 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                 again = step_between_stops(xs, vs, z, hits, kick, flow, lower, upper)
             else:
                 again = step_with_stops(xs, vs, z, hits, kick, flow, lower, upper)
-            for i in range(end - start if refined > 0 else 0):
+            for i in range(n if refined > 0 else 0):
                 if slow[i] != 0.0:
                     again -= 1 if hits[i] == AGAIN else 0
                     xs[i], vs[i], hits[i] = corner_x[i], corner_v[i], 0.0
-            for i in range(end - start if again > 0 else 0):
-                if hits[i] == AGAIN:
-                    several[:] = 0.0
-                    xs[i], vs[i] = flow_with_impacts(
-                        xs[i], vs[i], flow, lower, upper, threshold, several,
-                        page_of(log, start + i, step - burn_in, flow.step),
-                    )  # fmt: skip
-                    hits[i] = 0.0
-                    add_impacts(several, counted, local, record, step - burn_in, start, i)
+            for _ in range(again):
+                i = first_marked(hits)
+                several[:] = 0.0
+                xs[i], vs[i] = flow_with_impacts(
+                    xs[i], vs[i], flow, lower, upper, threshold, several,
+                    page_of(log, start + i, step - burn_in, flow.step),
+                )  # fmt: skip
+                hits[i] = 0.0
+                add_impacts(several, counted, local, record, step - burn_in, start, i)
             if counted:
                 if log is not None:
-                    for i in range(end - start):
+                    for i in range(n):
                         if (hits[i] != 0.0) & (abs(hits[i]) >= threshold):
                             elapsed = time_of_hit(
                                 before_x[i], before_v[i], hits[i], kick, z[i], flow, lower, upper
@@ -466,11 +507,15 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                     if corner is not None:
                         # so that half the usual kick, added to all, brings what is owed
                         intensity = corner.intensity
-                        for i in range(end - start if refined > 0 else 0):
+                        for i in range(n if refined > 0 else 0):
                             local[VV, i] += intensity * (owed[i] - usual)
                 if record is not None:
-                    for i in range(end - start):
+                    for i in range(n):
                         record[step - burn_in, start + i, 0] = xs[i]
                         record[step - burn_in, start + i, 1] = vs[i]
                         record[step - burn_in, start + i, 2] += hits[i]
-        sums[:, start:end] += local[:, : end - start]
+        for i in range(n):
+            x[start + i], v[start + i] = xs[i], vs[i]
+            streams[0, start + i], streams[1, start + i] = state0[i], state1[i]
+            for row in range(SUMS):
+                sums[row, start + i] += local[row, i]

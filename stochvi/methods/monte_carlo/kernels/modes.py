@@ -56,7 +56,9 @@ class Passes(NamedTuple):
     Parameters
     ----------
     states, states_drawn : the new state, from states and from normals.
-    normals : the number of normals of a step.
+    normals : the number of normals of a step, or of either half of a step that is merged.
+    merged : whether a step takes the noise of two steps of half its length; `states_drawn` and
+        `speeds_drawn` are then from the normals of both.
     speeds_kicked, speeds_drawn : speeds of the gaps after the kick, from states and from normals.
     bends_kicked : curvatures of the gaps after the kick.
     gaps, speeds, bends : values, speeds and curvatures of the gaps from the new state.
@@ -67,6 +69,7 @@ class Passes(NamedTuple):
     states: Table
     states_drawn: Table
     normals: int
+    merged: bool
     speeds_kicked: Table
     speeds_drawn: Table
     bends_kicked: Table
@@ -373,10 +376,10 @@ def run_modes(
         for number in range(-burn_in, steps):
             counted = number >= 0
             half = (number + burn_in) % 2
-            if half == 0:
+            if (half == 0) | passes.merged:
                 for row in range(normals):
                     normal_pairs(words0, words1, drawn[row], drawn[normals + row])
-            z = drawn[half * normals : (half + 1) * normals]
+            z = drawn if passes.merged else drawn[half * normals : (half + 1) * normals]
             matrix_pass(new, 0.0, old, passes.states, width)
             matrix_pass(new, 1.0, z, passes.states_drawn, width)
             if tables is not None:

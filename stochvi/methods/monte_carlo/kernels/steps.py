@@ -13,11 +13,14 @@ class Kick(NamedTuple):
     """Damping and white noise over a step: v <- decay v + spread z, z a standard normal.
 
     With b the damping rate and S0 the intensity, `decay` is e^(-b h) and `spread`, in m/s, the root
-    of S0 (1 - e^(-2 b h)) / (2 b).
+    of S0 (1 - e^(-2 b h)) / (2 b). A step that has the noise of two steps of half its length makes
+    z of the pair of normals that these would take; `earlier` is then the weight of the first one,
+    else 0.
     """
 
     decay: float
     spread: float
+    earlier: float = 0.0
 
 
 class Flow(NamedTuple):
