@@ -78,8 +78,9 @@ def simulate(
     White noise is stepped by kick-flow-kick (impacts inside the step, no bias with elastic
     stops); for a tabulated density the response without stops is synthesised and the impacts are
     added. The bias of a finite step is measured by running some of the paths at twice the step,
-    with the same noise: |difference| / (2^order - 1). The order is 2, less where slow impacts on lossy stops under
-    white noise are missed (see `step_bias.extrapolated`); where it is not known the bias is None.
+    with the same noise: |difference| / (2^order - 1). The order is 2, less where slow impacts on
+    lossy stops under white noise are missed (see `step_bias.extrapolated`); where it is not known
+    the bias is None.
 
     Parameters
     ----------

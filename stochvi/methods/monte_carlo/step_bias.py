@@ -1,8 +1,8 @@
 """The bias that a finite step leaves in a quantity, from the quantity's change with the step.
 
-Every plan simulates some of its paths at its step h and at 2 h. If a scheme is of order p, the bias at
-h is the difference of the two results over 2^p - 1. This module knows the order of each quantity,
-and the cases in which slow impacts on lossy stops make the bias unknown.
+Every plan simulates some of its paths at its step h and at 2 h. If a scheme is of order p, the bias
+at h is the difference of the two results over 2^p - 1. This module knows the order of each
+quantity, and the cases in which slow impacts on lossy stops make the bias unknown.
 """
 
 from __future__ import annotations
