@@ -34,7 +34,7 @@ MANUAL = sorted(
 FENCE = re.compile(r"^(```+)([^\n`]*)\n(.*?)^\1$", flags=re.DOTALL | re.MULTILINE)
 
 LESS = {
-    "size": ["--rel-error", "0.2"],
+    "size": ["--rel-error", "0.4"],
     "clearance": ["--rel-error", "0.2"],
     "reliability": ["--rel-error", "0.5"],
     "check": ["--rel-error", "0.1"],

@@ -10,6 +10,7 @@ import pytest
 
 import stochvi
 from support import CHECKOUT
+from support.accuracies import quick_cases
 from support.commands import ELASTIC
 
 ROOMS = (
@@ -68,7 +69,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
     assert loaded_by("from stochvi.methods import closed_form") > set()
 
 
-@pytest.mark.parametrize(
+@quick_cases(
     ("command", "needed"),
     [
         ("--help", set()),
@@ -76,6 +77,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
         ("linearise", {"rich", "scipy.optimize"}),
         ("explain", {"rich", "scipy.optimize", "numba"}),
     ],
+    keep=(0, 1, 3),
 )
 def test_a_command_imports_what_it_needs_and_nothing_else(command: str, needed: set[str]) -> None:
     words = [command] if command == "--help" else [command, ELASTIC]

@@ -54,7 +54,7 @@ from stochvi.testing import assert_agrees
 from stochvi.verification.testing.agreement import Z
 from stochvi.views.absorbers import verdict
 from stochvi.views.report.absorber import design_page
-from support.accuracies import rel_errors
+from support.accuracies import quick_cases, rel_errors
 
 LIGHTLY_DAMPED = Oscillator(mass=1.0, damping=0.02, stiffness=1.0)
 UNIT_RMS = WhiteNoise(intensity=0.04)
@@ -461,7 +461,7 @@ def assert_balanced(number: int, **work: float) -> None:
         assert abs(residual.value) <= tolerance, (number, name, residual)
 
 
-@pytest.mark.parametrize("number", range(4))
+@quick_cases("number", range(4), keep=(0, 1))
 def test_random_absorbers_keep_their_balances(number: int) -> None:
     assert_balanced(number, paths=32)
 

@@ -24,6 +24,7 @@ from stochvi import (
 )
 from stochvi.absorbers import absorber_sine, residual_vibration, tuned_force
 from stochvi.cli import main
+from support.accuracies import quick_cases
 from support.bounces import Bounces
 
 WALLS = Restitution(coefficient=0.8)
@@ -78,7 +79,7 @@ BOXES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", BOXES)
+@quick_cases("name", BOXES, keep=(1,))
 def test_what_is_left_is_what_the_structure_does_from_impact_to_impact(name: str) -> None:
     """Loose and sprung, one wall and two; 80 impacts wipe out how it began but for 1e-3 or so."""
     box, ratio = BOXES[name]

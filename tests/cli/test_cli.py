@@ -425,6 +425,7 @@ def test_new_writes_an_isolator_of_a_kind_with_its_tables(tmp_path, stochvi, kin
         assert "exists already" in refused(stochvi("new", file, "--kind", kind))
 
 
+@pytest.mark.verify
 @pytest.mark.usefixtures("short_review", "blank_pictures")
 def test_size_writes_a_report_of_a_record(tmp_path, stochvi):
     file = tmp_path / "mine.toml"

@@ -211,7 +211,9 @@ def test_a_page_leaves_out_the_pictures_that_no_time_is_left_for_and_says_so(
     stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("stochvi.cli.options.GRACE_SECONDS", -60.0)
-    done = stochvi("size", ISOLATOR, "--probability", "0.05", *ROUGH, "--out", tmp_path)
+    scene = tmp_path / "white.toml"
+    scene.write_text(WHITE, encoding="utf-8")
+    done = stochvi("size", scene, "--probability", "0.05", *ROUGH, "--out", tmp_path)
     assert done.code == 0
     page = (tmp_path / "report.html").read_text("utf-8")
     assert page.count("Not drawn: no time was left") >= 2 and "<img" not in page

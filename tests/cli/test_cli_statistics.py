@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+from support.accuracies import quick_cases
 from support.commands import ELASTIC, ISOLATOR, Run, one_document, refused
 from support.known import DOCUMENT, changed, to_toml
 
@@ -30,7 +31,7 @@ def never_hit(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda words: words[0])
-@pytest.mark.parametrize("scene", [ELASTIC, ISOLATOR], ids=["white", "tabulated"])
+@quick_cases("scene", [ELASTIC, ISOLATOR], ids=["white", "tabulated"], keep=(0,))
 def test_an_answer_is_a_document_and_files(
     stochvi: Run, tmp_path: Path, command: tuple[str, ...], scene: str
 ) -> None:  # fmt: skip
@@ -140,13 +141,14 @@ def test_quiet_is_silent_and_a_scene_without_stops_has_no_impacts(
 
 
 def test_a_history_is_a_document_tables_a_picture_and_an_animation(
-    stochvi: Run, tmp_path: Path
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = ("history", ELASTIC, "--duration", "0.5min", "--path", "2", "--json", "-")
+    monkeypatch.setattr("stochvi.views.history.FRAMES", 20)
+    asked = ("history", ELASTIC, "--duration", "0.2min", "--path", "2", "--json", "-")
     code, out, err = stochvi(*asked, "--out", tmp_path, "--animate")
     assert code == 0 and "path 2 of seed 0" in err
     document = one_document(out)
-    assert document["method"].startswith("history:") and document["duration"] == 30.0
+    assert document["method"].startswith("history:") and document["duration"] == 12.0
     samples = pd.read_csv(tmp_path / "history.csv")
     assert list(samples) == document["columns"] and len(samples) == document["samples"]
     assert samples["displacement_m"].max() == document["coordinates"]["x"]["displacement_max"]
@@ -154,7 +156,7 @@ def test_a_history_is_a_document_tables_a_picture_and_an_animation(
     assert len(impacts) == document["impact_pairs"]["stops"]["hits"]
     assert (tmp_path / "history.png").stat().st_size > 10_000
     with Image.open(tmp_path / "history.gif") as film:
-        assert film.n_frames > 50
+        assert 10 < film.n_frames <= 20
     parquet = tmp_path / "history.parquet"
     assert parquet.exists() == (importlib.util.find_spec("pyarrow") is not None)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from support.accuracies import quick_cases
 from support.commands import Run, refused
 
 SCENE = """
@@ -149,7 +150,7 @@ def test_a_picture_that_fails_costs_a_note(stochvi: Run, tmp_path: Path, monkeyp
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a pipe of Windows ends otherwise")
-@pytest.mark.parametrize("more", [(), ("--json", "-")])
+@quick_cases("more", [(), ("--json", "-")], keep=(1,))
 def test_a_reader_that_goes_away_does_not_cost_the_files(tmp_path: Path, more: tuple[str, ...]):
     reading, writing = os.pipe()
     os.close(reading)

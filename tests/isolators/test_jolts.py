@@ -60,8 +60,8 @@ def test_below_the_energy_boundary_jolts_are_caught_and_stay() -> None:
 @pytest.mark.parametrize("part", [1.005, pytest.param(1.1, marks=pytest.mark.verify)])
 def test_beyond_the_energy_boundary_clatter_dies(part: float) -> None:
     """As transient chaos does: what is there at first is left again and again."""
-    found = jolts(mount(part * BOUNDARY), [0.3], paths=64, duration=120.0)
-    early = jolts(mount(0.99 * BOUNDARY), [0.3], paths=64, duration=120.0)
+    found = jolts(mount(part * BOUNDARY), [0.3], paths=32, duration=120.0)
+    early = jolts(mount(0.99 * BOUNDARY), [0.3], paths=32, duration=120.0)
     assert found.resonant.mean() < early.resonant.mean() / 2.0
     assert found.left.sum() >= found.captured.sum() - 2
     assert early.left.sum() <= 2
@@ -101,14 +101,14 @@ def brute_force(clearance: float, speed: float, paths: int, periods: int) -> flo
 def test_the_share_of_captured_jolts_is_that_of_a_brute_force() -> None:
     """Both are shares of independent phases; 4.5 binomial standard errors."""
     clearance, speed = 0.9 * BOUNDARY, 0.2
-    found = jolts(mount(clearance), [speed], paths=256)
+    found = jolts(mount(clearance), [speed], paths=128)
     share = float(found.captured.mean())
-    expected = brute_force(clearance, speed, 256, 100)
+    expected = brute_force(clearance, speed, 128, 100)
     assert 0.1 < share < 0.9
-    error = math.sqrt(share * (1.0 - share) * 2.0 / 256)
+    error = math.sqrt(share * (1.0 - share) * 2.0 / 128)
     assert abs(share - expected) < 4.5 * error
     # negative control: another jolt has another share
-    other = brute_force(clearance, 0.02, 256, 100)
+    other = brute_force(clearance, 0.02, 128, 100)
     assert abs(share - other) > 4.5 * error
 
 

@@ -32,6 +32,7 @@ from stochvi.isolators.sizing.sensitivity import (
 )
 from stochvi.results.deadline import Deadline
 from stochvi.verification.testing.agreement import Z
+from support.accuracies import quick_cases
 from support.mounts import HOUR, ten_hertz, truck
 
 ONE_PER_CENT = Target(name="probability", value=0.01, unit="1")
@@ -39,7 +40,7 @@ ONE_PER_CENT = Target(name="probability", value=0.01, unit="1")
 
 @pytest.fixture(scope="module")
 def on_a_truck() -> tuple[Sizing, pd.DataFrame]:
-    sizing = size(truck(Restitution(coefficient=0.5)), probability=0.01, seed=1)
+    sizing = size(truck(Restitution(coefficient=0.5)), probability=0.01, seed=1, rel_error=0.1)
     return sizing, sensitivity(sizing, seed=1).set_index("change")
 
 
@@ -130,10 +131,10 @@ def test_the_cubic_of_a_gaussian_has_its_kurtosis() -> None:
 
 def test_a_mount_lets_little_of_fast_peaks_through() -> None:
     scene = truck(Restitution(coefficient=0.5))
-    gaussian = fast_peaks(scene, 3.0, seed=2, records=8)
+    gaussian = fast_peaks(scene, 3.0, seed=2, records=4)
     assert abs(gaussian.response_kurtosis - 3.0) < Z * gaussian.standard_error
     well_damped = scene.model_copy(update={"structure": Isolator(frequency_hz=12.0, zeta=0.3)})
-    peaked = fast_peaks(well_damped, KURTOSIS, seed=2)
+    peaked = fast_peaks(well_damped, KURTOSIS, seed=2, records=20)
     assert peaked.input_kurtosis > 4.5
     assert peaked.response_kurtosis - 3.0 > Z * peaked.standard_error
     assert peaked.response_kurtosis < 3.3
@@ -158,7 +159,7 @@ def test_a_wide_mount_lets_them_through() -> None:
     assert peaked.response_kurtosis == pytest.approx(peaked.input_kurtosis, rel=0.02)
 
 
-@pytest.mark.parametrize("kurtosis", [3.02, 3.5, 5.0])
+@quick_cases("kurtosis", [3.02, 3.5, 5.0], keep=(1,))
 def test_slow_bursts_are_a_mean_over_a_gamma_law(kurtosis: float) -> None:
     curve: RiskCurve = risk_curve(ten_hertz(0.05), ONE_PER_CENT, HOUR, seed=1)
     clearance = 6.0 * curve.crossings.displacement_std

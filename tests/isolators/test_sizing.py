@@ -342,6 +342,7 @@ def test_where_the_stops_of_the_scene_stand_does_not_matter() -> None:
     assert one.three_sigma.hits == two.three_sigma.hits
 
 
+@pytest.mark.verify
 def test_a_motion_of_picometres_needs_as_many_sigma() -> None:
     """At 200 dB less, sigma is below the tolerances by which roots are usually searched for."""
     loud, faint = (
@@ -381,7 +382,7 @@ def test_a_chance_is_told_where_hits_are_not_known(monkeypatch: pytest.MonkeyPat
     json.dumps(found.to_dict(), allow_nan=False)
 
 
-@pytest.mark.parametrize("mission", [0.5, 1.0])
+@pytest.mark.parametrize("mission", [0.5, pytest.param(1.0, marks=pytest.mark.verify)])
 def test_a_chance_near_one_falls_with_the_clearance_and_is_a_limit(mission: float) -> None:
     """Against records that are looked through from end to end."""
     scene = Scene(

@@ -169,7 +169,7 @@ def test_a_picture_is_drawn_in_axes_of_its_own_and_in_given_ones(answer: Result)
         assert ax.has_data() or ax.texts
         assert ax.get_xlabel() or ax.get_ylabel() or ax.get_title()
         assert given is None or ax is given
-        ax.get_figure(root=True).savefig(io.BytesIO(), format="svg")
+    ax.get_figure(root=True).savefig(io.BytesIO(), format="svg")
     plt.close("all")
 
 

@@ -36,7 +36,7 @@ Matrix = NDArray[np.float64]
 MISSION = 100.0
 
 
-def chance(scene: Scene, rel_error: float = 0.03, seed: int = 1) -> Estimate:
+def chance(scene: Scene, rel_error: float = 0.06, seed: int = 1) -> Estimate:
     return pair_crossings(scene, mission=MISSION, rel_error=rel_error, seed=seed).probability(
         MISSION
     )[0]
@@ -172,7 +172,7 @@ def assert_counts_agree(scene: Scene, missions: int, seed: int, rel_error: float
 
 @pytest.mark.parametrize(("number", "coordinates", "stops", "rarity"), [
     (1, 2, 3, 3.7),
-    (2, 3, 4, 4.4),
+    pytest.param(2, 3, 4, 4.4, marks=pytest.mark.verify),
 ])  # fmt: skip
 def test_random_structures_against_counting(
     number: int, coordinates: int, stops: int, rarity: float
@@ -204,9 +204,9 @@ def test_independence_fails_where_pairs_move_together() -> None:
         scene,
         lower=[[2.5, 2.5], [2.5, math.inf], [math.inf, 2.5]],
         upper=[[2.5, 2.5], [2.5, math.inf], [math.inf, 2.5]],
-        mission=MISSION, rel_error=0.02, seed=1,
+        mission=MISSION, rel_error=0.04, seed=1,
     ).probability(MISSION)  # fmt: skip
-    struck = hits(scene, 2000, 9)
+    struck = hits(scene, 1000, 9)
     counted = float(np.mean(struck.any(axis=1)))
     error = math.sqrt(counted * (1.0 - counted) / len(struck))
     assert_agrees(both(found[0], counted, error), counted)
@@ -294,7 +294,7 @@ def test_reliability_of_any_pair_and_of_one(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_expected_hits_and_hard_hits_of_pairs() -> None:
     scene = uncoupled(pair("x", "x", 5.0), pair("z", "z", 5.0))
-    found = reliability(scene, mission=MISSION, impact_speed=2.0, rel_error=0.2, seed=1)
+    found = reliability(scene, mission=MISSION, impact_speed=2.0, rel_error=0.4, seed=1)
     speed, hit = found.chances["impact_speed"], found.chances["hit"]
     assert speed.way == "bursts" and 0.0 < speed.estimate.value < hit.estimate.value
     assert found.hits is not None and found.hits_interval is not None

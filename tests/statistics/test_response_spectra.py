@@ -23,6 +23,7 @@ from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.statistics.spectra import Curve, method, spectrum
 from stochvi.statistics.spectra.quantities import channels_of, quantities_of
 from stochvi.statistics.spectra.segments import layout_of, products
+from support.accuracies import quick_cases
 
 B, S0 = 0.2, 0.4
 
@@ -127,7 +128,7 @@ def transformed(scene: Scene, f: np.ndarray, longest: float) -> np.ndarray:
     return np.array([4.0 * simpson(known * np.cos(2.0 * np.pi * each * lag), x=lag) for each in f])
 
 
-@pytest.mark.parametrize("scene", [oscillator(0.0, 1.0), FREE], ids=["box", "free"])
+@quick_cases("scene", [oscillator(0.0, 1.0), FREE], ids=["box", "free"], keep=(1,))
 def test_spectrum_of_an_exact_autocorrelation(scene: Scene) -> None:
     found = spectrum(scene, seed=2, threads=1)
     curve = found.curves["x"]["displacement"]
@@ -196,7 +197,7 @@ def test_mount_on_a_truck() -> None:
     assert curves["coherence"].value[inside].min() > 0.99
 
 
-@pytest.mark.parametrize("sine", [False, True])
+@quick_cases("sine", [False, True], keep=(0,))
 def test_two_storeys_on_a_truck(sine: bool) -> None:
     mass, damping = np.diag([2.0, 0.5]), np.array([[30.0, -5.0], [-5.0, 5.0]])
     stiffness = np.array([[14000.0, -4000.0], [-4000.0, 4000.0]])

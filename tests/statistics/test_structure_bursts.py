@@ -95,7 +95,6 @@ def assert_as_counted(found: Bursts, known: dict[str, tuple[float, float]]) -> N
     ("name", "rel_error", "paths"),
     [
         ("two masses", 0.1, 256),
-        ("rubber at one side", 0.1, 64),
         *(pytest.param(name, 0.03, 2048, marks=pytest.mark.verify) for name in SCENES),
     ],
 )
@@ -215,9 +214,9 @@ def test_the_largest_acceleration_is_that_of_a_plain_integration() -> None:
     log = Log(np.zeros((100, COLUMNS)), np.zeros(1, np.int64), 0.0)
     plan.follow(np.ascontiguousarray(np.roll(rows, -1, axis=0)), log, largest)
     assert log.count[0] >= 3
-    kept = {"rtol": 1e-9, "atol": 1e-11, "max_step": 1e-3}
+    kept = {"rtol": 1e-7, "atol": 1e-9, "max_step": 1e-2}
     known = solve_ivp(motion, (0.0, times[-1]), np.zeros(4), dense_output=True, **kept)
-    fine = np.linspace(0.0, times[-1], 40_000)
+    fine = np.linspace(0.0, times[-1], 4_000)
     exact = np.max(np.abs([pulls(t, known.sol(t)) for t in fine]), axis=0)
     # the motion without stops is a cubic, its forces a chord, between samples
     assert largest[0] == pytest.approx(exact, rel=2e-3)

@@ -25,6 +25,7 @@ from stochvi.verification.testing.files import problem_named
 from stochvi.verification.testing.judging import judge_returned
 from stochvi.verification.testing.truths import shipped_problems, solved, truths_of
 from support import CHECKOUT
+from support.accuracies import quick_cases
 from support.commands import Run, one_document, refused
 from support.integrators import (
     MOMENTS,
@@ -223,7 +224,7 @@ def test_a_right_integrator_between_stops_passes(name: str, h: float, tmp_path: 
     }
 
 
-@pytest.mark.parametrize(
+@quick_cases(
     ("name", "h", "fault", "hint"),
     [
         ("lossy-unequal-restitutions", 0.05, Fault(exchanged=True), "restitutions.*exchanged"),
@@ -232,6 +233,7 @@ def test_a_right_integrator_between_stops_passes(name: str, h: float, tmp_path: 
         ("elastic-narrow", 0.02, Fault(impact_energy=0.995), "elastic stops take"),
         ("linear", 0.1, Fault(burn_in=0.0), "leave out the burn-in"),
     ],
+    keep=(0, 1, 4),
 )
 def test_a_known_fault_fails_and_is_named(
     name: str, h: float, fault: Fault, hint: str, tmp_path: Path

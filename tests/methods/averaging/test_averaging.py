@@ -19,6 +19,7 @@ from stochvi.scenes.impact_laws import Elastic, SpeedRestitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
 from stochvi.testing import assert_agrees
+from support.accuracies import quick_cases
 from support.known import RIGID_STOPS, oscillator, values
 
 LOSSLESS = {
@@ -208,7 +209,7 @@ def test_undamped_flight_between_lossy_stops_has_a_law():
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("restitution", [0.8, 0.9])
+@quick_cases("restitution", [0.8, 0.9], keep=(0,))
 def test_a_mass_that_rests_on_a_lossy_stop_is_warned_of_by_the_factor_it_is_off(
     variant, restitution
 ):

@@ -20,6 +20,7 @@ from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Restitution, 
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import NonlinearOscillator, Oscillator
 from stochvi.testing import assert_agrees
+from support.accuracies import quick_cases
 from support.known import oscillator
 
 LINEAR = Oscillator(mass=2.0, damping=0.2, stiffness=2.0)
@@ -186,7 +187,7 @@ FORCES = {
 
 
 @pytest.mark.parametrize("name", FORCES)
-@pytest.mark.parametrize("stops", [{}, {"upper": 1.1, "law": Elastic(stiffness=30.0)}])
+@quick_cases("stops", [{}, {"upper": 1.1, "law": Elastic(stiffness=30.0)}], keep=(1,))
 def test_any_potential_gives_the_integrals_of_its_gibbs_density(name, stops):
     structure = spring(FORCES[name])
     values = exact(scene(structure, load=0.05, **stops)).estimates()
@@ -235,7 +236,7 @@ def test_what_a_spring_that_is_a_function_lacks_is_said():
     assert exact(scene(spring(lambda x: x, potential=lambda x: 5 + x**2 / 2)))
 
 
-@pytest.mark.parametrize(("upper", "told"), [(0.6, True), (-1.3, False), (-0.3, False)])
+@quick_cases(("upper", "told"), [(0.6, True), (-1.3, False), (-0.3, False)], keep=(0, 2))
 def test_the_peak_force_is_left_out_where_the_potential_falls_behind_the_stop(upper, told):
     """A stop before, in and behind the left of two wells; the right one is the deeper."""
     wells = spring(lambda x: 8.0 * (x**3 - x))

@@ -166,6 +166,7 @@ RARE = lightly_damped(0.0109), 4.913, (-0.87155, 0.21364)
 """Hardly damped, the barrier five deviations away: early chances are nothing beside later ones."""
 
 
+@pytest.mark.verify
 def test_early_times_take_nothing_from_later_ones(recwarn) -> None:
     """The projection cannot follow the earliest times here, and need not."""
     scene, barrier, start = RARE

@@ -16,6 +16,7 @@ from stochvi.methods.fokker_planck import Gaussian, Transient, layout, transient
 from stochvi.methods.fokker_planck.basis import VelocityBasis
 from stochvi.methods.fokker_planck.transients import Moments
 from stochvi.testing import assert_agrees
+from support.accuracies import quick_cases
 from support.known import BENCH, RIGID_STOPS, oscillator
 
 FLYING = Gaussian(mean=(0.8, -0.7), covariance=((0.09, 0.05), (0.05, 0.2)))
@@ -112,7 +113,7 @@ ENDED = [
 ]
 
 
-@pytest.mark.parametrize(("scene", "start", "rtol"), ENDED, ids=range(len(ENDED)))
+@quick_cases(("scene", "start", "rtol"), ENDED, ids=range(len(ENDED)), keep=(0,))
 def test_in_the_end_the_answer_is_stationary(scene: Scene, start, rtol: float) -> None:
     found = transient(scene, [1.0, 300.0], start, rtol=rtol)
     assert_stationary(scene, found, 1)
@@ -120,7 +121,7 @@ def test_in_the_end_the_answer_is_stationary(scene: Scene, start, rtol: float) -
         assert_stationary(scene, found, 0)
 
 
-@pytest.mark.parametrize("row", RIGID_STOPS, ids=lambda row: f"R={row.restitution}")
+@quick_cases("row", RIGID_STOPS, ids=lambda row: f"R={row.restitution}", keep=(0, 3))
 def test_the_near_exact_table_is_met_in_the_end(row) -> None:
     found = transient(oscillator(-1.0, 1.0, row.restitution), [400.0], rtol=3e-3)
     names = {

@@ -24,6 +24,7 @@ from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
 from stochvi.verification.check import APPROXIMATE, compare
 from support import CHECKOUT
+from support.accuracies import quick_cases
 from support.known import RIGID_STOPS
 
 STUDY = CHECKOUT / "studies" / "13_linearisation_atlas"
@@ -110,7 +111,7 @@ def held(
     return holding, given
 
 
-@pytest.mark.parametrize("variant", ["consistent", "box"])
+@quick_cases("variant", ["consistent", "box"], keep=(0, 3))
 @pytest.mark.parametrize("table", ["held_out.csv", "held_out_asymmetric.csv"])
 def test_bounds_hold_where_none_was_made(table: str, variant: str) -> None:
     every = 10 if variant == "box" and table == "held_out.csv" else 20

@@ -27,6 +27,7 @@ from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, Excitation, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Viscoelastic
 from stochvi.scenes.structures import Matrices
+from support.accuracies import quick_cases
 
 DAMPING, STIFFNESS, MASS = (
     np.array([[0.3, -0.1], [-0.1, 0.1]]),
@@ -139,7 +140,7 @@ def test_two_pairs_in_a_table_are_their_own_linearisation() -> None:
     assert response.estimates()["a", "displacement_std"].bias is None
 
 
-@pytest.mark.parametrize("law", [Restitution(coefficient=0.7), LOSSY, Hertz(coefficient=60.0)])
+@quick_cases("law", [Restitution(coefficient=0.7), LOSSY, Hertz(coefficient=60.0)], keep=(0, 1))
 def test_one_mass_is_answered_as_an_oscillator(law: Law) -> None:
     """Also as an isolator on a shipped environment, in millimetres and kilograms."""
     oscillator = Oscillator(mass=2.0, damping=0.2, stiffness=3.0)

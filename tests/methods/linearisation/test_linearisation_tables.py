@@ -15,6 +15,7 @@ from stochvi.scenes.excitations import Excitation, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator
+from support.accuracies import quick_cases
 from support.linearised import WAYS, make_scene, value
 
 
@@ -83,7 +84,7 @@ def test_closure_of_an_isolator_is_its_own_linearisation(
     assert all(entry.bias is None for entry in response.estimates().values())
 
 
-@pytest.mark.parametrize(("form", "variant"), WAYS)
+@quick_cases(("form", "variant"), WAYS, keep=(0, 4))
 def test_random_scenes_of_tabulated_noise(form: str, variant: str) -> None:
     rng = np.random.default_rng(3)
     for _ in range(10):

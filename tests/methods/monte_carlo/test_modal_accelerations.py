@@ -47,7 +47,7 @@ def two(**pair: object) -> Scene:
 
 
 def acceleration(scene: Scene) -> Estimate:
-    found = simulate(scene, rel_error=0.02, seed=4, threads=1).coordinates["a"].acceleration_std
+    found = simulate(scene, paths=256, seed=4, threads=1).coordinates["a"].acceleration_std
     assert found is not None
     return found
 

@@ -33,6 +33,7 @@ from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
+from support.accuracies import quick_cases
 from support.mounts import two_stages
 from support.samples import apart
 
@@ -70,7 +71,7 @@ def matched(law: Law) -> Scene:
     )
 
 
-@pytest.mark.parametrize("law", ELASTIC.values(), ids=ELASTIC.keys())
+@quick_cases("law", ELASTIC.values(), ids=ELASTIC.keys(), keep=(1,))
 def test_stops_that_lose_nothing_leave_the_gibbs_law(law: Law) -> None:
     scene = matched(law)
     truth, found = exact(scene).estimates(), simulate(scene, paths=96, duration=100.0, seed=3)

@@ -31,7 +31,7 @@ from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
 from stochvi.testing import assert_agrees
-from support.accuracies import rel_errors
+from support.accuracies import quick_cases, rel_errors
 from support.known import BENCH, NATURAL, RIGID_STOPS, RigidStops, Units, oscillator, values
 from support.mounts import TRUCK, isolator
 from support.naive import full_band_isolator, kick_flow_kick, mirrored_euler, normals
@@ -353,6 +353,7 @@ def test_digits_do_not_depend_on_threads(scene: Scene) -> None:
     )
 
 
+@pytest.mark.verify
 def test_digits_do_not_depend_on_the_executor() -> None:
     scene = oscillator(-1.0, 1.0, 0.8)
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as processes:
@@ -468,7 +469,7 @@ def test_a_narrow_gap_under_a_table_is_sampled_finely_enough() -> None:
 
 
 @rel_errors(0.03, 0.01)
-@pytest.mark.parametrize("stop", [-100.0, -1000.0])
+@quick_cases("stop", [-100.0, -1000.0], keep=(1,))
 def test_a_strong_preload_keeps_its_digits(stop: float, rel_error: float) -> None:
     scene = oscillator(None, stop, 1.0)
     truth, found = values(exact(scene)), quantities(scene, rel_error=rel_error, seed=6)

@@ -29,6 +29,7 @@ from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.testing import assert_agrees
+from support.accuracies import quick_cases
 from support.known import P_AT_3, P_AT_4, RARE, TEN_PERIODS, oscillator
 
 
@@ -118,7 +119,7 @@ def test_splitting_is_unbiased_and_its_levels_count() -> None:
             assert_agrees(estimate(of_repetitions(bad)), P_AT_4)
 
 
-@pytest.mark.parametrize(("barrier", "start", "truth"), RARE)
+@quick_cases(("barrier", "start", "truth"), RARE, keep=(1, 2))
 def test_splitting_meets_the_deterministic_solver_where_it_is_rare(
     barrier: float, start: str, truth: float
 ) -> None:

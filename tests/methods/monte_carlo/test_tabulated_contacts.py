@@ -50,6 +50,7 @@ from stochvi.scenes.excitations import FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, Law, Viscoelastic
 from stochvi.testing import assert_agrees
 from stochvi.views.tables import QUANTITY_NAMES
+from support.accuracies import quick_cases
 from support.known import values
 from support.mounts import COMPANY, MOUNT, bumpered_mount
 from support.naive import held_force_with_contacts
@@ -149,7 +150,7 @@ def interval_by_a_general_solver(
     return end
 
 
-@pytest.mark.parametrize("law", [STEEL, RUBBER, BALL, BUMPER], ids=lambda law: law.kind)
+@quick_cases("law", [STEEL, RUBBER, BALL, BUMPER], ids=lambda law: law.kind, keep=(1, 3))
 def test_an_interval_equals_that_of_a_general_solver(law: Law) -> None:
     """Several contacts, contacts that go on, forces of the structure and of the noise.
 
@@ -220,7 +221,13 @@ WHITE = {
 }
 
 
-@pytest.mark.parametrize("name", WHITE)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "linear",
+        *(pytest.param(name, marks=pytest.mark.verify) for name in ("Hertz and table", "preload")),
+    ],
+)
 def test_white_noise_agrees_with_the_exact_law(name: str) -> None:
     truth = values(exact(WHITE[name]))
     for quantity, estimate in estimates(with_faint_table(WHITE[name]), 192, 3).items():

@@ -16,6 +16,7 @@ from stochvi.methods.periodic.states import States
 from stochvi.model.model import model_of
 from stochvi.scenes.excitations import ConstantLoad, Sine
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Viscoelastic
+from support.accuracies import quick_cases
 
 TABLE = ForceTable(deflection=[0.02, 0.05, 0.1, 0.2], force=[0.5, 4.0, 4.0, 40.0])
 """A stop that hardens, with a plateau."""
@@ -84,7 +85,7 @@ def states(found: HarmonicResponse, value: float) -> list[tuple[Branch, int, np.
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@quick_cases(
     ("scene", "frequency"),
     [
         (mount(Viscoelastic(stiffness=100.0, damping_ratio=0.2)), 0.25),
@@ -101,6 +102,7 @@ def states(found: HarmonicResponse, value: float) -> list[tuple[Branch, int, np.
         ),
     ],
     ids=["two viscoelastic", "one elastic", "two tables", "one Hertz", "two masses"],
+    keep=(0, 1, 2, 3),
 )
 def test_a_regime_repeats_itself_under_the_force_law(scene: Scene, frequency: float) -> None:
     found = states(harmonic_response(scene, most_impacts=1), frequency)

@@ -22,6 +22,7 @@ from stochvi import (
     harmonic_response,
 )
 from stochvi.methods.periodic import Branch, HarmonicResonance, HarmonicResponse
+from support.accuracies import quick_cases
 from support.bounces import Bounces
 
 ROUNDING = 1e-9
@@ -124,7 +125,7 @@ def mount(clearance: float = 4e-4, restitution: float = 0.5, **changes) -> Scene
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", [1, 7, 4])
+@quick_cases("seed", [1, 7, 4], keep=(1,))
 def test_a_simulated_motion_that_settles_is_among_the_regimes(seed: int) -> None:
     scene = random_scene(seed)
     found = harmonic_response(scene)
