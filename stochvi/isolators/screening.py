@@ -24,7 +24,7 @@ from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, provenance
 from stochvi.results.progress import Progress, shown_in_notebooks
@@ -417,12 +417,18 @@ def _row(
     }
 
 
-def predicted_rates(scene: Scene, clearances: Sequence[float]) -> pd.DataFrame:
+def predicted_rates(
+    scene: Scene, clearances: Sequence[float], deadline: Deadline = NEVER
+) -> pd.DataFrame:
     """`clearance`, `clearance_in_sigma`, `rice` and `closure` alone: nothing is simulated.
 
-    Where the closure finds no solution its rate is left out (NaN).
+    Where the closure finds no solution, or is not begun by the deadline, its rate is left out
+    (NaN).
     """
-    closure = [_closure_rate(with_clearance(scene, each)) for each in clearances]
+    closure = [
+        np.nan if deadline.passed() else _closure_rate(with_clearance(scene, each))
+        for each in clearances
+    ]
     return _rates(scene, np.asarray(clearances), closure)
 
 

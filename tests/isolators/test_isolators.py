@@ -25,6 +25,7 @@ from stochvi.isolators.screening import (
     with_clearance,
 )
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.results.deadline import Deadline
 from support.known import oscillator
 
 STOPS = ImpactPair(lower=-1e-3, upper=2e-3, law=Restitution(coefficient=1.0))
@@ -74,6 +75,13 @@ def test_between_the_places_of_a_curve_the_closure_is_interpolated() -> None:
     np.testing.assert_allclose(smooth["closure"], solved["closure"], rtol=0.02)
     np.testing.assert_allclose(smooth["rice"], solved["rice"], rtol=1e-12)
     assert smooth["clearance_in_sigma"].iloc[0] == pytest.approx(1.0)
+
+
+def test_a_closure_that_no_time_is_left_for_is_left_out() -> None:
+    scene = white_mount(10.0, 10.0, 0.01)
+    late = predicted_rates(scene, [2e-3, 3e-3], Deadline(0.0))
+    assert late["closure"].isna().all()
+    np.testing.assert_allclose(late["rice"], predicted_rates(scene, [2e-3, 3e-3])["rice"])
 
 
 def test_clearances_share_a_budget_and_those_without_an_answer_are_named() -> None:

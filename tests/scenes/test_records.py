@@ -191,6 +191,19 @@ def test_a_record_says_where_it_is_short_or_has_large_peaks(tmp_path: Path) -> N
     assert "larger peaks" in told and "the record is short for this mount" in told
 
 
+def test_a_record_is_not_read_again_for_another_level(tmp_path: Path) -> None:
+    """The cases of a sizing are of five levels, and a record may take seconds to read."""
+    file = write_text(tmp_path / "record.csv", white_record(20.0))
+    quiet = RecordedNoise(file=str(file), unit="m/s2", level_db=1.0)
+    read_again = RecordedNoise(file=str(file), unit="m/s2", level_db=7.0)
+    file.unlink()
+    loud = quiet.louder(6.0)
+    assert loud == read_again and loud.level_db == 7.0
+    np.testing.assert_array_equal(loud.table.density, read_again.table.density)
+    np.testing.assert_array_equal(loud.record.values, read_again.record.values)
+    assert quiet.record.rms < loud.record.rms
+
+
 def test_a_band_cuts_the_density(tmp_path: Path) -> None:
     path = str(write_text(tmp_path / "run.csv", white_record(10.0)))
     noise = RecordedNoise(file=path, unit="m/s2", band_hz=[5.0, 50.0], resolution_hz=1.0)

@@ -350,12 +350,14 @@ def review(
     path = settings.path
     if deadline.passed():
         path = replace(path, periods=min(path.periods, settings.periods_when_late))
+    closure = _closure(sizing, settings.closure_points, deadline)
+    left_out = closure is not None and deadline.passed() and closure["closure"].isna().any()
     return Review(
         sizing=sizing,
         environment=environment(sizing.scene),
         mount=_mount(sizing),
         linear=_linear(sizing),
-        closure=_closure(sizing, settings.closure_points),
+        closure=closure,
         chances=_chances(sizing),
         hits=_hits(sizing),
         comparisons=_comparisons(sizing),
@@ -374,7 +376,7 @@ def review(
         peaks=peak_accelerations(sizing, settings.peaks, deadline, threads),
         peak_window=settings.peaks.window,
         sensitivity=sensitivity,
-        warnings=_warnings(sizing),
+        warnings=(*_warnings(sizing), *([NO_CLOSURE] if left_out else [])),
         assumptions=_assumptions(sizing),
     )
 
@@ -523,7 +525,14 @@ def largest_peak(count: float) -> float:
     return root + float(np.euler_gamma) / root
 
 
-def _closure(sizing: Sizing, points: int) -> pd.DataFrame | None:
+NO_CLOSURE = (
+    "the moment closure was not solved at every clearance of the curve of hit rates: no time was "
+    "left; raise the budget"
+)
+"""What is missing where the deadline passed before the curve of the closure was drawn."""
+
+
+def _closure(sizing: Sizing, points: int, deadline: Deadline) -> pd.DataFrame | None:
     """Hit rates by the moment closure, where both stops are rigid and it applies."""
     scene, clearances = sizing.scene, sizing.curve["clearance"]
     pairs = scene.impact_pairs
@@ -532,7 +541,8 @@ def _closure(sizing: Sizing, points: int) -> pd.DataFrame | None:
     if not all(law.rigid for _, law in pairs[0].stops()):
         return None
     try:
-        return predicted_rates(scene, list(np.linspace(clearances.min(), clearances.max(), points)))
+        places = np.linspace(clearances.min(), clearances.max(), points)
+        return predicted_rates(scene, places.tolist(), deadline)
     except NotApplicable:
         return None
 

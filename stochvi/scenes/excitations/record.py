@@ -96,6 +96,7 @@ class RecordedNoise(DensityNoise):
     resolution_hz: Positive | None = None
     _unit: Unit = PrivateAttr()
     _notes: tuple[str, ...] = PrivateAttr(default=())
+    _as_read: Record = PrivateAttr()
     _record: Record = PrivateAttr()
 
     @model_validator(mode="after")
@@ -110,8 +111,7 @@ class RecordedNoise(DensityNoise):
             self._notes = (
                 f"its unit, {self._unit.name}, is the one that {columns.stated_in} states",
             )
-        scale = self._unit.factor * math.sqrt(power_ratio(self.level_db))
-        self._record = record.scaled(scale)
+        self._as_read = record
         if self.resolution_hz is not None and not (
             1.0 / record.duration <= self.resolution_hz <= record.fs / FEWEST_BINS
         ):
@@ -119,8 +119,19 @@ class RecordedNoise(DensityNoise):
                 f"has resolution_hz = {self.resolution_hz:g}, expected "
                 f"{1.0 / record.duration:.3g} to {record.fs / FEWEST_BINS:.3g} Hz for this record"
             )
-        self._table = self._within_band(self._record.resolution())
+        self._set_level()
         return self
+
+    def _set_level(self) -> None:
+        scale = self._unit.factor * math.sqrt(power_ratio(self.level_db))
+        self._record = self._as_read.scaled(scale)
+        self._table = self._within_band(self._record.resolution())
+
+    def louder(self, level_db: float) -> Self:
+        """The record at a level that is higher by so many dB; the file is not read again."""
+        louder = self.model_copy(update={"level_db": self.level_db + level_db})
+        louder._set_level()
+        return louder
 
     def _within_band(self, resolution: float) -> Table:
         table = self._record.density(self.resolution_hz or resolution).table
