@@ -176,7 +176,7 @@ def absorber_sine(
     Parameters
     ----------
     scene
-        A linear structure without stops of its own, an absorber with rigid walls, and a sine.
+        A linear structure without stops of its own, an absorber with walls of any law, and a sine.
     frequency_hz
         Frequencies of the sine; by default that of the scene.
     tune

@@ -45,10 +45,6 @@ BATCHES = 32
 SIGNIFICANT = 4.0
 """Standard errors from which on an exponent above 0 means chaos: 3e-5 by chance."""
 
-SLOWEST_GROWTH = 1e-3
-"""Smallest exponent, per period, that means chaos: that of a motion of two frequencies approaches 0
-as log(n) / n over n periods, 2e-3 at 4096, and half of it beyond the first part."""
-
 REPEATED = 1e-6
 """Difference of states, relative to the largest, at which a motion repeats itself."""
 
@@ -118,13 +114,21 @@ class Attractor:
         return np.asarray(np.all(apart.reshape(number, periods) < self._near, axis=1))
 
 
-def exponent(growth: Vector) -> tuple[float, float]:
-    """Mean growth per period, and its standard error by the means of parts; -inf where disturbances
-    vanish."""
+def exponent(growth: Vector, before: int) -> tuple[float, float]:
+    """Mean growth per period of a disturbance that has been turned for some periods `before`, and
+    its standard error; -inf where disturbances vanish.
+
+    The error joins that of the means of parts, the swing of the size of a disturbance that turns,
+    and what growth in proportion to the time adds, as that of a motion of two frequencies whose
+    exponent is 0: the logarithm of the share by which the time has grown.
+    """
     if not np.all(np.isfinite(growth)):
         return -math.inf, 0.0
+    periods, mean = len(growth), float(growth.mean())
     means = np.array([part.mean() for part in np.array_split(growth, BATCHES)])
-    return float(growth.mean()), float(means.std(ddof=1) / math.sqrt(BATCHES))
+    swing = math.sqrt(2.0) * np.cumsum(growth - mean).std() / periods
+    drift = math.log1p(periods / max(before, 1)) / periods
+    return mean, math.hypot(means.std(ddof=1) / math.sqrt(BATCHES), swing, drift)
 
 
 def unit_disturbance(size: int) -> Matrix:
@@ -347,10 +351,10 @@ class Attractors:
         for number, each in enumerate(self.found):
             if each.kind != PERIODIC and each.holds(last)[0]:
                 return number
-        mean, error = exponent(flight.growth)
-        if mean > max(SIGNIFICANT * error, SLOWEST_GROWTH):
+        mean, error = exponent(flight.growth, WATCHED)
+        if mean > SIGNIFICANT * error:
             kind = CHAOTIC
-        elif cycle or abs(mean) <= max(SIGNIFICANT * error, SLOWEST_GROWTH):
+        elif cycle or abs(mean) <= SIGNIFICANT * error:
             kind = REGULAR
         else:
             return None

@@ -18,11 +18,12 @@ from stochvi.methods.periodic.attractors import (
     FRUITLESS,
     LAST,
     PERIODIC,
+    WATCHED,
     Attractor,
     Attractors,
     exponent,
 )
-from stochvi.methods.periodic.branches import Finder
+from stochvi.methods.periodic.contact_branches import finder_of
 from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.method import MARGIN, noise_left_out, too_slow, varied
@@ -228,7 +229,7 @@ def basins(
     Parameters
     ----------
     scene
-        As for `harmonic_response`.
+        As for `harmonic_response`, with rigid stops.
     plane
         Two numbers of a start with their values: "displacement.NAME" (m) or "velocity.NAME" (m/s)
         of a coordinate; all others are those at rest under the constant loads. By default the
@@ -320,17 +321,19 @@ RECOGNISED = (
 class Place:
     """A scene as it is: its regimes, and what motions it can start from."""
 
-    def __init__(self, scene: Scene, most_impacts: int, deadline: Deadline) -> None:
+    def __init__(
+        self, scene: Scene, most_impacts: int, deadline: Deadline, *, giving_way: bool = False
+    ) -> None:
         self.model = model_of(scene)
-        if conditions := unmet(self.model):
-            raise NotApplicable("sine", conditions)
+        if conditions := unmet(self.model, giving_way=giving_way):
+            raise NotApplicable("sine" if giving_way else "basins", conditions)
         _, values, scene_at = varied(scene, None, None)
         value = float(values[0])
         low, high = (1.0 - MARGIN) * value, (1.0 + MARGIN) * value
         self.family = Family.of(lambda each: model_of(scene_at(each)), low, high, None)
         self.sigma = float(self.family.sigma(value))
         self.states = States(self.model, self.family, self.sigma)
-        self.finder = Finder(self.family, np.array([self.sigma]), most_impacts, deadline)
+        self.finder = finder_of(self.family, np.array([self.sigma]), most_impacts, deadline)
         if slow := too_slow(self.finder):
             raise NotApplicable("sine", [slow])
 
@@ -439,7 +442,7 @@ class Place:
             kept = each.impacts[:, 0] > 2.0 * math.pi * (len(each.growth) - periods) + known.phase
             impacts = int(np.sum(kept)) if periods else 0
             fastest = float(each.impacts[:, 2].max(initial=0.0))
-            mean, error = exponent(each.growth)
+            mean, error = exponent(each.growth, WATCHED)
             how = f"growth of a disturbance over {len(each.growth)} periods"
         return BasinRegime(
             name=name,

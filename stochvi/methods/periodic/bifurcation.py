@@ -16,10 +16,12 @@ from stochvi.methods.periodic.attractors import (
     SIGNIFICANT,
     Flight,
     exponent,
+    unit_disturbance,
     watch,
 )
 from stochvi.methods.periodic.basins import Place, rate_of
 from stochvi.methods.periodic.branches import Finder
+from stochvi.methods.periodic.contact_branches import ContactFinder, finder_of
 from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import flights
 from stochvi.methods.periodic.method import (
@@ -40,6 +42,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Vector = NDArray[np.float64]
+
+LEAP = 64
+"""Periods over which disturbances are turned at once before a motion between stops that give way is
+watched: they grow by less than the range of numbers."""
 
 MOST_DRAWN = 8
 """Impacts for each period that is watched, up to which all are kept; the last of more."""
@@ -240,7 +246,7 @@ def bifurcation(
     if low == high:
         raise ValueError(f"{key} must have at least two values, got {low:g}")
     family = Family.of(lambda value: model_of(scene_at(value)), low, high, None)
-    finder = Finder(family, family.sigma(values), 1, deadline)
+    finder = finder_of(family, family.sigma(values), 1, deadline)
     if slow := too_slow(finder):
         raise NotApplicable("sine", [slow])
     with heeding_ctrl_c():
@@ -272,14 +278,13 @@ def _swept(
     (state,) = states.starts(start or {})
     sigmas, flown = [], list[Flight]()
     for sigma in finder.grid if upwards else finder.grid[::-1]:
-        course = flights.course_of(finder.motion(float(sigma)), 0.0, 2.0 * math.pi)
-        flight = watch(course, state, settling, watched, MOST_DRAWN * watched)
+        flight = _watched(finder, float(sigma), state, settling, watched, MOST_DRAWN * watched)
         if flight is None or finder.deadline.passed():
             break
         sigmas.append(float(sigma))
         flown.append(flight)
     frequency = family.frequency_hz(np.array(sigmas))
-    rates = np.array([exponent(each.growth) for each in flown]).reshape(-1, 2)
+    rates = np.array([exponent(each.growth, settling) for each in flown]).reshape(-1, 2)
     return BifurcationSweep(
         upwards=upwards,
         value=family.value(np.array(sigmas)),
@@ -290,6 +295,32 @@ def _swept(
         lyapunov=rates[:, 0] * frequency,
         lyapunov_error=rates[:, 1] * frequency,
     )
+
+
+def _watched(
+    finder: Finder, sigma: float, state: Vector, skipped: int, periods: int, most: int
+) -> Flight | None:
+    """Fly on from a state, in its place, and watch the last periods; at most so many impacts are
+    kept. None where impacts come too fast to be followed."""
+    if not isinstance(finder, ContactFinder):
+        course = flights.course_of(finder.motion(sigma), 0.0, 2.0 * math.pi)
+        return watch(course, state, skipped, periods, most)
+    disturbance = unit_disturbance(len(state))[:, 0]
+    ends, growth = np.empty((periods, len(state))), np.empty(periods)
+    impacts = [np.empty((0, 3))]
+    leaps = [LEAP] * (skipped // LEAP) + ([skipped % LEAP] if skipped % LEAP else [])
+    for period, flown in enumerate(leaps + [1] * periods, start=-len(leaps)):
+        motion = finder.flown(sigma, state, flown)
+        if motion is None:
+            return None
+        state[:] = motion.ends[-1]
+        disturbance = motion.factors @ disturbance
+        size = float(np.linalg.norm(disturbance))
+        disturbance = disturbance / size
+        if period >= 0:
+            ends[period], growth[period] = state, math.log(size)
+            impacts.append(motion.log[:, :3] + [2.0 * math.pi * period, 0.0, 0.0])
+    return Flight(ends, np.concatenate(impacts)[-most:], growth)
 
 
 def lyapunov_exponent(
@@ -318,9 +349,9 @@ def lyapunov_exponent(
     Returns
     -------
     Estimate
-        The rate, with the standard error by the means of 32 parts of the motion. Over a short time
-        the rate also depends on how far the disturbance has turned, by some 2 divided by that time,
-        which the standard error does not contain.
+        The rate. Its standard error joins that of the means of 32 parts of the motion, the swing of
+        the size of a disturbance that turns, and what growth in proportion to the time would add:
+        ln(1 + periods / settling) over that time, which no shorter motion can tell from chaos.
 
     Raises
     ------
@@ -344,14 +375,13 @@ def lyapunov_exponent(
             f"settling must be at least 0 and periods at least {BATCHES}, got {settling} and "
             f"{periods}"
         )
-    place = Place(scene, 1, NEVER)
+    place = Place(scene, 1, NEVER, giving_way=True)
     (state,) = place.states.starts(start or {})
-    course = flights.course_of(place.finder.motion(place.sigma), 0.0, 2.0 * math.pi)
-    flight = watch(course, state, settling, periods, 1)
+    flight = _watched(place.finder, place.sigma, state, settling, periods, 1)
     if flight is None:
         raise NotApplicable("sine", ["impacts must not come too fast to be followed one by one"])
     how = f"growth of a disturbance over {periods} periods"
-    found = rate_of(*exponent(flight.growth), place.period, how)
+    found = rate_of(*exponent(flight.growth, settling), place.period, how)
     if found is None:
         raise NotApplicable(
             "sine", ["the motion must not rest on a stop, where disturbances vanish at once"]

@@ -31,7 +31,9 @@ from stochvi.methods.periodic.branches import (
     Track,
     Vector,
 )
+from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import contact_flow, solver
+from stochvi.results.deadline import NEVER, Deadline
 
 CHANGE = 1e-6
 """Step of sigma over which the flow is differenced."""
@@ -472,3 +474,11 @@ def _solved(matrix: Matrix, right: Vector) -> Vector | None:
     except np.linalg.LinAlgError:
         return None
     return np.asarray(found) if np.all(np.isfinite(found)) else None
+
+
+def finder_of(
+    family: Family, grid: Vector, most_impacts: int, deadline: Deadline = NEVER
+) -> Finder:
+    """The finder of a family: of rigid stops, or of some that give way."""
+    kind = ContactFinder if any(family.pieces) else Finder
+    return kind(family, grid, most_impacts, deadline)

@@ -265,10 +265,8 @@ class Family:
         low: float,
         high: float,
         coordinate: str | None,
-        *,
-        giving_way: bool = False,
     ) -> Family:
-        """The family of the models at the values of a range; stops may be `giving_way`.
+        """The family of the models at the values of a range.
 
         Raises
         ------
@@ -276,7 +274,7 @@ class Family:
             If a model is not covered.
         """
         middle = model_at(0.5 * (low + high))
-        if conditions := unmet(middle, giving_way=giving_way):
+        if conditions := unmet(middle, giving_way=True):
             raise NotApplicable("sine", conditions)
         number = 0 if coordinate is None else _place(middle, coordinate)
         numbers = numbers_of(middle, number)

@@ -16,7 +16,7 @@ from stochvi.methods.periodic.answer import (
     SpecialPoint,
 )
 from stochvi.methods.periodic.branches import Finder, Track
-from stochvi.methods.periodic.contact_branches import ContactFinder
+from stochvi.methods.periodic.contact_branches import finder_of
 from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.jumps import Sweep
 from stochvi.methods.periodic.kernels import solver
@@ -142,7 +142,6 @@ def harmonic_response(
     deadline = Deadline.after(budget)
     key, values, scene_at = varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
-    soft = bool(model.not_rigid())
     if conditions := unmet(model, giving_way=True) if form == "exact" else not_covered(model):
         raise NotApplicable("sine" if form == "exact" else f"sine:{form}", conditions)
     low, high = float(values[0]), float(values[-1])
@@ -154,11 +153,8 @@ def harmonic_response(
     if low == high:
         wide = MARGIN * (abs(low) or 1.0)
         low, high = low - wide, high + wide
-    family = Family.of(
-        lambda value: model_of(scene_at(value)), low, high, coordinate, giving_way=soft
-    )
-    kind = ContactFinder if soft else Finder
-    finder = kind(family, family.sigma(values), most_impacts, deadline)
+    family = Family.of(lambda value: model_of(scene_at(value)), low, high, coordinate)
+    finder = finder_of(family, family.sigma(values), most_impacts, deadline)
     if slow := too_slow(finder):
         raise NotApplicable("sine", [slow])
     with heeding_ctrl_c():

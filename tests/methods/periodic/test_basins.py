@@ -193,10 +193,12 @@ def test_a_motion_of_two_frequencies_is_regular() -> None:
     found = basins(scene, sides, periods=20, threads=1)
     assert {regime.kind for regime in found.regimes} == {"other regular"}
     start = {"velocity.x": 1.7}
-    rate = lyapunov_exponent(scene, start, periods=2000)
-    # a disturbance grows as the number of periods: its logarithm over the time
-    assert abs(rate.value) < 4.0 * rate.standard_error + 2.0 * math.log(2000) / (2000 * 10.0)
-    assert lyapunov_exponent(hammer(2.8)).value > 0.03
+    # a disturbance grows as the number of periods, not as its exponential
+    for periods in (300, 2000):
+        rate = lyapunov_exponent(scene, start, periods=periods)
+        assert abs(rate.value) < 4.0 * rate.standard_error
+    chaotic = lyapunov_exponent(hammer(2.8), periods=300)
+    assert chaotic.value > max(0.03, 4.0 * chaotic.standard_error)
 
 
 @pytest.mark.parametrize(("start", "impacts"), [(0.0, 0), (-0.3, 2)])

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from stochvi import ImpactPair, Matrices, Oscillator, Restitution, Scene, harmonic_response
+from stochvi.methods.periodic import bifurcation, lyapunov_exponent
 from stochvi.methods.periodic.answer import Branch, HarmonicResponse
 from stochvi.methods.periodic.contact_branches import ContactFinder
 from stochvi.methods.periodic.family import Family
@@ -144,7 +145,7 @@ def test_two_stops_of_hertz_press_at_once() -> None:
     scene = two_masses(Hertz(coefficient=30.0), TABLE, Hertz(coefficient=300.0))
     start = np.array([-0.1, 0.6, 0.3, 0.5])
     model = model_of(scene)
-    family = Family.of(lambda _: model, 1.0, 2.0, None, giving_way=True)
+    family = Family.of(lambda _: model, 1.0, 2.0, None)
     states = States(model, family, 0.5)
     motion = ContactFinder(family, np.array([0.5]), 1).flown(
         0.5, states.scaled(start[None])[0], periods=2
@@ -235,3 +236,19 @@ def test_a_key_of_a_tabulated_stop_can_be_varied() -> None:
     )
     columns = ["impact_speed_max", "multiplier"]
     np.testing.assert_allclose(one[columns], other[columns], rtol=1e-9)
+
+
+@pytest.mark.parametrize("law", [Elastic(stiffness=100.0), TABLE], ids=lambda law: law.kind)
+def test_slow_sweeps_and_exponents_are_those_of_the_exact_regime(law: Law) -> None:
+    scene, start = mount(law), {"velocity.x": 2.0}
+    exact = harmonic_response(scene, most_impacts=1).at(0.25)
+    regime = exact[exact["stable"] & (exact["impacts_per_period"] == 2)].iloc[0]
+    expected = 0.25 * math.log(regime["multiplier"])
+    (sweep,) = bifurcation(scene, [0.24, 0.25], start=start, watched=64).sweeps
+    assert sweep.impact_speed[1] == pytest.approx(np.full(128, regime["impact_speed_max"]), 1e-6)
+    assert abs(sweep.lyapunov[1] - expected) < 4.0 * sweep.lyapunov_error[1]
+    # from rest the motion stays clear of both stops, and has the exponent of its damping alone
+    for given in (start, None):
+        rate = lyapunov_exponent(scene, given, settling=300, periods=320)
+        assert abs(rate.value - expected) < 4.0 * rate.standard_error
+        assert rate.standard_error < 0.1 * abs(expected)
