@@ -7,14 +7,27 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 import stochvi
-from stochvi import NotConverged, impacts, simulate, spectrum
+from stochvi import (
+    ImpactPair,
+    NotConverged,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    impacts,
+    simulate,
+    spectrum,
+)
 from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.periodic import harmonic_response
+from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.structures import Matrices
 from support.known import oscillator
 
 SLOW = 10.0
@@ -122,3 +135,38 @@ def test_kernels_of_regimes_are_loaded_within_the_budget(slowed: Callable[..., N
     with pytest.raises(NotConverged, match="the budget of 9 s ended") as short:
         harmonic_response(scene, [90.0, 100.0], budget=0.9 * SLOW)
     assert all(not branch.stops for branch in short.value.response.branches)
+
+
+def chain(lines: int, *, stops: bool) -> Scene:
+    """Eight masses in a row on a base that shakes by a table."""
+    n = 8
+    springs = 1e4 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    return Scene(
+        structure=Matrices(
+            coordinates=[f"m{k}" for k in range(n)], mass=np.eye(n).tolist(),
+            damping=(1e-3 * springs).tolist(), stiffness=springs.tolist(),
+        ),
+        impact_pairs=[ImpactPair(on="m0", upper=1e-3, law=Restitution(coefficient=0.7))] * stops,
+        excitations=[
+            TabulatedNoise(
+                frequency_hz=np.linspace(5.0, 2000.0, lines).tolist(), density=[0.01] * lines,
+                unit="(m/s2)2/Hz", on="base",
+            )
+        ],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("solve", [simulate, spectrum, impacts, cost.cost])
+def test_a_plan_that_takes_longer_than_the_budget_is_not_begun(solve: Callable[..., Any]) -> None:
+    scene = chain(4000, stops=True)
+    began = time.process_time()
+    with pytest.raises(NotConverged, match=r"8 coordinates under 4000 lines .* raise budget"):
+        solve(scene, budget=1.0)
+    assert time.process_time() - began < 1.0
+
+
+def test_a_plan_without_stops_is_quick() -> None:
+    model = model_of(chain(1000, stops=False))
+    assert make_plan(model, deadline=Deadline.after(1.0)).steps > 0
+    with pytest.raises(NotConverged, match="too short for the plan"):
+        make_plan(model_of(chain(4000, stops=True)), deadline=Deadline.after(1.0))

@@ -379,7 +379,7 @@ def cost(
             f"paths must be at least {FEWEST_PATHS} for honest standard errors, got {paths}"
         )
     started, deadline = time.perf_counter(), Deadline.after(budget if paths is None else None)
-    plan = make_plan(model_of(scene))
+    plan = make_plan(model_of(scene), deadline=deadline)
     plans = ladder(plan)
     for rung in plans:  # kernels are loaded where they are called first
         rung.shortest().averages(0, 0, 2)

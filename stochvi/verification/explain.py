@@ -15,9 +15,10 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.linearisation.method import unmet as unmet_by_linearisation
 from stochvi.methods.monte_carlo import Prospect, prospect
 from stochvi.methods.monte_carlo.choose_plan import unmet as unmet_by_simulation
+from stochvi.methods.monte_carlo.modal_tables import seconds_of_plan
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
-from stochvi.model.model import Model, model_of
+from stochvi.model.model import model_of
 from stochvi.model.natural_modes import NaturalMode, RestingGap, at_rest, natural_modes
 from stochvi.results.base import COMMON, Result
 from stochvi.results.deadline import Deadline
@@ -141,7 +142,7 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
         except (NotApplicable, NotConverged) as reason:
             methods["linearise"] = _conditions(reason)
     simulation, notes = None, [] if beyond_one_oscillator(model) else list(scene_notes(model))
-    planning = _seconds_of_plan(model)
+    planning = seconds_of_plan(model)
     if planning > MOST_OF_THE_REST * deadline.left:
         methods["simulate"] = "; ".join(unmet_by_simulation(model)) or APPLIES
         notes.append(
@@ -173,23 +174,6 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
 
 MOST_OF_THE_REST = 0.5
 """Largest share of the time that is left which the plan of a simulation may take."""
-
-LINE_SECONDS, PAIR_SECONDS = 1.5e-4, 1.5e-5
-"""Seconds that a line of a table adds to the plan of a simulation, once and for each pair of the
-coordinates (measured: 0.7e-6 s at each of 6 nodes for 2 coordinates, 18e-6 s for 20; a plan renews
-its springs in the place of stops up to 40 times)."""
-
-LINES_OF_A_MODE = 15.0
-"""Lines of a table that take as long as the panels towards one resonance."""
-
-
-def _seconds_of_plan(model: Model) -> float:
-    """Seconds that the plan of a simulation of several coordinates under tables takes, roughly."""
-    if model.single:
-        return 0.0
-    n = len(model.coordinates)
-    lines = sum(len(table.frequency_hz) + LINES_OF_A_MODE * n for table, _ in model.tables)
-    return lines * (LINE_SECONDS + PAIR_SECONDS * n**2)
 
 
 def _environments(scene: Scene) -> list[str]:

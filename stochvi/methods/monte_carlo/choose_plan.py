@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from stochvi.methods.monte_carlo.blocks import PATIENCE_SECONDS
 from stochvi.methods.monte_carlo.compliant_white import plan_compliant
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_contacts import plan_modal_contacts
-from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
+from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables, seconds_of_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.rigid_white import plan_white
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.coverage import beyond_one_oscillator, functions, without_form, without_noise
 from stochvi.model.model import Model
-from stochvi.results.errors import NotApplicable
+from stochvi.results.deadline import NEVER, Deadline
+from stochvi.results.errors import NotApplicable, NotConverged
 
 
 def unmet(model: Model) -> list[str]:
@@ -26,6 +28,7 @@ def make_plan(
     duration: float | None = None,
     slow_impacts: bool = False,
     corner_share: float = CORNER_SHARE,
+    deadline: Deadline = NEVER,
 ) -> Plan:
     """Choose the scheme that the excitation and the stops call for, its step and its lengths.
 
@@ -37,14 +40,27 @@ def make_plan(
         Counted seconds of a path; None for the default of the plan.
     slow_impacts, corner_share
         Whether steps near a stop are refined, and to which length (`rigid_white.WhitePlan`).
+    deadline
+        When the simulation has to end: a plan is not begun that takes longer itself.
 
     Raises
     ------
     NotApplicable
         With every condition that the model does not meet.
+    NotConverged
+        If the plan takes longer than there is.
     """
     if conditions := unmet(model):
         raise NotApplicable("simulate", conditions)
+    seconds = seconds_of_plan(model)
+    if seconds > deadline.left + PATIENCE_SECONDS:
+        lines = sum(len(table.frequency_hz) for table, _ in model.tables)
+        raise NotConverged(
+            f"the budget of {deadline.budget:g} s is too short for the plan of "
+            f"{len(model.coordinates)} coordinates under {lines} lines of tables, which takes "
+            f"about {seconds:.2g} s, of which {deadline.left:.2g} s are left; raise budget, or "
+            "give tables of fewer lines"
+        )
     # where a stop gives way, filtered noises are tables, to which sines are added
     giving_way = bool(model.signals) and model.noisy and bool(model.not_rigid())
     # without a spring a load accelerates the mass, and tables move it freely: modal kernels

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Histories, Plan
 from stochvi.model.model import Model, model_of
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.scenes.scene import Scene
 
 BLOCK_NUMBERS = 2**23
@@ -70,7 +71,7 @@ class HistoryPlan:
         return found
 
 
-def plan_histories(scene: Scene) -> HistoryPlan:
+def plan_histories(scene: Scene, deadline: Deadline = NEVER) -> HistoryPlan:
     """The plan of records for any scene that `simulate` covers.
 
     Examples
@@ -85,8 +86,12 @@ def plan_histories(scene: Scene) -> HistoryPlan:
     >>> plan.histories(seed=1, first_path=0, paths=3).displacement.shape
     (1, 3, 500)
     """
-    model = model_of(scene)
-    plan = make_plan(model)
+    return histories_of(make_plan(model_of(scene), deadline=deadline))
+
+
+def histories_of(plan: Plan) -> HistoryPlan:
+    """The plan of records by a plan of paths of the usual length."""
+    model = plan.model
     speed = max(plan.speeds, default=0.0)
     gaps = [
         pair.upper.position - pair.lower.position

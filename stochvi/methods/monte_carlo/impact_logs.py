@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.histories import plan_histories
+from stochvi.methods.monte_carlo.histories import histories_of
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.model.model import model_of
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 
@@ -115,6 +116,7 @@ def plan_impacts(
     duration: float | None = None,
     slow_impacts: bool = False,
     corner_share: float = CORNER_SHARE,
+    deadline: Deadline = NEVER,
 ) -> ImpactPlan:
     """The plan to log the impacts of a scene with an impact pair that `simulate` covers.
 
@@ -138,8 +140,10 @@ def plan_impacts(
     model = model_of(scene)
     if not model.pairs:
         raise NotApplicable("impacts", ["the scene must have an impact pair, got none"])
-    plan = make_plan(model, speed_threshold, duration, slow_impacts, corner_share)
-    histories = plan_histories(scene)
+    plan = make_plan(model, speed_threshold, duration, slow_impacts, corner_share, deadline)
+    # what a threshold, a length or slow impacts that are asked for would change
+    usual = speed_threshold is None and duration is None and not slow_impacts
+    histories = histories_of(plan if usual else make_plan(model, deadline=deadline))
     thresholds = dict(plan.layout.thresholds)
     return ImpactPlan(
         source=plan.unbroken(histories.duration if duration is None else duration),

@@ -168,7 +168,7 @@ def simulate(
     try:
         run, asked = _begun(
             scene, asked, budget, threads, executor, progress, checkpoint, checkpoint_interval,
-            resume,
+            resume, deadline,
         )  # fmt: skip
     except KeyboardInterrupt:
         raise Interrupted("interrupted by Ctrl-C before any path was simulated") from None
@@ -207,6 +207,7 @@ def _begun(
     checkpoint: str | Path | None,
     checkpoint_interval: float,
     resume: str | Path | None,
+    deadline: Deadline,
 ) -> tuple[Run, Asked]:
     """The run with compiled kernels and its first checkpoint, and its arguments with defaults
     filled in."""
@@ -217,7 +218,9 @@ def _begun(
     if before is not None:
         before.check(scene)
     model = model_of(scene)
-    plan = make_plan(model, asked.speed_threshold, asked.duration, asked.slow_impacts)
+    plan = make_plan(
+        model, asked.speed_threshold, asked.duration, asked.slow_impacts, deadline=deadline
+    )
     state = State.start(plan.layout) if before is None else before.resumed(plan)
     target = resume if checkpoint is None else checkpoint
     keeper = None

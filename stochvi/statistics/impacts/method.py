@@ -187,7 +187,7 @@ def impacts(
     if conditions := functions(model):
         raise NotApplicable("simulate", conditions)
     shares = {"corner_share": CORNER_SHARE} if lossiest(model) < RESOLVED_EXPONENT else {}
-    plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, **shares)
+    plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, deadline=deadline, **shares)
     grids = {pair.name: _grid(plan, pair) for pair in model.pairs}
     with compiling(progress):
         replace(plan, source=plan.source.shortest()).impacts(seed, 0, 2)

@@ -159,7 +159,7 @@ def spectrum(
     _check_options(method, highest, segment)
     asked = REL_ERROR if rel_error is None else rel_error
     started, deadline = time.perf_counter(), Deadline.after(budget)
-    plan, layout, bandwidth = _planned(scene, method, highest, segment)
+    plan, layout, bandwidth = _planned(scene, method, highest, segment, deadline)
     with compiling(progress):
         plan.plan.shortest().histories(seed, 0, 2, samples=2)
         check_price([plan.plan], seed, deadline)
@@ -221,10 +221,10 @@ def _check_options(method: str, highest: float | None, segment: float | None) ->
 
 
 def _planned(
-    scene: Scene, method: str, highest: float | None, segment: float | None
+    scene: Scene, method: str, highest: float | None, segment: float | None, deadline: Deadline
 ) -> tuple[HistoryPlan, Layout, float]:
     """Records, how they are cut, and the bandwidth that they resolve."""
-    plan = plan_histories(scene)
+    plan = plan_histories(scene, deadline)
     bandwidth = 1.0 / (2.0 * math.pi * plan.slowest)
     length = SEGMENT_BANDWIDTHS / bandwidth if segment is None else segment
     top = HIGHEST * plan.fastest / (2.0 * math.pi) if highest is None else highest
