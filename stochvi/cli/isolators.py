@@ -9,6 +9,7 @@ import click
 from stochvi.cli.options import (
     BUDGET,
     CHANCE,
+    RATE,
     SPEED,
     TIME,
     Common,
@@ -129,7 +130,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 @click.option(
     "--probability", type=CHANCE, metavar="P", help="Chance of any hit in the mission: 0.01 or 1%."
 )
-@click.option("--rate", type=float, metavar="F", help="Or: hits per second on all stops.")
+@click.option("--rate", type=RATE, metavar="F", help="Or: hits on all stops, 2 (1/s) or 0.1/h.")
 @click.option(
     "--impact-speed",
     type=SPEED,

@@ -230,7 +230,29 @@ class Chance(click.ParamType):  # type: ignore[type-arg]
             ) from None
 
 
-TIME, SPEED, CHANCE = Quantity("time"), Quantity("speed"), Chance()
+class Rate(click.ParamType):  # type: ignore[type-arg]
+    """A number of events per time: "0.1/h", "2 per min", "5/s"; a plain one is per second."""
+
+    name = "rate"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        from stochvi.mathematics.units import measured
+
+        if isinstance(value, int | float):
+            return float(value)
+        number, per, time = value.replace(" per ", "/").partition("/")
+        try:
+            if per and not time.strip():
+                raise ValueError
+            return float(number) / (measured(f"1 {time}", "time") if per else 1.0)
+        except ValueError:
+            raise ValueError(
+                f"{param.opts[0]} must be a number per second, or with a time as 0.1/h, 2/min or "
+                f"5/s, got {value!r}"
+            ) from None
+
+
+TIME, SPEED, CHANCE, RATE = Quantity("time"), Quantity("speed"), Chance(), Rate()
 FREQUENCY = Quantity("frequency")
 
 OPTIONS = {

@@ -26,6 +26,7 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
 
     Example: stochvi replay box.toml --clearances 4mm,5mm,6mm --out out
     """
+    from stochvi.isolators.record_verdict import record_verdict
     from stochvi.methods.replay import replay as solve
     from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_table
@@ -34,13 +35,14 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
     loaded = load_scene(scene)
     places = None if clearances is None else lengths("--clearances", clearances)
     found = solve(loaded, places, threads=options.threads)
+    record = record_verdict(loaded)
 
     def picture() -> Axes:
         from stochvi.views.replay import draw_replay
 
         return draw_replay(found, loaded.title)
 
-    options.show(found, print_replay, "replay")
+    options.show(found, lambda console, answer: print_replay(console, answer, record), "replay")
     if options.out is not None:
         write_table(found.impacts, options.out / "impacts.csv")
         if found.histories is not None:
@@ -48,10 +50,8 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
     if found.single is None or found.histories is not None:
         options.draw("replay", picture)
     if options.out is not None:
-        from stochvi.isolators.record_verdict import record_verdict
         from stochvi.views.report import write_replay_report
 
         write_replay_report(
-            found, loaded, record_verdict(loaded), options.out,
-            options.origin(scene, found.provenance),
-        )  # fmt: skip
+            found, loaded, record, options.out, options.origin(scene, found.provenance)
+        )

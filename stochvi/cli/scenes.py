@@ -58,7 +58,8 @@ level_db = 0.0
 # that `stochvi spectrum --out` wrote: of = "body"), or
 # frequency_hz = [..] and density = [..], with a unit, unless the heading of the file states it:
 # unit = "g2/Hz"             # "(m/s2)2/Hz", "N2/Hz", "dB re 1 g2/Hz", ...; one-sided per hertz
-# white: intensity = S0 (two-sided, SI), or density = .. with unit = ..
+# white: intensity = S0 of E[f(t) f(t+s)] = S0 delta(s), with a mean square displacement of
+# S0 / (2 c k); S0 = 2 pi S of a two-sided density S per rad/s; or density = .. with unit = ..
 # filtered: the same, of the white noise before it passes a resonance of frequency_hz and zeta
 # (which raises a density to its 1 / (4 zeta^2)-fold at the peak)
 # sine: frequency_hz and amplitude (N, or m/s^2 of the base), displacement (m) or velocity (m/s) of

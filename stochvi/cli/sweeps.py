@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from stochvi.cli.options import CHANCE, SPEED, TIME, Common, acceleration, common
+from stochvi.cli.options import CHANCE, RATE, SPEED, TIME, Common, acceleration, common
 from stochvi.cli.output import executor_at
 from stochvi.cli.program import FAILED, main, stop
 
@@ -57,7 +57,7 @@ def _check_options(method: str, given: Mapping[str, Any]) -> None:
 @click.option(
     "--probability", type=CHANCE, metavar="P", help="size: chance of any hit, 0.01 or 1%."
 )
-@click.option("--rate", type=float, metavar="F", help="size: hits per second on all stops.")
+@click.option("--rate", type=RATE, metavar="F", help="size: hits on all stops, 2 (1/s), 0.1/h.")
 @click.option("--impact-speed", type=SPEED, metavar="V", help="size, reliability: limit, m/s.")
 @click.option(
     "--peak-acceleration", metavar="A[g]", help="size, reliability: limit, m/s^2 or g (40g)."

@@ -130,10 +130,14 @@ class RecordVerdict:
         """The JSON document."""
         return {name: plain(getattr(self, name)) for name in self.__dataclass_fields__}
 
+    def needs(self) -> str:
+        """The clearance that the record itself needs, in words, rounded up to a micrometre."""
+        micrometres = math.ceil(1e6 * self.clearance)
+        return f"the record itself needs {micrometres / 1e3:.3f} mm per side"
+
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        micrometres = math.ceil(1e6 * self.clearance)
-        needs = f"the record itself needs {micrometres / 1e3:.3f} mm per side"
+        needs = self.needs()
         if self.contradicts:
             return (
                 "THE RECORD CONTRADICTS THE GAUSSIAN MODEL: "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -89,6 +90,43 @@ class ImpactPair(Checked):
     @classmethod
     def _two_names(cls, names: Any) -> Any:
         return tuple(names) if isinstance(names, list) else names
+
+    def replace(self, **changes: Any) -> Self:
+        """The pair with other values of some keys, checked as a new one is.
+
+        A new `clearance` moves both stops of a pair whose stops are equally far away.
+
+        Parameters
+        ----------
+        **changes
+            Keys and their new values; None takes a key out.
+
+        Returns
+        -------
+        Self
+            The new pair; the old one stays as it is.
+
+        Raises
+        ------
+        SceneError
+            If the new pair is not valid.
+
+        Examples
+        --------
+        >>> from stochvi.scenes.impact_laws import Restitution
+        >>> pair = ImpactPair(clearance=0.005, law=Restitution(coefficient=0.5))
+        >>> pair.replace(clearance=0.002).upper, pair.replace(upper=0.007).lower
+        (0.002, -0.005)
+        """
+        if changes.get("clearance") is not None and self.symmetric:
+            changes = {"lower": None, "upper": None} | changes
+        return super().replace(**changes)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether there are two stops, equally far from the position of the unloaded spring."""
+        lower, upper = self.lower, self.upper
+        return lower is not None and upper is not None and math.isclose(-lower, upper)
 
     @model_validator(mode="after")
     def _stops(self) -> Self:

@@ -146,8 +146,9 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
     if planning > MOST_OF_THE_REST * deadline.left:
         methods["simulate"] = "; ".join(unmet_by_simulation(model)) or APPLIES
         notes.append(
-            "the price of a simulation was not measured: with so many coordinates and lines of "
-            f"tables its plan alone takes about {planning:.0f} s"
+            "the price of a simulation was not measured: its plan alone, for these coordinates and "
+            f"lines of tables, takes about {planning:.2g} s of the {deadline.left:.2g} s that were "
+            "left; raise budget"
         )
     else:
         try:

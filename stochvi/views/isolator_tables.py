@@ -116,9 +116,9 @@ def print_clearance(console: Console, curve: pd.DataFrame, notes: Sequence[str] 
 
 def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
     """Print the clearance and the risk at three sigma first, then the numbers behind both."""
-    doubtful = sizing.record is not None and not sizing.record.agrees
-    console.print(sizing.verdict(), style=CONTRADICTED if doubtful else "bold", highlight=False)
-    if not doubtful:
+    style = "bold" if sizing.doubtful is None else CONTRADICTED
+    console.print(sizing.verdict(), style=style, highlight=False)
+    if sizing.doubtful is None:
         print_record(console, sizing.record)
     print_line(console, places_of_stops(sizing))
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)

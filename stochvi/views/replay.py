@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.console import Console
 
+    from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.methods.replay import Replay, ReplayAt
 
 MOST_ON_LINEAR_AXIS = 50
@@ -28,7 +29,7 @@ HEADROOM = 1.08
 ROWS = {
     "displacement_max": ("largest displacement (mm)", MM),
     "displacement_min": ("smallest displacement (mm)", MM),
-    "displacement_std": ("rms displacement (mm)", MM),
+    "displacement_std": ("standard deviation of displacement (mm)", MM),
     "displacement_kurtosis": ("kurtosis of the displacement", 1.0),
     "acceleration_max": ("largest absolute acceleration (g)", G),
     "hits": ("hits", 1.0),
@@ -40,10 +41,15 @@ ROWS = {
 """Quantities that a terminal shows, with their names and factors to the units there."""
 
 
-def print_replay(console: Console, found: Replay) -> None:
-    """What the record did at one clearance, or a row per clearance."""
+def headline(found: Replay, record: RecordVerdict | None) -> str:
+    """The clearance that the record itself needs, where it is known, and what happened."""
+    return "; ".join([*([] if record is None else [record.needs()]), found.summary()])
+
+
+def print_replay(console: Console, found: Replay, record: RecordVerdict | None) -> None:
+    """What the record needs, and what it did at one clearance, or a row per clearance."""
+    console.print(headline(found, record), style="bold", highlight=False)
     if found.single is not None:
-        console.print(found.summary(), style="bold", highlight=False)
         _print_one(console, found.single)
     else:
         _print_many(console, found)

@@ -25,7 +25,7 @@ from stochvi.views.axes import (
     label_for_page,
     length_unit,
 )
-from stochvi.views.words import count_of
+from stochvi.views.words import count_of, name_of_answer
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,8 +50,24 @@ LABEL_WIDTH = 30
 
 GRAVITY_SQUARED = STANDARD_GRAVITY**2
 
-MARKS = {"three_sigma": ("#e0a030", "3 sigma"), "recommended": ("#3a8f5c", "recommended")}
-"""Colours and names of the two clearances that every picture may mark."""
+MARKS = {"three_sigma": "#e0a030", "recommended": "#3a8f5c"}
+"""Colours of the two clearances that every picture may mark."""
+
+OWN_COLOUR = "#c0392b"
+"""Colour of the clearance that a record itself needs, where it contradicts the sizing."""
+
+
+def _marks(sizing: Sizing) -> list[tuple[str, str, float]]:
+    """Colour, name and place (m) of the clearances that a picture marks: 3 sigma and the answer,
+    and what a record itself needs where it contradicts the noise of the answer."""
+    found = [(MARKS["three_sigma"], "3 sigma", sizing.three_sigma.clearance)]
+    if sizing.doubtful is None:
+        return [*found, (MARKS["recommended"], name_of_answer(sizing), sizing.clearance.value)]
+    return [
+        *found,
+        (COLOURS["stop"], name_of_answer(sizing), sizing.clearance.value),
+        (OWN_COLOUR, "the record itself", sizing.doubtful.clearance),
+    ]
 
 
 def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
@@ -80,18 +96,24 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     )  # fmt: skip
     answer = sizing.clearance
     there = float(np.interp(answer.value, curve["clearance"], np.log(curve["probability"])))
+    own = COLOURS["linearise:force" if sizing.doubtful is None else "stop"]
     ax.plot(
-        answer.value / unit, np.exp(there), "D", color=COLOURS["linearise:force"],
-        label=f"recommended: {answer.value / unit:.4g} {name}", clip_on=False, zorder=3,
+        answer.value / unit, np.exp(there), "D", color=own,
+        label=f"{name_of_answer(sizing)}: {answer.value / unit:.4g} {name}", clip_on=False,
+        zorder=3,
     )  # fmt: skip
-    for place, colour in (
-        (three.clearance, COLOURS["linearise:closure"]),
-        (answer.value, COLOURS["linearise:force"]),
-    ):
+    for place, colour in ((three.clearance, COLOURS["linearise:closure"]), (answer.value, own)):
         ax.axvline(place / unit, color=colour, linewidth=0.8, alpha=0.6)
     lowest = min(LEAST_PROBABILITY, 0.1 * float(np.exp(there)))
     shown = curve["probability"] > lowest
-    ax.set_xlim(float(x.iloc[0]), float(x[shown].iloc[-1]))
+    end = float(x[shown].iloc[-1])
+    if sizing.doubtful is not None:
+        place = sizing.doubtful.clearance / unit
+        end = max(end, 1.05 * place)
+        ax.axvline(
+            place, color=OWN_COLOUR, linewidth=1.6, label=f"the record itself: {place:.4g} {name}"
+        )
+    ax.set_xlim(float(x.iloc[0]), end)
     ax.set_ylim(lowest, 1.3)
     ax.set_yscale("log")
     ax.set_xlabel(f"clearance per side ({name})")
@@ -152,7 +174,7 @@ def plot_transmissibility(review: Review, ax: Axes | None = None) -> Axes:
     apparent = None if review.motion is None else review.motion.transmissibility
     if apparent is not None:
         ax.loglog(apparent["frequency_hz"], apparent["transmissibility"],
-                  color=MARKS["three_sigma"][0], linewidth=1.2,
+                  color=MARKS["three_sigma"], linewidth=1.2,
                   label="apparent, stops at 3 sigma")  # fmt: skip
     ax.loglog(spectra["frequency_hz"], spectra["transmissibility"], color=COLOURS["exact"],
               linewidth=1.6, label="no stops")  # fmt: skip
@@ -240,7 +262,7 @@ def plot_impact_speeds(review: Review, ax: Axes | None = None) -> Axes:
     w = np.linspace(0.0, 1.15 * max(speeds.max(), 2.5 * deviation), 301)
     ax.semilogy(w, rice * np.exp(-0.5 * (w / deviation) ** 2), color=COLOURS["exact"],
                 linestyle="--", linewidth=1.3, label="Rice, no impacts")  # fmt: skip
-    ax.semilogy(speeds, faster, color=MARKS["three_sigma"][0], linewidth=1.6,
+    ax.semilogy(speeds, faster, color=MARKS["three_sigma"], linewidth=1.6,
                 drawstyle="steps-post",
                 label=f"{count_of(motion.hits)} hits at 3 sigma")  # fmt: skip
     ax.set_ylim(0.5 / motion.duration, 3.0 * max(faster.max(), rice))
@@ -278,12 +300,9 @@ def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> A
         _chance_line(ax, x, rows, colour, f"> {factor * limit:.3g} {unit}", marker="o")
     ax.set_ylim(*_chance_limits(table))
     ax.set_yscale("log")
-    for name, place in (
-        ("three_sigma", review.sizing.three_sigma.clearance),
-        ("recommended", review.sizing.clearance.value),
-    ):
-        ax.axvline(1e3 * place, color=MARKS[name][0], linewidth=1.0)
-        ax.text(1e3 * place, 1.0, f" {MARKS[name][1]}", color=MARKS[name][0], fontsize="small",
+    for colour, name, place in _marks(review.sizing):
+        ax.axvline(1e3 * place, color=colour, linewidth=1.0)
+        ax.text(1e3 * place, 1.0, f" {name}", color=colour, fontsize="small",
                 va="bottom", ha="left", transform=ax.get_xaxis_transform())  # fmt: skip
     label_for_page(ax, "clearance per side (mm)", _chance_label(review), legend=False)
     return ax
@@ -402,9 +421,5 @@ def _mark_natural(ax: Axes, review: Review) -> None:
 
 
 def _mark_clearances(ax: Axes, sizing: Sizing) -> None:
-    for name, place in (
-        ("three_sigma", sizing.three_sigma.clearance),
-        ("recommended", sizing.clearance.value),
-    ):
-        colour, words = MARKS[name]
+    for colour, words, place in _marks(sizing):
         ax.axvline(1e3 * place, color=colour, linewidth=1.4, label=f"{words}, {1e3 * place:.3g} mm")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 QUANTITY_NAMES = {
     "displacement_mean": "mean displacement",
-    "displacement_std": "rms displacement",
+    "displacement_std": "std. dev. of displ.",
     "displacement_mean_square": "mean square displ.",
     "velocity_std": "rms velocity",
     "velocity_mean_square": "mean square velocity",
@@ -33,15 +33,16 @@ QUANTITY_NAMES = {
     "impact_speed_mean": "mean impact speed",
     "impact_speed_rate": "F1, sum of w per s",
     "impact_speed_square_rate": "F2, sum of w^2 per s",
-    "peak_force": "peak force",
+    "peak_force": "mean peak force",
     "contact_probability": "share of time in contact",
     "contact_force_lower": "mean force, lower stop",
     "contact_force_upper": "mean force, upper stop",
     "relative_displacement_mean": "mean relative displ.",
-    "relative_displacement_std": "rms relative displ.",
+    "relative_displacement_std": "std. dev. rel. displ.",
     "relative_velocity_std": "rms relative velocity",
 }
-"""Short names for people; w is the speed of an impact, rms is about the mean."""
+"""Short names for people; w is the speed of an impact. The standard deviation of a displacement
+leaves out its mean; velocities and accelerations of a stationary motion have none."""
 
 
 NOISE = 4.0
@@ -160,7 +161,7 @@ LAST_DIGITS = "in brackets: the standard error of the last digits, 607(20) is 60
 
 
 METHOD_COLUMNS = {
-    "displacement_std": "rms x",
+    "displacement_std": "std x",
     "velocity_std": "rms v",
     "collision_rate": "hits",
     "impact_speed_rate": "F1",

@@ -123,6 +123,17 @@ def count_of(number: float) -> str:
     return f"{float(f'{number:.3g}'):,.0f}".replace(",", " ")
 
 
+def name_of_answer(sizing: Sizing) -> str:
+    """What a page calls the calculated clearance: it is recommended unless a record contradicts the
+    Gaussian noise that it holds for."""
+    return "recommended" if sizing.doubtful is None else "for Gaussian noise"
+
+
+def names_of_places(sizing: Sizing) -> dict[str, str]:
+    """Names of the two clearances that a review compares."""
+    return {"three_sigma": "3 sigma", "recommended": name_of_answer(sizing)}
+
+
 def chance_of_stops(sizing: Sizing) -> str:
     """Chance of any hit with the stops of the scene, in words; beyond the curve a limit of it."""
     chance = sizing.gap.probability

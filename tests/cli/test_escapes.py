@@ -131,7 +131,7 @@ def test_any_width_of_a_terminal_is_taken(stochvi: Run, tmp_path: Path, monkeypa
     with monkeypatch.context() as terminal:  # pytest reads it, too
         terminal.setenv("COLUMNS", columns)
         code, text, errors = stochvi("exact", scene_in(tmp_path))
-    assert (code, errors) == (0, "") and "rms displacement" in text
+    assert (code, errors) == (0, "") and "std. dev. of displ." in text
 
 
 def test_a_picture_that_fails_costs_a_note(stochvi: Run, tmp_path: Path, monkeypatch):

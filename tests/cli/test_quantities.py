@@ -2,7 +2,7 @@
 
 import pytest
 
-from stochvi.cli.options import CHANCE, SPEED, TIME, acceleration, barriers, lengths, numbers
+from stochvi.cli.options import CHANCE, RATE, SPEED, TIME, acceleration, barriers, lengths, numbers
 from support.commands import ISOLATOR, Run, one_document, refused
 
 
@@ -20,6 +20,16 @@ def test_times(text: str | float, seconds: float) -> None:
 @pytest.mark.parametrize("text", ["0.025", "2.5%", "2.5 %", 0.025])
 def test_chances(text: str | float) -> None:
     assert CHANCE.convert(text, None, None) == pytest.approx(0.025, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["0.5", "0.5/s", "30/min", "30 / min", "1800 per h", 0.5])
+def test_rates(text: str | float) -> None:
+    assert RATE.convert(text, None, None) == pytest.approx(0.5, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["0.1/kg", "a/h", "1/", "0.1 h"])
+def test_what_is_no_rate_is_refused(stochvi: Run, text: str) -> None:
+    assert "--rate" in refused(stochvi("size", ISOLATOR, "--rate", text))
 
 
 @pytest.mark.parametrize(

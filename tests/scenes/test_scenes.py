@@ -70,6 +70,17 @@ def test_what_is_replaced_is_checked():
         Isolator(frequency_hz=12.0, Q=5.0).replace(zeta=0.1)
 
 
+def test_stops_of_a_pair_are_replaced_by_a_clearance_and_back():
+    pair = ImpactPair(clearance=0.005, law=RIGID)
+    narrow = pair.replace(clearance=0.0022)
+    assert (narrow.lower, narrow.upper) == (-0.0022, 0.0022)
+    assert (pair.replace(upper=0.007).lower, pair.replace(upper=0.007).upper) == (-0.005, 0.007)
+    assert pair.replace(lower=None).stops() == [("upper", RIGID)]
+    # stops at unequal distances are not moved without a word
+    with pytest.raises(SceneError, match="clearance"):
+        pair.replace(upper=0.007).replace(clearance=0.0022)
+
+
 def test_a_valid_document_with_integers_is_the_same_scene():
     whole = changed(
         ["structure"], {"kind": "oscillator", "mass": 1, "damping": 0.1, "stiffness": 1}

@@ -387,6 +387,13 @@ def test_a_scene_without_rigid_stops_or_with_other_noise_is_refused() -> None:
         judge(engine(), "linear")
 
 
+def test_what_a_quantity_needs_is_named_where_a_part_of_it_was_returned() -> None:
+    squares = {"displacement_mean_square": np.full(64, 1.0)}
+    (reason,) = judge(lambda problem, seed: squares, ["linear"]).left_out
+    assert "displacement_std (which needs displacement_mean too)" in reason
+    assert "velocity_std (" not in reason
+
+
 def test_numbers_that_are_not_finite_are_a_failure_and_leave_a_valid_document() -> None:
     wild = {"velocity_mean_square": np.full(64, math.nan)}
     verdict = judge(lambda problem, seed: wild, ["linear"])

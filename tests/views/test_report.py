@@ -39,7 +39,7 @@ from stochvi.views.column_units import named_with_units
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
 from stochvi.views.report.sizing import clearance_page, write_report
-from stochvi.views.sizing import plot_input
+from stochvi.views.sizing import plot_input, plot_risk
 from stochvi.views.words import G, chance_of_stops
 from support.sized import TRUCK, scene_between_stops, sizing_of
 
@@ -425,12 +425,21 @@ def test_a_record_that_does_not_agree_has_the_first_card(
         expected_peak_in_sigma=3.5, kurtosis=6.0, kurtosis_error=0.2, clearance=8.1e-3,
         p_values={"peak": 0.0, "kurtosis": 0.0 if judged else None}, crossings=(), clipped=False,
     )  # fmt: skip
-    page = page_of(replace(reviewed, sizing=replace(reviewed.sizing, record=record)))
+    sizing = replace(reviewed.sizing, record=record)
+    page = page_of(replace(reviewed, sizing=sizing))
     doubtful = contradicts or not judged
     names = [card.name for card in page.cards]
     assert names.index("The record itself needs") == (0 if doubtful else 2)
     assert page.alarm == doubtful
     assert page.verdict.startswith("THE RECORD") == doubtful
+    assert page.html().count("THE RECORD") == doubtful
+    # the picture marks what the record needs, and recommends nothing that it contradicts
+    ax = plot_risk(sizing)
+    labels = " ".join(ax.get_legend_handles_labels()[1])
+    assert ("recommended" in labels) != doubtful
+    assert ("the record itself: 8.1 mm" in labels) == doubtful
+    assert not doubtful or ax.get_xlim()[1] > 8.1
+    plt.close(ax.get_figure())
 
 
 @pytest.mark.usefixtures("blank_pictures")

@@ -192,8 +192,17 @@ class Sizing(Result):
         """The clearance, the risk that it keeps, the hits that are expected there, and what three
         sigma would do to the same quantity, in one sentence, after a record that does not agree
         with Gaussian noise."""
-        three, hits, record = self.three_sigma, self.expected_hits(), self.record
-        first = f"{record.sentence()}: " if record is not None and not record.agrees else ""
+        first = f"{self.doubtful.sentence()}: " if self.doubtful else ""
+        return first + self.calculated()
+
+    @property
+    def doubtful(self) -> RecordVerdict | None:
+        """The verdict on the record, if it does not agree with the Gaussian noise of the sizing."""
+        return None if self.record is None or self.record.agrees else self.record
+
+    def calculated(self) -> str:
+        """The verdict for Gaussian noise of the spectrum, whatever a record itself does."""
+        three, hits = self.three_sigma, self.expected_hits()
         place = f"3 sigma = {1e3 * three.clearance:.4g} mm"
         mission = spoken_mission(self.mission)
         there = [] if hits is None else [f"{hits:.3g} hits are to be expected there in {mission}"]
@@ -203,7 +212,7 @@ class Sizing(Result):
         else:
             rule = [] if three.hits is None else [f"{three.hits.value:.3g} at {place}"]
         joint = "; " if self.target.name == "probability" else ", "
-        return first + "; ".join(filter(None, [self._answer(), joint.join([*there, *rule])]))
+        return "; ".join(filter(None, [self._answer(), joint.join([*there, *rule])]))
 
     def expected_hits(self) -> float | None:
         """Expected hits in the mission at the clearance, simulated; None where they are unknown."""

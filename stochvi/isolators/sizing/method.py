@@ -473,7 +473,7 @@ class _Job:
         sought = f"the clearance for {self.target.name} = {self.target.value:g}"
         if self.deadline.passed():
             raise self.deadline.fell_short(
-                f"after {attempt} places were tried, before {sought} was found",
+                f"before {sought} was found (places tried: {attempt})",
                 "raise budget or rel_error",
                 answer,
             )

@@ -342,7 +342,7 @@ class _PairsJob:
             )  # fmt: skip
         if self.deadline.passed():
             raise self.deadline.fell_short(
-                f"after {len(known)} places were tried, before {sought} were found",
+                f"before {sought} were found (places tried: {len(known)})",
                 "raise budget or rel_error",
             )
         raise NotConverged(

@@ -246,12 +246,14 @@ class Replay(Result):
         return pd.concat(filled, ignore_index=True) if filled else tables[0]
 
     def summary(self) -> str:
-        """What happened, in a sentence."""
+        """What happened, in a sentence; over several clearances the hits at each."""
         if self.single is None:
-            return (
-                f"replay of {self.duration:.4g} s of record between stops at "
-                f"{len(self.clearances)} clearances"
-            )
+            hits = [
+                f"{sum(float(pair.hits) for pair in each.impact_pairs.values()):.0f} at "
+                f"{1e3 * (each.clearance or 0.0):.4g} mm"
+                for each in self.clearances
+            ]
+            return f"replay of {self.duration:.4g} s of record: hits {', '.join(hits)} per side"
         moved = [
             f"{name} from {1e3 * float(each.displacement_min):.4g} to "
             f"{1e3 * float(each.displacement_max):.4g} mm"

@@ -24,7 +24,14 @@ from stochvi.verification.check import (
 from stochvi.verification.checks import seeds_of
 from stochvi.verification.testing.hints import Measured, hints_of
 from stochvi.verification.testing.problems import Problem
-from stochvi.verification.testing.samples import IMPACTS, plain_name, sample_of, split
+from stochvi.verification.testing.samples import (
+    IMPACTS,
+    Sample,
+    needs,
+    plain_name,
+    sample_of,
+    split,
+)
 from stochvi.verification.testing.truths import (
     PATHS,
     RELAXATIONS,
@@ -337,7 +344,8 @@ def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgemen
     for each in measured:
         missing = [name for name in each.truths if name not in each.sample.names()]
         if missing:
-            left_out.append(f"{each.problem.name}: {', '.join(missing)} not returned")
+            words = ", ".join(_missing(name, each.sample) for name in missing)
+            left_out.append(f"{each.problem.name}: {words} not returned")
         # an integrator may return the impacts that it does not have where there are no stops
         unknown = [
             name
@@ -356,6 +364,14 @@ def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgemen
         z=student_quantile(rate, math.inf),
         allowed_percent=allowed_percent,
     )
+
+
+def _missing(name: str, sample: Sample) -> str:
+    """The name of a quantity that was not returned; what else it takes, where part of it was."""
+    lacking = [each for each in needs(name) if each not in sample.names()]
+    if 0 < len(lacking) < len(needs(name)):
+        return f"{name} (which needs {', '.join(lacking)} too)"
+    return name
 
 
 def _finding(judged: Measured, name: str, alarm_rate: float, allowed: float) -> Finding:

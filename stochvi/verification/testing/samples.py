@@ -82,7 +82,7 @@ class PathAverages:
     def names(self) -> Sequence[str]:
         owners = dict.fromkeys(split(name)[0] for name in self.averages)
         names = [owner + quantity for owner in owners for quantity in QUANTITIES]
-        return [name for name in names if set(_needs(name)) <= set(self.averages)]
+        return [name for name in names if set(needs(name)) <= set(self.averages)]
 
     def bias(self, name: str) -> float:
         return 0.0
@@ -134,7 +134,8 @@ def split(name: str) -> tuple[str, str]:
     return owner + point, quantity
 
 
-def _needs(name: str) -> Sequence[str]:
+def needs(name: str) -> Sequence[str]:
+    """The averages of each path from which a quantity follows."""
     owner, quantity = split(name)
     if quantity == "displacement_std":
         return (f"{owner}displacement_mean", f"{owner}displacement_mean_square")

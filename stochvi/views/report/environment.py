@@ -8,7 +8,13 @@ from stochvi.isolators.sizing.answer import spoken_mission
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.report.pages import Fact, Section, shown
 from stochvi.views.sizing import plot_input, plot_response
-from stochvi.views.words import G, chance_of_stops, made_millimetres, millimetres
+from stochvi.views.words import (
+    G,
+    chance_of_stops,
+    made_millimetres,
+    millimetres,
+    name_of_answer,
+)
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.review import Review
@@ -109,10 +115,10 @@ def gap_section(review: Review) -> Section:
     are measured from the position of rest."""
     sizing = review.sizing
     scene, found = sizing.scene, sizing.gap
-    sign = {"lower": -1.0, "upper": 1.0}
+    sign, answer = {"lower": -1.0, "upper": 1.0}, name_of_answer(sizing)
     facts = [
         Fact(
-            f"Recommended, {side} stop",
+            f"{answer[0].upper()}{answer[1:]}, {side} stop",
             f"{'-' if sign[side] < 0.0 else '+'}{made_millimetres(review.recommended)}",
             f"{millimetres(sizing.clearance.value)} calculated; in a scene file "
             f"{side} = {place:.6g} (m)",

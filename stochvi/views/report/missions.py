@@ -11,7 +11,7 @@ from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
 from stochvi.views.axes import COLOURS, PAGE, axes_or_new, label_for_page
-from stochvi.views.replay import ROWS, plot_clearances, plot_history
+from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
 from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits
 
@@ -253,7 +253,7 @@ def write_replay_report(
 
 def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origin: Origin) -> Page:
     """The page of what a record does to a structure between its stops."""
-    summary = found.summary()
+    summary = headline(found, record)
     return Page(
         title=scene.title or "Replay of a record",
         subtitle=f"The record itself through the structure and its stops, {found.duration:.4g} s",

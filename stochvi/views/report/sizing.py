@@ -17,7 +17,6 @@ from stochvi.views.files import try_picture, write_table
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
 from stochvi.views.report.stops import (
-    NAMES,
     exceeding_in_words,
     hard_hits_section,
     limit_in_words,
@@ -40,6 +39,7 @@ from stochvi.views.words import (
     limits_of,
     made_millimetres,
     millimetres,
+    names_of_places,
     step_in_words,
     tolerances_in_words,
     with_interval,
@@ -110,7 +110,7 @@ def clearance_page(review: Review, origin: Origin) -> Page:
         f"{spoken_mission(sizing.mission)}",
         verdict=_verdict(review),
         statements=_statements(review),
-        alarm=sizing.record is not None and not sizing.record.agrees,
+        alarm=sizing.doubtful is not None,
         cards=_cards(review),
         warnings=[*_failed_balances(review), *_new_warnings(review)],
         sections=[
@@ -170,8 +170,8 @@ def _verdict(review: Review) -> str:
         if review.worst is not None
         else "the worst case was not found in the time; raise --budget"
     )
-    record, first = sizing.record, ""
-    if record is not None and not record.agrees:
+    record, first = sizing.doubtful, ""
+    if record is not None:
         first = f"{record.sentence()}. For Gaussian noise of its spectrum: "
     return (
         f"{first}Clearance per side:{most} {made_millimetres(made)} as stated; {worst} "
@@ -184,7 +184,7 @@ def _statements(review: Review) -> list[str]:
     sizing = review.sizing
     return [
         *filter(None, [_hits_statement(review), _risk_statement(review), _worst_statement(review)]),
-        f"As calculated: {sizing.verdict()}. Clearances to be made are rounded up to "
+        f"As calculated: {sizing.calculated()}. Clearances to be made are rounded up to "
         f"{step_in_words(review.recommended)}.",
     ]
 
@@ -253,8 +253,9 @@ def _new_warnings(review: Review) -> list[str]:
 
 
 def _failed_balances(review: Review) -> list[str]:
+    names = names_of_places(review.sizing)
     return [
-        f"the balance of {each.name} of the simulation at {NAMES.get(each.place, each.place)} "
+        f"the balance of {each.name} of the simulation at {names.get(each.place, each.place)} "
         "failed: do not use its numbers, and report the case"
         for each in review.balances
         if not each.passed
@@ -268,9 +269,8 @@ def _cards(review: Review) -> list[Fact]:
     count = three.rice_hits if three.hits is None else three.hits.value
     gaussian = [_clearance_card(review), _worst_card(review)]
     own = _record_card(sizing)
-    doubtful = sizing.record is not None and not sizing.record.agrees
     return [
-        *(own + gaussian if doubtful else gaussian + own),
+        *(own + gaussian if sizing.doubtful else gaussian + own),
         _risk_card(review),
         Fact(
             "3 sigma",
@@ -492,12 +492,12 @@ def _notes_of(table: pd.DataFrame) -> list[str]:
 
 def _verification(review: Review) -> Section:
     sizing = review.sizing
-    facts = []
+    facts, names = [], names_of_places(sizing)
     for name, answer in sizing.evidence.items():
         cost = answer.cost
         facts.append(
             Fact(
-                f"Simulation at {NAMES.get(name, name)}",
+                f"Simulation at {names.get(name, name)}",
                 f"{cost.paths} paths",
                 f"{count_of(float(cost.impacts))} impacts in {count_of(float(cost.steps))} steps, "
                 f"{cost.wall_time:.3g} s; {_how(answer)}",
@@ -508,7 +508,7 @@ def _verification(review: Review) -> Section:
         bias = "" if residual.bias is None else f", bias of the step {residual.bias:.1g}"
         facts.append(
             Fact(
-                f"Balance of {balance.name}, {NAMES.get(balance.place, balance.place)}",
+                f"Balance of {balance.name}, {names.get(balance.place, balance.place)}",
                 "passed" if balance.passed else "FAILED",
                 f"residual {with_interval(residual, 1.0).replace(chr(10), ' (95 %: ')})"
                 f"{bias}; it passes within {balance.errors:g} standard errors and its bias",

@@ -17,7 +17,15 @@ from stochvi.views.sizing import (
     plot_peaks,
     plot_transmissibility,
 )
-from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits, with_interval
+from stochvi.views.words import (
+    MM,
+    UNKNOWN,
+    G,
+    count_of,
+    four_digits,
+    names_of_places,
+    with_interval,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,9 +41,6 @@ NOTABLE_CHANGE = 0.1
 """Relative change of the transmissibility by the stops from which on it is drawn."""
 
 NO_HIT = "no hit seen"
-
-NAMES = {"three_sigma": "3 sigma", "recommended": "recommended"}
-"""Names of the clearances that a review compares."""
 
 
 class _Row(NamedTuple):
@@ -161,7 +166,7 @@ def _comparison_grid(review: Review) -> Grid:
     sides = "both sides together" if two_sided(sizing.scene) else "one stop"
     return Grid(
         caption=f"Without and with stops, a column for each clearance; hits on {sides}",
-        headings=["", "no stops (linear)", *(NAMES[name] for name in places)],
+        headings=["", "no stops (linear)", *names_of_places(sizing).values()],
         rows=rows,
     )
 
@@ -260,6 +265,7 @@ def peaks_section(review: Review) -> Section:
     if table is None:
         return Section(title=title)
     own = table[table["stiffness_ratio"].isna()]
+    names = names_of_places(review.sizing).values()
     rows = [
         [
             name,
@@ -270,7 +276,7 @@ def peaks_section(review: Review) -> Section:
             f"± {_half(row['largest_acceleration_error']):.1g}",
             f"{row['peak_amplification']:.3g}",
         ]
-        for name, row in zip(NAMES.values(), own.to_dict("records"), strict=True)
+        for name, row in zip(names, own.to_dict("records"), strict=True)
     ]
     grid = Grid(
         caption="Absolute acceleration with the forces of the stops. Largest: the mean over "
