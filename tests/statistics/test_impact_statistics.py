@@ -427,8 +427,8 @@ def test_a_pair_that_is_never_hit_does_not_govern_another() -> None:
 def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
     with pytest.raises(NotConverged, match=r"relative standard error .* asked for 1e-05") as short:
         impacts(ELASTIC, rel_error=1e-5, budget=1e-3, threads=1)
-    rate = short.value.response.pairs["stops"].rates["both"].estimate
-    assert rate.standard_error > 1e-5 * rate.value
+    # two paths may have the same number of impacts by chance
+    assert short.value.response.cost.paths < method.FEWEST_PATHS
     with pytest.raises(NotConverged, match=r"0.001 s ended after \d+ of 1000000 paths") as short:
         impacts(ELASTIC, paths=10**6, budget=1e-3, threads=1)
     assert 2 <= short.value.response.cost.paths < 10**6

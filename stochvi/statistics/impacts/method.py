@@ -211,7 +211,7 @@ def impacts(
             if progress and not paths:
                 progress((asked / max(error, asked)) ** 2, f"{done} paths")
             short = _fell_short(done, paths, error, asked, sampling)
-            if short or done == paths or error <= asked:
+            if short or _reached(done, paths, error, asked):
                 break
             target = done + math.ceil(done * min(1.1 * (error / asked) ** 2 - 1.0, 3.0))
             target = math.ceil(target / plan.block) * plan.block
@@ -249,12 +249,18 @@ def impacts(
     return answer
 
 
+def _reached(done: int, paths: int | None, error: float, asked: float) -> bool:
+    """Whether what was asked for is there: the number of paths, or the error. Of few paths the
+    counts may be the same by chance, which is no error of zero."""
+    return done == paths if paths is not None else error <= asked and done >= FEWEST_PATHS
+
+
 def _fell_short(
     done: int, paths: int | None, error: float, asked: float, deadline: Deadline
 ) -> Callable[[ImpactStatistics], BaseException] | None:
     """The error to raise with the answer, where no more paths are simulated though what was asked
     for is not there; None if it is, or more paths are to come."""
-    if done == paths or (paths is None and error <= asked):
+    if _reached(done, paths, error, asked):
         return None
     if paths is not None:
         return partial(deadline.fell_short, f"after {done} of {paths} paths", "raise budget")
@@ -270,6 +276,11 @@ def _fell_short(
         )
     if deadline.passed():
         where = f"at a relative standard error of {error:.2g}, asked for {asked:g}"
+        if done < FEWEST_PATHS:
+            where = (
+                f"after {done} paths, too few for a relative standard error of their rate, asked "
+                f"for {asked:g}"
+            )
         return partial(deadline.fell_short, where, "raise budget or rel_error")
     return None
 
