@@ -371,7 +371,7 @@ def cost(
     ... )
     >>> found = cost(scene, paths=256)
     >>> [round(step, 3) for step in found.steps], found.reference
-    ([0.8, 0.4], 'exact')
+    ([1.0, 0.5], 'exact')
     """
     check_arguments(None, paths, None, seed, None, budget, threads)
     if paths is not None and paths < FEWEST_PATHS:

@@ -232,16 +232,26 @@ class SteppedPlan:
 
 
 def layout_of_one(
-    model: Model, origin: float, threshold: float, sums_of_contacts: tuple[str, ...] = ()
+    model: Model,
+    origin: float,
+    threshold: float,
+    sums_of_contacts: tuple[str, ...] = (),
+    controls: Mapping[str, float] | None = None,
 ) -> Layout:
-    """Layout of one oscillator: moments of x from `origin`, sums over impacts, and the named sums
-    over contacts with stops that give way."""
+    """Layout of one oscillator: moments of x from `origin`, sums over impacts, the named sums over
+    contacts with stops that give way, and controls by name with their expected values."""
     (name,) = model.coordinates
     pair = model.pairs[0].name if model.pairs else ""
     rows = [(name, "x"), (name, "xx"), (name, "vv")]
     rows += [(pair, f"{sum_}_{side}") for side in ("lower", "upper") for sum_ in ("n", "f1", "f2")]
     rows += [(pair, sum_) for sum_ in sums_of_contacts]
-    return Layout(rows=tuple(rows), origins={name: origin}, thresholds={pair: threshold})
+    expected = {("", what): value for what, value in (controls or {}).items()}
+    return Layout(
+        rows=(*rows, *expected),
+        origins={name: origin},
+        thresholds={pair: threshold},
+        controls=expected,
+    )
 
 
 def columns_of_one(model: Model, record: Records) -> dict[str, Vector]:

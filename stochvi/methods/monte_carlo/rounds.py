@@ -384,7 +384,8 @@ class Run:
     def _rate_of_all(self) -> float:
         """Impacts per second on all pairs together."""
         rates = (of_pair(pair.name)["collision_rate"] for pair in self.model.pairs)
-        return sum(self.fine.evaluate(rate)[0] for rate in rates)
+        means = self.fine.uncontrolled.means()
+        return sum(rate(means) for rate in rates)
 
     def _identities(self) -> dict[str, Estimate]:
         origin = [self.layout.origins[name] for name in self.model.coordinates]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,17 +24,33 @@ class Layout:
 
     `rows` are keys of `Means`. For each coordinate in `origins`, the rows "x" and "xx" hold moments
     of x less its origin, m. `thresholds` hold for each pair the speed of the slowest impact that
-    its rates count, m/s.
+    its rates count, m/s. `controls` are rows whose expected values are known.
     """
 
     rows: tuple[Key, ...]
     origins: Mapping[str, float]
     thresholds: Mapping[str, float]
+    controls: Mapping[Key, float] = field(default_factory=dict)
+
+
+FEWEST_SHARING = 50.0
+"""Number of paths that must share in a control, (sum c)^2 / sum c^2, for it to be used: a
+regression on the one or two passages that were seen would fit them without any error."""
+
+COLLINEAR = 1e-9
+"""Eigenvalue of the correlation matrix of the controls, relative to the largest, below which a
+combination of them is left out."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathStatistics(PathMoments):
-    """Count, mean vector and scatter matrix of the time averages of independent paths."""
+    """Count, mean vector and scatter matrix of the time averages of independent paths.
+
+    The means and errors of quantities use the controls: with c the averages of rows whose expected
+    values mu are known, the mean of any row m is m - B (c - mu), with B the regression of m on c
+    over the paths. That has the same expected value up to 1 / paths of an error, and only the
+    variance that is left beside the regression (S. S. Lavenberg, P. D. Welch 1981).
+    """
 
     layout: Layout
 
@@ -62,7 +78,8 @@ class PathStatistics(PathMoments):
         """Values and standard errors of several functions of the means that are computed
         together."""
         gradient = self.gradient(quantities)
-        variances = np.maximum(np.sum(gradient * (self.covariance @ gradient), axis=0), 0.0)
+        _, covariance = self._controlled
+        variances = np.maximum(np.sum(gradient * (covariance @ gradient), axis=0), 0.0)
         return list(zip(quantities(self.means()), np.sqrt(variances).tolist(), strict=True))
 
     def gradient(self, quantities: Quantities) -> Vector:
@@ -77,12 +94,43 @@ class PathStatistics(PathMoments):
         """What the delta method evaluates all quantities at; see `neighbours` of intervals."""
         return [
             (row, float(step), self._named(above), self._named(below))
-            for row, step, above, below in neighbours(self.mean, self.covariance)
+            for row, step, above, below in neighbours(*self._controlled)
         ]
 
     def means(self) -> Means:
         """The means by key."""
-        return self._named(self.mean)
+        return self._named(self._controlled[0])
+
+    @property
+    def uncontrolled(self) -> PathStatistics:
+        """The same statistics as the paths have them, without the controls."""
+        return replace(self, layout=replace(self.layout, controls={}))
+
+    @cached_property
+    def _controlled(self) -> tuple[Vector, Vector]:
+        """The means, and the covariance of their errors, by the regression on the controls."""
+        used = [row for row, key in enumerate(self.layout.rows) if self._shared_by_many(key, row)]
+        if not used:
+            return self.mean, self.covariance
+        expected = np.array([self.layout.controls[self.layout.rows[row]] for row in used])
+        off = self.mean[used] - expected
+        size = np.sqrt(np.diag(self.scatter)[used])
+        within = self.scatter[np.ix_(used, used)] / np.outer(size, size)
+        inverse = np.linalg.pinv(within, rcond=COLLINEAR, hermitian=True) / np.outer(size, size)
+        slopes = self.scatter[:, used] @ inverse
+        left = self.scatter - slopes @ self.scatter[used]
+        freedom = self.count - 1 - len(used)
+        covariance = left / freedom * (1.0 / self.count + off @ inverse @ off)
+        # where the controls leave nothing, rounding may leave less
+        covariance[np.diag_indices_from(covariance)] = np.maximum(np.diag(covariance), 0.0)
+        return self.mean - slopes @ off, covariance
+
+    def _shared_by_many(self, key: Key, row: int) -> bool:
+        """Whether a row is a control in which many paths share."""
+        mean, scatter = self.mean[row], self.scatter[row, row]
+        squares = scatter + self.count * mean**2
+        shares = key in self.layout.controls and scatter > 0.0
+        return bool(shares and (self.count * mean) ** 2 >= FEWEST_SHARING * squares)
 
     def _named(self, mean: Vector) -> Means:
         """The means by key, positions from the unloaded springs; and the variance of each x, which
@@ -121,7 +169,7 @@ class StepPairs(PathMoments):
             mean=self.mean[rows],
             scatter=self.scatter[rows, rows],
             layout=self.layout,
-        )
+        ).uncontrolled
 
     def differences(
         self, quantities: Quantities, whole: PathStatistics
@@ -135,6 +183,7 @@ class StepPairs(PathMoments):
         mean. Its variance is least at beta = cov(c, f) / var(f), for paths that share their noise
         near 1 and for independent ones 0.
         """
+        whole = whole.uncontrolled  # that what is shared with these paths is known
         rows = len(self.layout.rows)
         fine, coarse = self._half(slice(rows)), self._half(slice(rows, None))
         of_fine, of_coarse = fine.gradient(quantities), coarse.gradient(quantities)

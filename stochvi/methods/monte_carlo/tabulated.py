@@ -29,13 +29,18 @@ from scipy.fft import ifft, irfft, next_fast_len, rfft
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.mathematics.quadrature import gauss_legendre
+from stochvi.mathematics.sampled_passages import moments_of_rises
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
 from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS, kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
-from stochvi.methods.monte_carlo.kernels.response_domain import fill_spectrum, run_response
+from stochvi.methods.monte_carlo.kernels.response_domain import (
+    add_free_motion,
+    fill_spectrum,
+    run_response,
+)
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, Sums
 from stochvi.methods.monte_carlo.kernels.steps import ContactStop, RigidStop, Sampling
 from stochvi.methods.monte_carlo.plan import (
@@ -218,7 +223,31 @@ class TabulatedPlan:
     def layout(self) -> Layout:
         """Meaning of the rows of `averages`."""
         sums = tuple(CONTACT_ROWS) if self.contacts else ()
-        return layout_of_one(self.model, self.origin, self.threshold, sums)
+        return layout_of_one(self.model, self.origin, self.threshold, sums, self._controls)
+
+    @cached_property
+    def _controls(self) -> dict[str, float]:
+        """Averages over the motion without stops, by name, and their expected values.
+
+        They are known exactly, since the synthesised samples are normal: y^2, (y' / omega)^2, and
+        for each stop the number of passages beyond it per second, with the sums of the rises and of
+        their squares, m/s and m^2/s. There are none without stops, where nothing is left to
+        simulate, nor with sines.
+        """
+        variances = self.amplitudes**2
+        if self.waves or not self.model.stops or not np.any(variances):
+            return {}
+        bins = np.arange(1, len(variances) + 1)
+        relative = 2.0 * np.pi / self.block_length / self.model.omega * bins
+        variance = float(np.sum(variances))
+        found = {"free xx": variance, "free vv": float(np.sum(relative**2 * variances))}
+        change = 2.0 * float(np.sum(variances * np.sin(np.pi * bins / self.samples) ** 2))
+        for stop in self.model.stops:
+            beyond = stop.side * (stop.position - self.model.rest)
+            moments = moments_of_rises(beyond, variance, change / variance)
+            for name, moment in zip(("n", "rises", "squares"), moments, strict=True):
+                found[f"free {name}_{stop.name}"] = moment / self.step
+        return found
 
     def coarser(self) -> TabulatedPlan:
         """The same paths at half the sampling rate; bins that both plans have keep their
@@ -356,6 +385,8 @@ class TabulatedPlan:
         `extremes` (paths, EXTREMES) gets the extremes of each path, a `log` every impact.
         """
         sums = Sums.zeros(paths, self.contacts).table
+        controls = np.zeros((len(self._controls), paths))
+        beside = [(stop.side, stop.position - self.model.rest) for stop in self.model.stops]
         for number in range(self.blocks_per_path):
             block_record = None
             if record is not None:
@@ -363,8 +394,11 @@ class TabulatedPlan:
                 block_record = record[number * counted : (number + 1) * counted]
             if log is not None:
                 log = log._replace(start=number * self._counted_samples * self.step)
+            free = self.free_response(seed, first_path, paths, number)
+            if self._controls:
+                add_free_motion(free, self._counted_samples, np.array(beside), controls)
             self.add_impacts(
-                self.free_response(seed, first_path, paths, number),
+                free,
                 self.warm_up_samples,
                 self._counted_samples,
                 sums,
@@ -374,7 +408,9 @@ class TabulatedPlan:
             )
         sums[:N_LOWER] /= self._counted_samples * self.blocks_per_path
         sums[N_LOWER:] /= self.duration
-        return sums
+        controls[:2] /= self._counted_samples * self.blocks_per_path
+        controls[2:] /= self.duration
+        return np.concatenate([sums, controls])
 
     def add_impacts(
         self,

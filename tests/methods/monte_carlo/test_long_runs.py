@@ -377,7 +377,7 @@ def test_blocks_to_a_task_never_show() -> None:
 @pytest.mark.parametrize("real", [True, False])
 def test_the_cluster_of_the_study_does_what_an_executor_does(real: bool) -> None:
     study = importlib.import_module("studies.15_plan_past_this_machine.cluster")
-    cluster = study.Cluster(7, block_seconds=0.1, sending=0.0, late=0.1, lost=0.2, real=real)
+    cluster = study.Cluster(7, block_seconds=0.1, sending=0.0, late=0.1, lost=0.5, real=real)
     asked = {"paths": 40 * 1024, "duration": 2.0, "seed": 1}
     there = simulate(oscillator(), executor=cluster, threads=7, **asked)
     assert cluster.again > 0

@@ -213,3 +213,34 @@ def run_response(free, sampling, lower, upper, peaks, sums, record, extremes, lo
                     record[step, i, 0] = x[i]
                     record[step, i, 1] = v[i]
     sums += local
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_free_motion(free, counted, stops, sums):
+    """Add up what the motion without stops does in its first `counted` samples.
+
+    Parameters
+    ----------
+    free : (samples, 2 paths), y and y' / w0 in turn; the last sample is the one before the first.
+    stops : (stops, 2), the side of each stop, 1 or -1, and its position in m.
+    sums : (2 + 3 stops, paths), added to: y^2, (y' / w0)^2; and for each stop the number of
+        passages beyond it between two samples, the sum of the rises from the sample before a
+        passage to the one after it, and the sum of their squares.
+    """
+    paths = free.shape[1] // 2
+    squares, rates = sums[0], sums[1]
+    for k in range(counted):
+        now, before = free[k], free[k - 1]
+        for i in range(paths):
+            squares[i] += now[2 * i] * now[2 * i]
+            rates[i] += now[2 * i + 1] * now[2 * i + 1]
+        for j in range(stops.shape[0]):
+            side, level = stops[j, 0], stops[j, 0] * stops[j, 1]
+            number, first, second = sums[2 + 3 * j], sums[3 + 3 * j], sums[4 + 3 * j]
+            for i in range(paths):
+                y0, y1 = side * before[2 * i], side * now[2 * i]
+                passed = (y0 < level) & (y1 >= level)
+                rise = y1 - y0 if passed else 0.0
+                number[i] += 1.0 if passed else 0.0
+                first[i] += rise
+                second[i] += rise * rise

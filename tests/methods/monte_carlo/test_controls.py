@@ -1,0 +1,128 @@
+"""Averages of the motion without stops, whose expected values are known, as control variates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, WhiteNoise
+from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.quantities import Means, of_coordinate, of_pair
+from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.model import model_of
+from stochvi.results.estimates import Estimate
+from stochvi.testing import assert_agrees
+
+SIGMA = 0.0019879
+"""Standard deviation of the mount without stops, m."""
+
+RUN, RUNS = 64, 48
+"""Paths of a run, and number of runs."""
+
+
+def scene(lower: float | None, upper: float, *more: WhiteNoise) -> Scene:
+    """A 12 Hz mount on a truck with stops in units of SIGMA."""
+    table = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    pair = ImpactPair(
+        name="stops",
+        lower=None if lower is None else lower * SIGMA,
+        upper=upper * SIGMA,
+        law=Restitution(coefficient=0.5),
+    )
+    structure = Isolator(frequency_hz=12.0, zeta=0.1)
+    return Scene(structure=structure, impact_pairs=[pair], excitations=[table, *more])
+
+
+@cache
+def paths_of(lower: float | None, upper: float, white: bool = False) -> tuple[Plan, np.ndarray]:
+    noise = [WhiteNoise(intensity=1.0)] if white else []
+    plan = make_plan(model_of(scene(lower, upper, *noise)), None, None)
+    size = plan.block
+    parts = [plan.averages(6, first, size) for first in range(0, RUN * RUNS, size)]
+    return plan, np.concatenate(parts, axis=1)
+
+
+def quantities(plan: Plan):
+    known = of_coordinate(plan.model.coordinates[0]), of_pair("stops")
+    wanted = [known[0]["displacement_std"], known[0]["velocity_std"]]
+    wanted += [known[1][name] for name in ("collision_rate", "impact_speed_square_rate")]
+
+    def found(means: Means) -> list[float]:
+        return [each(means) for each in wanted]
+
+    return found
+
+
+@pytest.mark.parametrize(
+    "case", [(-2.0, 1.5), (None, 1.0), (-2.0, -0.5), (-2.0, 2.0, True)], ids=str
+)
+def test_controls_have_the_values_that_are_expected_of_them(case: tuple) -> None:
+    plan, averages = paths_of(*case)
+    assert len(plan.layout.controls) == 2 + 3 * len(plan.model.stops)
+    for key, expected in plan.layout.controls.items():
+        sample = averages[plan.layout.rows.index(key)]
+        error = sample.std(ddof=1) / np.sqrt(len(sample))
+        assert_agrees(Estimate(value=sample.mean(), standard_error=error), expected)
+
+
+def runs(controls: dict | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values and errors (runs, quantities) of short runs, and values of all runs as one without
+    controls."""
+    plan, averages = paths_of(-2.0, 2.0)
+    layout = plan.layout if controls is None else replace(plan.layout, controls=controls)
+    each = averages.reshape(len(averages), RUNS, RUN).swapaxes(0, 1)
+    found = [PathStatistics.of(one, layout).evaluate_all(quantities(plan)) for one in each]
+    whole = PathStatistics.of(averages, layout).uncontrolled.evaluate_all(quantities(plan))
+    values, errors = np.array(found).transpose(2, 0, 1)
+    return values, errors, np.array(whole)[:, 0]
+
+
+def test_they_bring_no_bias_and_errors_that_are_smaller_and_true() -> None:
+    values, errors, truth = runs()
+    plain, plain_errors, _ = runs({})
+    off = values - plain  # of the same paths: what the controls change has no mean
+    for number, wide in enumerate(truth):
+        mean = Estimate(
+            value=wide + off[:, number].mean(),
+            standard_error=off[:, number].std(ddof=1) / np.sqrt(RUNS),
+        )
+        assert_agrees(mean, wide)
+        stated = np.sqrt(np.mean(errors[:, number] ** 2))
+        # the truth is known to one run in RUNS
+        spread = Estimate(
+            value=values[:, number].std(ddof=1) / stated,
+            standard_error=1.0 / np.sqrt(2.0 * RUNS),
+        )
+        assert_agrees(spread, 1.0)
+    gains = np.mean(plain_errors**2, axis=0) / np.mean(errors**2, axis=0)
+    assert (gains[:2] > 2.5).all()
+    assert (gains[2:] > 1.5).all()
+
+
+def test_a_wrong_expected_value_is_noticed() -> None:
+    plan, _ = paths_of(-2.0, 2.0)
+    wrong = {key: 1.05 * value for key, value in plan.layout.controls.items()}
+    values, _, truth = runs(wrong)
+    error = values[:, 0].std(ddof=1) / np.sqrt(RUNS)
+    with pytest.raises(AssertionError, match="standard errors"):
+        assert_agrees(Estimate(value=values[:, 0].mean(), standard_error=error), truth[0])
+
+
+def test_passages_that_few_paths_have_are_left_alone() -> None:
+    """A regression on one passage would make the error of the rate zero."""
+    plan, averages = paths_of(-4.0, 4.0)
+    row = plan.layout.rows.index(("stops", "n_upper"))
+    some = averages[:, np.argsort(-averages[row])[[0, *range(200, 263)]]]
+    found = PathStatistics.of(some, plan.layout)
+    rate = of_pair("stops")["collision_rate_upper"]
+    assert found.evaluate(rate)[0] > 0.0
+    assert found.evaluate(rate)[1] == pytest.approx(found.uncontrolled.evaluate(rate)[1], rel=0.1)
+
+
+def test_there_are_none_without_stops() -> None:
+    free = scene(None, 1.0).replace(impact_pairs=[])
+    assert not make_plan(model_of(free), None, None).layout.controls
