@@ -352,7 +352,7 @@ def windows(
     done: list[NDArray[np.bool_]] = []
     wanted = FEWEST_WINDOWS
     with crew_of(executor, threads) as crew:
-        done += crew.results(made.block, [(0, plan.block)])
+        done += crew.results(made.block, [(0, plan.block)], deadline, at_least=1)
         while True:
             blocks = [*blocks_between(len(done) * plan.block, wanted, plan.block)]
             for part in crew.results(made.block, blocks, deadline):

@@ -27,6 +27,10 @@ STARTS = {"rest": "rest", "stationary": "the stationary motion"}
 NEAR_ONE = 0.999
 """Probability from which the lower end of its interval is printed: its own digits would be 9s."""
 
+SURELY = 0.9
+"""Lower end of an interval up to 1 from which on "over" that end says all; where it is lower the
+chance is hardly known, and the interval is printed."""
+
 
 def print_spectrum(console: Console, found: ResponseSpectrum) -> None:
     """Print the peak of each spectrum and what the spectra mean."""
@@ -51,9 +55,12 @@ def _print_limits(console: Console, assumptions: Sequence[str], warnings: Sequen
 
 
 def chance_in_words(value: float, error: float, lower: float) -> str:
-    """A probability with its error; near 1, the number that it exceeds."""
+    """A probability with its error; near 1, the number that it exceeds, or the interval down to a
+    far lower one."""
     if value < NEAR_ONE:
         return format_with_error(value, error)
+    if lower < SURELY:
+        return f"{max(lower, 0.0):.2g} to 1"
     # rounded down, because the probability must exceed the number that is printed
     return f"over {math.floor(1000.0 * lower) / 1000.0:g}"
 
@@ -101,7 +108,7 @@ def _number(estimate: Estimate | None) -> str:
 def _chance(chance: Estimate) -> str:
     """A chance with its standard error, or its upper limit."""
     if chance.upper_95 is not None:
-        return f"at most {chance.upper_95:.3g}"
+        return f"at most {chance.upper_95:.3g}" if chance.upper_95 < NEAR_ONE else "unknown"
     return chance_in_words(
         chance.value, chance.standard_error, chance.value - chance.half_width_95()
     )

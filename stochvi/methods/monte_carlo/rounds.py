@@ -359,6 +359,8 @@ class Run:
                 name: self.estimate(quantity, name)
                 for name, quantity in of_compliant_pair(pair).items()
             }
+            if "peak_force" in pressed:
+                pressed["peak_force"] = _of_few_impacts(pressed["peak_force"], found)
             found |= _with_largest_bias(
                 {name: each for name, each in pressed.items() if not math.isnan(each.value)}
             )
@@ -370,7 +372,7 @@ class Run:
         The biases of F1 and the rate may cancel in the difference to twice the step without being
         zero, so that their relative biases are added.
         """
-        mean = self.estimate(speed_mean(pair.name), "impact_speed_mean")
+        mean = _of_few_impacts(self.estimate(speed_mean(pair.name), "impact_speed_mean"), known)
         parts = [known[name] for name in ("impact_speed_rate", "collision_rate")]
         relative = [
             None if part.bias is None else part.bias / part.value
@@ -479,6 +481,19 @@ class Run:
                         "motion: its rate has an upper limit only, rel_error does not govern it; "
                         "more paths or a longer duration look further"
                     )
+
+
+def _of_few_impacts(mean: Estimate, known: Mapping[str, Estimate | None]) -> Estimate:
+    """A mean per impact, with the error that the delta method does not see where few paths hit.
+
+    To first order a single path that hits shows no spread at all. With the relative error e of the
+    rate, as many impacts as 1 / e^2 independent ones are known, and a mean over so few of them is
+    not trusted to less than e^2 of itself: all of it for one, 1 % for a hundred.
+    """
+    rate = known["collision_rate"]
+    assert rate is not None
+    unseen = (rate.standard_error / rate.value) ** 2 * mean.value
+    return replace(mean, standard_error=math.hypot(mean.standard_error, unseen))
 
 
 def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:

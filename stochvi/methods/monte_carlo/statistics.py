@@ -85,8 +85,10 @@ class PathStatistics(PathMoments):
     def gradient(self, quantities: Quantities) -> Vector:
         """Derivatives (rows, quantities) of several functions of the means by each mean."""
         gradient = np.zeros((len(self.mean), len(quantities(self.means()))))
-        for row, step, above, below in self._neighbours:
-            gradient[row] = np.subtract(quantities(above), quantities(below)) / (2.0 * step)
+        if self._neighbours:
+            rows, steps, above, below = zip(*self._neighbours, strict=True)
+            higher, lower = ([quantities(means) for means in side] for side in (above, below))
+            gradient[list(rows)] = np.subtract(higher, lower) / (2.0 * np.array(steps)[:, None])
         return gradient
 
     @cached_property
@@ -163,6 +165,12 @@ class StepPairs(PathMoments):
         size = 2 * len(layout.rows)
         return cls(count=0, mean=np.zeros(size), scatter=np.zeros((size, size)), layout=layout)
 
+    @cached_property
+    def _halves(self) -> tuple[PathStatistics, PathStatistics]:
+        """The paths at the step, and at twice the step; kept, as is what their derivatives need."""
+        rows = len(self.layout.rows)
+        return self._half(slice(rows)), self._half(slice(rows, None))
+
     def _half(self, rows: slice) -> PathStatistics:
         return PathStatistics(
             count=self.count,
@@ -185,7 +193,7 @@ class StepPairs(PathMoments):
         """
         whole = whole.uncontrolled  # that what is shared with these paths is known
         rows = len(self.layout.rows)
-        fine, coarse = self._half(slice(rows)), self._half(slice(rows, None))
+        fine, coarse = self._halves
         of_fine, of_coarse = fine.gradient(quantities), coarse.gradient(quantities)
         covariance = self.scatter / max(self.count - 1, 1)
 

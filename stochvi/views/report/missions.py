@@ -13,6 +13,7 @@ from stochvi.results.origin import Origin, origin_of
 from stochvi.views.axes import COLOURS, PAGE, axes_or_new, label_for_page
 from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
+from stochvi.views.statistics_tables import NEAR_ONE, SURELY
 from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits
 
 if TYPE_CHECKING:
@@ -57,7 +58,10 @@ def reliability_page(
     mission = spoken_mission(found.mission)
     chances = list(found.chances.values())
     sentences = [f"{_event(each)}: {_chance(each)}" for each in chances]
-    missing = [f"{name.replace('_', ' ')}: not found, {why}" for name, why in found.missing.items()]
+    missing = []
+    for name, why in found.missing.items():
+        what = "not accurate" if name in found.chances else "not found"
+        missing.append(f"{name.replace('_', ' ')}: {what}, {why}")
     doubtful = record is not None and not record.agrees
     first = f"{record.sentence()}. " if record is not None and doubtful else ""
     return Page(
@@ -114,9 +118,16 @@ def _event(chance: Chance) -> str:
 
 
 def _value(chance: Chance) -> str:
+    if chance.estimate.value > NEAR_ONE and chance.lower < SURELY:
+        return "hardly known"
     if chance.estimate.value > 0.0:
         return spoken_percent(chance.estimate.value)
-    return f"below {spoken_percent(chance.upper)}"
+    return _below(chance.upper)
+
+
+def _below(upper: float) -> str:
+    """An upper limit of a chance, of which nothing is known where that is 1."""
+    return UNKNOWN if upper > NEAR_ONE else f"below {spoken_percent(upper)}"
 
 
 def _interval(chance: Chance) -> str:
@@ -194,7 +205,7 @@ def _outputs_grid(found: Reliability) -> Grid:
                 name,
                 spoken_percent(chance.value)
                 if chance.upper_95 is None
-                else f"below {spoken_percent(chance.upper_95)}",
+                else _below(chance.upper_95),
             ]
             for name, chance in found.outputs.items()
         ],

@@ -496,6 +496,22 @@ def test_one_path_with_all_the_hits_is_an_answer_too() -> None:
     assert math.isfinite(error)
 
 
+def test_a_mean_over_the_hits_of_one_path_is_hardly_known() -> None:
+    """Its spread between paths cannot be seen: to first order it would have no error at all."""
+    seen = []
+    for seed in range(24):
+        found = simulate(oscillator(-2.2, 2.2, 0.8), paths=64, duration=3.0, seed=seed)
+        rate, mean = (
+            found.impact_pairs["stops"][name] for name in ("collision_rate", "impact_speed_mean")
+        )
+        if mean is not None:
+            seen.append((rate.standard_error / rate.value, mean.standard_error / mean.value))
+    few = [error for of_rate, error in seen if of_rate > 0.9]
+    assert few, "in none of the runs a single path had all the hits"
+    assert min(few) > 0.8
+    assert min(error for _, error in seen) < 0.4  # more paths that hit know it better
+
+
 def test_times_too_far_apart_are_refused_in_a_sentence() -> None:
     with pytest.raises(NotApplicable, match="too far apart"):
         simulate(oscillator(-1e-8, 1e-8, 1.0 - 1e-12))
