@@ -50,7 +50,7 @@ def test_an_answer_is_a_document_and_files(
     assert (tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda words: words[0])
+@quick_cases("command", COMMANDS, ids=lambda words: words[0], keep=(0,))
 @pytest.mark.parametrize(
     ("asked", "sentence"),
     [

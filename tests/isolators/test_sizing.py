@@ -217,7 +217,7 @@ def test_a_mount_below_its_table_is_called_pumped() -> None:
         impact_pairs=[ImpactPair(lower=-1e-3, upper=1e-3, law=HALF)],
         excitations=[TabulatedNoise(profile="gevs-qualification")],
     )
-    found = size(scene, probability=0.01, rel_error=0.1, seed=1)
+    found = size(scene, probability=0.01, rel_error=0.3, seed=1)
     assert any("stops pump this mount" in warning for warning in found.warnings)
     assert found.three_sigma.hits is not None
     assert found.three_sigma.hits.value > 10.0 * found.three_sigma.rice_hits

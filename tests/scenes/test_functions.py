@@ -22,6 +22,7 @@ from stochvi.scenes.structures import NonlinearOscillator, Oscillator
 from stochvi.verification.check import check
 from stochvi.verification.cost import cost
 from stochvi.verification.explain import explain
+from support.accuracies import quick_cases
 from support.known import DOCUMENT, changed
 
 
@@ -128,7 +129,7 @@ def test_a_method_for_numbers_says_what_it_cannot_take(name, method):
         method(SCENES[name])
 
 
-@pytest.mark.parametrize("name", SCENES)
+@quick_cases("name", SCENES, keep=(0,))
 def test_explain_and_check_answer_for_such_a_scene(name):
     told = explain(SCENES[name])
     assert "function" in told.methods["simulate"] and told.simulation is None

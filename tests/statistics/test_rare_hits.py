@@ -112,6 +112,7 @@ def test_moves_leave_the_law_of_the_records_as_it_is() -> None:
         assert_agrees(variance(trials.records + fresh), 1.0)
 
 
+@pytest.mark.verify
 def test_a_seed_gives_the_same_digits_on_any_threads() -> None:
     scene = truck(4.0, 4.0, RUBBER)
     one, two = (

@@ -157,7 +157,7 @@ def test_several_coordinates() -> None:
         ),
         excitations=[WhiteNoise(intensity=S0, on="frame")],
     )  # fmt: skip
-    found = spectrum(scene, paths=64, seed=1, threads=1)
+    found = spectrum(scene, paths=32, seed=1, threads=1)
     w = (2.0 * np.pi * found.frequency_hz)[:, None, None]
     gain = np.linalg.inv(stiffness - w**2 * mass + 1j * w * damping)[:, :, 0]
     for row, name in enumerate(("frame", "box")):

@@ -282,6 +282,7 @@ def test_peaks_on_the_page_are_those_of_its_table(folder: Path, html: str) -> No
     assert 1.0 < own["rms_amplification"].iloc[0] < 1.1 < own["peak_amplification"].iloc[0]
 
 
+@pytest.mark.verify
 @pytest.mark.usefixtures("blank_pictures", "short_review")
 def test_a_rigid_stop_has_no_table_of_peak_accelerations(folder: Path, tmp_path: Path) -> None:
     sizing = sizing_of(scene_between_stops(Restitution(coefficient=0.5)), paths=64)

@@ -34,6 +34,7 @@ from stochvi.model.model import model_of
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
 from stochvi.testing import assert_agrees
+from support.accuracies import quick_cases
 from support.known import BENCH, oscillator
 
 PERIOD = 2.0 * math.pi
@@ -70,7 +71,7 @@ KNOWN = [
 ]
 
 
-@pytest.mark.parametrize("row", KNOWN, ids=lambda row: f"B={row[0]:g}")
+@quick_cases("row", KNOWN, ids=lambda row: f"B={row[0]:g}", keep=(1,))
 def test_published_rates_times_and_probabilities_are_met(row) -> None:
     barrier, *expected = row
     found = first_passage(lightly_damped(), -barrier, barrier, times=[10.0 * PERIOD], rtol=1e-5)
@@ -181,6 +182,7 @@ def test_early_times_take_nothing_from_later_ones(recwarn) -> None:
     assert not [warning for warning in recwarn if warning.category is RuntimeWarning]
 
 
+@pytest.mark.verify
 def test_a_time_that_the_projection_fails_at_is_alone_in_its_doubt(monkeypatch, recwarn) -> None:
     """Without the bound and with few sizes of the space, the early times are lost: they alone."""
     scene, barrier, start = RARE

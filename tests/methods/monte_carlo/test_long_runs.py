@@ -98,6 +98,7 @@ def stopped(reason: Interrupted) -> None:
     assert json.dumps(reason.response.to_dict(), allow_nan=False)
 
 
+@pytest.mark.verify
 def test_stopped_again_and_again_it_ends_with_the_same_digits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

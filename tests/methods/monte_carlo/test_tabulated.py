@@ -29,6 +29,7 @@ from stochvi.methods.monte_carlo.tabulated import (
 )
 from stochvi.model.model import model_of
 from stochvi.scenes.datasets import profiles
+from support.accuracies import quick_cases
 from support.mounts import TRUCK, isolator
 from support.naive import held_force, response_domain
 from support.synthesis import AIM, SEED, coefficients
@@ -160,7 +161,7 @@ STOPS = {
 
 
 @pytest.mark.parametrize("duration", [0.15, pytest.param(0.5, marks=pytest.mark.verify)])
-@pytest.mark.parametrize("case", STOPS.values(), ids=STOPS.keys())
+@quick_cases("case", STOPS.values(), ids=STOPS.keys(), keep=(0, 1, 3, 4))
 def test_a_path_equals_its_plain_twin(
     case: tuple[float | None, float | None, float], duration: float
 ) -> None:
