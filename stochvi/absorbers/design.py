@@ -87,7 +87,8 @@ class Design(Result):
     curve
         Every simulated point: restitution, units, play, play_in_sigma, rms_ratio, its error.
     candidates
-        The best play and ratio of each restitution and number of units.
+        The best play and ratio of each restitution and number of units: first the best one, after
+        the second search, then the others after the first one, whose errors are larger.
     tuned_damper
         The same mass on a tuned spring and dashpot, to compare with.
 
@@ -246,7 +247,9 @@ def design_absorber(
                 strict=True,
             )
         ]
-    ).sort_values("rms_ratio", ignore_index=True)  # fmt: skip
+    )  # fmt: skip
+    others = candidates.drop(index=winner).sort_values("rms_ratio")
+    candidates = pd.concat([candidates.iloc[[winner]], others], ignore_index=True)
     restitution, count = known[winner]
     answer = Design(
         scene=with_absorber(structure, mass_budget, best.play, restitution, count),

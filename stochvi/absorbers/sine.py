@@ -21,6 +21,8 @@ from stochvi.results.deadline import Deadline, as_far_as_it_got
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.absorbers import Absorber
+from stochvi.scenes.excitations import Sine
+from stochvi.scenes.key_units import KEY_UNITS
 from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import Scene
 
@@ -136,27 +138,75 @@ class AbsorberSine(Result):
         )
 
     def summary(self) -> str:
-        """The best tuning at each number, in sentences."""
-        curve = self.frequency
-        if np.all(np.isnan(curve.worst)):
+        """What is left at the resonance and over all frequencies, and the best tuning, in words;
+        where several motions may last, ratios are those of the one that displaces most."""
+        curve, left = self.frequency, self.frequency.worst * self.frequency.without
+        if np.all(np.isnan(left)):
             return "no motion was found that lasts"
-        free, left = np.nanmax(curve.without), np.nanmax(curve.worst * curve.without)
-        found = (
-            f"largest displacement of {self.carrier} over all frequencies: {left / free:.3g} of "
-            "that without the absorber"
-        )
-        for each in self.tuning:
-            if np.all(np.isnan(each.worst)):
-                continue
-            at = each.tuned
-            if each.worst[at] < 1.0:
-                found += f"; at best {each.worst[at]:.3g} with {each.key} = {each.value[at]:.4g}"
-            else:
-                found += f"; no {each.key} is sure to help"
-        return found
+        peak = int(np.argmax(np.where(np.isnan(left), -math.inf, curve.without)))
+        where = "where it moves most without the absorber, " if len(curve.value) > 1 else ""
+        least, largest = curve.best[peak] * curve.without[peak], left[peak]
+        moved = _mm(largest)
+        if least < ALIKE * largest:
+            moved = f"{_mm(least)} to {moved} (by the motion that lasts)"
+        parts = [
+            f"at {curve.value[peak]:.4g} Hz, {where}{self.carrier} moves {moved} with the "
+            f"absorber and {_mm(curve.without[peak])} without it"
+        ]
+        most = int(np.nanargmax(left))
+        if most != peak:
+            ends = f"{curve.value[0]:.4g} to {curve.value[-1]:.4g} Hz"
+            parts.append(
+                f"over {ends} it moves at most {_mm(left[most])} with the absorber, at "
+                f"{curve.value[most]:.4g} Hz"
+            )
+        return "; ".join([*parts, *filter(None, map(self._tuned, self.tuning))])
+
+    def _tuned(self, curve: ResidualCurve) -> str:
+        """The best value of a tuning curve, in words; empty where no motion lasts."""
+        if np.all(np.isnan(curve.worst)):
+            return ""
+        name, unit, factor = tuned_key(curve.key)
+        sines = [each.frequency_hz for each in self.scene.excitations if isinstance(each, Sine)]
+        share, hertz = curve.worst[curve.tuned], f"{min(sines):.4g} Hz"
+        if not share < 1.0:
+            return f"no {name} is sure to help at {hertz}"
+        best = f"{factor * curve.value[curve.tuned]:.4g} {unit}".rstrip()
+        return f"the best {name}, {best}, leaves {share:.3g} of the displacement at {hertz}"
 
     def _document(self) -> dict[str, Any]:
         return {"method": "absorber sine", **super()._document()}
+
+
+def tuned_key(key: str) -> tuple[str, str, float]:
+    """A key that is tuned in words, the unit in which it is shown, and the factor from that of the
+    scene.
+
+    Examples
+    --------
+    >>> tuned_key("absorber.play"), tuned_key("absorber.law.coefficient")
+    (('total play', 'mm', 1000.0), ('absorber.law.coefficient', '', 1.0))
+    """
+    unit = KEY_UNITS.get(key.rpartition(".")[2], "")
+    name = TUNED.get(key, key)
+    return (name, "mm", 1e3) if unit == "m" else (name, unit, 1.0)
+
+
+TUNED = {
+    "absorber.mass": "mass of the absorber",
+    "absorber.play": "total play",
+    "absorber.lower": "place of the lower wall",
+    "absorber.upper": "place of the upper wall",
+}
+"""Keys of an absorber in words."""
+
+
+ALIKE = 0.995
+"""Ratio of two displacements from which on they read as one."""
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.4g} mm"
 
 
 def absorber_sine(

@@ -45,7 +45,7 @@ def _check_options(method: str, given: Mapping[str, Any]) -> None:
 @click.option(
     "--vary", required=True, multiple=True, metavar="KEY=FIRST:LAST:NUMBER",
     help="As impact_pair.0.law.coefficient=0.3:1:8; also ...:log, or KEY=VALUE,VALUE; a value may "
-    "bear a unit: clearance=3mm:6mm:4. Several: all combinations.",
+    "bear a unit: impact_pair.0.clearance=3mm:6mm:4. Several: all combinations.",
 )  # fmt: skip
 @click.option(
     "--method", default="simulate", show_default=True,
@@ -89,8 +89,8 @@ def sweep(
     from stochvi.scenes.scene import load_scene
     from stochvi.sweeps import once, values_of
     from stochvi.sweeps import sweep as solve
-    from stochvi.views.sweep import terminal_table, write_sweep
-    from stochvi.views.tables import LAST_DIGITS, print_frame
+    from stochvi.views.sweep import terminal_table, unseen, write_sweep
+    from stochvi.views.tables import LAST_DIGITS, NEVER_SEEN, print_frame
 
     given = {"threads": options.threads, "dask": dask} | asked
     given = {name: value for name, value in given.items() if value is not None}
@@ -126,7 +126,11 @@ def sweep(
         print_frame(options.console, terminal_table(table, list(ranges)), method)
         if method == "simulate":
             options.console.print(LAST_DIGITS, style="dim", highlight=False)
+        if unseen(table).any():
+            options.console.print(NEVER_SEEN, style="dim", highlight=False)
     if options.out is not None:
         write_sweep(table, list(ranges), options.out, loaded.title)
     if (noted := table[table["note"] != ""]).shape[0]:
-        stop(f"{len(noted)} of {len(table)} rows fell short: {noted['note'].iloc[0]}", FAILED)
+        few = int((unseen(table) & (table["note"] == "")).sum())
+        more = f" (in {few} more nothing was seen, and only a limit is given)" if few else ""
+        stop(f"{len(noted)} of {len(table)} rows fell short{more}: {noted['note'].iloc[0]}", FAILED)

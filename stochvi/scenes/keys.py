@@ -48,7 +48,8 @@ def changed_scene(document: Mapping[str, Any], change: Change) -> Scene:
 
 
 def _set(document: Any, key: str, value: float) -> None:
-    """Set a key that is there, or one that its part of the scene knows but leaves out."""
+    """Set a key that is there, or one that its part of the scene knows but leaves out; the scene
+    itself holds no numbers, only its parts do."""
     part, last = holder_of(document, key)
     way = key.split(".")
     if last == "clearance" and way[:1] == ["impact_pair"] and isinstance(part, dict):
@@ -61,7 +62,7 @@ def _set(document: Any, key: str, value: float) -> None:
         _set_rubber(part, last, value)
     elif isinstance(part, list) and is_place(last) and int(last) < len(part):
         part[int(last)] = value
-    elif isinstance(part, dict) and not isinstance(part.get(last), dict | list | str):
+    elif way[1:] and isinstance(part, dict) and not isinstance(part.get(last), dict | list | str):
         part[last] = value
     else:
         raise unknown_key(document, key)
@@ -99,7 +100,7 @@ def _set_rubber(law: dict[str, Any], name: str, value: float) -> None:
 def _set_clearance(pair: Any, key: str, value: float) -> None:
     """Set both stops of an impact pair that has them at equal distances."""
     lower, upper = pair.get("lower"), pair.get("upper")
-    if lower is None or upper is None or not math.isclose(-lower, upper):
+    if not _equal_distances(pair):
         have = " and ".join(
             f"{name} = {stop:g}" for name, stop in (("lower", lower), ("upper", upper))
             if stop is not None
@@ -112,13 +113,24 @@ def _set_clearance(pair: Any, key: str, value: float) -> None:
 
 
 def unknown_key(document: Any, key: str) -> SceneError:
-    known = [name for name, _ in _numbers(document)]
-    within = [name for name in known if name.startswith(f"{key}.")]
+    known = [*(name for name, _ in _numbers(document)), *_clearances(document)]
+    within = [name for name in known if name.startswith(f"{key}.") or name.endswith(f".{key}")]
     near = within or difflib.get_close_matches(key, known, n=1, cutoff=0.0)
     return SceneError(
         f"vary: {key} is not a number of the scene; did you mean {near[0]!r}? "
         f"(it has {', '.join(known)})"
     )
+
+
+def _clearances(document: Any) -> list[str]:
+    """The keys that move both stops of a pair, of the pairs whose stops are equally far away."""
+    pairs = document.get("impact_pair", [])
+    return [f"impact_pair.{n}.clearance" for n, pair in enumerate(pairs) if _equal_distances(pair)]
+
+
+def _equal_distances(pair: Any) -> bool:
+    lower, upper = pair.get("lower"), pair.get("upper")
+    return lower is not None and upper is not None and math.isclose(-lower, upper)
 
 
 def _numbers(part: Any, key: str = "") -> Iterator[tuple[str, float]]:

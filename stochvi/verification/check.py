@@ -110,6 +110,16 @@ class Check(Result):
         """Whether the simulation fell short of the accuracy asked for."""
         return any(reason.startswith(STOPPED_EARLY) for reason in self.left_out)
 
+    def _without_hits(self) -> bool:
+        """Whether the scene has stops, and none of its simulated hits was seen."""
+        rates = [
+            estimate
+            for response in self.responses
+            for (_, name), estimate in response.estimates().items()
+            if name == "collision_rate" and response.cost.paths
+        ]
+        return bool(rates) and all(rate.upper_95 is not None for rate in rates)
+
     def summary(self) -> str:
         """The verdict in a sentence."""
         judged = [row for row in self.comparisons if row.verdict in (AGREES, DISAGREES)]
@@ -118,6 +128,12 @@ class Check(Result):
             return f"{wrong} of {len(judged)} comparisons DISAGREE"
         if self.stopped_early:
             return next(reason for reason in self.left_out if reason.startswith(STOPPED_EARLY))
+        if not judged and self._without_hits():
+            return (
+                "nothing could be judged: no hit was seen in the simulated time, and no second "
+                "method that claims to be right covers this scene; raise budget, or ask "
+                "reliability or size, which find rare hits"
+            )
         if not judged:
             return "nothing could be judged: no method that claims to be right covers this scene"
         balances = sum(row.of == BALANCE for row in judged)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stochvi.views.axes import COLOURS, add_grid
+from stochvi.absorbers.sine import tuned_key
+from stochvi.views.axes import COLOURS, add_grid, plain_ticks
 from stochvi.views.tables import print_frame
 from stochvi.views.words import MM
 
@@ -21,10 +22,7 @@ if TYPE_CHECKING:
 PANEL = (7.0, 3.2)
 """Width of a figure and height of each of its panels, inches."""
 
-LABEL = "with / without absorber"
-
-UNITS = {"mass": "kg", "play": "m", "upper": "m", "lower": "m", "clearance": "m"}
-"""Units of keys that are tuned."""
+LABEL = "largest displacement\nwith / without absorber"
 
 LOWEST = 1e-3
 """Smallest ratio that a picture shows."""
@@ -74,8 +72,8 @@ def tunings(found: AbsorberSine) -> pd.DataFrame:
         at = curve.tuned
         rows.append(
             {
-                "key": _name(curve),
-                "best": curve.value[at],
+                "what": _name(curve),
+                "best": _factor(curve) * curve.value[at],
                 "ratio": curve.worst[at],
                 "first harmonics": curve.first_harmonic[at],
                 "what may last": _lasting(curve, at),
@@ -97,8 +95,13 @@ def _name(curve: ResidualCurve) -> str:
     """What is varied, with its unit where that is known."""
     if curve.key == "frequency_hz":
         return "frequency (Hz)"
-    unit = UNITS.get(curve.key.rpartition(".")[2])
-    return curve.key if unit is None else f"{curve.key} ({unit})"
+    name, unit, _ = tuned_key(curve.key)
+    return f"{name} ({unit})" if unit else name
+
+
+def _factor(curve: ResidualCurve) -> float:
+    """Factor from the unit of what is varied to the one that is shown."""
+    return 1.0 if curve.key == "frequency_hz" else tuned_key(curve.key)[2]
 
 
 def draw_absorber_sine(found: AbsorberSine) -> Axes:
@@ -122,7 +125,7 @@ def plot_absorber_sine(found: AbsorberSine, ax: Axes | None = None) -> Axes:
 
 def plot_residual(curve: ResidualCurve, ax: Axes) -> Axes:
     """Least and largest ratio of the motions that may last, and that of the first harmonics."""
-    x, best, worst = curve.value, curve.best, curve.worst
+    x, best, worst = _factor(curve) * curve.value, curve.best, curve.worst
     marker = "o" if len(x) < 3 else ""
     ax.fill_between(x, best, worst, color=COLOURS["simulate"], alpha=0.25, linewidth=0)
     ax.semilogy(x, worst, f"-{marker}", color=COLOURS["simulate"], label="largest that may last")
@@ -139,10 +142,9 @@ def plot_residual(curve: ResidualCurve, ax: Axes) -> Axes:
     if len(x) > 1 and x[0] > 0.0 and x[-1] / x[0] > 5.0:
         ax.set_xscale("log")
     ax.set_xlabel(_name(curve))
-    for axis in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
-        axis("{x:.3g}")
     ax.set_ylabel(LABEL)
     ax.set_ylim(bottom=max(LOWEST, ax.get_ylim()[0]))
+    plain_ticks(ax)
     ax.legend(fontsize="small", frameon=False)
     add_grid(ax)
     return ax

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,13 +93,13 @@ def _level_row(each: Performance) -> dict[str, str]:
         "ratio": f"{each.ratio.value:.3f}",
         "95 % interval": f"{low:.3f} to {high:.3f}",
         "rms (mm)": with_error(each.displacement_std * MM),
-        "without": f"{MM * each.displacement_std_without:.4g}",
+        "rms without (mm)": f"{MM * each.displacement_std_without:.4g}",
         "peak factor": with_error(each.peak_factor),
-        "without ": with_error(each.peak_factor_without),
+        "peak factor without": with_error(each.peak_factor_without),
     }
     if each.acceleration_std is not None:
         row["abs. acc. (g)"] = with_error(each.acceleration_std * G)
-        row[" without"] = f"{G * (each.acceleration_std_without or 0.0):.3g}"
+        row["abs. acc. without (g)"] = f"{G * (each.acceleration_std_without or 0.0):.3g}"
     return row
 
 
@@ -144,15 +145,38 @@ def print_design(console: Console, found: Design) -> None:
         "rms_ratio_error": "its error",
     }
     candidates = found.candidates.assign(play_mm=MM * found.candidates["play"])
-    print_frame(
-        console, candidates[list(columns)].rename(columns=columns), "candidates, best first"
-    )
+    print_frame(console, candidates[list(columns)].rename(columns=columns), CANDIDATES)
+    if rivals := rivals_in_words(found):
+        console.print(rivals, highlight=False)
     console.print(
         f"sigma = {millimetres(found.sigma)}, rms displacement without absorber; total play, wall "
         "to wall",
         style="dim",
         highlight=False,
     )
+
+
+CANDIDATES = (
+    "candidates: the best one after a second, closer search, the others after the first one"
+)
+"""Heading of the table of candidates."""
+
+
+def rivals_in_words(found: Design) -> str:
+    """The candidates whose ratio does not differ clearly from that of the best one; empty without
+    one."""
+    best = found.best.ratio
+    near = [
+        f"restitution {each['restitution']:g} with {each['units']:g} unit(s)"
+        for each in found.candidates.iloc[1:].to_dict("records")
+        if each["rms_ratio"] - best.value
+        < SIGNIFICANT * math.hypot(each["rms_ratio_error"], best.standard_error)
+    ]
+    return f"as good within their errors: {', '.join(near)}" if near else ""
+
+
+SIGNIFICANT = 2.0
+"""Standard errors of a difference above which two candidates differ clearly."""
 
 
 def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:

@@ -55,6 +55,10 @@ PLAIN_NUMBERS = (1e-4, 2e4)
 FEW_DECADES = 300.0
 """Ratio of the ends of an axis below which 2 and 5 are labelled too."""
 
+LESS_THAN_A_DECADE, FEW_TICKS = 8.0, 6
+"""Ratio of the ends of a logarithmic axis below which 1, 2 and 5 alone would be too few labels, and
+the most labels at equal distances that it then has."""
+
 MOST_DECADES, MARGIN = 10, 3.0
 """Most decades of a logarithmic axis, and the ratio of its ends to the lines on it."""
 
@@ -201,17 +205,24 @@ def thinned(t: Vector, x: Vector, most: int = MOST_POINTS) -> tuple[Vector, Vect
     return t[places], x[places]
 
 
-def label_for_page(ax: Axes, x: str, y: str, *, legend: bool = True) -> None:
-    """Label the axes of a picture on a page, with a grid and a legend above the picture."""
-    from matplotlib.ticker import LogLocator, NullFormatter
+def plain_ticks(ax: Axes) -> None:
+    """Label logarithmic axes by plain numbers, few enough that they do not collide."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
     for axis in (ax.xaxis, ax.yaxis):
         low, high = sorted(axis.get_view_interval())
         if axis.get_scale() == "log" and low >= PLAIN_NUMBERS[0] and high <= PLAIN_NUMBERS[1]:
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())
-            if high < FEW_DECADES * low:
+            if high < LESS_THAN_A_DECADE * low:
+                axis.set_major_locator(MaxNLocator(FEW_TICKS))
+            elif high < FEW_DECADES * low:
                 axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+
+
+def label_for_page(ax: Axes, x: str, y: str, *, legend: bool = True) -> None:
+    """Label the axes of a picture on a page, with a grid and a legend above the picture."""
+    plain_ticks(ax)
     ax.set_xlabel(x)
     ax.set_ylabel(y)
     add_grid(ax)

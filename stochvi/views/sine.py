@@ -58,7 +58,8 @@ def print_sine(console: Console, found: HarmonicResponse) -> None:
         print_frame(console, pd.DataFrame(points), "special points", {_name(found): ".7g"})
     for line in (
         "stable: largest and smallest value at which small disturbances die away",
-        "peak acceleration: absolute, between impacts; that of an impact on a rigid stop has none",
+        "peak acceleration: absolute, with the forces of stops that give way; of rigid stops that "
+        "between impacts",
     ):
         console.print(line, style="dim", highlight=False)
     for warning in found.warnings:

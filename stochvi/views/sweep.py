@@ -13,14 +13,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stochvi.results.estimates import format_with_error
+from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import QUANTITY_UNITS
 from stochvi.scenes.key_units import KEY_UNITS
 from stochvi.views.axes import axes_or_new
 from stochvi.views.column_units import with_unit
 from stochvi.views.files import try_picture, write_bytes, write_table
-from stochvi.views.tables import NEGLIGIBLE, QUANTITY_NAMES
+from stochvi.views.tables import NEGLIGIBLE, NO_VALUE, QUANTITY_NAMES, value_with_error
 from stochvi.views.words import MM, G
 
 SIZE = (7.2, 4.4)
@@ -102,18 +102,27 @@ def quantities(table: pd.DataFrame) -> list[str]:
 def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     """The table as a terminal shows it: keys, main quantities with standard errors, seconds."""
 
-    def cell(value: float, error: float, limit: float) -> str:
-        if pd.notna(limit):
-            return f"0 (< {limit:.2g})"
-        return "-" if pd.isna(value) else format_with_error(value, error)
+    def cell(value: float, *others: float) -> str:
+        error, bias, limit = (None if pd.isna(each) else float(each) for each in others)
+        if pd.isna(value):
+            return NO_VALUE
+        estimate = Estimate(value=value, standard_error=error or 0.0, bias=bias, upper_95=limit)
+        return value_with_error(estimate)
 
-    found = table[list(keys)].copy()
+    found = table[list(keys)].rename(columns={key: _with_unit_of_key(key) for key in keys})
     for quantity in quantities(table):
         if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
-            ends = (quantity, f"{quantity}.{ERROR}", f"{quantity}.{LIMIT}")
-            columns = table.reindex(columns=ends).itertuples(index=False, name=None)
+            columns = table.reindex(columns=[f"{quantity}{end}" for end in ENDS]).itertuples(
+                index=False, name=None
+            )
             found[_named(table, quantity)] = [cell(*numbers) for numbers in columns]
     return found.assign(seconds=table["seconds"])
+
+
+def unseen(table: pd.DataFrame) -> pd.Series:
+    """Whether something was never seen in a row, so that only an upper limit of it is known."""
+    limits = [name for name in table if str(name).endswith(f".{LIMIT}")]
+    return table[limits].notna().any(axis=1)
 
 
 def _named(table: pd.DataFrame, quantity: str, unit: str | None = None) -> str:
@@ -166,13 +175,25 @@ def draw_sweep(
         ax.legend(frameon=False, fontsize="small")
     ax.set_xlabel(key_label)
     ax.set_ylabel(_named(table, quantity, unit))
-    if UNITS.get(name) == "1" and name in SUMMARY_UNITS and (table[quantity] > 0.0).all():
+    if _spans_decades(table[quantity]) or (
+        UNITS.get(name) == "1" and name in SUMMARY_UNITS and (table[quantity] > 0.0).all()
+    ):
         ax.set_yscale("log")
     if alone:
         ax.set_title(_title(table, [quantity], title), fontsize="medium")
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     return ax
+
+
+LINEAR = 30.0
+"""Largest ratio of positive values that a linear axis shows."""
+
+
+def _spans_decades(values: pd.Series) -> bool:
+    """Whether values, none of them negative, differ too much for a linear axis."""
+    positive = values[values > 0.0]
+    return not (values < 0.0).any() and bool(positive.max() > LINEAR * positive.min())
 
 
 def _span(values: pd.Series) -> tuple[float, float]:
@@ -195,6 +216,12 @@ def _key_scale(key: str) -> tuple[float, str]:
     unit = _unit_of_key(key)
     factor, name = PAGE_UNITS.get(unit or "", (1.0, unit))
     return factor, f"{_last(key)} ({name})" if name else _last(key)
+
+
+def _with_unit_of_key(key: str) -> str:
+    """The key with the unit of its values, unless its name states it."""
+    unit = _unit_of_key(key)
+    return key if unit is None or key.endswith(UNIT_ENDINGS) else f"{key} ({unit})"
 
 
 def _unit_of_key(key: str) -> str | None:

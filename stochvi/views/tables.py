@@ -160,6 +160,12 @@ LAST_DIGITS = "in brackets: the standard error of the last digits, 607(20) is 60
 """Explanation of the notation of an `Estimate`."""
 
 
+NEVER_SEEN = (
+    "0 (< 0.006): never seen; the number in brackets is the upper limit of its 95 % interval"
+)
+"""Explanation of how an `Estimate` of something that was never seen is shown."""
+
+
 METHOD_COLUMNS = {
     "displacement_std": "std x",
     "velocity_std": "rms v",

@@ -140,10 +140,17 @@ def _print_approximations(console: Console, verdict: Check) -> None:
     for quantity in dict.fromkeys(row.quantity for row in shown):
         if quantity == "displacement_mean":
             continue
-        errors = {row.method: row.relative for row in shown if row.quantity == quantity}
-        cells = [f"{100.0 * errors[m]:+.2f}" if m in errors else "" for m in methods]
+        rows = {row.method: row for row in shown if row.quantity == quantity}
+        cells = [_error_in_words(rows[method]) if method in rows else "" for method in methods]
         table.add_row(QUANTITY_NAMES[quantity], *cells)
     print_table(console, table)
+
+
+def _error_in_words(row: Comparison) -> str:
+    """The relative error in per cent; of what the reference never saw there is none."""
+    if row.reference_value == 0.0 != row.value:
+        return "never seen"
+    return f"{100.0 * row.relative:+.2f}"
 
 
 def print_explanation(console: Console, explanation: Explanation) -> None:

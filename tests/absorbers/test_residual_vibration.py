@@ -107,6 +107,8 @@ def test_a_light_mass_at_its_tuned_play_leaves_the_residual_vibration() -> None:
     first = curve.first_harmonic[1] * force / (0.1 * DAMPING)
     assert abs(first / residual_vibration(play, 0.8) - 1.0) < 2.0 * mass
     assert np.nanargmin(curve.first_harmonic) == 1
+    best = f"the best total play, {1e3 * curve.value[curve.tuned]:.4g} mm, leaves "
+    assert best in found.summary() and " Hz, structure moves " in found.summary()
     assert found.frequency.first_harmonic[0] == pytest.approx(curve.first_harmonic[1], rel=1e-9)
     # negative control: the ratio of the book's linearisation
     assert first < 0.6 * residual_vibration(play, 0.8, "book")

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -30,7 +31,14 @@ from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.reliability import reliability
 from stochvi.sweeps import sweep, values_of
-from stochvi.views.sweep import changes, draw_sweep, quantities, terminal_table, write_sweep
+from stochvi.views.sweep import (
+    changes,
+    draw_sweep,
+    quantities,
+    terminal_table,
+    unseen,
+    write_sweep,
+)
 from support.commands import ELASTIC, Run, refused
 
 R = "impact_pair.0.law.coefficient"
@@ -75,6 +83,19 @@ def test_the_terminal_shows_the_limit_of_what_was_never_seen() -> None:
     shown = terminal_table(table, ["structure.damping"])
     limit = table["stops.collision_rate.upper_95"].iloc[0]
     assert f"0 (< {limit:.2g})" in shown.iloc[0].tolist()
+    assert unseen(table).tolist() == [True] and "structure.damping (N s/m)" in shown
+
+
+def test_a_picture_of_rates_that_span_decades_is_logarithmic() -> None:
+    rates = [1e-4, 0.0, 1.0]
+    columns = {"a": [1.0, 2.0, 3.0], "x.collision_rate": rates, "method": ["exact"] * 3}
+    table = pd.DataFrame({**columns, "x.collision_rate.standard_error": [0.0] * 3})
+    scales = []
+    for values in (rates, [1.0, 0.0, 2.0]):
+        ax = draw_sweep(table.assign(**{"x.collision_rate": values}), ["a"], "x.collision_rate")
+        scales.append(ax.get_yscale())
+        plt.close(ax.get_figure())
+    assert scales == ["log", "linear"]
 
 
 def test_a_clearance_moves_both_stops() -> None:
@@ -191,6 +212,8 @@ def test_a_table_that_changed_is_another_row(tmp_path: Path) -> None:
         ("impact_pairs.0.upper", "did you mean 'impact_pair.0.upper'"),
         ("impact_pair.1.upper", "did you mean 'impact_pair.0.upper'"),
         ("impact_pair.0.law", "did you mean 'impact_pair.0.law"),
+        ("coefficient", "did you mean 'impact_pair.0.law.coefficient'"),
+        ("clearance", "did you mean 'impact_pair.0.clearance'"),
         ("impact_pair.0.law.restitution", "with .*law.restitution"),
         ("structure.kind", "is not a number of the scene"),
         ("structure.dampin", "did you mean 'damping'"),

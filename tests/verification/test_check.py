@@ -12,6 +12,7 @@ from stochvi import (
     Restitution,
     Scene,
     TabulatedNoise,
+    Viscoelastic,
     check,
     exact,
     fokker_planck,
@@ -123,6 +124,20 @@ def test_impacts_too_rare_to_judge_by_raise_no_alarm() -> None:
     assert verdict.passed
     rates = [row for row in verdict.comparisons if row.quantity.startswith("collision")]
     assert {row.verdict for row in rates if row.method == "simulate"} == {TOO_RARE}
+
+
+def test_a_scene_without_hits_names_what_finds_rare_ones() -> None:
+    mount = Scene(
+        structure=Isolator(mass=2.0, frequency_hz=12.0, zeta=0.1),
+        impact_pairs=[ImpactPair(clearance=0.1, law=Viscoelastic(stiffness=1e5, loss_factor=0.3))],
+        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+    )
+    free = mount.replace(impact_pairs=[])
+    found = [
+        replace(simulate(each, paths=8, duration=2.0, threads=1), identities={})
+        for each in (mount, free)
+    ]
+    assert ["no hit was seen" in compare([each]).summary() for each in found] == [True, False]
 
 
 def test_nothing_to_judge_is_no_pass() -> None:

@@ -14,7 +14,15 @@ from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.scene import Scene
 from stochvi.views.absorber_sine import draw_absorber_sine, ranges, tunings
-from stochvi.views.absorbers import draw_design, draw_levels, draw_plays, tuned_sentence, verdict
+from stochvi.views.absorbers import (
+    CANDIDATES,
+    draw_design,
+    draw_levels,
+    draw_plays,
+    rivals_in_words,
+    tuned_sentence,
+    verdict,
+)
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.words import MM, UNKNOWN, G, millimetres, with_error, with_interval
 
@@ -191,6 +199,7 @@ def design_page(found: Design, origin: Origin) -> Page:
                 "their errors. One curve holds all levels: a level raised by 20 log r decibels "
                 "acts like a play r times smaller.",
                 grids=[_boxes(best, robust, found.level_range_db), _candidates(found)],
+                notes=list(filter(None, [rivals_in_words(found)])),
                 pictures=[
                     shown(lambda: draw_design(found), "rms ratio over play; bars: two errors.")
                 ],
@@ -226,7 +235,9 @@ def _scene(scene: Scene) -> Section:
 
 def _motion(found: AbsorberReport) -> Grid:
     accelerated = any(each.acceleration_std is not None for each in found.performances)
-    headings = ["level", "ratio", "rms with (mm)", "rms without (mm)", "peak factor", "without"]
+    headings = [
+        "level", "ratio", "rms with (mm)", "rms without (mm)", "peak factor", "peak factor without",
+    ]  # fmt: skip
     rows = []
     for each in found.performances:
         low, high = each.interval()
@@ -245,7 +256,7 @@ def _motion(found: AbsorberReport) -> Grid:
             ]
         rows.append(row)
     if accelerated:
-        headings += ["abs. acceleration (g rms)", "without"]
+        headings += ["abs. acceleration (g rms)", "abs. acceleration without (g rms)"]
     return Grid(caption="by level of the excitation", headings=headings, rows=rows)
 
 
@@ -368,7 +379,7 @@ def _candidates(found: Design) -> Grid:
         for each in found.candidates.to_dict("records")
     ]
     return Grid(
-        caption="Candidates, best first",
+        caption=f"{CANDIDATES[0].upper()}{CANDIDATES[1:]}",
         headings=["restitution", "units", "play (mm)", "rms ratio"],
         rows=rows,
         words=0,
