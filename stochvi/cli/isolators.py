@@ -194,7 +194,7 @@ def size(
             "--sensitivity is for one oscillator; the answer for several pairs holds the effect of "
             "every tolerance already: give --tolerances"
         )
-    deadline = options.until(options.budget)
+    deadline = options.until(options.budget, REPORT_SECONDS)
     fell_short: list[str] = []
     judged: list[RecordVerdict | None] = []
 
@@ -256,6 +256,10 @@ def _show_pairs(options: Common, answer: PairsSizing, scene: str) -> None:
 
         write_pairs_report(answer, options.out, options.origin(scene, answer.provenance))
 
+
+REPORT_SECONDS = 3.0
+"""Seconds that the tables of a report and its first picture take, with the calculations that every
+report holds (measured on a busy machine)."""
 
 FIRST, BEFORE_REPORT = 0.5, 0.7
 """Shares of the budget that the sizing itself may take where changed cases, or only a report,

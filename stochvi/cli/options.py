@@ -89,16 +89,17 @@ class Common:
     question: str = ""
     begun: Deadline = field(default_factory=lambda: Deadline.after(0.0))
 
-    def until(self, budget: float | None) -> Deadline:
+    def until(self, budget: float | None, drawing: float = DRAWING_SECONDS) -> Deadline:
         """The deadline of a budget that is counted from the start of the command; `Interrupted`
-        where Ctrl-C has come already."""
+        where Ctrl-C has come already. Earlier where files are written whose `drawing` takes more
+        seconds than a command may take after its budget."""
         if self.begun.interrupted:
             raise self.begun.fell_short("before the calculation began", "")
         if budget is None:
             return replace(self.begun, moment=math.inf, budget=None)
         early = 0.0
         if self.out is not None:
-            early = max(DRAWING_SECONDS - ALLOWED_SECONDS - GRACE_SHARE * budget, 0.0)
+            early = max(drawing - ALLOWED_SECONDS - GRACE_SHARE * budget, 0.0)
         due = self.begun.sooner_by(early - budget).in_no_less_than(LEAST_SHARE * budget)
         return replace(due, budget=budget)
 

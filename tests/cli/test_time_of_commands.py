@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 from stochvi.cli import main
+from stochvi.cli.options import Common
 from stochvi.results.errors import NotConverged
 from stochvi.scenes.datasets import shipped_scene
 from support.commands import ELASTIC, Run
@@ -98,10 +99,19 @@ def test_the_start_of_a_command_is_a_part_of_its_budget(
     assert stochvi(*command.split()[:1], scene, *command.split()[1:], "--budget", "10").code == 1
     rows = 2 if command.startswith("sweep") else 1
     (left,) = given
-    assert 3.0 <= left * rows <= rows * 10.0 - 6.0
+    assert 0.0 < left * rows <= rows * 10.0 - 6.0
 
 
 def test_every_command_with_a_budget_hands_it_on() -> None:
     tried = {command.split()[0] for command, *_ in HANDED_ON}
     # clearance hands on the same arguments as reliability
     assert tried | {"clearance"} == {case.command for case in STUDY.cases() if case.budgeted}
+
+
+def test_what_takes_long_in_drawing_is_left_time_for(tmp_path: Path) -> None:
+    plain, written = Common(), Common(out=tmp_path)
+    assert plain.until(3.0, 3.5).left == pytest.approx(3.0, abs=0.2)
+    # a fifth of the budget may pass after it, and a second or so
+    assert written.until(3.0, 3.5).left == pytest.approx(3.0 - (3.5 - 1.3 - 0.6), abs=0.2)
+    assert written.until(60.0, 3.5).left == pytest.approx(60.0, abs=0.2)
+    assert written.until(1.0, 3.5).left == pytest.approx(0.3, abs=0.1)  # it gets a little always

@@ -96,7 +96,7 @@ class SearchSettings:
     rough_factor: float = 3.0
     close: float = 0.02
     grace: float = 0.05
-    least_seconds: float = 0.3
+    least_seconds: float = 0.2
     share_of_hits: float = 0.4
     most_error: float = 1.0
     reach: float = math.log(FAR)
