@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stochvi import ImpactPair, Matrices, Oscillator, Restitution, Scene, harmonic_response
+from stochvi import (
+    ImpactPair,
+    Isolator,
+    Matrices,
+    Oscillator,
+    Restitution,
+    Scene,
+    harmonic_response,
+)
 from stochvi.methods.periodic import bifurcation, lyapunov_exponent
 from stochvi.methods.periodic.answer import Branch, HarmonicResponse
 from stochvi.methods.periodic.contact_branches import ContactFinder
@@ -252,3 +260,22 @@ def test_slow_sweeps_and_exponents_are_those_of_the_exact_regime(law: Law) -> No
         rate = lyapunov_exponent(scene, given, settling=300, periods=320)
         assert abs(rate.value - expected) < 4.0 * rate.standard_error
         assert rate.standard_error < 0.1 * abs(expected)
+
+
+def test_a_jump_is_where_a_simulated_sweep_has_it_and_a_first_touch_is_none() -> None:
+    """Downwards the motion touches the stops near 13.17 Hz and jumps at 13.15 Hz; upwards it
+    touches them at 11.2 Hz and goes on, whatever the values that are asked for."""
+    scene = Scene(
+        structure=Isolator(mass=50.0, frequency_hz=12.0, zeta=0.06),
+        impact_pairs=[
+            ImpactPair(clearance=0.004, law=Viscoelastic(stiffness=2e6, damping_ratio=0.15))
+        ],
+        excitations=[Sine(on="x", unbalance=0.04, frequency_hz=15.0)],
+    )
+    found = harmonic_response(scene, np.linspace(10.5, 16.5, 31), sweep="both")
+    assert [jump.upwards for jump in found.jumps] == [True, False]
+    for jump, swept in zip(found.jumps, found.simulated, strict=True):
+        leaps = np.flatnonzero(np.abs(np.diff(swept.impact_speed_max)) > 0.1)
+        (leap,) = leaps  # the speed of first touches grows by less from value to value
+        low, high = np.sort(swept.value[leap : leap + 2])
+        assert low <= jump.value <= high
