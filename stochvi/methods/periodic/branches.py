@@ -52,6 +52,9 @@ SEED_VALUES = 13
 MOST_WORDS = 16
 """Number of orders of impacts that Newton's iteration is started with; the shortest first."""
 
+DEFAULT_IMPACTS = 3
+"""Largest number of impacts in a period that is looked for unless another is given."""
+
 STARTS = 10
 """Number of starts of Newton's iteration for each impact of an order."""
 
@@ -264,6 +267,33 @@ class Finder:
         )
         most = max(MOST_WORDS, m * len(SUBHARMONICS))
         return list(itertools.islice(itertools.chain(found, longer), most))
+
+    @cached_property
+    def tried(self) -> int:
+        """Number of impacts in a period up to which Newton's iteration is started with each order
+        of them."""
+        words = {word for word, periods in self._words() if periods == 1}
+        for count in range(1, self.most_impacts + 1):
+            orders = itertools.product(range(self.family.sizes[1]), repeat=count)
+            if not all(word in words for word in orders if word == min(_rotations(word))):
+                return count - 1
+        return self.most_impacts
+
+    @property
+    def looked_for(self) -> tuple[str, str]:
+        """How regimes are looked for, and a warning where few orders of impacts are tried."""
+        most = f"{self.tried} impact{'s' if self.tried > 1 else ''}"
+        how = (
+            "regimes are looked for by simulations and from many phases of all orders of up to "
+            f"{most} in a period; one that neither meets is not found"
+        )
+        if self.tried >= min(self.family.sizes[1], DEFAULT_IMPACTS):
+            return how, ""
+        remedy = "; raise most_impacts (--impacts)" if self.tried == self.most_impacts else ""
+        return how, (
+            f"regimes of more than {most} in a period are looked for by simulations, which meet no "
+            f"unstable one, and in few orders{remedy}"
+        )
 
     def _simulated(self, sigma: float) -> Iterator[Regime]:
         """Regimes that simulations settle to, from rest and from motions of some sizes."""

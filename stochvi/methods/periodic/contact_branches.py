@@ -117,6 +117,13 @@ class ContactFinder(Finder):
                     self.tracks += self._traced(orbit)
         return self.tracks
 
+    @property
+    def looked_for(self) -> tuple[str, str]:
+        return (
+            "regimes are looked for by simulations and from random states; one that neither meets "
+            "is not found"
+        ), ""
+
     # One motion
 
     def flown(

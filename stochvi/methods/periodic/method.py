@@ -15,7 +15,7 @@ from stochvi.methods.periodic.answer import (
     SimulatedSweep,
     SpecialPoint,
 )
-from stochvi.methods.periodic.branches import Finder, Track
+from stochvi.methods.periodic.branches import DEFAULT_IMPACTS, Finder, Track
 from stochvi.methods.periodic.contact_branches import finder_of
 from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.jumps import Sweep
@@ -59,7 +59,7 @@ def harmonic_response(
     form: str = "exact",
     vary: Mapping[str, Sequence[float]] | None = None,
     coordinate: str | None = None,
-    most_impacts: int = 3,
+    most_impacts: int = DEFAULT_IMPACTS,
     sweep: str | None = None,
     budget: float | None = None,
 ) -> HarmonicResponse:
@@ -93,7 +93,9 @@ def harmonic_response(
     coordinate
         The coordinate whose displacement and acceleration are given; by default the first.
     most_impacts
-        Largest number of impacts per period of the regimes that Newton's iteration looks for.
+        Largest number of impacts per period of the regimes that Newton's iteration looks for; those
+        of more are found only where simulations settle to them, and a warning says so where stops
+        are more than that.
     sweep
         "up", "down" or "both": simulate such a slow sweep as well, 300 periods at each value.
     budget
@@ -167,6 +169,7 @@ def harmonic_response(
         found = linearised(lambda value: model_of(scene_at(value)), values, form)
         error = _error(found, branches)
         branches = (*(each for each in branches if not each.stops), *found)
+    how, few = finder.looked_for
     answer = HarmonicResponse(
         key=key,
         coordinate=coordinate or model.coordinates[0],
@@ -175,8 +178,8 @@ def harmonic_response(
         jumps=jumps,
         simulated=simulated,
         model_error=error,
-        assumptions=(*scene.assumptions(), LOOKED_FOR if form == "exact" else HARMONIC),
-        warnings=noise_left_out(model),
+        assumptions=(*scene.assumptions(), how if form == "exact" else HARMONIC),
+        warnings=(*noise_left_out(model), *([few] if few and form == "exact" else [])),
         cost=Cost(wall_time=time.perf_counter() - began),
         provenance=provenance(scene.document()),
     )
@@ -195,12 +198,6 @@ SWEEPS: dict[str | None, tuple[bool, ...]] = {
     None: (), "up": (True,), "down": (False,), "both": (True, False)
 }  # fmt: skip
 """Whether each sweep by simulation goes upwards, by what is asked for."""
-
-LOOKED_FOR = (
-    "regimes are looked for by simulations and from many phases of few impacts; one that neither "
-    "meets is not found"
-)
-"""What the search for regimes takes for granted."""
 
 
 def varied(

@@ -395,6 +395,19 @@ def test_a_loose_mass_is_at_a_wall_at_every_impact_of_every_branch() -> None:
         assert place[branch.admissible] == pytest.approx(side, abs=1e-9)
 
 
+def test_orders_of_impacts_that_are_not_tried_are_named() -> None:
+    """With one impact a period the unstable clatter on both stops is missed; with two it is not."""
+    one, two = (harmonic_response(mount(), most_impacts=most) for most in (1, 2))
+    clatter = [
+        [each for each in found.branches if len(each.stops) == 2 and each.periods == 1]
+        for found in (one, two)
+    ]
+    assert len(clatter[0]) < len(clatter[1])
+    assert len(one.warnings) == 1
+    assert not two.warnings
+    assert one.assumptions != two.assumptions
+
+
 def test_no_more_orders_of_impacts_are_listed_than_are_tried() -> None:
     few, many = (harmonic_response(undamped(0.5), most_impacts=most) for most in (6, 40))
     assert [each.stops for each in few.branches] == [each.stops for each in many.branches]
