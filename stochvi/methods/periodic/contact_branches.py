@@ -66,6 +66,10 @@ LINGERING = 8
 STEPS = (1e-6, 0.02, 0.3)
 """Smallest, first and largest step of arc, in units of the kernels and of `solver.WEIGHT`."""
 
+BEYOND = 0.2
+"""Shares of the range by which Newton's iteration may leave it: far from it a series of the numbers
+of a scene means nothing, and a force may become so slow that its period is never flown."""
+
 TURN = 0.95
 """Smallest cosine of the angle between tangents at two successive points."""
 
@@ -279,6 +283,8 @@ class ContactFinder(Finder):
             if change is None or not np.abs(change).max() < 1e3:
                 return None
             at = at + change
+            if not -BEYOND < at[-1] / solver.WEIGHT < 1.0 + BEYOND:
+                return None
             if np.abs(change).max() < CONVERGED * (1.0 + np.abs(at).max()):
                 tangent = _solved(matrix, np.append(np.zeros(len(slope)), 1.0))
                 return None if tangent is None else (at, tangent / np.linalg.norm(tangent))
