@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.integrate import solve_ivp
 
 from stochvi import (
     Absorber,
@@ -24,6 +25,8 @@ from stochvi import (
 )
 from stochvi.absorbers import absorber_sine, residual_vibration, tuned_force
 from stochvi.cli import main
+from stochvi.model.model import model_of
+from stochvi.scenes.impact_laws import Viscoelastic
 from support.accuracies import quick_cases
 from support.bounces import Bounces
 
@@ -150,6 +153,37 @@ def test_a_structure_of_several_coordinates_carries_a_mass_by_name() -> None:
     assert found.tuning[0].worst.min() < 0.5
     with pytest.raises(ValueError, match="tune must name keys of absorber"):
         absorber_sine(given, tune={"structure.mass": [1.0]})
+
+
+def test_walls_that_give_way_leave_what_their_force_law_does() -> None:
+    law = Viscoelastic(stiffness=500.0, damping_ratio=0.3)
+    given = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        absorber=Absorber(mass=0.1, play=1.0, law=law),
+        excitations=[Sine(amplitude=0.2, frequency_hz=0.159)],
+    )
+    found, model = absorber_sine(given, tune={}), model_of(given)
+    (branch,) = [each for each in found.regimes.branches if each.stable.all() and each.stops]
+    (place,) = branch.at(0.159)
+    (pair,) = model.pairs
+
+    def rate(time: float, y: np.ndarray) -> np.ndarray:
+        x, v = y[:2], y[2:]
+        push = 0.2 * math.cos(2.0 * math.pi * 0.159 * time + branch.phase[place, 0])
+        force = np.array([push - x[0] - 0.1 * v[0], 0.0])
+        force = force - pair.direction * pair.force(pair.direction @ x, pair.direction @ v)
+        return np.concatenate([v, np.linalg.solve(model.mass, force)])
+
+    start = np.concatenate([branch.displacement[place], branch.velocity[place]])
+    times = np.linspace(0.0, 1.0 / 0.159, 2000)
+    path = solve_ivp(
+        rate, (0.0, times[-1]), start, t_eval=times, method="DOP853", rtol=1e-10, atol=1e-12,
+        max_step=0.01,
+    ).y  # fmt: skip
+    assert path[:, -1] == pytest.approx(start, abs=1e-8)
+    left = found.frequency.best[0] * found.frequency.without[0]
+    assert left == pytest.approx(np.abs(path[0]).max(), rel=1e-4)
+    assert left < 0.6 * found.frequency.without[0]
 
 
 def test_what_is_no_absorber_under_a_sine_is_refused() -> None:
