@@ -5,6 +5,7 @@ import math
 import time
 from pathlib import Path
 
+import controls
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -75,5 +76,8 @@ if __name__ == "__main__":
     chosen = peers.PEERS | (peers.LIBRARIES if options.libraries else {})
     result = measure(chosen, 0.1 if options.quick else 1.0)
     result.to_csv(options.out / "result.csv", index=False)
+    gains = controls.table(0.25 if options.quick else 1.0)
+    gains.to_csv(options.out / "controls.csv", index=False, float_format="%.2f")
     draw(result, options.out / "figure.png")
     print(result.to_string())
+    print(gains.to_string())

@@ -149,6 +149,14 @@ class State:
             machines=tuple(dict.fromkeys((*self.machines, *where))),
         )
 
+    def of_layout(self, layout: Layout) -> State:
+        """The same numbers of a plan whose rows are expected to have other values."""
+        return replace(
+            self,
+            fine=replace(self.fine, layout=layout),
+            pairs=replace(self.pairs, layout=layout),
+        )
+
     def document(self) -> dict[str, Any]:
         """The state as types that JSON can hold."""
         plain = {field.name: getattr(self, field.name) for field in fields(self)}

@@ -68,7 +68,7 @@ It equals GAP_PER_STEP for a uniform law, whose width is sqrt(12) standard devia
 
 @dataclass(frozen=True, kw_only=True)
 class CompliantPlan(WhitePlan):
-    """Steps, start and lengths where a stop gives way; its `averages` have CONTACT_SUMS rows."""
+    """Steps, start and lengths where a stop gives way; `averages` begin with CONTACT_SUMS rows."""
 
     rows = CONTACT_SUMS
     sums_of_contacts = tuple(CONTACT_ROWS)
@@ -150,7 +150,7 @@ def plan_compliant(
     >>> from stochvi.model.model import model_of
     >>> plan = plan_compliant(model_of(scene), None, None)
     >>> plan.step, plan.averages(seed=1, first_path=0, paths=3).shape
-    (0.8, (19, 3))
+    (0.8, (21, 3))
     """
     unmet = []
     if slow_impacts:

@@ -162,7 +162,9 @@ class WhitePlan(SteppedPlan):
     @cached_property
     def layout(self) -> Layout:
         """Meaning of the rows of `averages`."""
-        return layout_of_one(self.model, self.origin, self.threshold, self.sums_of_contacts)
+        # the noise of a step is independent of the state before it
+        noise = {"noise x": 0.0, "noise v": 0.0}
+        return layout_of_one(self.model, self.origin, self.threshold, self.sums_of_contacts, noise)
 
     @property
     def coarse_share(self) -> float:
@@ -331,11 +333,11 @@ class WhitePlan(SteppedPlan):
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         x, v = self._start(streams)
-        sums = np.zeros((self.rows, paths))
+        sums, noise = np.zeros((self.rows, paths)), np.zeros((2, paths))
         burn_in = 0 if record is not None else self._burn_in_steps
         stride = self._stride
         self._kernel(
-            Paths(x, v, streams, sums), *self._kernel_constants(),
+            Paths(x, v, streams, sums, noise), *self._kernel_constants(),
             Counting(
                 burn_in=burn_in, steps=self.steps, stride=stride,
                 origin=self.origin - self.model.rest, threshold=self.threshold,
@@ -344,7 +346,7 @@ class WhitePlan(SteppedPlan):
         )  # fmt: skip
         sums[:N_LOWER] /= math.ceil(self.steps / stride)
         sums[N_LOWER:] /= self.steps * self.step
-        return self._at_mid_kick(sums)
+        return np.concatenate([self._at_mid_kick(sums), noise / self.steps])
 
     @property
     def _stride(self) -> int:

@@ -36,7 +36,7 @@ from stochvi.methods.monte_carlo.quantities import (
     of_pair,
     speed_mean,
 )
-from stochvi.methods.monte_carlo.statistics import PathStatistics, StepPairs
+from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics, StepPairs
 from stochvi.model.balances import residuals
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Pair
@@ -115,11 +115,11 @@ class Run:
     def __post_init__(self) -> None:
         self.started = time.perf_counter()
         self.model = self.plan.model
-        self.layout = self.plan.layout
-        self.state = self.resumed or State.start(self.layout)
+        self.state = self.resumed or State.start(self.plan.layout)
         self.first_seconds, self.first_steps = self.state.seconds, self.state.steps
         for _ in range(self.state.refinements):
             self.plan = self.plan.finer()
+        self.state = self.state.of_layout(self.layout)
         self.expected_paths = math.inf
         self.rel_error: float | None = None
         self.merged_at = self.first_seconds
@@ -127,6 +127,11 @@ class Run:
         self.sentence, self.last_sentence_at = "", -math.inf
         self.checkpoint_failure = ""
         self.whole_blocks: State | None = None
+
+    @property
+    def layout(self) -> Layout:
+        """Meaning of the rows at the step of the plan, with what is expected of the controls."""
+        return self.plan.layout
 
     @property
     def fine(self) -> PathStatistics:

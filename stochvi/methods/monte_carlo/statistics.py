@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,17 +109,19 @@ class PathStatistics(PathMoments):
         return replace(self, layout=replace(self.layout, controls={}))
 
     @cached_property
+    def with_noise_alone(self) -> PathStatistics:
+        """The same statistics with those controls alone whose expected value is 0: they are the
+        same at any step."""
+        controls = {key: value for key, value in self.layout.controls.items() if value == 0.0}
+        return replace(self, layout=replace(self.layout, controls=controls))
+
+    @cached_property
     def _controlled(self) -> tuple[Vector, Vector]:
         """The means, and the covariance of their errors, by the regression on the controls."""
-        used = [row for row, key in enumerate(self.layout.rows) if self._shared_by_many(key, row)]
+        used, slopes, inverse = self.regression
         if not used:
             return self.mean, self.covariance
-        expected = np.array([self.layout.controls[self.layout.rows[row]] for row in used])
-        off = self.mean[used] - expected
-        size = np.sqrt(np.diag(self.scatter)[used])
-        within = self.scatter[np.ix_(used, used)] / np.outer(size, size)
-        inverse = np.linalg.pinv(within, rcond=COLLINEAR, hermitian=True) / np.outer(size, size)
-        slopes = self.scatter[:, used] @ inverse
+        off = self.mean[used] - [self.layout.controls[self.layout.rows[row]] for row in used]
         left = self.scatter - slopes @ self.scatter[used]
         freedom = self.count - 1 - len(used)
         covariance = left / freedom * (1.0 / self.count + off @ inverse @ off)
@@ -127,12 +129,25 @@ class PathStatistics(PathMoments):
         covariance[np.diag_indices_from(covariance)] = np.maximum(np.diag(covariance), 0.0)
         return self.mean - slopes @ off, covariance
 
-    def _shared_by_many(self, key: Key, row: int) -> bool:
-        """Whether a row is a control in which many paths share."""
+    @cached_property
+    def regression(self) -> tuple[list[int], Vector, Vector]:
+        """The rows of the controls that are used, the slopes of all rows on them, and the inverse
+        of their scatter."""
+        used = [row for row, key in enumerate(self.layout.rows) if self._usable(key, row)]
+        size = np.sqrt(np.diag(self.scatter)[used])
+        within = self.scatter[np.ix_(used, used)] / np.outer(size, size)
+        inverse = np.linalg.pinv(within, rcond=COLLINEAR, hermitian=True) / np.outer(size, size)
+        return used, self.scatter[:, used] @ inverse, inverse
+
+    def _usable(self, key: Key, row: int) -> bool:
+        """Whether a row is a control in which many paths share; noise is shared by all."""
         mean, scatter = self.mean[row], self.scatter[row, row]
+        if key not in self.layout.controls or scatter <= 0.0:
+            return False
+        if self.layout.controls[key] == 0.0:
+            return self.count >= FEWEST_SHARING
         squares = scatter + self.count * mean**2
-        shares = key in self.layout.controls and scatter > 0.0
-        return bool(shares and (self.count * mean) ** 2 >= FEWEST_SHARING * squares)
+        return bool((self.count * mean) ** 2 >= FEWEST_SHARING * squares)
 
     def _named(self, mean: Vector) -> Means:
         """The means by key, positions from the unloaded springs; and the variance of each x, which
@@ -165,13 +180,8 @@ class StepPairs(PathMoments):
         size = 2 * len(layout.rows)
         return cls(count=0, mean=np.zeros(size), scatter=np.zeros((size, size)), layout=layout)
 
-    @cached_property
-    def _halves(self) -> tuple[PathStatistics, PathStatistics]:
-        """The paths at the step, and at twice the step; kept, as is what their derivatives need."""
-        rows = len(self.layout.rows)
-        return self._half(slice(rows)), self._half(slice(rows, None))
-
-    def _half(self, rows: slice) -> PathStatistics:
+    def half(self, rows: slice) -> PathStatistics:
+        """The paths at one of the steps, without controls."""
         return PathStatistics(
             count=self.count,
             mean=self.mean[rows],
@@ -191,11 +201,10 @@ class StepPairs(PathMoments):
         mean. Its variance is least at beta = cov(c, f) / var(f), for paths that share their noise
         near 1 and for independent ones 0.
         """
-        whole = whole.uncontrolled  # that what is shared with these paths is known
         rows = len(self.layout.rows)
-        fine, coarse = self._halves
+        fine, coarse, covariance = at_both_steps(self, whole)
+        whole = whole.with_noise_alone
         of_fine, of_coarse = fine.gradient(quantities), coarse.gradient(quantities)
-        covariance = self.scatter / max(self.count - 1, 1)
 
         def shared(left: Vector, right: Vector, block: Vector) -> Vector:
             return np.asarray(np.sum(left * (block @ right), axis=0))
@@ -215,3 +224,22 @@ class StepPairs(PathMoments):
             - (1.0 - beta) * quantities(whole.means())
         )
         return list(zip(values.tolist(), errors.tolist(), strict=True))
+
+
+@lru_cache(maxsize=2)
+def at_both_steps(
+    pairs: StepPairs, whole: PathStatistics
+) -> tuple[PathStatistics, PathStatistics, Vector]:
+    """The pairs at the step and at twice the step, and their joint covariance (2 rows, 2 rows) over
+    the paths, by the regression on noise with the slopes of the `whole`, which knows them best.
+
+    They are kept, as is what their derivatives need, since many quantities are asked for in a row.
+    """
+    rows = len(pairs.layout.rows)
+    used, slopes, _ = whole.with_noise_alone.regression
+    one = np.eye(rows)
+    one[:, used] -= slopes
+    both = np.kron(np.eye(2), one)
+    found = replace(pairs, mean=both @ pairs.mean, scatter=both @ pairs.scatter @ both.T)
+    covariance = found.scatter / max(pairs.count - 1, 1)
+    return found.half(slice(rows)), found.half(slice(rows, None)), covariance

@@ -4,18 +4,31 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, WhiteNoise
+from stochvi import (
+    ImpactPair,
+    Isolator,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    WhiteNoise,
+    load_scene,
+    simulate,
+)
+from stochvi.methods.monte_carlo.checkpoints import Checkpoint
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import Means, of_coordinate, of_pair
-from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.methods.monte_carlo.statistics import PathStatistics, StepPairs
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
+from stochvi.scenes.datasets import zoo_files
 from stochvi.testing import assert_agrees
+from support.known import oscillator
 
 SIGMA = 0.0019879
 """Standard deviation of the mount without stops, m."""
@@ -126,3 +139,74 @@ def test_passages_that_few_paths_have_are_left_alone() -> None:
 def test_there_are_none_without_stops() -> None:
     free = scene(None, 1.0).replace(impact_pairs=[])
     assert not make_plan(model_of(free), None, None).layout.controls
+
+
+# ---- noise against the state before it ---------------------------------------------------------
+
+WHITE = {
+    "rigid": oscillator(-1.0, 1.0, 0.5),
+    "one gives way": load_scene(zoo_files()["spring-and-rigid"]),
+    "slow impacts": oscillator(-1.0, 1.0, 0.2),
+}
+
+
+@cache
+def white_paths(name: str) -> tuple[Plan, np.ndarray, np.ndarray]:
+    """Averages of paths at the step and at twice the step."""
+    plan = make_plan(model_of(WHITE[name]), None, None, slow_impacts=name == "slow impacts")
+    paths = RUN * (8 if name == "slow impacts" else RUNS)
+    return plan, plan.averages(7, 0, paths), plan.coarser().averages(7, 0, paths)
+
+
+@pytest.mark.parametrize("name", WHITE)
+def test_noise_is_independent_of_the_state_before_it(name: str) -> None:
+    plan, fine, coarse = white_paths(name)
+    assert set(plan.layout.controls.values()) == {0.0}
+    for averages in (fine, coarse):
+        for key in plan.layout.controls:
+            sample = averages[plan.layout.rows.index(key)]
+            error = sample.std(ddof=1) / np.sqrt(len(sample))
+            assert_agrees(Estimate(value=sample.mean(), standard_error=error), 0.0)
+
+
+@pytest.mark.parametrize(("name", "gain"), [("rigid", 6.0), ("one gives way", 2.0)])
+def test_noise_makes_errors_smaller_and_true(name: str, gain: float) -> None:
+    plan, averages, coarse = white_paths(name)
+    known = of_pair(plan.model.pairs[0].name)["impact_speed_rate"]
+    each = averages.reshape(len(averages), RUNS, RUN).swapaxes(0, 1)
+    found = [PathStatistics.of(one, plan.layout) for one in each]
+    values, errors = np.array([one.evaluate(known) for one in found]).T
+    plain = np.array([one.uncontrolled.evaluate(known) for one in found])
+    stated = np.sqrt(np.mean(errors**2))
+    relative = 1.0 / np.sqrt(2.0 * RUNS)
+    assert_agrees(Estimate(value=values.std(ddof=1) / stated, standard_error=relative), 1.0)
+    changed = values - plain[:, 0]
+    error = changed.std(ddof=1) / np.sqrt(RUNS)
+    assert_agrees(Estimate(value=changed.mean(), standard_error=error), 0.0)
+    assert np.mean(plain[:, 1] ** 2) > gain * stated**2
+    # so does the difference to twice the step, from which the bias is known
+    whole = PathStatistics.of(averages, plan.layout)
+    pairs = StepPairs.of(np.concatenate([averages, coarse])[:, :1024], plan.layout)
+    one = pairs.differences(lambda means: (known(means),), whole)[0]
+    two = pairs.differences(lambda means: (known(means),), whole.uncontrolled)[0]
+    assert one[1] < 0.7 * two[1]
+    between = Estimate(value=one[0], standard_error=np.hypot(one[1], two[1]))
+    assert_agrees(between, two[0])
+
+
+def test_a_run_that_is_refined_expects_what_its_sampling_gives(tmp_path: Path) -> None:
+    """A table up to high frequencies: its passages between samples depend on the sampling."""
+    flat = TabulatedNoise(frequency_hz=[1e-3, 60.0], density=[0.4, 0.4], unit="N2/Hz")
+    coloured = oscillator(-1.0, 1.0, 0.8).replace(excitations=[flat])
+    kept = tmp_path / "run"
+    refined = simulate(coloured, rel_error=0.01, seed=16, checkpoint=kept)
+    assert Checkpoint.read(kept).state["refinements"] > 0
+    whole = simulate(oscillator(-1.0, 1.0, 0.8), rel_error=0.005, seed=16)
+    for name in ("collision_rate", "impact_speed_square_rate"):
+        one, two = (each.impact_pairs["stops"][name] for each in (refined, whole))
+        assert one.standard_error <= 0.011 * one.value
+        error = np.hypot(one.standard_error, two.standard_error)
+        bias = one.bias + two.bias + 2.0 * (one.bias_error + two.bias_error)
+        assert_agrees(Estimate(value=one.value, standard_error=error, bias=bias), two.value)
+    again = simulate(coloured, resume=kept)
+    assert again.to_dict()["impact_pairs"] == refined.to_dict()["impact_pairs"]

@@ -303,7 +303,10 @@ def test_energy_between_elastic_stops_does_not_drift(steps: int) -> None:
     constants = (*plan._kernel_constants()[1:],)
     assert constants[0] == _flow(plan.model, plan.step)
     run_white(
-        Paths(x, v, np.ones((2, lanes), np.uint64), np.zeros((SUMS, lanes))), Kick(1.0, 0.0),
+        Paths(
+            x, v, np.ones((2, lanes), np.uint64), np.zeros((SUMS, lanes)), np.zeros((2, lanes))
+        ),
+        Kick(1.0, 0.0),
         *constants, Counting(0, steps // lanes, 10**6, 0.0, 0.0), None, None,
     )  # fmt: skip
     drift = (v**2 + x**2) / before - 1.0

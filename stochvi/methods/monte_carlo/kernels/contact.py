@@ -26,7 +26,12 @@ import math
 import numba
 import numpy as np
 
-from stochvi.methods.monte_carlo.kernels.flight import LANES, add_moments, normals_of_step
+from stochvi.methods.monte_carlo.kernels.flight import (
+    LANES,
+    add_moments,
+    add_noise,
+    normals_of_step,
+)
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
 from stochvi.methods.monte_carlo.kernels.intervals import decay
 from stochvi.methods.monte_carlo.kernels.limits import RESTING
@@ -538,7 +543,7 @@ def run_contacts(paths, kick, flow, lower, upper, counting, record, log):
     log : None, or an `impact_log.Log`, which gets the first touches in the counted steps that are
         at least as fast as the threshold.
     """
-    x, v, streams, sums = paths
+    x, v, streams, sums, noise = paths
     burn_in, steps, stride, origin, threshold = counting
     first, second, mark = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
@@ -556,6 +561,8 @@ def run_contacts(paths, kick, flow, lower, upper, counting, record, log):
         for step in range(burn_in + steps):
             z = normals_of_step(step, kick.earlier, state0, state1, z1, z2)
             counted = step >= burn_in
+            if counted:
+                add_noise(xs, vs, z, noise[0][start:end], noise[1][start:end])
             count = step_clear_paths(xs, vs, z, near, kick, flow, lower, upper)
             for i in range(end - start if count > 0 else 0):
                 if near[i] != 0.0:

@@ -352,6 +352,14 @@ def add_moments(x, v, origin, mean, square, speed):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def add_noise(x, v, z, place, power):
+    """Add x z and v z to their sums, of states before the kick with the normal z."""
+    for i in range(x.shape[0]):
+        place[i] += x[i] * z[i]
+        power[i] += v[i] * z[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
 def aligned_rows(rows):
     """Zeros (rows, LANES + CACHE_LINE) whose rows begin at lines of the cache.
 
@@ -428,11 +436,11 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
     log : None, or an `impact_log.Log`, which gets the impacts in the counted steps that are at
         least as fast as the threshold.
     """
-    x, v, streams, sums = paths
+    x, v, streams, sums, noise = paths
     burn_in, steps, stride, origin, threshold = counting
-    work = aligned_rows(12 + SUMS)
+    work = aligned_rows(14 + SUMS)
     words = aligned_rows(2).view(np.uint64)
-    local = work[12:]  # close together: rows of `sums` would evict one another
+    local = work[14:]  # close together: rows of `sums` would evict one another
     several = np.zeros(SUMS)
     usual = 0.5 * flow.step
     for start in range(0, x.shape[0], LANES):
@@ -443,9 +451,11 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
         )  # fmt: skip
         slow, owed, corner_x, corner_v = work[6][:n], work[7][:n], work[8][:n], work[9][:n]
         before_x, before_v = work[10], work[11]
+        place, power = work[12][:n], work[13][:n]
         state0, state1 = words[0][:n], words[1][:n]
         for i in range(n):
             xs[i], vs[i], hits[i], owed[i] = x[start + i], v[start + i], 0.0, usual
+            place[i], power[i] = 0.0, 0.0
             state0[i], state1[i] = streams[0, start + i], streams[1, start + i]
         local[:] = 0.0
         for step in range(burn_in + steps):
@@ -463,6 +473,14 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                             page_of(log, start + i, step - burn_in, flow.step),
                         )  # fmt: skip
                         add_impacts(several, counted, local, record, step - burn_in, start, i)
+            if counted:
+                # refined steps, known before the normal is, draw others
+                if corner is None:
+                    add_noise(xs, vs, z, place, power)
+                else:
+                    for i in range(n):
+                        place[i] += 0.0 if slow[i] != 0.0 else xs[i] * z[i]
+                        power[i] += 0.0 if slow[i] != 0.0 else vs[i] * z[i]
             if log is not None:
                 for i in range(n):
                     before_x[i], before_v[i] = xs[i], vs[i]
@@ -516,6 +534,8 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                         record[step - burn_in, start + i, 2] += hits[i]
         for i in range(n):
             x[start + i], v[start + i] = xs[i], vs[i]
+            noise[0, start + i] += place[i]
+            noise[1, start + i] += power[i]
             streams[0, start + i], streams[1, start + i] = state0[i], state1[i]
             for row in range(SUMS):
                 sums[row, start + i] += local[row, i]

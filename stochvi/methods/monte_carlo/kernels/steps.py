@@ -66,12 +66,15 @@ class Paths(NamedTuple):
     x, v : (paths,), m from the rest position and m/s at the start, replaced by those at the end.
     streams : (2, paths), random streams, advanced.
     sums : (rows, paths), added to; the rows are those of `rows`.
+    noise : (2, paths), added to: the sums of x z and of v z over the counted steps, with x and v
+        before the kick and z its normal.
     """
 
     x: NDArray
     v: NDArray
     streams: NDArray
     sums: NDArray
+    noise: NDArray
 
 
 class Corner(NamedTuple):

@@ -1,0 +1,67 @@
+"""By how much control variates reduce the number of paths, quantity by quantity."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+from cases import CASES, scene
+
+import stochvi as sv
+from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.quantities import Means, of_coordinate, of_pair
+from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.model.model import model_of
+from stochvi.scenes.datasets import shipped_scene
+
+ASKED = (
+    "displacement_std", "velocity_std", "collision_rate", "impact_speed_rate",
+    "impact_speed_square_rate",
+)  # fmt: skip
+"""The quantities that are asked for most."""
+
+
+def scenes() -> Iterator[tuple[str, sv.Scene, int]]:
+    """Names, scenes and numbers of paths."""
+    for name in ("1 sigma, R = 1", "1 sigma, R = 0.5", "2 sigma, R = 1", "2 sigma, R = 0.8"):
+        yield f"white noise, {name}", scene(*CASES[name]), 4096
+    mount = sv.load_scene(shipped_scene("isolator-truck"))
+    free = mount.replace(impact_pairs=[])
+    response = sv.exact(free).coordinates["x"]
+    sigma = response.displacement_std.value
+    for times, restitution in ((1, 0.5), (2, 1.0), (2, 0.5), (3, 1.0), (3, 0.5), (4, 0.5)):
+        law = sv.Restitution(coefficient=restitution)
+        pair = sv.ImpactPair(lower=-times * sigma, upper=times * sigma, law=law)
+        paths = 4096 if times == 4 else 1024
+        yield (
+            f"a table, {times} sigma, R = {restitution:g}",
+            mount.replace(impact_pairs=[pair]),
+            paths,
+        )
+
+
+def gains(case: sv.Scene, paths: int) -> list[float]:
+    """Squares of the standard errors without controls over those with them."""
+    plan = make_plan(model_of(case))
+    parts = [plan.averages(3, first, plan.block) for first in range(0, paths, plan.block)]
+    statistics = PathStatistics.of(np.concatenate(parts, axis=1), plan.layout)
+    known = of_coordinate(plan.model.coordinates[0]) | of_pair(plan.model.pairs[0].name)
+
+    def asked(means: Means) -> list[float]:
+        return [known[name](means) for name in ASKED]
+
+    with_them = statistics.evaluate_all(asked)
+    without = statistics.uncontrolled.evaluate_all(asked)
+    return [(a / b) ** 2 for (_, a), (_, b) in zip(without, with_them, strict=True)]
+
+
+def table(size: float) -> pd.DataFrame:
+    """Gains of every scene; `size` scales the numbers of paths."""
+    rows = [
+        (name, *gains(case, max(256, math.ceil(paths * size)))) for name, case, paths in scenes()
+    ]
+    return pd.DataFrame(rows, columns=["case", *ASKED])
+
+
+if __name__ == "__main__":
+    print(table(1.0).to_string(index=False, float_format="%.1f"))
