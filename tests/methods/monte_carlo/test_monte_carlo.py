@@ -500,7 +500,7 @@ def test_a_mean_over_the_hits_of_one_path_is_hardly_known() -> None:
     """Its spread between paths cannot be seen: to first order it would have no error at all."""
     seen = []
     for seed in range(24):
-        found = simulate(oscillator(-2.2, 2.2, 0.8), paths=64, duration=3.0, seed=seed)
+        found = simulate(oscillator(-2.2, 2.2, 0.8), paths=48, duration=3.0, seed=seed)
         rate, mean = (
             found.impact_pairs["stops"][name] for name in ("collision_rate", "impact_speed_mean")
         )
