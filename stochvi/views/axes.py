@@ -73,6 +73,16 @@ LEGEND_COLUMNS = 2
 """Columns of a legend: more do not fit above a picture of half a page."""
 
 
+def owner_colours(number: int) -> list[str]:
+    """Colours of so many coordinates or pairs: those of `OWNERS`, or shades where they are more."""
+    if number <= len(OWNERS):
+        return list(OWNERS[:number])
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    return [to_hex(colormaps["turbo"](share)) for share in np.linspace(0.03, 0.97, number)]
+
+
 def axes_or_new(ax: Axes | None, size: tuple[float, float] = SCREEN) -> Axes:
     """The axes that are given, or those of a new figure of this size in inches."""
     if ax is not None:

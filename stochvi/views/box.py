@@ -63,8 +63,8 @@ def one_axis_in_rows(sizing: PairsSizing) -> pd.DataFrame:
 
 
 def plot_box(sizing: PairsSizing) -> Axes:
-    """The box from outside: mounts, centre of mass, and snubbers coloured by the chance that each
-    alone is hit where the scene has its stops."""
+    """The box from outside: mounts, centre of mass, and snubbers coloured by the chance that one
+    alone is hit where the scene has its stops, of several at one place the largest."""
     import matplotlib.pyplot as plt
     from matplotlib.colors import LogNorm
 
@@ -80,24 +80,49 @@ def plot_box(sizing: PairsSizing) -> Axes:
     _draw_edges(ax, np.concatenate([mounts, places]))
     ax.scatter(*mounts.T, marker="s", s=40, color=COLOURS["stop"], label="mounts", depthshade=False)
     ax.scatter(0.0, 0.0, 0.0, marker="+", s=80, color="black", label="centre of mass")
-    chance = box.pairs.set_index("pair").loc[[pair.name for pair in pairs], "chance_as_given"]
+    corners: dict[tuple[float, ...], list[str]] = {}
+    for pair, place in zip(pairs, places.tolist(), strict=True):
+        corners.setdefault(tuple(place), []).append(pair.name)
+    alone = box.pairs.set_index("pair")["chance_as_given"]
+    chance = np.array([alone[names].max() for names in corners.values()])
     length = 0.15 * float(np.ptp(np.concatenate([mounts, places]), axis=0).max())
     seen = ax.scatter(
-        *places.T, c=np.clip(chance.to_numpy(), SMALLEST_CHANCE, 1.0), s=90, cmap="inferno_r",
-        norm=LogNorm(SMALLEST_CHANCE, 1.0), edgecolor="black", depthshade=False, label="snubbers",
+        *np.array(list(corners)).T, c=np.clip(chance, SMALLEST_CHANCE, 1.0), s=90,
+        cmap="inferno_r", norm=LogNorm(SMALLEST_CHANCE, 1.0), edgecolor="black", depthshade=False,
+        label="snubbers",
     )  # fmt: skip
     ax.quiver(*places.T, *(length * directions).T, color="black", linewidth=1.0)
-    for pair, place in zip(pairs, places - 0.6 * length * directions, strict=True):
-        ax.text(*place, pair.name, fontsize="small", ha="center", va="top")
+    # the labels below their corners, and room for them at the sides
+    for corner, names in corners.items():
+        below = corner - np.array([0.0, 0.0, 0.5 * length])
+        ax.text(*below, _together(names), fontsize="small", ha="center", va="top",
+                bbox={"color": "white", "alpha": 0.7, "pad": 0.5})  # fmt: skip
+    for get, put in ((ax.get_xlim, ax.set_xlim), (ax.get_ylim, ax.set_ylim)):
+        low, high = get()
+        put(low - length, high + length)
     for axis in AXES:
         getattr(ax, f"set_{axis}label")(f"{axis} (m)")
     ax.set_aspect("equal")
     ax.locator_params(nbins=4)
     ax.grid(visible=False)
-    figure.colorbar(seen, ax=ax, shrink=0.7, label="chance that this snubber alone is hit")
+    figure.colorbar(
+        seen, ax=ax, shrink=0.7, label="chance of a hit, the largest of the snubbers there"
+    )
     ax.legend(frameon=False, fontsize="small", loc="upper left")
     found: Axes = ax
     return found
+
+
+def _together(names: list[str]) -> str:
+    """Names of snubbers at one place, the words that all begin with once.
+
+    >>> _together(["corner 1 x", "corner 1 y"]), _together(["left", "right"])
+    ('corner 1 x, y', 'left, right')
+    """
+    parts = [name.rpartition(" ") for name in names]
+    if len({head for head, _, _ in parts}) > 1:
+        return ", ".join(names)
+    return "".join(parts[0][:2]) + ", ".join(tail for _, _, tail in parts)
 
 
 def _draw_edges(ax: Any, places: np.ndarray) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import COLOURS, OWNERS, add_grid, add_title, axes_or_new, length_unit
+from stochvi.views.axes import COLOURS, add_grid, add_title, axes_or_new, length_unit, owner_colours
 
 SIGMA_LABEL = "clearance per side / rms displacement without stops"
 
@@ -84,7 +84,8 @@ def draw_pairs_clearance(curve: pd.DataFrame, title: str, ax: Axes | None = None
     """Hit rate of each pair against the clearance of all, in rms of its gap: Monte Carlo with its
     95 % interval over Rice."""
     ax = axes_or_new(ax, (6.8, 4.6))
-    for colour, (name, rows) in zip(OWNERS, curve.groupby("pair", sort=False), strict=False):
+    groups = curve.groupby("pair", sort=False)
+    for colour, (name, rows) in zip(owner_colours(len(groups)), groups, strict=True):
         centre = rows["simulated"]
         ax.plot(rows["clearance_in_sigma"], rows["rice"], color=colour, linestyle="--", linewidth=1)
         ax.errorbar(

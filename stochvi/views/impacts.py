@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import OWNERS
+from stochvi.views.axes import OWNERS, owner_colours
 
 if TYPE_CHECKING:
     from stochvi.statistics.impacts import ImpactStatistics
@@ -31,12 +31,13 @@ def draw_impacts(found: ImpactStatistics, title: str = "") -> Axes:
     """Densities of impact speeds, with Rayleigh's of the same rms speed and the power law of slow
     impacts, and of the times between impacts."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
-    for colour, (name, pair) in zip(OWNERS, found.pairs.items(), strict=False):
+    colours = owner_colours(len(found.pairs))
+    for colour, (name, pair) in zip(colours, found.pairs.items(), strict=True):
         if pair.speeds is None:
             continue
         plot_histogram(pair.speeds, left, colour=colour, label=name)
         w = pair.speeds.middles
-        left.plot(w, pair.rayleigh(w), "--", color=colour, linewidth=1.0, label="Rayleigh")
+        left.plot(w, pair.rayleigh(w), "--", color=colour, linewidth=1.0)
         for side, exponent in pair.exponents.items():
             if exponent.theory is None:
                 continue
@@ -51,11 +52,13 @@ def draw_impacts(found: ImpactStatistics, title: str = "") -> Axes:
             t, rate = pair.intervals.middles, pair.rates["both"].estimate.value
             with np.errstate(under="ignore"):
                 poisson = rate * np.exp(-rate * t)
-            right.plot(t, poisson, "--", color=colour, linewidth=1.0, label="Poisson")
-    for ax, labels in (
-        (left, ("impact speed (m/s)", "density (s/m)")),
-        (right, ("time between impacts (s)", "density (1/s)")),
+            right.plot(t, poisson, "--", color=colour, linewidth=1.0)
+    for ax, law, labels in (
+        (left, "Rayleigh", ("impact speed (m/s)", "density (s/m)")),
+        (right, "Poisson", ("time between impacts (s)", "density (1/s)")),
     ):
+        if ax.lines:
+            ax.plot([], [], "--", color="0.4", linewidth=1.0, label=law)
         heights = [float(y) for each in ax.containers for y in each[0].get_ydata()]
         ax.set_ylim(0.3 * min(heights, default=1e-3), 3.0 * max(heights, default=1.0))
         ax.set_xlabel(labels[0])

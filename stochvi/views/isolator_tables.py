@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
 from stochvi.views.pairs import (
+    PLACES,
     interval_in_words,
     pairs_in_words,
+    places_in_rows,
     required_in_rows,
     tolerances_in_rows,
 )
@@ -174,6 +176,7 @@ def print_pairs_sizing(console: Console, sizing: PairsSizing) -> None:
     console.print(sizing.verdict(), style="bold", highlight=False)
     mission = spoken_mission(sizing.mission)
     print_frame(console, pairs_in_words(sizing), f"pair by pair, in {mission}")
+    print_frame(console, places_in_rows(sizing), PLACES)
     table = new_table(
         f"chance that any pair is hit in {mission}", ["stops", "chance", "95 % interval"]
     )

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.views.axes import COLOURS, OWNERS, add_grid, add_title, axes_or_new, length_unit
+from stochvi.views.axes import (
+    COLOURS,
+    add_grid,
+    add_title,
+    axes_or_new,
+    length_unit,
+    owner_colours,
+)
 from stochvi.views.words import MM, four_digits
 
 if TYPE_CHECKING:
@@ -47,12 +54,51 @@ def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
                 "mean speed (m/s)": _known(each["impact_speed_mean"]),
             }
         )
-    return pd.DataFrame(rows)
+    table = pd.DataFrame(rows)
+    # a warning of the answer says why they are not known
+    return table[[name for name in table if not (table[name] == UNSEEN).all()]]
+
+
+def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
+    """A row per sized pair: the clearance that can be made (mm), and the stops as a scene file has
+    them."""
+    import pandas as pd
+
+    table = sizing.placed()
+    stops = {
+        side: [f"{side} = {place:.6g}" if place == place else "none" for place in table[side]]
+        for side in ("lower", "upper")
+    }
+    return pd.DataFrame(
+        {
+            "pair": table["pair"],
+            "clearance to make (mm)": [f"{MM * c:.4g}" for c in table["clearance"]],
+            "mean gap (mm)": [
+                f"{round(MM * mean, MM_DIGITS) + 0.0:.4g}" for mean in table["mean_gap"]
+            ],
+            "in the scene file (m)": stops["lower"],
+            "": stops["upper"],
+        }
+    )
+
+
+MM_DIGITS = 6
+"""Digits of a mean gap in mm behind the point: what is smaller is rounding."""
+
+PLACES = (
+    "where the stops go: clearances count from the mean gap, rounded up to what can be made; lower "
+    "and upper, of a scene file, count from the unloaded mounts"
+)
+"""Heading of the table of places."""
+
+
+UNSEEN = "unknown"
+"""A number of a table of pairs that is not known."""
 
 
 def _known(value: float) -> str:
-    """A number of three digits; "unknown" where it is not one."""
-    return f"{value:.3g}" if value == value else "unknown"
+    """A number of three digits; `UNSEEN` where it is not one."""
+    return f"{value:.3g}" if value == value else UNSEEN
 
 
 def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
@@ -93,17 +139,19 @@ def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
     """
     ax = axes_or_new(ax, (6.8, 4.6))
     curve = sizing.curve
-    places = [each.value for each in sizing.clearances.values()]
-    unit, name = length_unit(max(places))
-    colours = [OWNERS[number % len(OWNERS)] for number in range(len(places))]
-    for (pair, found), colour in zip(sizing.clearances.items(), colours, strict=True):
-        x = curve[pair] / unit
+    unit, name = length_unit(max(each.value for each in sizing.clearances.values()))
+    groups = _alike(sizing)
+    for names, colour in zip(groups, owner_colours(len(groups)), strict=True):
+        found, x = sizing.clearances[names[0]], curve[names[0]] / unit
         ax.fill_between(
             x, curve["probability_low"], curve["probability_high"], color=colour, alpha=0.2,
             linewidth=0,
         )  # fmt: skip
         ax.plot(
-            x, curve["probability"], color=colour, label=f"{pair}: {found.value / unit:.4g} {name}"
+            x,
+            curve["probability"],
+            color=colour,
+            label=f"{_joined(names)}: {found.value / unit:.4g} {name}",
         )
         ax.plot(x, curve["independent"], color=colour, linestyle="--", linewidth=0.9)
         ax.plot(found.value / unit, sizing.probability.value, "o", color=colour, zorder=3)
@@ -117,6 +165,34 @@ def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
         frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
     )
     return ax
+
+
+SAME_CURVE = 5e-3
+"""Relative distance of two curves below which a picture shows them as one line."""
+
+MOST_JOINED = 3
+"""Most names of pairs in one entry of a legend."""
+
+
+def _alike(sizing: PairsSizing) -> list[list[str]]:
+    """Names of the sized pairs, those together whose curves a picture cannot tell apart."""
+    groups: list[list[str]] = []
+    for name in sizing.clearances:
+        own = sizing.curve[name]
+        for group in groups:
+            if np.allclose(own, sizing.curve[group[0]], rtol=SAME_CURVE, atol=0.0):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+    return groups
+
+
+def _joined(names: list[str]) -> str:
+    """Names in one entry of a legend, the last of many only counted."""
+    if len(names) <= MOST_JOINED:
+        return ", ".join(names)
+    return f"{', '.join(names[: MOST_JOINED - 1])} and {len(names) - MOST_JOINED + 1} more"
 
 
 def draw_pairs_risk(sizing: PairsSizing, title: str = "") -> Axes:

@@ -10,8 +10,8 @@ from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.estimates import Estimate, format_with_error
 
 if TYPE_CHECKING:
-    from stochvi.isolators.sizing.answer import Sizing
-    from stochvi.isolators.sizing.review import Review, Rounded
+    from stochvi.isolators.sizing.answer import Rounded, Sizing
+    from stochvi.isolators.sizing.review import Review
 
 MM = 1e3
 """Factor from m to mm."""
@@ -37,7 +37,7 @@ def millimetres(metres: float) -> str:
 def made_millimetres(made: Rounded) -> str:
     """A clearance that is rounded up, with the digits that its step calls for.
 
-    >>> from stochvi.isolators.sizing.review import Rounded
+    >>> from stochvi.isolators.sizing.answer import Rounded
     >>> made_millimetres(Rounded(value=4.5e-3, step=1e-4))
     '4.5 mm'
     """

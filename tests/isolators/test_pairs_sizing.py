@@ -7,11 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
 
 from stochvi import (
+    ConstantLoad,
     Isolator,
     NotApplicable,
     Oscillator,
@@ -33,6 +35,7 @@ from stochvi.statistics.bursts import bursts
 from stochvi.statistics.pair_crossings import pair_crossings
 from stochvi.statistics.structure_hits import Limit, exceedance
 from stochvi.testing import assert_agrees
+from stochvi.views.pairs import pairs_in_words, plot_pairs_risk
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled
 
@@ -204,6 +207,54 @@ def test_the_answer_holds_the_hits_that_are_expected(both: PairsSizing) -> None:
     # hits cluster behind first hits
     assert both.expected_hits.value > 1.2 * -math.log1p(-TARGET)
     assert (both.pairs["impact_speed_mean"] > 0.5).all()
+
+
+def test_places_of_stops_count_from_the_unloaded_springs(both: PairsSizing) -> None:
+    """The mean gap of x, on a spring of 1 N/m under 0.3 N, lies 0.3 m above the unloaded one."""
+    load = ConstantLoad(force=0.3, on="x")
+    loaded = both.scene.replace(excitations=[*both.scene.excitations, load])
+    table = replace(both, scene=loaded).placed().set_index("pair")
+    made = table["clearance"]
+    assert table["mean_gap"].tolist() == pytest.approx([0.3, 0.0])
+    for name, found in both.clearances.items():
+        assert found.value <= made[name] < 1.01 * found.value
+    there = at_distances(loaded, np.array([made, made]))
+    for name, each in zip(("x", "z"), there.impact_pairs, strict=True):
+        assert table.loc[name, "lower"] == pytest.approx(each.lower)
+        assert table.loc[name, "upper"] == pytest.approx(each.upper)
+    one = loaded.impact_pairs[0].replace(lower=None)
+    open_below = loaded.replace(impact_pairs=[one, loaded.impact_pairs[1]])
+    assert math.isnan(replace(both, scene=open_below).placed()["lower"][0])
+
+
+def test_many_pairs_read_by_their_ends_and_alike_ones_are_one_line(both: PairsSizing) -> None:
+    x, z = both.clearances["x"], both.clearances["z"]
+    many = replace(
+        both,
+        clearances={"x": x, "twin": x, "third": replace(x, value=1.01 * x.value), "z": z},
+        curve=both.curve.assign(twin=both.curve["x"], third=1.01 * both.curve["x"]),
+        tolerances=pd.DataFrame(),
+    )
+    assert "from x " in many.verdict() and " to z " in many.verdict()
+    assert "third" not in many.verdict()
+    ax = plot_pairs_risk(many)
+    labels = [label.partition(":")[0] for label in ax.get_legend_handles_labels()[1]]
+    assert labels == ["x, twin", "third", "z", "pairs taken for independent"]
+    plt.close(ax.get_figure())
+
+
+def test_columns_of_what_is_not_known_are_left_out(both: PairsSizing) -> None:
+    unknown = both.pairs.assign(expected_hits=math.nan, impact_speed_mean=math.nan)
+    left = set(pairs_in_words(both)) - set(pairs_in_words(replace(both, pairs=unknown)))
+    assert left == {"expected hits", "mean speed (m/s)"}
+
+
+def test_the_worst_tolerances_stand_in_the_verdict(both: PairsSizing) -> None:
+    worst = both.worst()
+    assert worst is not None
+    name, needed, factor = worst
+    assert factor == pytest.approx(both.tolerances["factor"].iloc[-1])
+    assert f"{name} {1e3 * needed:.4g} mm" in both.verdict()
 
 
 def sized_by_hits(scene: Scene, **asked: object) -> tuple[PairsSizing, Scene]:

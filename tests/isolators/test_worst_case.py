@@ -11,10 +11,10 @@ import pytest
 from stochvi import ImpactPair, Isolator, Restitution, Scene, WhiteNoise
 from stochvi.isolators import size
 from stochvi.isolators.sizing import exceedances as hard
-from stochvi.isolators.sizing.answer import Sizing
+from stochvi.isolators.sizing.answer import Rounded, Sizing
 from stochvi.isolators.sizing.changes import Tolerances, changed_mount
 from stochvi.isolators.sizing.method import risk_curve
-from stochvi.isolators.sizing.review import Balance, Rounded
+from stochvi.isolators.sizing.review import Balance
 from stochvi.isolators.sizing.worst_case import COMBINED, worst_case
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate

@@ -74,6 +74,39 @@ class Target:
         )
 
 
+FINEST_SHARE = 0.05
+"""Largest share of a clearance that rounding may add."""
+
+COARSEST = 1e-4
+"""Tolerance to which a gap is made, m: 0.1 mm, and a tenth of it, again and again, where that
+would be more than `FINEST_SHARE` of the clearance."""
+
+ROUNDING = 1e-9
+"""Relative error of a clearance that is no reason for a step more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rounded:
+    """A clearance rounded up to what can be made, and the step, both in m and in mm."""
+
+    value: float
+    step: float
+
+    @classmethod
+    def of(cls, clearance: float) -> Rounded:
+        """The clearance rounded up to 0.1 mm, or finer where it is small.
+
+        >>> found = Rounded.of(3.088e-3)
+        >>> round(found.value, 9), found.step
+        (0.0031, 0.0001)
+        >>> round(Rounded.of(0.31234e-3).value, 9), round(Rounded.of(4.9e-3).value, 9)
+        (0.00032, 0.0049)
+        """
+        digits = max(math.ceil(-math.log10(FINEST_SHARE * clearance)), -round(math.log10(COARSEST)))
+        step = 10.0**-digits
+        return cls(value=math.ceil(clearance / step * (1.0 - ROUNDING)) * step, step=step)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Clearance:
     """Metres per side from the mean position, and the 95 % interval of the calculation.

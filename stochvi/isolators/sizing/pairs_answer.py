@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stochvi.isolators.sizing.answer import Clearance, Target, spoken_mission, spoken_percent
+from stochvi.isolators.sizing.answer import (
+    Clearance,
+    Rounded,
+    Target,
+    spoken_mission,
+    spoken_percent,
+)
 from stochvi.isolators.sizing.box_overview import BoxOverview
+from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+MOST_NAMED = 3
+"""Most pairs whose clearances a sentence lists; of more it names the smallest and the largest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,17 +115,66 @@ class PairsSizing(Result):
     method: str
     box: BoxOverview | None = None
 
+    def extremes(self) -> tuple[str, str]:
+        """Names of the pairs with the smallest and with the largest clearance."""
+        values = {name: each.value for name, each in self.clearances.items()}
+        return min(values, key=lambda name: values[name]), max(values, key=lambda n: values[n])
+
+    def worst(self) -> tuple[str, float, float] | None:
+        """The pair whose clearance the worst combination of the tolerances raises most, what it
+        then needs (m), and the factor; None without tolerances."""
+        if len(self.tolerances) < 2:
+            return None
+        row = self.tolerances.iloc[-1]
+        factors = {name: float(row[name]) / c.value for name, c in self.clearances.items()}
+        name = max(factors, key=lambda each: factors[each])
+        return name, float(row[name]), factors[name]
+
+    def placed(self) -> pd.DataFrame:
+        """Where the stops of the sized pairs go: one row per pair.
+
+        `pair`, its `mean_gap` under constant loads, the `clearance` rounded up to what can be made,
+        and `lower` and `upper` as a scene file has them, from the unloaded mounts; all in m, NaN
+        where the scene has no stop.
+        """
+        import pandas as pd
+
+        model = model_of(self.scene)
+        means = model.modal.gaps @ model.modal.rest
+        rows = []
+        for pair, mean in zip(self.scene.impact_pairs, means.tolist(), strict=True):
+            if pair.name in self.clearances:
+                made = Rounded.of(self.clearances[pair.name].value).value
+                lower = math.nan if pair.lower is None else mean - made
+                upper = math.nan if pair.upper is None else mean + made
+                rows.append([pair.name, mean, made, lower, upper])
+        return pd.DataFrame(rows, columns=["pair", "mean_gap", "clearance", "lower", "upper"])
+
     def verdict(self) -> str:
-        """The clearances, the risk that they keep, and what three sigma would do, in a sentence."""
+        """The clearances, the risk that they keep, what the worst tolerances ask for, and what
+        three sigma would do, in a sentence; of many pairs the ends of their clearances."""
         mission = spoken_mission(self.mission)
-        mm = ", ".join(f"{name} {1e3 * c.value:.4g} mm" for name, c in self.clearances.items())
+        named = list(self.clearances)
+        first = ""
+        if len(named) > MOST_NAMED:
+            first = f"{len(named)} pairs, each with its own clearance, from "
+            named = list(self.extremes())
+        joint = " to " if first else ", "
+        mm = first + joint.join(f"{n} {1e3 * self.clearances[n].value:.4g} mm" for n in named)
         there = ""
         if self.expected_hits is not None and self.target.name != "rate":
             there = f", with {self.expected_hits.value:.3g} hits to be expected"
+        worse, worst = "", self.worst()
+        if worst is not None:
+            name, needed, factor = worst
+            worse = (
+                f"; in the worst combination of the tolerances a clearance has to be up to "
+                f"{factor:.3g} times as large ({name} {1e3 * needed:.4g} mm)"
+            )
         fixed = "" if self.pair is None else " with the other stops as they are"
         return (
-            f"{mm} per side{fixed} keep {self.target.kept(self.mission)}{there}; at 3 sigma of "
-            f"every gap any is hit in {mission} with a chance of "
+            f"{mm} per side{fixed} keep {self.target.kept(self.mission)}{there}{worse}; at "
+            f"3 sigma of every gap any is hit in {mission} with a chance of "
             f"{spoken_percent(self.three_sigma.value)}"
         )
 

@@ -5,22 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.isolators.sizing.answer import Rounded, spoken_mission, spoken_percent
+from stochvi.isolators.sizing.pairs_answer import MOST_NAMED
 from stochvi.results.origin import Origin, origin_of
 from stochvi.views.box import modes_in_rows, one_axis_in_rows, plot_box
 from stochvi.views.column_units import named_with_units
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.pairs import (
+    PLACES,
     draw_pairs_risk,
     interval_in_words,
     pairs_in_words,
+    places_in_rows,
     plot_pairs_clearances,
     plot_pairs_risk,
     required_in_rows,
     tolerances_in_rows,
 )
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
-from stochvi.views.words import MM, count_of
+from stochvi.views.words import MM, count_of, made_millimetres
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,14 +58,7 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
         subtitle=f"Chance that any of {len(sizing.pairs)} pairs is hit in {mission}",
         verdict=f"{sizing.verdict()}.",
         cards=[
-            *(
-                Fact(
-                    f"Clearance of {name}",
-                    f"{MM * each.value:.4g} mm",
-                    f"per side, {MM * each.lower:.4g} to {MM * each.upper:.4g} mm, 95 %",
-                )
-                for name, each in sizing.clearances.items()
-            ),
+            *_clearance_cards(sizing),
             Fact(
                 "Chance of any hit",
                 spoken_percent(sizing.probability.value),
@@ -82,7 +78,10 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
                 lead="Pairs share the risk equally: each alone would be hit with the same chance."
                 if sizing.pair is None
                 else "One pair is sized; the stops of the others stay where the scene has them.",
-                grids=[_grid("Clearances and risk", pairs_in_words(sizing))],
+                grids=[
+                    _grid("Clearances and risk", pairs_in_words(sizing)),
+                    _grid(f"{PLACES[0].upper()}{PLACES[1:]}", places_in_rows(sizing)),
+                ],
                 pictures=[
                     shown(
                         lambda: plot_pairs_clearances(sizing),
@@ -122,6 +121,34 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
         origin=origin,
         footer=[f"{sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads"],
     )
+
+
+def _clearance_cards(sizing: PairsSizing) -> list[Fact]:
+    """The clearance of each pair as it can be made; of many pairs the smallest and the largest."""
+    named = list(sizing.clearances)
+    if len(named) > MOST_NAMED:
+        named = list(dict.fromkeys(sizing.extremes()))
+    cards = []
+    for name in named:
+        each = sizing.clearances[name]
+        cards.append(
+            Fact(
+                f"Clearance of {name}",
+                made_millimetres(Rounded.of(each.value)),
+                f"per side; calculated {MM * each.value:.4g} mm, {MM * each.lower:.4g} to "
+                f"{MM * each.upper:.4g} mm, 95 %",
+            )
+        )
+    if (worst := sizing.worst()) is not None:
+        pair, needed, factor = worst
+        cards.append(
+            Fact(
+                f"Clearance of {pair} in the worst case",
+                made_millimetres(Rounded.of(needed)),
+                f"per side, {factor:.3g} times as much: the worst combination of the tolerances",
+            )
+        )
+    return cards
 
 
 def _box_sections(sizing: PairsSizing) -> list[Section]:
