@@ -1,5 +1,6 @@
 """`explain`: effects present and absent, methods, and a price that comes true."""
 
+import importlib
 import json
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from stochvi import (
 )
 from stochvi.verification import zoo
 from support.known import oscillator
+
+simulation = importlib.import_module("stochvi.methods.monte_carlo.simulate")
 
 
 def test_what_is_absent_is_told() -> None:
@@ -157,3 +160,18 @@ def test_a_plan_that_takes_minutes_is_not_made(monkeypatch: pytest.MonkeyPatch) 
     found = explain(scene, budget=0.3)
     assert found.simulation is None and found.methods["simulate"] == "applies"
     assert any("price of a simulation was not measured" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("share", "pilot"), [(0.8, False), (0.2, True)])
+def test_two_paths_that_take_all_the_time_of_a_pilot_are_not_begun(
+    monkeypatch: pytest.MonkeyPatch, share: float, pilot: bool
+) -> None:
+    """They ended after the limit of 3 s, and said nothing of errors."""
+    begun: list[int] = []
+    price = share * simulation.LEAST_PILOT_SECONDS
+    monkeypatch.setattr(simulation, "seconds_of_first_paths", lambda *_: price)
+    monkeypatch.setattr(simulation.Run, "add_paths", lambda _run, paths, _end: begun.append(paths))
+    found = explain(oscillator(-1.0, 1.0, 0.8), threads=1, budget=1e-3).simulation
+    assert found is not None and bool(begun) is pilot
+    steps = simulation.FEWEST_AT_ONCE * found.steps_per_path
+    assert found.nanoseconds_per_step == pytest.approx(1e9 * price / steps)

@@ -50,6 +50,9 @@ PILOT_SECONDS, LEAST_PILOT_SECONDS = 1.5, 0.2
 """Seconds that the pilot run of `prospect` takes at most, without compilation, and seconds that it
 gets where no time is left."""
 
+LARGEST_PRICE_IN_PILOT = 0.5
+"""Share of the seconds of a pilot that its first two paths may take."""
+
 FEWEST_IN_PILOT = 16
 """Fewest paths from which the pilot predicts a price: the price goes as the square of errors, which
 16 paths give to 18 %, so that it is good to 40 %."""
@@ -442,16 +445,18 @@ def prospect(
     seconds = PILOT_SECONDS
     if compile_time < COMPILING_SECONDS:
         seconds = max(min(seconds, deadline.left), LEAST_PILOT_SECONDS)
+    price = seconds_of_first_paths(plan, seed, Deadline.after(seconds))
     with crew_of(None, threads) as crew:
         run = Run(scene, plan, seed, crew, None, compile_time)
-        with suppress(NotConverged):  # two paths take longer than that
-            run.add_paths(max(2 * plan.block, FEWEST_PATHS), Deadline.after(seconds))
+        # a pilot of two or three paths would say nothing of errors
+        with suppress(NotConverged):
+            if price < LARGEST_PRICE_IN_PILOT * seconds:
+                run.add_paths(max(2 * plan.block, FEWEST_PATHS), Deadline.after(seconds))
         elapsed = run.elapsed
     step_seconds = (
         elapsed / run.state.steps
         if run.state.steps
-        else seconds_of_first_paths(plan, seed, Deadline.after(seconds))
-        / (FEWEST_AT_ONCE * plan.steps_per_path)
+        else price / (FEWEST_AT_ONCE * plan.steps_per_path)
     )
     relative = relative_standard_errors(run) if run.fine.count >= FEWEST_IN_PILOT else {}
     slowest = max(relative, key=lambda key: relative[key], default=None)
