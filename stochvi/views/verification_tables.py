@@ -233,7 +233,8 @@ def print_cost(console: Console, found: WorkPrecision) -> None:
     print_line(
         console,
         f"{found.method}, {found.cost.paths} paths at every step, {found.cost.wall_time:.3g} s on "
-        f"{found.cost.threads} threads; errors of a mean are relative to the rms displacement",
+        f"{found.cost.threads} threads; errors of a mean are relative to the standard "
+        "deviation of the displacement",
     )
     for reason in found.left_out:
         console.print(f"note: {reason}", style="yellow", highlight=False)

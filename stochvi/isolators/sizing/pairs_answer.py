@@ -157,7 +157,7 @@ class PairsSizing(Result):
         named = list(self.clearances)
         first = ""
         if len(named) > MOST_NAMED:
-            first = f"{len(named)} pairs, each with its own clearance, from "
+            first = f"{len(named)} pairs, each with its own clearance (see the table), from "
             named = list(self.extremes())
         joint = " to " if first else ", "
         mm = first + joint.join(f"{n} {1e3 * self.clearances[n].value:.4g} mm" for n in named)

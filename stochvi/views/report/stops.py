@@ -51,7 +51,7 @@ class _Row(NamedTuple):
 
 
 ROWS = {
-    "displacement_std": _Row("relative displacement (mm rms)", MM),
+    "displacement_std": _Row("relative displacement (mm rms about its mean)", MM),
     "velocity_std": _Row("relative velocity (m/s rms)", 1.0),
     "acceleration_std": _Row("absolute acceleration (g rms)", G),
     "peak_force": _Row("mean of the peak forces (N)", 1.0),
