@@ -513,6 +513,11 @@ def _joint_layout(plans: Sequence[Plan]) -> Layout:
             for owner, origin in one.origins.items()
         },
         thresholds={},
+        controls={
+            (f"{k}/{owner}", what): expected
+            for k, one in enumerate(layouts)
+            for (owner, what), expected in one.controls.items()
+        },
     )
 
 

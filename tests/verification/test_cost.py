@@ -290,8 +290,11 @@ def test_a_model_keeps_its_error_whatever_the_time(elastic: WorkPrecision) -> No
     errors = {(one.method, one.quantity): one.model_error for one in elastic.models}
     assert abs(errors["linearise:closure", "collision_rate"]) < 1e-9
     # theory: sigma_x .7101 by the consistent motion form where .53956 is exact
-    assert errors["linearise:motion", "displacement_mean_square"] == pytest.approx(
-        (0.7101 / 0.53956) ** 2 - 1.0, abs=4e-4
+    # relative to the simulated mean square, which has an error of its own
+    square = "displacement_mean_square"
+    own = min(row.standard_error for row in elastic.errors if row.quantity == square)
+    assert errors["linearise:motion", square] == pytest.approx(
+        (0.7101 / 0.53956) ** 2 - 1.0, abs=4e-4 + 3.0 * own
     )
 
 
