@@ -525,6 +525,12 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
         if run.fine.count < 2:
             raise deadline.fell_short("before two paths were simulated", "raise budget")
         errors, bias = _relative_errors(run)
+        if errors <= rel_error and run.fine.count < FEWEST_PATHS:
+            raise deadline.fell_short(
+                f"after {run.fine.count} paths, too few to know a standard error",
+                "raise budget",
+                run.response(("the accuracy asked for was not reached",)),
+            )
         if errors <= rel_error:
             if bias <= rel_error:
                 run.set_goal(run.fine.count)  # the accuracy is reached, even if the deadline passed

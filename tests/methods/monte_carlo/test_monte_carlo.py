@@ -398,6 +398,23 @@ def test_a_budget_too_small_is_refused_with_what_was_reached() -> None:
     assert refusal.value.response.cost.paths > 2
 
 
+def test_errors_that_are_small_by_chance_are_not_believed_of_two_paths(monkeypatch) -> None:
+    """Two paths that happen to agree have no error, and any accuracy would count as reached."""
+    monkeypatch.setattr(rounds, "_relative_errors", lambda run: (0.0, 0.0))
+    scene = oscillator(-1.0, 1.0, 0.8)
+    assert simulate(scene, rel_error=0.01, budget=None).cost.paths >= 64
+    reach_goal = rounds.Run.reach_goal
+
+    def two_paths(run: rounds.Run, deadline: object) -> bool:
+        run.set_goal(2)
+        reach_goal(run)
+        return False
+
+    monkeypatch.setattr(rounds.Run, "reach_goal", two_paths)
+    with pytest.raises(NotConverged, match="after 2 paths, too few"):
+        simulate(scene, rel_error=0.01, budget=0.5)
+
+
 UNCOVERED = {
     "without stiffness": oscillator(None, 1.0, 1.0, omega=0.0),
     "restitution below 1": oscillator(-1.0, 1.0, 1.0, damping=0.0),
