@@ -368,7 +368,7 @@ def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgemen
 
 def _missing(name: str, sample: Sample) -> str:
     """The name of a quantity that was not returned; what else it takes, where part of it was."""
-    lacking = [each for each in needs(name) if each not in sample.names()]
+    lacking = [each for each in needs(name) if each not in sample.parts()]
     if 0 < len(lacking) < len(needs(name)):
         return f"{name} (which needs {', '.join(lacking)} too)"
     return name

@@ -62,6 +62,9 @@ class Sample(Protocol):
     def names(self) -> Sequence[str]:
         """The quantities that the sample has; `split` takes such a name apart."""
 
+    def parts(self) -> Sequence[str]:
+        """What was returned that quantities can be made from."""
+
     def bias(self, name: str) -> float:
         """Bound on the bias that was stated with a quantity; 0 where none was stated."""
 
@@ -83,6 +86,9 @@ class PathAverages:
         owners = dict.fromkeys(split(name)[0] for name in self.averages)
         names = [owner + quantity for owner in owners for quantity in QUANTITIES]
         return [name for name in names if set(needs(name)) <= set(self.averages)]
+
+    def parts(self) -> Sequence[str]:
+        return list(self.averages)
 
     def bias(self, name: str) -> float:
         return 0.0
@@ -107,6 +113,9 @@ class Statistics:
 
     def names(self) -> Sequence[str]:
         return [name for name in self.estimates if split(name)[1] in QUANTITIES]
+
+    def parts(self) -> Sequence[str]:
+        return self.names()
 
     def bias(self, name: str) -> float:
         return self.estimates[name].bias or 0.0
