@@ -76,8 +76,9 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
         ("exact", {"rich", "scipy.optimize"}),
         ("linearise", {"rich", "scipy.optimize"}),
         ("explain", {"rich", "scipy.optimize", "numba"}),
+        ("simulate", {"rich", "numba"}),
     ],
-    keep=(0, 1, 3),
+    keep=(0, 1, 3, 4),
 )
 def test_a_command_imports_what_it_needs_and_nothing_else(command: str, needed: set[str]) -> None:
     words = [command] if command == "--help" else [command, ELASTIC]

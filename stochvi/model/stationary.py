@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 from stochvi.model.model import Model
 
@@ -52,7 +52,9 @@ def _lost(model: Model) -> np.ndarray:
     size = np.linalg.norm(limits, axis=1, keepdims=True)
     limits = np.divide(limits, size, out=np.zeros_like(limits), where=size > 0.0)
     for cost in (*np.eye(len(free)), *-np.eye(len(free))):
-        way = linprog(-cost, A_ub=limits, b_ub=np.zeros(len(limits)), bounds=(-1.0, 1.0))
+        way = scipy.optimize.linprog(
+            -cost, A_ub=limits, b_ub=np.zeros(len(limits)), bounds=(-1.0, 1.0)
+        )
         if way.x is not None and float(cost @ way.x) > HELD:
             return np.asarray(modes.shapes[:, free] @ way.x)
     return np.zeros(len(model.coordinates))
