@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
+import numpy as np
 import scipy
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
 
 COLLAPSE_RESTITUTION = math.exp(-math.pi / math.sqrt(3.0))
 """At and below this restitution the rate of impacts under white noise is infinite (S. J. Cornell,
@@ -90,13 +94,21 @@ def corner_exponent(restitution: float) -> float:
     return float(scipy.optimize.brentq(balance, low, high))
 
 
-def rice_rate(distance: float, displacement_std: float, velocity_std: float) -> float:
+@overload
+def rice_rate(distance: float, displacement_std: float, velocity_std: float) -> float: ...
+@overload
+def rice_rate(
+    distance: Vector, displacement_std: float | Vector, velocity_std: float | Vector
+) -> Vector: ...
+def rice_rate(
+    distance: float | Vector, displacement_std: float | Vector, velocity_std: float | Vector
+) -> float | Vector:
     """Rate at which a Gaussian process crosses a level outwards, one side, 1/s (Rice 1944).
 
-    nu = s_v / (2 pi s_x) exp(-d^2 / (2 s_x^2)), d from the mean.
+    nu = s_v / (2 pi s_x) exp(-d^2 / (2 s_x^2)), d from the mean; numbers, or arrays of one shape.
 
     >>> round(rice_rate(3.0, 1.0, 2 * math.pi * 10.0) * 3600.0)
     400
     """
-    shape = math.exp(-0.5 * (distance / displacement_std) ** 2)
+    shape = np.exp(-0.5 * (distance / displacement_std) ** 2)
     return velocity_std / (2.0 * math.pi * displacement_std) * shape

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import ifft
 from scipy.special import ndtr
 
+from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
 from stochvi.methods.monte_carlo.tabulated import (
     MOST_SAMPLES,
@@ -250,9 +251,8 @@ class Records:
     @property
     def rice_rates(self) -> Vector:
         """(sides, levels), see `FirstCrossings`."""
-        factor = self.velocity_std / (2.0 * math.pi * self.displacement_std)
-        near = np.stack([near for near, _ in self.sides]) / self.displacement_std
-        return np.asarray(self.rates_per_side * factor * np.exp(-0.5 * near**2))
+        near = np.stack([near for near, _ in self.sides])
+        return self.rates_per_side * rice_rate(near, self.displacement_std, self.velocity_std)
 
     def block(self, first_path: int) -> tuple[Vector, Vector]:
         """Records (paths, samples, 2) of x and x', and slopes (paths, starts) of unit Rayleigh

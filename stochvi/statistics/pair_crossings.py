@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
+from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.gap_response import GapResponse, plan_gaps
 from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
 from stochvi.methods.monte_carlo.tabulated import MOST_SAMPLES
@@ -353,13 +354,9 @@ class GapRecords:
     def rice_rates(self) -> Matrix:
         """(sides, levels), see `CrossingAges`."""
         variance, bend = (np.diag(self.correlations[order, 0]) for order in (0, 2))
-        factor = (1.0 + self.alike) / (2.0 * math.pi) * np.sqrt(-bend / variance)
-        return np.array(
-            [
-                factor[gap] * np.exp(-0.5 * near[:, gap] ** 2 / variance[gap])
-                for gap, near, _ in self.sides
-            ]
-        )
+        place, speed = np.sqrt(variance), np.sqrt(-bend)
+        rates = [rice_rate(near[:, gap], place[gap], speed[gap]) for gap, near, _ in self.sides]
+        return (1.0 + self.alike) * np.array(rates)
 
     def looking_back(self, gap: int) -> Vector:
         """rho, rho', eta and eta' of all gaps before a crossing of one, (gaps, count + 1, 4)."""

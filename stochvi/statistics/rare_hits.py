@@ -31,6 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
@@ -390,10 +391,7 @@ def kinds_of(
     records = Records(plan, own, near[:1], near[:1])
     # the stops are not alike for what follows a crossing, even where they are equally far
     far = near[::-1] if len(near) == 2 else np.array([math.inf])
-    rates = (
-        records.velocity_std / (2.0 * math.pi * records.displacement_std)
-        * np.exp(-0.5 * (near / records.displacement_std) ** 2)
-    )  # fmt: skip
+    rates = rice_rate(near, records.displacement_std, records.velocity_std)
     most = min(TRIALS, TRIALS_FOR_ERROR / rel_error**2)
     if budget is not None:
         most = min(most, TRIALS_PER_SECOND * budget)

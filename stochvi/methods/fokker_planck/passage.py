@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.coverage import barriers, unmet_by_first_passage
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
@@ -268,13 +269,14 @@ def _assumptions(scene: Scene, start: StartChoice) -> list[str]:
 
 
 def _rice_rate(model: Model, lower: float, upper: float) -> Estimate | None:
-    """Rice's rate omega / (2 pi) exp(-z^2 / 2) of each barrier, 1/s, z its distance in standard
-    deviations."""
+    """Rice's rate of both barriers together, 1/s."""
     if model.omega == 0.0 or model.damping_rate == 0.0:
         return None
     deviation = math.sqrt(model.intensity / 2.0 / model.damping_rate) / model.omega
-    distances = [(barrier - model.rest) / deviation for barrier in (lower, upper)]
-    rate = model.omega / (2.0 * math.pi) * sum(math.exp(-(z**2) / 2.0) for z in distances)
+    rate = sum(
+        rice_rate(barrier - model.rest, deviation, model.omega * deviation)
+        for barrier in (lower, upper)
+    )
     return Estimate(value=rate, how="Rice")
 
 

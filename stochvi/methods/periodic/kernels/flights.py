@@ -24,6 +24,7 @@ from stochvi.methods.periodic.kernels.solver import (
     held,
     next_event,
     rate,
+    remove_part,
     rest_on,
     step_of,
     strike,
@@ -197,13 +198,7 @@ def fly(course, y, touch, disturbances, log, hits):
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def settle_on(motion, stop, disturbance):
     """What is left of a small disturbance where the motion comes to rest on a stop."""
-    n = motion.rows.shape[1]
-    square, moved = 0.0, 0.0
-    for i in range(n):
-        square += motion.rows[stop, i] ** 2
-        moved += motion.rows[stop, i] * disturbance[i]
-    for i in range(n):
-        disturbance[i] -= moved / square * motion.rows[stop, i]
+    remove_part(motion.rows[stop], disturbance[: motion.rows.shape[1]])
     rest_on(motion, stop, disturbance)
 
 

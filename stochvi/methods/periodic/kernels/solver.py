@@ -1027,13 +1027,18 @@ def push_of(motion, stop, z):
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def rest_on(motion, stop, z):
     """Take the rest of the speed towards a stop from a state."""
-    n = motion.rows.shape[1]
-    square, speed = 0.0, 0.0
-    for i in range(n):
-        square += motion.rows[stop, i] ** 2
-        speed += motion.rows[stop, i] * z[n + i]
-    for i in range(n):
-        z[n + i] -= speed / square * motion.rows[stop, i]
+    remove_part(motion.rows[stop], z[motion.rows.shape[1] :])
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def remove_part(direction, vector):
+    """Take from a vector, in its place, its part along a direction."""
+    square, part = 0.0, 0.0
+    for i in range(len(direction)):
+        square += direction[i] ** 2
+        part += direction[i] * vector[i]
+    for i in range(len(direction)):
+        vector[i] -= part / square * direction[i]
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
