@@ -60,6 +60,7 @@ PREFIXES = (
     "milli- = 1e-3 = m-",
     "centi- = 1e-2 = c-",
     "kilo- = 1e3 = k-",
+    "mega- = 1e6 = M-",
 )
 """Prefixes of units, as pint defines them."""
 
@@ -68,19 +69,24 @@ WORDS = (
     "second = [time] = s = sec = seconds",
     "kilogram = [mass] = kg",
     "newton = kilogram * meter / second ** 2 = N",
-    f"standard_gravity = {STANDARD_GRAVITY!r} * meter / second ** 2 = g = G = gn = g_n = g0 = grms",
-    "hertz = 1 / second = Hz = hz = HZ = cps",
+    f"standard_gravity = {STANDARD_GRAVITY!r} * meter / second ** 2 = g = G = gn = g_n = g0 = grms"
+    " = gRMS = Grms",
+    "hertz = 1 / second = Hz = hz = HZ = Hertz = cps",
+    "cycles_per_minute = 1 / 60 * hertz = cpm = CPM",
     f"radian = {1.0 / math.tau!r} = rad",
+    f"degree = {1.0 / 360.0!r} = deg",
+    "cycle = 1.0 = cycles",
     "minute = 60 * second = min = minutes",
     "hour = 3600 * second = h = hours = hr",
     "day = 86400 * second = d = days",
     "inch = 0.0254 * meter = in",
     "foot = 0.3048 * meter = ft",
+    "galileo = 0.01 * meter / second ** 2 = Gal = gal",
     "pound_force = 4.4482216152605 * newton = lbf = lb",
 )
 """Units from which spellings are made: g is gravity, not gram, and an angle counts in cycles, so
 that a density per rad/s becomes one per hertz. Inch, foot and pound-force are exact by definition
-(international yard and pound agreement, 1959)."""
+(international yard and pound agreement, 1959). A galileo is one cm/s^2."""
 
 
 def _names(definition: str) -> list[str]:
@@ -107,6 +113,9 @@ DIMENSIONS = {
     "meter / second": "speed",
 }
 """Base units, as pint writes them -> quantity."""
+
+PLAIN_SIGNS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹\u2212·⋅\u00d7\u2044\u2215", "-0123456789-***//")
+"""Raised digits and signs of typeset units -> how they are written in plain text."""
 
 LONGEST_SPELLING = 60
 """Largest number of characters of the spelling of a unit; a longer text is not taken for one."""
@@ -209,22 +218,24 @@ def _level(text: str, reference: str) -> Unit:
 
 def _parsed(text: str) -> tuple[float, str]:
     """Factor to SI units and quantity of a spelling, by pint."""
+    given, text = text, re.sub(r"(?<=[A-Za-z0-9²)])[ _]rms(?![A-Za-z])", "", text, flags=re.I)
+    text = text.translate(PLAIN_SIGNS).replace("^", "**")
     if not SPELLINGS.issuperset(re.findall(r"[A-Za-zµμ_]+", text)):
-        raise _unknown(text)
-    for sign, digit in (("²", "2"), ("³", "3"), ("⁴", "4"), ("·", "*"), ("⋅", "*"), ("^", "**")):
-        text = text.replace(sign, digit)
+        raise _unknown(given)
     text = re.sub(r"\bper\b", "/", text)
-    text = re.sub(r"(?<=[A-Za-z0-9²)])[ _]rms\b", "", text, flags=re.I)
     text = re.sub(r"√\s*\(?(\w+)\)?|sqrt\((\w+)\)", r"(\1\2)**0.5", text)
-    text = re.sub(r"(?<=[A-Za-z)])(-?\d)(?!\d)", r"**\1", text.replace("g0", "g"))
+    # "m2s-3" and "ms-2" are written without a sign between their factors
+    text = re.sub(r"\bms(?=(?:\*\*)?-[12]\b)", "m s", text.replace("g0", "g"))
+    text = re.sub(r"(?<=[A-Za-z)])(?:\*\*)?(-?\d)(?=[A-Za-z(])", r"**\1 ", text)
+    text = re.sub(r"(?<=[A-Za-z)])(-?\d)(?!\d)", r"**\1", text)
     if not re.fullmatch(r"(?:[A-Za-zµμ_]+|\*\*-?\d(?:\.5)?|[\s()/*]|\b1\b)+", text):
-        raise _unknown(text)
+        raise _unknown(given)
     try:
         registry = _registry()
         factor, base = registry.get_base_units(registry.parse_units(text))
         size = float(str(factor))
     except Exception:  # pint raises errors of many kinds when it parses
-        raise _unknown(text) from None
+        raise _unknown(given) from None
     return size, DIMENSIONS.get(str(base), str(base))
 
 

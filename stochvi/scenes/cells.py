@@ -15,11 +15,19 @@ NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?")
 CLOCK = re.compile(r"\d\d:\d\d:\d\d(?:[.,]\d+)?")
 """A time of day without a date."""
 
-STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d\S*|" + CLOCK.pattern)
+STAMP = re.compile(
+    r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d\S*|\d{8}T\d{6}(?:[.,]\d+)?(?:Z|[+-]\d{4})?|" + CLOCK.pattern
+)
 """A date of ISO 8601 with a time of day, or a time of day alone."""
 
-MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--", "---", "inf", "-inf"))
-"""Cells, in small letters, that stand for a value that was not measured."""
+MISSING = frozenset(
+    ("", "nan", "na", "n/a", "null", "none", "-", "--", "---", "inf", "-inf",
+     "#n/a", "#na", "#nv", "#value!", "#wert!", "#num!", "#zahl!", "#div/0!", "#ref!", "#bezug!",
+     "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "1.#inf", "-1.#inf",
+     "1.#nan")
+)  # fmt: skip
+"""Cells, in small letters, that stand for a value that was not measured; the last are those of
+spreadsheets, and those that C libraries of Windows print."""
 
 
 def is_number(cell: str) -> bool:

@@ -22,10 +22,14 @@ ABSCISSAE = {
 """Quantity of the column that runs -> words by which headings call it."""
 
 NAMED_UNIT = re.compile(
-    r"(?:acc[a-z]*|a|beschleunigung|force|density|psd|asd|time|t|zeit|frequency|freq|f|level)"
-    r"(?:[_ ][xyz])?(?:_| in | )(\w+)", re.I,
+    r"(?:(?:acc[a-z]*[_ ])?(?:psd|asd)|acc[a-z]*|a|beschleunigung|force|density|time(?:stamp)?|t|"
+    r"zeit|frequency|freq|f|level)"
+    r"(?:[_ ][xyz])?(?:_| in | )(\S+)", re.I,
 )  # fmt: skip
 """A name such as acceleration_g, accel_z_g, density_g2_per_hz or "Time ms", and its unit."""
+
+QUANTITY_OVER_UNIT = re.compile(r"[^\W\d_]+\s*/\s*(\S+)")
+"""A name over its unit, "f/kHz", as ISO 80000-1 heads the columns of a table."""
 
 LABELLED_UNIT = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)(?:[_ ]label)?\s*[:=]\s*(\S+)", re.I)
 """A line such as "Unit: g", and the unit in it."""
@@ -34,7 +38,8 @@ ROW_OF_UNITS = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)\b|(?:[xy][_ ])?unit_
 """What the first cell of a line of units may say, as those of LabVIEW do, far above the rows."""
 
 COUNTING = re.compile(
-    r"(?:#|no|nr|n|i|index|idx|sample\w*|point\w*|row|line|count\w*|scan\w*|rpm|order|period)\b"
+    r"(?:#|no|nr|n|i|index|idx|sample\w*|point\w*|row|line|count\w*|scan\w*|rpm|order|period|"
+    r"speed|drehzahl|omega|ω)\b"
     r"|#", re.I,
 )  # fmt: skip
 """What the heading of a column starts with that holds neither times nor frequencies, but rises."""
@@ -70,6 +75,15 @@ class Heading:
         """Whether the heading says that the column holds times, or frequencies."""
         named = re.match(rf"(?:{ABSCISSAE[quantity]})\b", self.name, re.I)
         return self.unit.quantity == quantity if self.unit else named is not None
+
+    @property
+    def unread(self) -> str:
+        """What stands in the place of a unit and is none that is known; empty for nothing."""
+        if self.unit is not None or not self.name:
+            return ""
+        over = QUANTITY_OVER_UNIT.fullmatch(self.name)
+        found = [*_bracketed(self.name), *([over[1]] if over else [])]
+        return next((text for text in found if re.search(r"[^\W\d]", text)), "")
 
     @property
     def counts(self) -> bool:
@@ -144,7 +158,7 @@ def _known(spelling: str) -> Unit | None:
 
 
 def unit_in(text: str, alone: bool = False) -> Unit | None:
-    """The unit that a heading states: in brackets, at its end, or after an underscore.
+    """The unit that a heading states: in brackets, at its end, after a slash or an underscore.
 
     Parameters
     ----------
@@ -157,26 +171,34 @@ def unit_in(text: str, alone: bool = False) -> Unit | None:
     ('g2/Hz', '(m/s2)2/Hz')
     >>> unit_in("acceleration_g").name, unit_in("G"), unit_in("G", alone=True).name
     ('g', None, 'g')
+    >>> unit_in("t/ms").name, unit_in("psd_m2_s4_Hz").name
+    ('ms', '(m/s2)2/Hz')
     """
     found: Unit | None
     for inner in _bracketed(text):
         if found := _known(inner):
             return found
-    words = text.strip().split()
+    words = re.sub(r"(?<=\w)(?=[\[(])", " ", text).split()
     for start in range(len(words)):
         ending = " ".join(words[start:])
         if start and is_number(words[start - 1]):
             break  # a value and its unit, as in "sampling rate: 400 Hz"
-        if re.search(r"[/^²]", ending) or ending.casefold() in ("hz", "khz"):
+        signs = re.search(r"[/^²⁻]", ending) or ending.casefold() in ("hz", "khz", "cpm")
+        if signs or re.search(r"[a-zA-Z)]-\d", ending):
             found = _known(ending)
-            if found and (found.quantity in DIMENSIONS.values() or start == len(words) - 1):
+            usual = found and found.quantity in DIMENSIONS.values()
+            if usual or (found and signs and start == len(words) - 1):
                 return found
+    if over := QUANTITY_OVER_UNIT.fullmatch(text.strip()):
+        found = _known(over[1])
+        return found if found and found.quantity in DIMENSIONS.values() else None
     if after := re.search(r",\s*(\S+)$", text):
         return _known(after[1])
     if labelled := LABELLED_UNIT.fullmatch(text.strip()):
         return _known(labelled[1])
     if named := NAMED_UNIT.fullmatch(text.strip()):
-        return _known(named[1].replace("_per_", "/"))
+        name = re.sub(r"_per_|(?<=\d)_(?=[a-z])|(?<=\bm)_(?=s)", "/", named[1], flags=re.I)
+        return _known(name)
     return _known(text.strip().strip("[]()")) if alone else None
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.mathematics.units import UNITS, Unit, unit
+from stochvi.mathematics.units import UNITS, Unit, listed_units, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.text import TextTable, check_file, read_text_table
 
@@ -36,9 +36,9 @@ class Columns:
     """Two columns of a file: `x` (None where the file holds `y` alone), and their units.
 
     `unit` is that of `y`, as `stated_in` states it; None where the file does not say, or in words
-    that are not known (`heading`). `x` is in Hz or s; NaN in `y` is a value that is missing.
-    `lines` are the lines of a text file; `remarks` are what else the file says in words, each with
-    the place where it stands.
+    that are not known (`heading`), of which `unread` looks like a unit. `x` is in Hz or s; NaN in
+    `y` is a value that is missing. `lines` are the lines of a text file; `remarks` are what else
+    the file says in words, each with the place where it stands.
     """
 
     x: Vector | None
@@ -46,6 +46,7 @@ class Columns:
     unit: Unit | None = None
     stated_in: str = ""
     heading: str = ""
+    unread: str = ""
     lines: Sequence[int] | None = None
     remarks: Sequence[tuple[str, str]] = ()
 
@@ -133,9 +134,15 @@ def _read_text(
     if times is not None and x is not None and not table.is_stamp(x):
         heading = table.headings[x]
         if heading.unit is not None and heading.unit.quantity != quantity:
+            values = "; for values without times give fs and column" if record else ""
             raise SceneError(
                 f"{path}, line {heading.line}: the first column is in {heading.unit.name}, "
-                f"expected {quantity}; put the column of {quantity} first"
+                f"expected {quantity}; put the column of {quantity} first{values}"
+            )
+        if heading.unread and " " not in heading.unread:
+            raise SceneError(
+                f"{path} has the heading {heading.name!r} above its first column, in which "
+                f"{heading.unread!r} is no unit that is known; write {listed_units(quantity)} there"
             )
         if heading.unit is not None:
             times = heading.unit.to_si(times)
@@ -144,6 +151,7 @@ def _read_text(
     return Columns(
         x=times, y=found[-1], unit=known, stated_in=f"line {line} of {path}",
         heading=" ".join(table.headings[place].cells),
+        unread=table.headings[place].unread if known is None else "",
         lines=[number for number, _ in table.lines],
         remarks=[(f"line {number} of {path}", text) for number, text in table.remarks],
     )  # fmt: skip

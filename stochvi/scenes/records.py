@@ -402,6 +402,11 @@ def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vecto
         raise SceneError(f"{path}, {place}: the time is missing; take out the line, or fill it in")
     lag = min(LAG, len(times) - 1)
     interval = float(np.median(times[lag:] - times[:-lag])) / lag
+    if np.all(np.diff(times) < 0.0):
+        raise SceneError(
+            f"{path} must have rising times in its first column, got falling ones; sort the rows "
+            "by time"
+        )
     if not interval > 0.0:
         raise SceneError(
             f"{path} must have rising times in its first column; give fs = .. for a file without "
@@ -448,6 +453,6 @@ def _last_digit(times: Vector, interval: float) -> float:
             break
         scaled = times / digit
         off = np.abs(scaled - np.round(scaled))
-        if np.all(off < 1e-6 + 1e-12 * np.abs(scaled)):  # the rounding of binary numbers
+        if np.all(off < 1e-6 + 1e-15 * np.abs(scaled)):  # the rounding of binary numbers
             return digit
     return 0.0

@@ -39,6 +39,9 @@ LARGEST_TEXT_FILE = 10_000_000
 COMMENTS = ("#", "%", "//")
 """What a line of comment starts with."""
 
+HASH = re.compile(r"(?<!1\.)#(?!N/?A|NV|VALUE!|WERT!|NUM!|ZAHL!|DIV/0!|REF!|BEZUG!)")
+"""What begins a comment within a line: no part of 1.#QNAN, and of no error of a spreadsheet."""
+
 SAMPLE = 1000
 """Number of lines at the start of a file from which its layout is found."""
 
@@ -406,6 +409,8 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     some = [split_cells(line, delimiter) for _, line in rows[:SAMPLE]]
     stated, stated_line = stated_density(above)
     _check_thousands(path, rows, delimiter)
+    if count > 2:
+        _check_commas(path, rows, delimiter)
     return TextTable(
         path=path, lines=rows, remarks=above + below, delimiter=delimiter,
         stated=stated, stated_line=stated_line,
@@ -461,6 +466,19 @@ def _check_thousands(path: Path, rows: Sequence[tuple[int, str]], delimiter: str
         )
 
 
+def _check_commas(path: Path, rows: Sequence[tuple[int, str]], delimiter: str | None) -> None:
+    """Refuse rows in which commas part cells and are decimal signs as well: "0,25,1,5"."""
+    if delimiter != "," or any("." in row for _, row in rows[:SAMPLE]):
+        return
+    for line, row in rows[:SAMPLE]:
+        if any(re.fullmatch(r"[+-]?0\d+", cell) for cell in split_cells(row, delimiter)):
+            raise SceneError(
+                f"{path}, line {line}: {row[:60]!r} has a number that begins with 0 after a comma, "
+                "so that commas seem to be decimal signs as well as to part columns; export it "
+                "with semicolons between columns, or with decimal points"
+            )
+
+
 def _wrong_row(path: Path, line: int, text: str, count: int, where: str) -> SceneError:
     return SceneError(
         f"{path}, line {line}: expected {_counted(count)} as in the lines {where} it, got "
@@ -472,7 +490,7 @@ def _uncommented(line: str) -> str:
     """A line without its comment; empty if it is nothing else."""
     if line.lstrip(" \ufeff").startswith(COMMENTS):
         return ""
-    return (line.split("#")[0] if "#" in line else line).strip(" \ufeff")
+    return (HASH.split(line)[0] if "#" in line else line).strip(" \ufeff")
 
 
 def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:

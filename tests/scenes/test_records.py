@@ -284,12 +284,18 @@ def test_times_that_are_not_rounded_but_uneven_are_refused_with_the_place(tmp_pa
     path = write_rows(tmp_path / "run.csv", [f"{t:.3f}" for t in exact % 5.0], record.values)
     with pytest.raises(SceneError, match=r"line 2001: times must rise, got 0 s after 4.99"):
         RecordedNoise(file=path, unit="g")
+    path = write_rows(tmp_path / "run.csv", [f"{t:.4f}" for t in exact[::-1]], record.values)
+    with pytest.raises(SceneError, match="sort the rows by time"):
+        RecordedNoise(file=path, unit="g")
+    # seconds since 1970 have more digits than a thousandth of a second
+    path = write_rows(tmp_path / "u.csv", [f"{t:.6f}" for t in 1.7e9 + exact], record.values)
+    assert not any("last digit" in note for note in RecordedNoise(file=path, unit="g").said())
 
 
 @pytest.mark.parametrize(
     "stamp",
-    ["2024-05-01T12:{:02d}:{:09.6f}Z", "2024-05-01 12:{:02d}:{:09.6f}",
-     "2024-05-01T12:{:02d}:{:06.3f}+05:30"],
+    ["2024-05-01T12:{:02d}:{:09.6f}Z", "20240501T12{:02d}{:09.6f}Z",
+     "2024-05-01 12:{:02d}:{:09.6f}", "2024-05-01T12:{:02d}:{:06.3f}+05:30"],
 )  # fmt: skip
 def test_times_may_be_stamps(tmp_path: Path, stamp: str) -> None:
     record = white_record(40.0)
@@ -405,6 +411,8 @@ def test_gaps_are_refused_or_split_and_never_bridged(tmp_path: Path, kind: str) 
         ("time,acc (g)\n", "in no stated unit; seconds would be a rate of 1 Hz"),
         ("Sample,acc (g)\n", "has 'Sample' in its first column, expected the time"),
         ("", "in no stated unit"),
+        ("Time (ticks),acc (g)\n", "'ticks' is no unit that is known; write s, ms, min, h there"),
+        ("X (g),Y (g)\n", "for values without times give fs and column"),
     ],
 )
 def test_numbers_of_samples_and_milliseconds_are_not_read_as_seconds(

@@ -78,6 +78,10 @@ def test_the_unit_of_the_heading_is_taken_and_explained(
         ("f;PSD", {"unit": "dB"}, "dB re 1 g2/Hz"),
         ("PSD;Frequency", {"unit": "g2/Hz"}, "has the frequency in its second column"),
         ("rpm;PSD (g2/Hz)", {}, "has 'rpm' in its first column, expected the frequency"),
+        ("omega;PSD (g2/Hz)", {}, "has 'omega' in its first column, expected the frequency"),
+        ("Frequency (rpm);PSD (g2/Hz)", {}, "'rpm' is no unit that is known; write Hz, kHz there"),
+        ("f / lines;PSD (g2/Hz)", {}, "'lines' is no unit that is known; write Hz, kHz there"),
+        ("f;PSD (m·s⁻²)²/Hz", {"unit": "g2/Hz"}, "says '(m/s2)2/Hz'"),
         ("f;Level in dB", {"unit": "g2/Hz"}, "must say what 0 dB stands for"),
         ("f;two-sided PSD (g2/Hz)", {}, "expected a one-sided density"),
         ("f;PSD (mV2/Hz)", {"unit": "g2/Hz"}, "expected no mV"),
@@ -91,6 +95,15 @@ def test_a_unit_that_is_not_known_or_not_of_a_density_is_refused(
     with pytest.raises(SceneError) as failure:
         noise(tmp_path, "\n".join([heading, *ROWS]), **keys)
     assert words in str(failure.value)
+
+
+def test_a_heading_with_a_unit_that_is_not_known_is_a_caution(tmp_path: Path) -> None:
+    unknown = noise(tmp_path, "\n".join(["f;PSD (EU^2/Hz)", *ROWS]), unit="g2/Hz")
+    (caution,) = unknown.cautions(0.0, 0.0)
+    assert "'EU^2/Hz'" in caution and "g2/Hz" in caution
+    for heading in ("f;PSD (g^2/Hz)", "f;PSD (run 3)", "f;PSD"):
+        found = noise(tmp_path, "\n".join([heading, *ROWS]), unit="g2/Hz")
+        assert found.cautions(0.0, 0.0) == ()
 
 
 @pytest.mark.parametrize(
@@ -109,8 +122,10 @@ def test_a_two_sided_density_is_refused_wherever_the_file_says_so(
 
 
 @pytest.mark.parametrize(
-    ("heading", "scale"), [("f (kHz);PSD (g2/Hz)", 1e-3), ("w (rad/s);PSD (g2/Hz)", 2.0 * np.pi)]
-)
+    ("heading", "scale"),
+    [("f (kHz);PSD (g2/Hz)", 1e-3), ("w (rad/s);PSD (g2/Hz)", 2.0 * np.pi),
+     ("f/kHz;PSD (g2/Hz)", 1e-3), ("f (cycles/min);PSD (g2/Hz)", 60.0)],
+)  # fmt: skip
 def test_frequencies_are_read_in_the_unit_of_their_heading(
     tmp_path: Path, heading: str, scale: float
 ) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stochvi import SceneError
+from stochvi import SceneError, TabulatedNoise
 from stochvi.scenes.headings import unit_in
 from stochvi.scenes.text import read_table, read_text, read_text_table
 
@@ -70,6 +70,15 @@ def test_binary_data_is_no_text(tmp_path: Path) -> None:
         read_table(tmp_path / "table.txt")
 
 
+@pytest.mark.parametrize("comment", ["", " # of the first run", "#3"])
+def test_commas_that_part_columns_and_are_decimal_signs_are_refused(
+    tmp_path: Path, comment: str
+) -> None:
+    (tmp_path / "table.csv").write_text(f"f (Hz),PSD (g2/Hz)\n5,0,015{comment}\n40,0,02\n")
+    with pytest.raises(SceneError, match=r"line 2: .* with semicolons between columns"):
+        TabulatedNoise(on="base", file=str(tmp_path / "table.csv"), column=3)
+
+
 @pytest.mark.parametrize(
     ("text", "where", "what"),
     [
@@ -83,12 +92,14 @@ def test_binary_data_is_no_text(tmp_path: Path) -> None:
         ("1;2,5\n2;3.5\n", "line 2", "with decimal commas"),
         ("1.000;2,5\n2;3,5\n", "line 1", "no sign between thousands"),
         ("1,1\n2,\n", "line 2", "a number is missing"),
+        ("1,1.5\n2,1.#QNAN\n3,1.5\n", "line 2", "a number is missing"),
+        ("1,1.5\n2,#DIV/0!\n3,1.5\n", "line 2", "a number is missing"),
         ('"1,1\n2,2\n3,3\n', "line 1", "two numbers"),
     ],
     ids=[
         "letter for a digit above", "letter for a digit", "three columns", "other heading",
         "a count of rows", "one cell", "a word", "two decimal signs", "thousands", "nothing",
-        "a quote",
+        "nothing of C", "nothing of a spreadsheet", "a quote",
     ],
 )  # fmt: skip
 def test_a_line_that_is_not_two_numbers_is_never_passed_over(
@@ -207,6 +218,24 @@ def test_whole_numbers_with_commas_between_them_are_two_columns(tmp_path: Path) 
         ("Accel (g rms)", "g"),
         ("Hz", "Hz"),
         ("Frequency [rad/s]", "rad/s"),
+        ("PSD (m·s⁻²)²·Hz⁻¹", "(m/s2)2/Hz"),
+        ("PSD (m s-2)2 Hz-1", "(m/s2)2/Hz"),
+        ("PSD (m²s⁻³)", "(m/s2)2/Hz"),
+        ("ASD(m/s²)²/Hz", "(m/s2)2/Hz"),
+        ("psd_m2_s4_Hz", "(m/s2)2/Hz"),
+        ("Accel_PSD_g2_Hz", "g2/Hz"),
+        ("PSD (gRMS²/Hz)", "g2/Hz"),
+        ("G_rms^2/Hz", "g2/Hz"),
+        ("acceleration_m_s2", "m/s2"),
+        ("a in ms-2", "m/s2"),
+        ("a [Gal]", "Gal"),
+        ("a/(m/s²)", "m/s2"),
+        ("f/kHz", "kHz"),
+        ("t / ms", "ms"),
+        ("timestamp_ns", "ns"),
+        ("Frequency (CPM)", "CPM"),
+        ("Channel/1", None),
+        ("run m-2", None),
         ("G", None),
         ("f", None),
         ("Channel 1 (EU)", None),

@@ -214,6 +214,17 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
     return stated or unit(name or "")
 
 
+def unread_unit(columns: Columns, taken: Unit) -> tuple[str, ...]:
+    """A sentence on what looks like a unit above the values, is none that is known, and therefore
+    could not be compared with the unit of the scene."""
+    if not re.search(r"[/^²]", columns.unread):
+        return ()
+    return (
+        f"above its values stands {columns.unread!r}, which is no unit that is known; they were "
+        f"taken for {taken.name}, as the scene says",
+    )
+
+
 def _unread_heading(columns: Columns, quantities: tuple[str, ...]) -> str:
     """What a file without a unit that is known says above its values, and how decibels are written.
 

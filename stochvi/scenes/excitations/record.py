@@ -17,6 +17,7 @@ from stochvi.scenes.excitations.base import (
     agreed_unit,
     sentences_of,
     unit_name,
+    unread_unit,
 )
 from stochvi.scenes.records import (
     FEWEST_SEGMENT_LENGTHS,
@@ -96,6 +97,7 @@ class RecordedNoise(DensityNoise):
     resolution_hz: Positive | None = None
     _unit: Unit = PrivateAttr()
     _notes: tuple[str, ...] = PrivateAttr(default=())
+    _doubts: tuple[str, ...] = PrivateAttr(default=())
     _as_read: Record = PrivateAttr()
     _record: Record = PrivateAttr()
 
@@ -107,6 +109,7 @@ class RecordedNoise(DensityNoise):
                 dataset=self.dataset, gaps=self.gaps,
             )  # fmt: skip
         self._unit = agreed_unit(self.unit, columns, VALUES)
+        self._doubts = unread_unit(columns, self._unit)
         if columns.unit is not None and self.unit is None:
             self._notes = (
                 f"its unit, {self._unit.name}, is the one that {columns.stated_in} states",
@@ -181,7 +184,8 @@ class RecordedNoise(DensityNoise):
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
         """Sentences on what the record leaves uncertain: of the response of an oscillator with this
         omega (rad/s) and damping rate (1/s); where one of them is 0, of itself alone."""
-        record, found = self._record, []
+        record = self._record
+        found = [f"record {Path(self.file).name}: {note}" for note in self._doubts]
         kurtosis, doubt = record.kurtosis()
         if kurtosis - 3.0 > SEEN * doubt:
             found.append(

@@ -19,6 +19,7 @@ from stochvi.scenes.excitations.base import (
     agreed_unit,
     band_of,
     sentences_of,
+    unread_unit,
 )
 from stochvi.scenes.readers import Columns, read_columns
 from stochvi.scenes.response_spectra import is_response_spectrum, read_response_spectrum
@@ -86,7 +87,7 @@ class TabulatedNoise(DensityNoise):
     unit: DensityOrLevelUnit | None = None
     _unit: Unit = PrivateAttr()
     _notes: tuple[str, ...] = PrivateAttr(default=())
-    _estimated: tuple[str, ...] = PrivateAttr(default=())
+    _doubts: tuple[str, ...] = PrivateAttr(default=())
 
     @model_validator(mode="after")
     def _read(self) -> Self:
@@ -103,6 +104,7 @@ class TabulatedNoise(DensityNoise):
             raise ValueError(f"has unit {self.unit!r}, but shipped profiles are in 'g2/Hz'")
         columns = self._columns()
         self._unit = agreed_unit(self.unit, columns, DENSITIES)
+        self._doubts += unread_unit(columns, self._unit)
         if self.file is not None:
             with sentences_of("file"):
                 columns, notes = cleaned(columns, Path(self.file), self._unit.decibels)
@@ -137,7 +139,7 @@ class TabulatedNoise(DensityNoise):
             with sentences_of("file"):
                 if self.of is not None or is_response_spectrum(Path(self.file)):
                     found = read_response_spectrum(Path(self.file), self.of)
-                    self._estimated = (found.error,)
+                    self._doubts = (found.error,)
                     return found.columns
                 return read_columns(
                     Path(self.file), ("frequency_hz", "density"), column=self.column,
@@ -160,8 +162,8 @@ class TabulatedNoise(DensityNoise):
         return tuple(f"table {name}: {note}" for note in self._notes)
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
-        """How uncertain a density is that was estimated by simulation."""
-        return tuple(f"table {Path(self.file or '').name}: {note}" for note in self._estimated)
+        """How uncertain a density is that was estimated by simulation; a unit that is not known."""
+        return tuple(f"table {Path(self.file or '').name}: {note}" for note in self._doubts)
 
     def numbers(self) -> dict[str, float]:
         stated = {}
