@@ -189,12 +189,17 @@ def print_pairs_sizing(console: Console, sizing: PairsSizing) -> None:
         if chance is not None:
             table.add_row(place, spoken_percent(chance.value), interval_in_words(chance))
     print_table(console, table)
-    print_frame(console, required_in_rows(sizing), f"clearances for other chances in {mission}")
+    print_frame(
+        console,
+        required_in_rows(sizing),
+        f"clearances for other chances of any hit in {mission}, and for the same chance in the "
+        "worst combination of the tolerances",
+    )
     print_frame(
         console,
         tolerances_in_rows(sizing),
-        "within the tolerances, by linear theory: clearances for the same risk, and the chance of "
-        "any hit at the clearances as stated",
+        "within the tolerances, by linear theory: the largest factor on a clearance that keeps the "
+        "same risk, and the chance of any hit at the clearances as stated",
     )
     print_line(console, f"method: {sizing.method}")
     print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")

@@ -102,32 +102,36 @@ def _known(value: float) -> str:
 
 
 def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
-    """A row per change: the clearance of each pair (mm), and the chance of any hit."""
+    """A row per change: the largest factor on a clearance, and the chance of any hit."""
     import pandas as pd
 
     table = sizing.tolerances
     return pd.DataFrame(
         {
             "change": table["change"],
-            **{f"{n} (mm)": [four_digits(MM * c) for c in table[n]] for n in sizing.clearances},
-            "factor": [f"{factor:.3f}" for factor in table["factor"]],
+            "largest factor on a clearance": [f"{factor:.3f}" for factor in table["factor"]],
             "chance of any hit": [spoken_percent(chance) for chance in table["probability"]],
         }
     )
 
 
 def required_in_rows(sizing: PairsSizing) -> pd.DataFrame:
-    """A row per accepted chance of any hit: the clearance of each pair, mm."""
+    """A row per sized pair: its clearance (mm) for other chances of any hit, and for the same
+    chance in the worst combination of the tolerances."""
     import pandas as pd
 
-    table = sizing.required
+    asked = {
+        f"{spoken_percent(row['probability'])} (mm)": row
+        for row in sizing.required.to_dict("records")
+    }
+    if len(sizing.tolerances) > 1:
+        asked["worst tolerances (mm)"] = sizing.tolerances.iloc[-1].to_dict()
+    names = list(sizing.clearances)
     return pd.DataFrame(
-        {
-            "chance of any hit": [spoken_percent(chance) for chance in table["probability"]],
-            **{
-                f"{n} (mm)": [four_digits(MM * c) if c == c else "none" for c in table[n]]
-                for n in sizing.clearances
-            },
+        {"pair": names}
+        | {
+            head: [four_digits(MM * row[n]) if row[n] == row[n] else "none" for n in names]
+            for head, row in asked.items()
         }
     )
 

@@ -96,13 +96,15 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
             *_box_sections(sizing),
             Section(
                 title="Other risks",
-                grids=[_grid("Clearances for other chances of any hit", required_in_rows(sizing))],
+                lead="The clearance of each pair for other chances of any hit, and for the same "
+                "chance in the worst combination of the tolerances.",
+                grids=[_grid("Clearances", required_in_rows(sizing))],
             ),
             Section(
                 title="Tolerances",
-                lead="By linear theory, without a new simulation: the clearances that keep the "
-                "same risk where the scene is changed, and the chance of any hit at the clearances "
-                "as stated. The factor is the largest change of a clearance.",
+                lead="By linear theory, without a new simulation: the largest factor on a "
+                "clearance that keeps the same risk where the scene is changed, and the chance of "
+                "any hit at the clearances as stated.",
                 grids=[_grid("Changes", tolerances_in_rows(sizing))],
             ),
             Section(
