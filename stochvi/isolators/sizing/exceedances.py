@@ -229,11 +229,9 @@ def _by_windows(scene: Scene, event: str, mission: float, asked: dict[str, Any])
     plan = plan_windows(scene, window)
     deadline, most = Deadline.after(asked["budget"]), -(-MOST_WINDOWS // plan.block)
     blocks = [*blocks_between(0, most * plan.block, plan.block)]
-    parts: list[Vector] = []
     with crew_of(None, asked["threads"]) as crew:
         work = partial(_window_extremes, plan, asked["seed"], event)
-        for part in crew.results(work, blocks, deadline, lambda: deadline.passed() and bool(parts)):
-            parts.append(part)
+        parts = [*crew.results(work, blocks, deadline, at_least=1)]
     return _Windows(np.concatenate(parts), mission, window)
 
 

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics, StepPairs
+from stochvi.methods.monte_carlo.stop_flag import GivenUp, given_up_after
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotConverged, StochviError
 from stochvi.results.machine import thread_seconds, usable_cores
@@ -106,7 +107,8 @@ Block = tuple[int, int]
 
 Work = Callable[[int, int, Deadline], Any]
 """A function `work(first_path, paths, deadline)` of a block. Where the block takes long, it returns
-the results of the first paths when the deadline has passed."""
+the results of the first paths when the deadline has passed, and raises `GivenUp` if there are
+none."""
 
 BlockDone = tuple[Block, list[Any], list[str]]
 """A block with the result of every work on it, and the machines that computed them."""
@@ -151,16 +153,19 @@ def do_blocks(
     """Do the work on the blocks of one task, in order.
 
     Once the deadline has passed, the blocks that are left are not begun, but the first one is if it
-    is `needed`. The result is a function of the arguments alone, so that any worker may compute it,
-    and compute it again. `attempt` has no effect but to give each attempt a key of its own, as a
-    scheduler may remember that a key failed.
+    is `needed`. A block that is given up has no result. A result is a function of the arguments
+    alone, so that any worker may compute it, and compute it again. `attempt` has no effect but to
+    give each attempt a key of its own, as a scheduler may remember that a key failed.
     """
     start = thread_seconds()
     results: list[Any] = []
     for first_path, paths in blocks:
         if deadline.passed() and (results or not needed):
             break
-        results.append(work(first_path, paths, deadline))
+        try:
+            results.append(work(first_path, paths, deadline))
+        except GivenUp:
+            break
     return Done(results=tuple(results), machine=machine(), seconds=thread_seconds() - start)
 
 
@@ -275,21 +280,27 @@ def in_pieces(
 
     The deadline is checked between pieces; once it has passed, or a path would take clearly longer
     than there is left, the remaining paths are left out, but never those of the first piece, which
-    has FEWEST_AT_ONCE of them. The paths do not depend on the pieces.
+    has FEWEST_AT_ONCE of them. A piece that takes longer all the same is given up (`stop_flag`),
+    with `GivenUp` where it is the first. The paths do not depend on the pieces.
     """
     if deadline == NEVER:
         return [make(first_path, paths)]
     done: list[Piece] = []
     made, size, each = 0, FEWEST_AT_ONCE, 0.0
-    while made < paths and (not made or 0.0 < deadline.left > each - PIECE_SECONDS):
-        size = min(size, paths - made)
-        began = time.perf_counter()
-        done.append(make(first_path + made, size))
-        each = max((time.perf_counter() - began) / size, SHORTEST_BLOCK)
-        made += size
-        left = min(PIECE_SECONDS, deadline.left)
-        size = max(1, int(left / each))
-        size -= size % LANES if size > LANES else 0
+    try:
+        with given_up_after(deadline):
+            while made < paths and (not made or 0.0 < deadline.left > each - PIECE_SECONDS):
+                size = min(size, paths - made)
+                began = time.perf_counter()
+                done.append(make(first_path + made, size))
+                each = max((time.perf_counter() - began) / size, SHORTEST_BLOCK)
+                made += size
+                left = min(PIECE_SECONDS, deadline.left)
+                size = max(1, int(left / each))
+                size -= size % LANES if size > LANES else 0
+    except GivenUp:
+        if not done:
+            raise
     return done
 
 
@@ -413,16 +424,21 @@ class Crew:
         """Result of each block in order, as in `do`; by default no task must be finished.
 
         The number of blocks may be infinite. Raises `NotConverged` if the executor loses its
-        workers.
+        workers, and where a block is needed of which not even two paths were done in time
+        (`Interrupted` after Ctrl-C).
         """
         self.block_seconds = math.inf  # unknown for this work
         total = len(blocks) if isinstance(blocks, Sequence) else math.inf
+        handed_on = False
         try:
             done = self.do([work], iter(blocks), total, deadline, late, at_least)
             for _, (result,), _ in done:
                 yield result
+                handed_on = True
         except WorkersLost as error:
             raise NotConverged(f"{error}; start workers that do the work, and ask again") from error
+        if at_least and not handed_on:
+            raise deadline.fell_short("before two paths were simulated", "raise budget")
 
     def cancel(self) -> None:
         """Cancel every task that has not begun."""

@@ -45,6 +45,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_smooth_motion,
     lossiest,
 )
+from stochvi.methods.monte_carlo.stop_flag import check_flag, stop_flag
 from stochvi.model.coverage import without_noise
 from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
@@ -303,8 +304,9 @@ class ModalPlan(SteppedPlan):
         run_modes(
             state, streams, sums, self._kernel_constants, tables, self._contact_constants,
             None if self._pulls is None else _table(self._pulls), burn_in, steps, stride, record,
-            log, largest,
+            log, largest, stop_flag(),
         )  # fmt: skip
+        check_flag()
 
     @property
     def _contact_constants(self) -> Contacts | None:

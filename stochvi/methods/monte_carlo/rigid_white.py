@@ -45,6 +45,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_refined_step,
     lossiest,
 )
+from stochvi.methods.monte_carlo.stop_flag import check_flag, stop_flag
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
 
@@ -342,8 +343,9 @@ class WhitePlan(SteppedPlan):
                 burn_in=burn_in, steps=self.steps, stride=stride,
                 origin=self.origin - self.model.rest, threshold=self.threshold,
             ),
-            record, log,
+            record, log, stop_flag(),
         )  # fmt: skip
+        check_flag()
         sums[:N_LOWER] /= math.ceil(self.steps / stride)
         sums[N_LOWER:] /= self.steps * self.step
         return np.concatenate([self._at_mid_kick(sums), noise / self.steps])

@@ -57,6 +57,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_smooth_motion,
     lossiest,
 )
+from stochvi.methods.monte_carlo.stop_flag import check_flag
 from stochvi.model.model import Model, Signal, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -388,6 +389,7 @@ class TabulatedPlan:
         controls = np.zeros((len(self._controls), paths))
         beside = [(stop.side, stop.position - self.model.rest) for stop in self.model.stops]
         for number in range(self.blocks_per_path):
+            check_flag()
             block_record = None
             if record is not None:
                 counted = self._counted_samples

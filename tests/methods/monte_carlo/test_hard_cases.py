@@ -21,6 +21,7 @@ from stochvi.methods.monte_carlo.kernels.rows import SUMS
 from stochvi.methods.monte_carlo.kernels.steps import Counting, Kick, Paths
 from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.rigid_white import ENOUGH_STEPS, WhitePlan, _flow
+from stochvi.methods.monte_carlo.stop_flag import stop_flag
 from stochvi.model.model import model_of
 from stochvi.results.intervals import upper_limit_unseen
 from stochvi.testing import assert_agrees
@@ -307,7 +308,7 @@ def test_energy_between_elastic_stops_does_not_drift(steps: int) -> None:
             x, v, np.ones((2, lanes), np.uint64), np.zeros((SUMS, lanes)), np.zeros((2, lanes))
         ),
         Kick(1.0, 0.0),
-        *constants, Counting(0, steps // lanes, 10**6, 0.0, 0.0), None, None,
+        *constants, Counting(0, steps // lanes, 10**6, 0.0, 0.0), None, None, stop_flag(),
     )  # fmt: skip
     drift = (v**2 + x**2) / before - 1.0
     # cosine and sine are rounded once, so that a step changes energy by the same C^2 + S^2 - 1

@@ -530,7 +530,7 @@ def step_clear_paths(x, v, z, near, kick, flow, lower, upper):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def run_contacts(paths, kick, flow, lower, upper, counting, record, log):
+def run_contacts(paths, kick, flow, lower, upper, counting, record, log, flag):
     """Advance every path by burn_in + steps steps, and add up the last `steps`.
 
     Parameters
@@ -542,6 +542,8 @@ def run_contacts(paths, kick, flow, lower, upper, counting, record, log):
         touches of every step, negative at the lower stop; the burn-in must then be 0.
     log : None, or an `impact_log.Log`, which gets the first touches in the counted steps that are
         at least as fast as the threshold.
+    flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
+        result.
     """
     x, v, streams, sums, noise = paths
     burn_in, steps, stride, origin, threshold = counting
@@ -559,6 +561,8 @@ def run_contacts(paths, kick, flow, lower, upper, counting, record, log):
         peaks[:] = 0.0
         z1, z2, near = first[: end - start], second[: end - start], mark[: end - start]
         for step in range(burn_in + steps):
+            if flag[0] != 0:
+                break
             z = normals_of_step(step, kick.earlier, state0, state1, z1, z2)
             counted = step >= burn_in
             if counted:

@@ -420,7 +420,7 @@ def add_impacts(several, counted, local, record, sample, first_path, i):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def run_white(paths, kick, flow, lower, upper, between, corner, counting, record, log):
+def run_white(paths, kick, flow, lower, upper, between, corner, counting, record, log, flag):
     """Advance every path by burn_in + steps steps, and add up the last `steps`.
 
     Parameters
@@ -435,6 +435,8 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
         the burn-in must then be 0.
     log : None, or an `impact_log.Log`, which gets the impacts in the counted steps that are at
         least as fast as the threshold.
+    flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
+        result.
     """
     x, v, streams, sums, noise = paths
     burn_in, steps, stride, origin, threshold = counting
@@ -459,6 +461,8 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
             state0[i], state1[i] = streams[0, start + i], streams[1, start + i]
         local[:] = 0.0
         for step in range(burn_in + steps):
+            if flag[0] != 0:
+                break
             z = normals_of_step(step, kick.earlier, state0, state1, z1, z2)
             counted = step >= burn_in
             refined = 0

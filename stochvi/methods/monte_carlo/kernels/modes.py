@@ -298,7 +298,7 @@ def accelerations_of(largest, path, counted, spare, ends, before, after, lane):
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_modes(
     state, streams, sums, structure, tables, contacts, pulls, burn_in, steps, stride, record, log,
-    largest,
+    largest, flag,
 ):  # fmt: skip
     """Advance every path by burn_in + steps steps, and add up the last `steps`.
 
@@ -319,6 +319,8 @@ def run_modes(
         speeds of every counted step.
     log : None, or an `impact_log.Log`, which gets the impacts in the counted steps.
     largest : None, or `Largest`, where there are tables and no kicks, and `pulls`.
+    flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
+        result.
     """
     step, modes, passes = structure.step, structure.modes, structure.passes
     stops, margins, resets = structure.stops, structure.margins, structure.resets
@@ -374,6 +376,8 @@ def run_modes(
             add_up(total, old, smooth)
             matrix_pass(pull_0, 0.0, total, pulls, width)
         for number in range(-burn_in, steps):
+            if flag[0] != 0:
+                break
             counted = number >= 0
             half = (number + burn_in) % 2
             if (half == 0) | passes.merged:

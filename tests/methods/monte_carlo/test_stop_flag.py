@@ -1,0 +1,106 @@
+"""Paths that take long are given up once their answer is due, whatever kernel simulates them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from threading import Timer
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stochvi import Interrupted, NotConverged, impacts, load_scene, simulate
+from stochvi.methods.monte_carlo import blocks
+from stochvi.methods.monte_carlo import stop_flag as room
+from stochvi.methods.monte_carlo.blocks import averages_in_time, crew_of, in_pieces
+from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.stop_flag import GivenUp, check_flag, given_up_after, stop_flag
+from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
+from stochvi.scenes.datasets import shipped_scene, zoo_files
+from support.known import oscillator
+
+WAIT = 0.05
+"""Seconds for which these tests wait for paths."""
+
+LONG = {simulate: 3e7, impacts: 3e6}
+"""Lengths of paths that take some seconds of CPU, s."""
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(room, "WAIT_SECONDS", WAIT)
+    monkeypatch.setattr(room, "LOOK_SECONDS", 0.2 * WAIT)
+
+
+KINDS: dict[str, Callable[[], Path]] = {
+    "white noise": lambda: zoo_files()["lossy-0.5"],
+    "stops that give way": lambda: zoo_files()["spring-stops"],
+    "two masses": lambda: shipped_scene("absorber-in-a-box"),
+    "tables": lambda: shipped_scene("isolator-bumper"),
+}
+"""Scenes by what is special in their kernels."""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_path_that_is_late_is_given_up(kind: str) -> None:
+    plan: Any = make_plan(model_of(load_scene(KINDS[kind]())))
+    averages_in_time(plan.shortest(), 0, 0, 2, Deadline.after(9.0))  # loads the kernels
+    # a path of tables is synthesised in blocks
+    longer = "blocks_per_path" if kind == "tables" else "duration"
+    endless = replace(plan, **{longer: 10**6 * getattr(plan, longer)})
+    began = time.process_time()
+    with pytest.raises(GivenUp):
+        averages_in_time(endless, 0, 0, 2, Deadline.after(WAIT))
+    assert time.process_time() - began < 1.0
+    check_flag()  # the next block starts afresh
+
+
+def test_pieces_that_were_done_are_kept() -> None:
+    def make(first: int, paths: int) -> int:
+        while first >= 2:
+            check_flag()
+        return paths
+
+    assert in_pieces(make, 0, 64, Deadline.after(WAIT)) == [2]
+
+
+def test_a_path_in_time_is_not_given_up() -> None:
+    plan = make_plan(model_of(oscillator(-1.0, 1.0, 0.5)), None, 20.0)
+    with given_up_after(Deadline.after(60.0)):
+        time.sleep(2.0 * WAIT)
+        assert not stop_flag()[0]
+        found = plan.averages(3, 0, 4)
+    np.testing.assert_array_equal(found, plan.averages(3, 0, 4))
+
+
+@pytest.mark.parametrize("solve", [simulate, impacts])
+def test_ctrl_c_does_not_wait_for_a_path_that_takes_long(
+    monkeypatch: pytest.MonkeyPatch, solve: Callable[..., Any]
+) -> None:
+    @contextmanager
+    def pressed(deadline: Deadline) -> Iterator[None]:
+        press = Timer(WAIT, os.kill, [os.getpid(), signal.SIGINT])
+        press.start()
+        with given_up_after(deadline):
+            yield
+
+    monkeypatch.setattr(blocks, "given_up_after", pressed)
+    with pytest.raises(Interrupted, match=r"before two paths|after 0 of 4 paths"):
+        solve(oscillator(-1.0, 1.0, 0.5), paths=4, duration=LONG[solve], budget=3600.0, threads=1)
+
+
+def test_a_block_that_is_needed_says_that_there_was_no_time_for_it() -> None:
+    def give_up(*_: Any) -> None:
+        raise GivenUp
+
+    with crew_of(None, 1) as crew:
+        assert not [*crew.results(give_up, [(0, 2)], Deadline.after(9.0))]
+        with pytest.raises(NotConverged, match="the budget of 9 s ended before two paths"):
+            [*crew.results(give_up, [(0, 2)], Deadline.after(9.0), at_least=1)]
