@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
@@ -10,14 +11,18 @@ import numpy as np
 import pytest
 
 from stochvi.cli.scenes import TEMPLATE
+from stochvi.mathematics.quadrature import gauss_panels
+from stochvi.mathematics.units import power_ratio
 from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.scaled_motion import scaled_motion
 from stochvi.methods.linearisation.method import unmet as unmet_by_linearisation
 from stochvi.methods.monte_carlo.choose_plan import unmet as unmet_by_simulation
 from stochvi.model.model import Model, model_of
 from stochvi.scenes import shipped_scene
-from stochvi.scenes.excitations import EXCITATIONS, Excitation
-from stochvi.scenes.impact_laws import Hertz, Law
+from stochvi.scenes.excitations import EXCITATIONS, DensityNoise, Excitation
+from stochvi.scenes.impact_laws import CompliantLaw, Hertz, Law
+from stochvi.scenes.impact_laws.base import Form
+from stochvi.scenes.key_units import key_unit
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene
 from stochvi.scenes.structures import Isolator
 from stochvi.verification.explain import explain
@@ -40,6 +45,12 @@ KEYS_OF_EXCITATIONS: dict[str, dict[str, Any]] = {
     "constant": {"acceleration": 0.3},
 }
 """Keys of one member of each kind; a new kind needs an entry, or its tests fail."""
+
+KEYS_WITHOUT_UNIT = {
+    "restitution.coefficient", "damping_ratio", "zeta", "phase_deg", "intensity"
+}  # fmt: skip
+"""Keys of numbers without a unit, of an angle, which has one unit only, and of the strength of
+white noise, whose unit depends on what is shaken."""
 
 
 def kind_of(cls: type) -> str:
@@ -87,6 +98,62 @@ def test_a_law_in_other_units_is_the_same_law(law: Law) -> None:
     assert force == pytest.approx(law.force_at(deflection, speed), rel=1e-12)
     energy = other.potential_at(deflection / length) * (length / time) ** 2
     assert energy == pytest.approx(law.potential_at(deflection), rel=1e-12)
+
+
+def yielding(law: Law) -> CompliantLaw:
+    if not isinstance(law, CompliantLaw):
+        pytest.skip("a rigid stop has no force")
+    return law
+
+
+def test_the_parts_of_a_law_belong_to_one_force(law: Law) -> None:
+    """Slope, potential and deflection of a force are stated one by one, and must fit together."""
+    law, mass, rate = yielding(law), 2.0, 0.3
+    y = np.array([0.04, 0.17, 0.37])
+    force = law.force_at(y)
+    assert law.force_at([-0.1, 0.0]).tolist() == [0.0, 0.0]
+    assert law.deflection_at(force) == pytest.approx(y, rel=1e-9)
+    step = 1e-6
+    slope = (law.force_at(y + step) - law.force_at(y - step)) / (2.0 * step)
+    assert law.slope_at(y) == pytest.approx(slope, rel=1e-6)
+    edges = np.unique(np.concatenate([y, law.knots(), np.geomspace(1e-8, 0.01)]))
+    for deflection, energy in zip(y, law.potential_at(y), strict=True):
+        nodes, weights = gauss_panels(edges[edges <= deflection], 16)
+        assert weights @ law.force_at(nodes) == pytest.approx(float(energy), rel=1e-9)
+    damping = law.damping(mass)
+    assert law.force_at(y, rate, mass) - force == pytest.approx(damping * rate, abs=1e-12)
+    assert law.conservative == np.array_equal(law.force_at(y, rate), force)
+
+
+def test_a_law_says_what_its_force_never_exceeds(law: Law) -> None:
+    """The default is a force without a bound: a law whose force has one must say so."""
+    law = yielding(law)
+    most = law.largest_force
+    if math.isinf(most):
+        assert np.isfinite(law.deflection_at(1e9 * law.force_at(1.0)))
+    else:
+        assert law.force_at(1e9) == pytest.approx(most, rel=1e-6)
+        assert np.isfinite(law.deflection_at(0.9 * most))
+        assert np.isinf(law.deflection_at(1.1 * most))
+
+
+def force_of(form: Form, y: np.ndarray, rate: float) -> np.ndarray:
+    """The force that a simulation takes from a form, at deflections above 0."""
+    if form.name == "damped":
+        ((stiffness, damping),) = form.numbers
+        return np.maximum(stiffness * y + damping * rate, 0.0)
+    if form.name == "hertz":
+        return form.numbers[0, 0] * y**1.5
+    assert form.name == "pieces"
+    start, force, slope = form.numbers[np.searchsorted(form.numbers[:, 0], y, side="right") - 1].T
+    return force + slope * (y - start)
+
+
+def test_a_simulation_takes_the_force_of_the_law(law: Law) -> None:
+    law, y = yielding(law), np.array([0.04, 0.17, 0.37])
+    if (form := law.form()) is not None:
+        for rate in (-0.5, 0.0, 0.3):
+            assert force_of(form, y, rate) == pytest.approx(law.force_at(y, rate), rel=1e-9)
 
 
 def test_a_law_is_named_wherever_it_is_spoken_of(law: Law) -> None:
@@ -166,3 +233,34 @@ def test_an_excitation_is_raised_by_a_level_unless_it_is_constant(excitation: Ex
     back = raised.louder(-6.0).model_dump()
     kept = {name: value for name, value in back.items() if isinstance(value, float)}
     assert kept == pytest.approx({name: getattr(excitation, name) for name in kept}, rel=1e-12)
+
+
+def test_a_level_raises_the_density_itself(excitation: Excitation) -> None:
+    if not isinstance(excitation, DensityNoise):
+        pytest.skip("no noise of a density")
+    ratio = excitation.louder(6.0).table.density / excitation.table.density
+    assert ratio == pytest.approx(power_ratio(6.0), rel=1e-12)
+
+
+def without_unit(part: Excitation | Law) -> list[str]:
+    """The keys of numbers for which no unit is known, though they are not known to have none."""
+    document = part.model_dump(exclude_none=True)
+    numbers = [
+        name
+        for name, value in document.items()
+        if isinstance(value, float) or (isinstance(value, tuple) and isinstance(value[0], float))
+    ]
+    return [
+        name
+        for name in numbers
+        if not key_unit({"structure": {"kind": "isolator"}}, document, name)
+        and not {name, f"{part.kind}.{name}"} & KEYS_WITHOUT_UNIT
+    ]
+
+
+def test_the_units_of_the_keys_of_a_law_are_known(law: Law) -> None:
+    assert without_unit(law) == []
+
+
+def test_the_units_of_the_keys_of_an_excitation_are_known(excitation: Excitation) -> None:
+    assert without_unit(excitation) == []
