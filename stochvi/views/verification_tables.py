@@ -12,6 +12,7 @@ from stochvi.verification.check import (
     BALANCE,
     DISAGREES,
     ROUNDING,
+    STOPPED_EARLY,
     Check,
     Comparison,
 )
@@ -40,7 +41,10 @@ def print_check(console: Console, verdict: Check) -> None:
         _print_judged(console, [row for row in judged if row.method == method])
     _print_approximations(console, verdict)
     for reason in verdict.left_out:
-        print_line(console, f"left out: {reason}")
+        if not reason.startswith(STOPPED_EARLY):
+            print_line(console, f"left out: {reason}")
+        elif reason != verdict.summary():  # which is printed below
+            print_line(console, reason)
     for response in verdict.responses[:1]:
         for warning in response.warnings:
             console.print(f"note: {warning}", style="yellow", highlight=False)

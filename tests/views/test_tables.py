@@ -5,10 +5,10 @@ import io
 import pandas as pd
 from rich.console import Console
 
-from stochvi import explain, load_scene
+from stochvi import check, explain, load_scene
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.tables import print_frame
-from stochvi.views.verification_tables import print_explanation
+from stochvi.views.verification_tables import print_check, print_explanation
 
 
 def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
@@ -28,6 +28,17 @@ def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
         "6.000           4          0.5  by counting",
         "10.00           -            -  -",
     ]
+
+
+def test_a_simulation_that_stopped_early_is_not_called_left_out() -> None:
+    """It was judged by what it reached; methods that were not judged at all are left out."""
+    found = check(load_scene(shipped_scene("oscillator-lossy")), rel_error=1e-5, budget=0.3)
+    written = io.StringIO()
+    print_check(Console(file=written, width=500), found)
+    lines = [line.rstrip() for line in written.getvalue().splitlines()]
+    (early,) = (line for line in lines if "early" in line)
+    assert early.startswith("simulate stopped early")
+    assert any(line.startswith("left out: exact does not apply") for line in lines)
 
 
 def test_the_modes_of_a_box_are_not_cut_to_the_width_of_the_terminal() -> None:

@@ -547,7 +547,7 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
         if not in_time or deadline.passed():
             raise deadline.fell_short(
                 f"at a relative standard error of {errors:.2g}, asked for {rel_error:g}, which "
-                f"takes about {needed:.0f} s",
+                f"takes about {needed:.0f} s of simulation",
                 "raise budget or rel_error",
                 run.response(("the accuracy asked for was not reached",)),
             )
