@@ -61,7 +61,8 @@ class BestBox:
     """The lowest point of a curve of rms ratio against play.
 
     `play` (m), its 95 % interval, and the ratio there; `low` and `high` bound the plays whose
-    ratio lies within two standard errors of the lowest: the box need be no more exact.
+    ratio lies within two standard errors of the lowest: the box need not be built more
+    exactly.
     """
 
     play: float

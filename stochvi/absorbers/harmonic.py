@@ -88,7 +88,7 @@ def tuned_force(mass: float, play: float, omega: float, law: str = "flight") -> 
 
 
 def residual_vibration(play: float, restitution: float, law: str = "flight") -> float:
-    """Amplitude (m) that `tuned_force` leaves of a structure in resonance, with a light loose mass.
+    """Amplitude (m) of a structure in resonance under `tuned_force`, with a light loose mass.
 
     As printed, a_x1 = beta a_x / (M2 w) (B 17.12), with beta = p M2 w and p = (1 - R^2) / pi for
     two walls (B 7.62): a_x1 = p a_x (B 17.13). In straight flights of speed u = 2 w Delta / pi the
@@ -144,8 +144,9 @@ def symmetric_regimes(
 ) -> list[SymmetricRegime]:
     """The exact regimes with one impact on each wall per period of a sine force on the structure.
 
-    Those of `harmonic_response` with these impacts: all of them, since the distance at an impact is
-    a sine of the phase. Where none is stable, the absorber works in bursts, or idles.
+    They are the regimes of `harmonic_response` that have these impacts, and none of them is missed,
+    since the distance at an impact is a sine of the phase. Where none is stable, the absorber works
+    in bursts, or idles.
 
     Parameters
     ----------

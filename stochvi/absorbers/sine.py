@@ -90,7 +90,7 @@ class ResidualCurve:
 
     @property
     def tuned(self) -> int:
-        """Number of the value at which the worst that may last is least."""
+        """Index of the value at which the worst motion that may last is smallest."""
         return int(np.nanargmin(self.worst))
 
     def to_frame(self) -> pd.DataFrame:
@@ -202,7 +202,7 @@ TUNED = {
 
 
 ALIKE = 0.995
-"""Ratio of two displacements from which on they read as one."""
+"""Ratio of the smaller displacement to the larger one from which on the words name one only."""
 
 
 def _mm(metres: float) -> str:

@@ -42,7 +42,7 @@ def fail_unless_gaussian(record: RecordVerdict | None) -> None:
 @click.argument("scene")
 @common("json", "out", "quiet")
 def screen(options: Common, scene: str) -> None:
-    """Linear screening: rms, 3 sigma, Rice; Miles of an isolator."""
+    """Linear screening: rms, 3 sigma, Rice's rate of hits; Miles' equation for an isolator."""
     from stochvi.isolators.screening import screen as solve
     from stochvi.isolators.structure_screening import StructureScreening
     from stochvi.scenes.scene import load_scene
@@ -167,8 +167,9 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 @click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")
 @click.option(
     "--tolerances", metavar="LIST",
-    help="Of the worst case in the report: frequency=10%,damping=30%,level=3dB,stiffness=20% (the "
-    "defaults; structure.frequency_tolerance and damping_tolerance of the scene); of a rigid body "
+    help="Tolerances of the worst case in the report: "
+    "frequency=10%,damping=30%,level=3dB,stiffness=20% (the defaults; "
+    "structure.frequency_tolerance and damping_tolerance of the scene); of a rigid body "
     "centre=5mm.",
 )  # fmt: skip
 @common("budget", "seed", "threads", "json", "out", "force", "quiet")
@@ -309,7 +310,7 @@ JOLT_COLUMNS = {
 @click.option("--duration", type=TIME, help="Seconds after a jolt [1000 periods].")
 @common("seed", "json", "out", "quiet")
 def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
-    """Sine on a mount: can a jolt throw it into clatter, how long does it stay."""
+    """Whether a jolt can throw a mount under a sine into clatter, and how long it stays there."""
     from stochvi.isolators.jolt_response import jolts
     from stochvi.scenes.scene import load_scene
 

@@ -1,9 +1,9 @@
 """Where numba keeps compiled kernels, when it compiles them again, and which process does.
 
 With `cache=True` numba keeps the machine code of a function on the disk, and compiles it again when
-the file that holds the function has changed. It does not look at the files from which that function
-takes others, whose code is in the same machine code. All kernels of a folder are therefore stamped
-with one digest of all files of the folder.
+the file that holds the function has changed. It does not look at the files of the functions
+that this one calls, although their code is compiled into its own. All kernels of a folder are
+therefore stamped with one digest of all files of the folder.
 
 The places stay numba's own: the folder NUMBA_CACHE_DIR where that is set, else `__pycache__` beside
 the kernels, else, where that cannot be written, a folder of the user.

@@ -30,6 +30,8 @@ class SampledDensity:
     def of(cls, samples: ArrayLike, bins: int, low: float, high: float) -> SampledDensity:
         """The histogram of the samples between `low` and `high`.
 
+        Whoever calls this chooses the number of bins: of an overview `OverviewSettings` has it.
+
         Examples
         --------
         >>> SampledDensity.of([0.5, 0.6, 1.5, 9.0], 2, 0.0, 2.0).density.round(3).tolist()

@@ -67,7 +67,7 @@ SHARE = 0.25
 """Share of the trials that should exceed the next level."""
 
 MOVES = 4
-"""Number of times that every trial is moved at each level, so that copies part."""
+"""Number of times that every trial is moved at each level, so that copies of one come to differ."""
 
 ACCEPTED = 0.35
 """Share of the moves that should leave a trial above its level; the work for a given error hardly
@@ -96,10 +96,11 @@ FOR_ANSWER = 0.7
 limit that it did not reach by then is given an upper limit, from the levels that it did reach."""
 
 FOR_LIMIT = 2.0 / 3.0
-"""Share of these levels that an upper limit is made of, so that there is time for repetitions."""
+"""Share of the levels reached that the repetitions go through where the pilot did not reach the
+limit: the last ones are left out, so that there is time for enough repetitions."""
 
 MARGIN = 1.1
-"""More repetitions than the error so far asks for."""
+"""Factor on the number of repetitions for which the error so far asks."""
 
 PILOT = 2**20
 """Number of the repetition that is the pilot."""
@@ -108,8 +109,8 @@ STREAM = 0x5EED5
 """Keeps the random numbers of this module apart from other uses of a seed."""
 
 HORIZONS = 2.0 * WINDOWS
-"""Length of a trial of the whole motion, over that for which the response is remembered: one half
-is not counted, so that the motion forgets its start."""
+"""Length of a trial of the whole motion, as a multiple of the time for which the response remembers
+its past: the first half is not counted, so that the motion forgets its start."""
 
 
 class Trials(NamedTuple):
@@ -216,8 +217,9 @@ class Kind(ABC):
         return found
 
     def _score_of(self, extremes: Extremes) -> Vector:
-        """The scores of trials with such extremes. Where no stop was hit the largest acceleration
-        stands for a speed, below all speeds: it shows which trials came close."""
+        """The scores of trials with such extremes. Where no stop was hit, a negative number that
+        rises with the largest acceleration stands for the speed: it shows which trials came
+        close, and lies below all speeds."""
         if self.event == "peak_acceleration":
             return extremes.acceleration
         speed = extremes.impact_speed
@@ -234,8 +236,9 @@ class Kind(ABC):
 
     @abstractmethod
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
-        """Chance of an exceedance in a mission, from chances of a trial: of an exceedance, of one
-        in the second half of what counts alone, and of having a score."""
+        """Chance of an exceedance in a mission, from three chances of a trial: of an exceedance
+        (`exceeded`), of one that falls only into the second half of what is counted (`late`), and
+        of having a score (`scored`)."""
 
     @abstractmethod
     def overlap(self, scored: float) -> float:
@@ -327,8 +330,11 @@ class AfterCrossings(Kind):
 
 
 def risk_of_windows(exceeded: Vector, late: Vector, window: float, mission: float) -> Vector:
-    """Chance of an exceedance in a mission from that in a window, s, of which `late` is that of a
-    first one in its second half, after none in the first."""
+    """Chance of an exceedance in a mission, s, from that in a window, s.
+
+    `late` is the part of the latter in which the first exceedance falls into the second half of the
+    window.
+    """
     before = np.maximum(1.0 - (exceeded - late), 1e-300)
     rate = -np.log1p(-np.minimum(late / before, 1.0 - 1e-15)) / (0.5 * window)
     left = max(mission - window, 0.0)
@@ -395,7 +401,7 @@ def kinds_of(
     most = min(TRIALS, TRIALS_FOR_ERROR / rel_error**2)
     if budget is not None:
         most = min(most, TRIALS_PER_SECOND * budget)
-    # a power of two: the seconds that happen to be left of a budget show in no digit
+    # a power of two: how many seconds happen to be left of a budget changes no digit
     trials = 2 ** int(math.log2(max(most, 1.0)))
 
     def fitting(samples: int) -> int:

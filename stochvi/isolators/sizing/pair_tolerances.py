@@ -1,8 +1,9 @@
 """What tolerances of the mounts and of the level do to a sizing of several pairs, by linear theory.
 
 Nothing is simulated again. A change of the structure changes the rms of each gap, its rate of zero
-crossings and its mean; the clearance for the same risk is then that of the same rate of crossings
-(Rice), on the other side of which the mean has moved. Hits cluster as in the nominal scene.
+crossings and its mean. The clearance for the same risk is then the one at which stops are crossed
+at the same rate (Rice), and the distance by which the mean has moved is added to it. Hits are taken
+to cluster as in the nominal scene.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 COMBINED = "worst combination"
-"""Name of the row in which the changes that together ask for the most clearance come together."""
+"""Name of the row of that combination of changes which asks for the most clearance."""
 
 
 class Gaps(NamedTuple):

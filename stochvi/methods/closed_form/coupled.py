@@ -40,7 +40,7 @@ count as exact."""
 
 MODE_ERROR = 1e-3
 """Error allowed in the place where the density is largest, in deviations of a coordinate with the
-others held. Panels are four of them long, so that this is as good as none."""
+others held. A panel is four of these deviations long, so that this error does not matter."""
 
 MOST_SWEEPS = 1000
 """Largest number of times that every coordinate is put where the energy is least."""

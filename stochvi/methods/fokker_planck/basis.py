@@ -22,7 +22,8 @@ Indices = NDArray[np.intp]
 Law = Callable[[Array], Array]
 
 EXTRA_NODES = 12
-"""Gauss-Legendre nodes of an element beyond its degree, for the weight, which is no polynomial."""
+"""How many Gauss-Legendre nodes an element has beyond its degree, because the weight is no
+polynomial."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,8 +24,8 @@ DISTANCES = 2.0 ** np.arange(-100.0, 101.0)
 is of order 1."""
 
 SHRINKAGE = 32
-"""Number of intervals into which the two neighbours of a peak are divided in the next search for
-it."""
+"""Number of intervals into which the stretch between the two neighbours of a peak is divided in the
+next round of the search for it."""
 
 LOOKS = 5
 """Number of rounds of the search for a peak. 16^5 times finer than `DISTANCES` is enough to place

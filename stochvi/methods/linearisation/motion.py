@@ -155,5 +155,5 @@ def _within(
 
 
 def book_speeds(hits: StopStatistics, speed: float) -> StopStatistics:
-    """Hits at the same rate whose mean square speed is E v^2 (B 8.52), of no known law."""
+    """Hits at the same rate whose mean square speed is E v^2 (B 8.52); no more is known of it."""
     return StopStatistics(hits.rate, None, hits.rate * speed**2)  # type: ignore[arg-type]

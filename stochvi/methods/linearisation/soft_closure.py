@@ -57,12 +57,13 @@ calls for a density that is higher right at the stop."""
 
 
 def soft_closure(gap: Gap, coloured: bool = False) -> Form:
-    """The closure where at least one stop gives way; `coloured`: what shakes is not white, or
-    reaches the mass through others.
+    """The closure where at least one stop gives way; `coloured` says that what shakes is not
+    white, or reaches the mass through others.
 
-    Where the mass is pressed onto one of two stops, there may be no law but with the least
-    curvature of a single stop; where it stays within stops for most of the time, none but with
-    the curvature of the elastic law and other tau.
+    The law may not exist with a curvature above the least one between two stops. Two others are
+    then tried: where the mass is pressed onto one of two stops, the law with the least curvature
+    of a single stop; where it stays within stops for most of the time, the law with the curvature
+    of the elastic one and another tau.
     """
     least = least_curvature(gap, coloured)
     one_stop = Form(_start, lambda gap, x: _candidate(gap, x, math.inf))
@@ -165,7 +166,8 @@ class SoftLaw:
         }
 
     def _rise_at(self, stop: Stop) -> float:
-        """What does not bounce lies on stops that take energy, where there are any."""
+        """Factor on the density at a stop: `rise`, but 1 at one that takes no energy where another
+        does, since a mass that has stopped bouncing lies on the latter."""
         return 1.0 if stop.law.conservative and not self.gap.elastic else self.rise
 
     def _layer(self, stop: Stop, law: CompliantLaw) -> _Within:
@@ -196,7 +198,7 @@ class SoftLaw:
 
     @cached_property
     def log_total(self) -> float:
-        """Logarithm of the mass of the whole in units of that between the stops."""
+        """Logarithm of the integral of the density everywhere over that between the stops."""
         logs = [0.0, *(each.log_weight for each in self.layers.values())]
         return float(np.logaddexp.reduce(logs))
 

@@ -135,20 +135,22 @@ class CompliantLaw(ImpactLaw):
 
     @abstractmethod
     def deflection_at(self, force: ArrayLike) -> Vector:
-        """Largest deflection (m) at which the force (N), at rest, is not above the one given;
-        infinite where it never is."""
+        """Largest deflection (m) at which the force at rest does not exceed the one given (N);
+        infinite where no deflection makes it larger."""
 
     @abstractmethod
     def impact(self, speed: float, mass: float) -> Impact:
         """The contact of a free mass (of a pair: its reduced mass, kg) that arrives at `speed`."""
 
     def knots(self) -> Vector:
-        """Deflections (m), from 0 on, between which the force is smooth."""
+        """Deflections (m), from 0 on, between which the force is smooth; a law with a kink must
+        override this."""
         return np.zeros(1)
 
     @property
     def largest_force(self) -> float:
-        """What the force at rest comes to and never exceeds, N; infinite where it always grows."""
+        """What the force at rest comes to and never exceeds, N; infinite where it grows without a
+        bound. A law whose force has a bound must override this."""
         return math.inf
 
     @property

@@ -8,10 +8,10 @@ X_i* X_j and their scatter, from which everything else follows at each frequency
     transmissibility |G_fa| / G_ff (H1), (G_aa / G_ff)^(1/2)     coherence  |G_fa|^2 / (G_ff G_aa)
 
 Standard errors come from independent paths. Two biases are stated beside them. The taper W smears
-a spectrum, G * |W|^2: smearing the estimate once and once more, which takes out most of its noise,
-tells how much. And white noise acts in kicks
-a step h apart, sampled with the response: an impulse's tail 1/w^2 becomes h^2 / (4 sin^2 (w h / 2))
-with all its aliases, relative to which the density is off by (w h)^2 / 6 to leading order.
+a spectrum, G * |W|^2; how much is told by the difference between the estimate smeared once more and
+smeared twice more, of which most of the noise is gone. And white noise acts in kicks a step h
+apart, sampled with the response: an impulse's tail 1/w^2 becomes h^2 / (4 sin^2 (w h / 2)) with all
+its aliases, relative to which the density is off by (w h)^2 / 6 to leading order.
 """
 
 from __future__ import annotations
@@ -49,33 +49,35 @@ from stochvi.statistics.spectra.segments import (
 )
 
 SEGMENT_BANDWIDTHS = 21.0
-"""Segment times half-power bandwidth. Hann's kernel has the variance 1 / (3 T^2), a resonance the
-curvature -8 / B^2 at its peak, which is thus lowered by 4 / (3 (B T)^2): 0.3 %."""
+"""Length of a segment times the half-power bandwidth. Hann's kernel has the variance 1 / (3 T^2), a
+resonance the curvature -8 / B^2 at its peak, which is thus lowered by 4 / (3 (B T)^2): 0.3 %."""
 
 MOST_LENGTHS, FEWEST_LENGTHS, LONG_PATH = 4.0, 2.0, 2.0**17
-"""Length of a path in segments, by Welch's method: four, but down to two beyond so many samples."""
+"""Length of a path in segments, by Welch's method: four, but as few as two where a path would have
+more samples than this."""
 
 STEP_BIAS = 0.01
 """Largest relative bias by the step, (w h)^2 / 6, at the highest frequency."""
 
 HIGHEST = 4.0
-"""Highest frequency, in those of the fastest mode or flight between two stops."""
+"""Highest frequency of a spectrum, over that of the fastest mode or flight between two stops."""
 
 MOST_SAMPLES = 2**22
-"""Of a path."""
+"""Largest number of samples of a path."""
 
 CONTACT_SAMPLES = 8.0
 """Samples in the contact of a mass with a stop that gives way."""
 
 FEWEST_PATHS = 64
-"""For an honest standard error."""
+"""Smallest number of paths from which a standard error can be trusted."""
 
 REL_ERROR = 0.05
-"""At a frequency, where neither an error nor a number of paths is asked for."""
+"""Median relative standard error to reach, where neither an error nor a number of paths is asked
+for."""
 
 EXCITED = 1e-3
-"""Density of an excitation, of its largest, below which there may be nothing but what tapers leak:
-transmissibility and coherence are told above."""
+"""Density of an excitation, relative to its largest, below which there may be nothing but what
+tapers leak: transmissibility and coherence are given only where the density is higher."""
 
 
 @shown_in_notebooks
@@ -95,12 +97,13 @@ def spectrum(
 ) -> ResponseSpectrum:
     """Power spectral densities of the stationary response, one-sided per hertz, with 95 % bands.
 
-    Of every coordinate: relative displacement, velocity, and, on a moving base, absolute
-    acceleration: with rigid stops that between impacts (by springs and dampers, without the
-    impulses), with stops that give way the whole. Of one oscillator also its apparent
-    transmissibility and the coherence with what shakes it, a base acceleration or a force: of
-    their transmitted parts, by spring and damper (and the stop that gives way). The H1 form is
-    what is linear in the input, the square root of the ratio all there is; stops part the two.
+    Every coordinate has spectra of its relative displacement and its velocity and, on a moving
+    base, of its absolute acceleration: with stops that give way of all of it, with rigid stops of
+    that between impacts (by springs and dampers, without the impulses). One oscillator also has its
+    apparent transmissibility and the coherence with what shakes it, a base acceleration or a force;
+    both are of what springs and dampers (and stops that give way) transmit. The transmissibility
+    has two forms: H1 takes the part of the response that is linear in the input, the square root of
+    the ratio of the densities all of it. Without stops the two are equal.
 
     Parameters
     ----------
@@ -283,15 +286,15 @@ def _block(
 
 
 def _share(part: PathMoments, asked: float, before: int, error: float) -> float:
-    """Share of the paths for an error `asked` that are there: some of this round, and those before
-    it, which had an error."""
+    """Share of the paths needed for the error `asked` that are done: the `before` ones of earlier
+    rounds, whose error is `error`, and those of this round."""
     if before:
         return (asked / error) ** 2 * (before + part.count) / before
     return (asked / _median_error(part)) ** 2 if part.count > 1 else 0.0
 
 
 def _median_error(moments: PathMoments) -> float:
-    """Of the displacement of the first coordinate, relative."""
+    """Median relative standard error of the displacement of the first coordinate."""
     error = np.sqrt(moments.covariance[0, 0])
     return float(np.median(error / moments.mean[0]))
 
@@ -324,7 +327,7 @@ def _answer(
             bias += (1.0 - value) ** 2 / segments
         # a coordinate that nothing moves has no error either
         relative = np.divide(error, value, out=np.zeros_like(error), where=value > 0.0)
-        with np.errstate(over="ignore"):  # of a density that is rounding, nothing is known
+        with np.errstate(over="ignore"):  # a density that is rounding error has no finite band
             spread = np.exp(quantile * relative)
         told = inside
         if UNITS[name] == "1":

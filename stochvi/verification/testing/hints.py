@@ -288,7 +288,7 @@ def _all_low(each: Measured, most: float) -> bool:
 
 
 def _counting(measured: Sequence[Measured]) -> Iterator[str]:
-    """A hint on impacts of which half, or twice as many, are counted in a right motion."""
+    """A hint where the motion is right, but half or twice as many impacts are counted."""
     for each in measured:
         if any(abs(r - 1.0) > SURE * error for r, error in map(each.ratio, _deviations(each))):
             continue

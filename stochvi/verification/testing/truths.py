@@ -143,8 +143,8 @@ def _threshold(truth: Response) -> float:
 
 
 def size_of(truths: Mapping[str, Estimate], name: str) -> float:
-    """What a difference of a quantity is measured by: its size, of a mean the standard deviation;
-    1 where both are 0."""
+    """The size relative to which a difference of a quantity is stated: its true value, or of a mean
+    displacement the standard deviation; 1 where that is 0."""
     deviation = truths.get(name.removesuffix("mean") + "std")
     if name.endswith("displacement_mean") and deviation is not None:
         return abs(deviation.value) or 1.0

@@ -125,7 +125,7 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
             Fact(
                 "With",
                 millimetres(float((curve.worst * curve.without).max())),
-                "the largest of what may last",
+                "the largest displacement that may last",
             ),
         ],
         warnings=list(found.warnings),
@@ -180,7 +180,7 @@ def design_page(found: Design, origin: Origin) -> Page:
             Fact(
                 "As good within its error",
                 f"{MM * best.low:.3g} to {MM * best.high:.3g} mm",
-                "the optimum is broad: the box need be no more exact",
+                "the optimum is broad: the box need not be built more exactly",
             ),
             Fact("rms displacement", f"{100.0 * best.ratio.value:.1f} %", "of that without"),
             _tuned_card(found.tuned_damper),
@@ -278,7 +278,7 @@ def _impacts(found: AbsorberReport) -> Grid:
 
 
 def _wall_peaks(found: AbsorberReport) -> list[Grid]:
-    """Peaks of walls that give way, by level; nothing of rigid walls."""
+    """Peaks of contacts with walls that give way, by level; none where all walls are rigid."""
     rows = [
         [
             f"{each.level_db:+g} dB",
