@@ -310,7 +310,7 @@ JOLT_COLUMNS = {
 @click.option("--duration", type=TIME, help="Seconds after a jolt [1000 periods].")
 @common("seed", "json", "out", "quiet")
 def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
-    """Whether a jolt can throw a mount under a sine into clatter, and how long it stays there."""
+    """Under a sine: can a jolt throw a mount into clatter, and how long does that last."""
     from stochvi.isolators.jolt_response import jolts
     from stochvi.scenes.scene import load_scene
 
