@@ -54,7 +54,10 @@ def check_unit(name: str, on: str) -> None:
     fitting = "acceleration density" if on == BASE else "force density"
     if unit(name).quantity != fitting:
         choices = " or ".join(UNITS[fitting])
-        raise ValueError(f"has unit {name!r}, but on = {on!r} takes a density in {choices}")
+        raise ValueError(
+            f"is a density in {name!r}, but on = {on!r} takes a density in {choices}: an "
+            'acceleration moves the base of a structure (on = "base"), a force acts on a coordinate'
+        )
 
 
 class Disturbance(Checked):
