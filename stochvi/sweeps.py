@@ -421,13 +421,13 @@ def summary_of_sizing(found: Sizing | PairsSizing) -> Summary:
         quantities = {name: {"clearance": clearance(c)} for name, c in found.clearances.items()}
         risk = {"probability_at_three_sigma": Estimate(value=found.three_sigma.value, bias=None)}
         return Summary(quantities={"size": risk, **quantities}, cost=found.cost)
-    three, hits = found.three_sigma, found.expected_hits()
+    three = found.three_sigma
     sized = {
         "clearance": clearance(found.clearance),
         "three_sigma": Estimate(value=three.clearance),
         "rms_displacement": Estimate(value=found.sigma),
         "probability_at_three_sigma": three.probability,
-        "expected_hits": None if hits is None else Estimate(value=hits, bias=None),
+        "expected_hits": found.expected_hits(),
     }
     return Summary(quantities={"size": sized}, cost=found.cost)
 

@@ -135,13 +135,15 @@ def names_of_places(sizing: Sizing) -> dict[str, str]:
 
 
 def chance_of_stops(sizing: Sizing) -> str:
-    """Chance of any hit with the stops of the scene, in words; beyond the curve a limit of it."""
+    """Chance of any hit with the stops of the scene, in words; a limit of a tiny one."""
     chance = sizing.gap.probability
     if chance is None:
         return "not known"
-    if chance == 0.0:
-        return f"under {spoken_percent(sizing.curve['probability'].iloc[-1])}"
-    return spoken_percent(chance)
+    return spoken_percent(chance) if chance > TINY else f"under {spoken_percent(TINY)}"
+
+
+TINY = 1e-12
+"""Chance below which its value means nothing: no noise is Gaussian as far as that."""
 
 
 def places_of_stops(sizing: Sizing) -> str:

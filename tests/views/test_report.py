@@ -40,7 +40,7 @@ from stochvi.views.report.environment import environment_section, gap_section, m
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
 from stochvi.views.report.sizing import clearance_page, write_report
 from stochvi.views.sizing import plot_input, plot_risk
-from stochvi.views.words import G, chance_of_stops
+from stochvi.views.words import TINY, G, chance_of_stops
 from support.sized import TRUCK, scene_between_stops, sizing_of
 
 QUICK = ReviewSettings(
@@ -461,17 +461,17 @@ def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
 
 
 @pytest.mark.usefixtures("blank_pictures")
-def test_stops_beyond_the_curve_have_a_chance_under_its_end(
+def test_stops_far_beyond_the_curve_have_a_limit_of_their_chance(
     sizing: Sizing, reviewed: Review
 ) -> None:
     far = sizing.scene.impact_pairs[0].model_copy(update={"lower": -1.0, "upper": 1.0})
     moved = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": (far,)}))
-    last = sizing.curve["probability"].iloc[-1]
-    assert chance_of_stops(moved) == f"under {spoken_percent(last)}"
+    limit = f"under {spoken_percent(TINY)}"
+    assert chance_of_stops(moved) == limit
     told = facts(gap_section(replace(reviewed, sizing=moved)))[
         "Any hit with the stops of the scene"
     ][0]
-    assert told == f"under {spoken_percent(last)}"
+    assert told == limit
 
 
 @pytest.mark.usefixtures("blank_pictures")

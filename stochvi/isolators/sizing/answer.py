@@ -15,6 +15,7 @@ from stochvi.isolators.sizing.chances import Gap, gap_of
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
@@ -238,7 +239,9 @@ class Sizing(Result):
         three, hits = self.three_sigma, self.expected_hits()
         place = f"3 sigma = {1e3 * three.clearance:.4g} mm"
         mission = spoken_mission(self.mission)
-        there = [] if hits is None else [f"{hits:.3g} hits are to be expected there in {mission}"]
+        there = (
+            [] if hits is None else [f"{hits.value:.3g} hits are to be expected there in {mission}"]
+        )
         if self.target.name == "probability":
             chance = spoken_percent(three.probability.value)
             rule = [f"{place} is hit with a chance of {chance} in {mission}"]
@@ -247,12 +250,15 @@ class Sizing(Result):
         joint = "; " if self.target.name == "probability" else ", "
         return "; ".join(filter(None, [self._answer(), joint.join([*there, *rule])]))
 
-    def expected_hits(self) -> float | None:
+    def expected_hits(self) -> Estimate | None:
         """Expected hits in the mission at the clearance, simulated; None where they are unknown."""
         table = self.simulated
         near = table[np.isclose(table["clearance"], self.clearance.value)] if len(table) else table
-        found = [float(rate) * self.mission for rate in near["hit_rate"]] if len(near) else []
-        return found[0] if found and math.isfinite(found[0]) else None
+        if not len(near) or not math.isfinite(near["hit_rate"].iloc[0]):
+            return None
+        rate, high = near["hit_rate"].iloc[0], near["hit_rate_high"].iloc[0]
+        error = (high - rate) / GAUSSIAN_95  # the stated bias is in the limit
+        return Estimate(value=self.mission * rate, standard_error=self.mission * error, bias=None)
 
     def _answer(self) -> str:
         """The clearance and the risk that it keeps, in words."""

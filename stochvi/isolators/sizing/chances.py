@@ -34,7 +34,7 @@ class Gap:
         Distance of each stop of the scene from the mean position.
     probability
         Chance of any hit in the mission with the stops of the scene; None where it is not known,
-        or there are none. It is 0 where a stop lies beyond the curve of the sizing.
+        or there are none.
     """
 
     mean_position: float
@@ -79,20 +79,24 @@ def probability_of_stops(sizing: Sizing) -> float | None:
     found = [_bursts_at(sizing, abs(place - rest)) for place in places]
     if any(bursts is None for bursts in found):
         return None
-    return -math.expm1(-sum(bursts for bursts in found if bursts) / len(places))
+    return -math.expm1(-sum(bursts for bursts in found if bursts is not None) / len(places))
 
 
 def _bursts_at(sizing: Sizing, clearance: float) -> float | None:
-    """-log(1 - P) at a clearance; 0 beyond the curve, None before it."""
+    """-log(1 - P) at a clearance; None before the curve, whose end is followed beyond it.
+
+    It falls nearly as a Gaussian: straight in its logarithm over the square of the clearance.
+    """
     curve = sizing.curve
-    x, p = curve["clearance"].to_numpy(), curve["probability"].to_numpy()
-    if clearance < x.min():
+    squares, p = curve["clearance"].to_numpy() ** 2, curve["probability"].to_numpy()
+    if clearance**2 < squares.min():
         return None
-    if clearance > x.max():
-        return 0.0
-    # it falls nearly as a Gaussian: straight in its logarithm over the square of the clearance
-    bursts = -np.log1p(-np.clip(p, LEAST, CERTAIN))
-    return math.exp(float(np.interp(clearance**2, x**2, np.log(bursts))))
+    logarithms = np.log(-np.log1p(-np.clip(p, LEAST, CERTAIN)))
+    if clearance**2 <= squares.max():
+        return math.exp(float(np.interp(clearance**2, squares, logarithms)))
+    slope = float((logarithms[-1] - logarithms[-2]) / (squares[-1] - squares[-2]))
+    end = float(logarithms[-1]) + slope * (clearance**2 - float(squares[-1]))
+    return math.exp(max(end, math.log(LEAST)))
 
 
 LEAST, CERTAIN = 1e-300, 1.0 - 1e-15
