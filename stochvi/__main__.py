@@ -1,10 +1,14 @@
 """The program `stochvi`, also as `python -m stochvi`."""
 
+import atexit
+import gc
 import sys
 
 
 def run() -> None:
     """Run the command line; Ctrl-C while it is being imported ends in a sentence, too."""
+    # what is left at the end goes with the process: to look for cycles in it takes half a second
+    atexit.register(gc.freeze)
     try:
         from stochvi.cli import main
 

@@ -15,7 +15,7 @@ start, cpu = time.time(), time.process_time
 for name in ("time", "monotonic", "perf_counter"):
     setattr(time, name, lambda: start + cpu())
 
-from stochvi.cli import main  # noqa: E402
+from stochvi.__main__ import run  # noqa: E402
 
 LOOK_SECONDS = 0.02
 """Seconds between two looks at the CPU time for the moment of Ctrl-C."""
@@ -35,7 +35,4 @@ def press_ctrl_c(after: float) -> None:
 moment = float(sys.argv.pop(1))
 if moment:
     threading.Thread(target=press_ctrl_c, args=[moment], daemon=True).start()
-try:
-    main(prog_name="stochvi")
-except KeyboardInterrupt:
-    sys.exit(1)
+run()

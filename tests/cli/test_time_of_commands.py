@@ -115,3 +115,15 @@ def test_what_takes_long_in_drawing_is_left_time_for(tmp_path: Path) -> None:
     assert written.until(3.0, 3.5).left == pytest.approx(3.0 - (3.5 - 1.3 - 0.6), abs=0.2)
     assert written.until(60.0, 3.5).left == pytest.approx(60.0, abs=0.2)
     assert written.until(1.0, 3.5).left == pytest.approx(0.3, abs=0.1)  # it gets a little always
+
+
+def test_the_end_of_the_program_looks_through_nothing() -> None:
+    """Python looked for cycles among all objects as it ended, for half a second of each command."""
+    words = (
+        "import atexit, gc; atexit.register(lambda: print(gc.get_freeze_count()));"
+        "from stochvi.__main__ import run; run()"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", words, "--version"], capture_output=True, text=True, check=True
+    )
+    assert int(ended.stdout.split()[-1]) > 10_000

@@ -105,6 +105,24 @@ def test_no_case_is_begun_once_the_budget_has_ended(
     assert all("the budget of 7 s ended before this case" in note for note in table["note"][2:])
 
 
+def test_no_case_is_begun_in_less_time_than_a_case_takes(
+    on_a_truck: tuple[Sizing, pd.DataFrame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Shares of little time used to be handed out, which every case overran."""
+    sizing, _ = on_a_truck
+    now = [0.0]
+    monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
+
+    def late(*_: Any, **__: Any) -> RiskCurve:
+        now[0] += method.LEAST_SECONDS
+        raise NotConverged("late")
+
+    monkeypatch.setattr(method, "risk_curve", late)
+    cases = sensitivity(sizing, seed=1, budget=3.5 * method.LEAST_SECONDS)["note"]
+    assert list(cases[:3]) == ["late"] * 3 and now[0] == pytest.approx(3.0 * method.LEAST_SECONDS)
+    assert all("before this case" in note for note in cases[3:])
+
+
 def test_mounts_and_laws_are_varied_however_they_are_given() -> None:
     sizing = size(truck(Elastic(stiffness=1e5)), rate=0.3, rel_error=0.2, seed=1)
     varied = dict(variations(sizing))

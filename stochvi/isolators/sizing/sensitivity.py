@@ -40,6 +40,10 @@ ROUGH_ERROR = 0.1
 BUDGET = 60.0
 """Seconds for the sizing of a changed scene where no budget is given."""
 
+LEAST_SECONDS = 0.2
+"""Seconds that a row takes at least: what is found in less rests on a handful of paths, and takes
+as long all the same (measured)."""
+
 CURVE_SHARE = 0.3
 """Share of the time of a row for the chances of a hit."""
 
@@ -156,13 +160,14 @@ def row_in_time(
     rel_error: float = ROUGH_ERROR,
     curves: dict[str, RiskCurve] | None = None,
 ) -> dict[str, Any]:
-    """The row of a changed scene in a share (0 to 1) of the time that is left; where the scene
-    cannot be sized, or no time is left, a row whose note says why. `curves` takes the risk curve of
-    the scene by the name of the change."""
+    """The row of a changed scene in a share (0 to 1) of the time that is left, and no less than
+    LEAST_SECONDS; where the scene cannot be sized, or no time is left, a row whose note says why.
+    `curves` takes the risk curve of the scene by the name of the change."""
     try:
-        if deadline.passed():
+        if deadline.left < LEAST_SECONDS:
             raise deadline.fell_short("before this case", "raise budget")
-        part = Deadline.after(deadline.part(share))
+        seconds = deadline.part(share)
+        part = Deadline.after(None if seconds is None else max(seconds, LEAST_SECONDS))
         curve = risk_curve(
             scene, sizing.target, sizing.mission, rel_error=0.5 * rel_error, seed=seed,
             threads=threads, budget=part.part(CURVE_SHARE),
