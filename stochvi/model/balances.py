@@ -1,4 +1,4 @@
-"""Balances that hold for every restitution, any stops: tests of a method, residuals of a report.
+"""Balances that hold for every restitution and any stops; responses state their residuals.
 
 For M q'' + C q' + K q = g + white forces of intensity S, with w the incident speed on a stop,
 F1 = rate E w and F2 = rate E w^2 there, y = d . q of an impact pair, mu its reduced mass and R the
@@ -9,10 +9,10 @@ restitution; sums over all stops, the impulse pushing y away from the stop:
     force    K m = g +- sum d mu (1 + R) F1,            m = E q
 
 with any fixed o, from the stationarity of E v'M v, E (q - o)'M v and E M v. For one oscillator
-they read S0 / 2 = b E v^2 + ..., E v^2 = omega^2 Var x + ... At a stop that gives way the mean
-force stands for mu (1 + R) F1 and the mean power that it takes for mu (1 - R^2) F2 / 2; the virial
-then also holds E y F, y the deflection, and is left out. For coloured noise only the last one
-holds as it stands; the others gain E f v and E f x.
+they read S0 / 2 = b E v^2 + ..., E v^2 = omega^2 Var x + ... At a compliant stop the mean force
+replaces mu (1 + R) F1, and the mean power that the stop takes replaces mu (1 - R^2) F2 / 2; the
+virial balance would also need E y F, y the deflection, and is left out. Under coloured noise only
+the force balance holds as it stands; the energy balance gains E f v and the virial balance E f x.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from stochvi.model.model import Model
 from stochvi.scenes.impact_laws import Restitution
 
 ENERGIES = ("kinetic", "potential", "dissipation")
-"""E v'M v, E (q - o)'K (q - o) and E v'C v (not halved), with the key ("", name)."""
+"""Names of E v'M v, E (q - o)'K (q - o) and E v'C v (not halved) among the moments of `residuals`,
+where each has the key ("", name)."""
 
 
 def residuals(
@@ -39,13 +40,13 @@ def residuals(
     model
         The model of the scene.
     moments
-        By (coordinate, name): `x`, `variance`, `vv`; by (impact pair, name): `f1_lower`,
-        `f1_upper`, `f2_lower`, `f2_upper`, of stops that give way instead `force_lower`,
-        `force_upper`, `loss_lower`, `loss_upper`, per unit of the reduced mass; by ("", name):
-        `ENERGIES`, which may be left out for a single coordinate. Numbers, or arrays of one
-        value per independent path.
+        By (coordinate, name): `x`, `variance`, `vv`. By (impact pair, name): `f1_lower`,
+        `f1_upper`, `f2_lower`, `f2_upper` for rigid stops, or `force_lower`, `force_upper`,
+        `loss_lower`, `loss_upper` for compliant ones, per unit of the reduced mass. By
+        ("", name): `ENERGIES`, which may be left out for a single coordinate. Values are numbers,
+        or arrays of one value per independent path.
     origin
-        o, about which the potential energy was taken (of a single coordinate: any position).
+        o, about which the potential energy was taken (any position for a single coordinate), m.
     """
     o = np.asarray(origin, float)
     mean = [moments[name, "x"] for name in model.coordinates]
@@ -55,7 +56,7 @@ def residuals(
         terms = [model.stiffness[row, k] * mean[k] for k in range(len(mean))]
         terms += [-direction[row] * push for direction, _, push in pushes]
         terms.append(-model.constant_force[row] + 0.0 * mean[row])
-        # all may vanish by symmetry: the rms force of the coordinate's own spring does not
+        # all terms may vanish by symmetry, but not the rms force of the coordinate's own spring
         deviation = _mean(moments[coordinate, "variance"]) ** 0.5
         name = "force" if len(mean) == 1 else f"force on {coordinate}"
         found[name] = sum(terms) / _scale(terms, model.stiffness[row, row] * deviation)
@@ -79,7 +80,7 @@ def residuals(
 
 
 def _pushes(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[tuple[Any, float, Any]]:
-    """Every stop as (direction, stop, mean force on y), the force positive upwards."""
+    """(direction, position, mean force on y) of every stop, the force positive towards larger y."""
     found = []
     for pair in model.pairs:
         for stop in pair.stops:
@@ -93,7 +94,7 @@ def _pushes(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[tuple[
 
 
 def _losses(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[Any]:
-    """Power lost at every stop, negative."""
+    """Mean power lost at every stop, W, with a negative sign."""
     found = []
     for pair in model.pairs:
         for stop in pair.stops:
@@ -123,5 +124,6 @@ def _scale(terms: list[Any], floor: float = 0.0) -> float:
 
 
 def _mean(term: Any) -> float:
-    """Of all paths; a number, of which the errors of a response take thousands, is its own mean."""
+    """Mean over all paths. A plain number is returned at once, because the propagation of errors
+    asks for thousands of them."""
     return float(term) if isinstance(term, float) else float(np.mean(term))

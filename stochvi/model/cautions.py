@@ -1,4 +1,4 @@
-"""Warnings that concern a scene itself, whatever the method; they are printed as notes."""
+"""Warnings that concern a scene itself, whatever the method. Commands print them as notes."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.model import Model
 
 FAR_STOPS = 20.0
-"""Clearance, in standard deviations without stops, from which a slip of units is likelier than
-intent."""
+"""Clearance, in standard deviations of the motion without stops, above which a wrong unit is more
+likely than intent."""
 
 BROAD_VELOCITY = 1.5
-"""Ratio of the zero-crossing frequency to the natural one above which a single hit starts a burst
-of hits."""
+"""Ratio of the zero-crossing frequency to the natural frequency above which a single hit can start
+a burst of hits."""
 
 LARGEST_INPUT = 25.0
-"""Acceleration of a base, g rms, above which a slip of units is likelier than intent: the severest
-profile that ships has 14.1 g rms, and a density in (m/s2)2/Hz that is taken for g2/Hz is 9.8 times
-too strong."""
+"""Acceleration of a base, g rms, above which a wrong unit is more likely than intent: the severest
+profile that ships has 14.1 g rms, and a density in (m/s2)2/Hz that is taken for one in g2/Hz gives
+an rms that is 9.8 times too large."""
 
 
 def scene_notes(model: Model) -> list[str]:
-    """Warnings that concern every method: inputs that cannot be right, resonance off the table,
-    stops out of reach."""
+    """Warnings on a scene of one oscillator that concern every method: numbers that are probably in
+    a wrong unit, a resonance outside the table, stops out of reach. Of any other scene, only the
+    warnings of its excitations."""
     if model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0:
         return list(model.cautions)
     found = list(model.cautions)
@@ -54,7 +55,7 @@ def scene_notes(model: Model) -> list[str]:
         if not low <= natural <= high:
             found.append(
                 f"the natural frequency {natural:.4g} Hz lies outside the table ({low:g} to "
-                f"{high:g} Hz): the response depends on what the table leaves out"
+                f"{high:g} Hz): the response depends on excitation that the table does not hold"
             )
     stops = [stop.position for stop in model.stops_per_unit_mass]
     crossing = math.sqrt(velocity / displacement) / (2.0 * math.pi) if displacement else 0.0
@@ -62,7 +63,7 @@ def scene_notes(model: Model) -> list[str]:
         found.append(
             f"the response without stops crosses zero at {crossing:.3g} Hz, well above the natural "
             f"frequency {natural:.3g} Hz: one hit can start a burst of hits, so Rice's rate and "
-            "linearisation may be wrong by large factors; simulate"
+            "linearisation may be wrong by large factors; simulate it"
         )
     deviation = math.sqrt(displacement)
     nearest = min((abs(stop - model.rest) for stop in stops), default=0.0)

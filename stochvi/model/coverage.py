@@ -1,6 +1,6 @@
 """The conditions of a method that a model does not meet, in sentences.
 
-Refusals, `explain` and the table of methods are made from them.
+They are used in the refusals of methods, in `explain` and in the table of methods.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from stochvi.scenes.impact_laws import SpeedRestitution, Viscoelastic
 
 
 def functions(model: Model) -> list[str]:
-    """The functions of a model, each as a condition of a method that takes numbers only."""
+    """A sentence for each function in a model, for methods that take numbers only."""
     found = []
     if model.restoring is not None:
         found.append(
@@ -28,7 +28,7 @@ def functions(model: Model) -> list[str]:
 
 
 def without_form(model: Model) -> list[str]:
-    """The laws of a model that no simulation follows, each as a condition of one."""
+    """A sentence for each impact law of a model that no simulation can follow."""
     return [
         f"law must be one that a simulation follows, got {stop.law.kind!r} at the {stop.name} "
         f"stop of {pair.name}"
@@ -39,8 +39,8 @@ def without_form(model: Model) -> list[str]:
 
 
 def unknown_dampers(model: Model) -> list[str]:
-    """The laws of a model with a damper beside a spring that is not linear, each as a condition of
-    a method that knows the contacts of viscoelastic stops alone."""
+    """A sentence for each impact law with a damper beside a spring that is not linear, for methods
+    that know no contacts with dampers but those of viscoelastic stops."""
     return [
         f"law must be 'viscoelastic' where it has a damper, got {stop.law.kind!r} at the "
         f"{stop.name} stop of {pair.name}"
@@ -80,7 +80,7 @@ def beyond_one_oscillator(
 
 
 def without_noise(model: Model, *, with_sines: bool = False) -> list[str]:
-    """The condition of a method for random motion, where nothing in a model is random.
+    """The sentence that nothing in a model is random, for methods for random motion.
 
     Parameters
     ----------
@@ -95,14 +95,14 @@ def without_noise(model: Model, *, with_sines: bool = False) -> list[str]:
 
 
 def not_white(model: Model) -> list[str]:
-    """The conditions of a method for white noise that the noise of a model does not meet."""
+    """The conditions of a method for white noise that a model does not meet."""
     if model.tables:
         return ["excitation must be white noise, got a tabulated density"]
     return without_noise(model)
 
 
 def without_dissipation(model: Model) -> list[str]:
-    """The condition that one oscillator loses the energy which noise brings, where none is lost."""
+    """The sentence that one oscillator must lose the energy that noise brings, if it loses none."""
     if model.damping_rate == 0.0 and model.drag is None and model.elastic:
         return ["damping must be positive where no stop takes energy, got 0"]
     return []

@@ -1,10 +1,11 @@
-"""The law of a slowly varying energy: orbits between stops, and how often each is run through.
+"""The law of a slowly varying energy: orbits between stops, and how often each is traversed.
 
 Symbols, per unit mass: E energy, U potential of spring and load, T(E) the period of the orbit of
 energy E between the stops it reaches, J(E) = closed integral of v dx (J' = T), c_i a stop, E_i =
 U(c_i), R_i its restitution, D = S0 / 2, b = c / m. A cycle gains D T by noise, loses b J by
-damping and (1 - R_i^2)(E - E_i) at each stop that it reaches, and p(E) = T G. This file
-holds what several methods share; `average` says where it comes from.
+damping and (1 - R_i^2)(E - E_i) at each stop that it reaches. The density of the energy is
+p(E) = T G, with G the cycles per second and unit of energy. Several methods use this file; the
+docstring of `average` derives the equations.
 """
 
 from __future__ import annotations
@@ -31,37 +32,37 @@ CONTINUOUS, FINITE_JUMPS, UNFOLDED = "continuous", "finite jumps", "unfolded"
 VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)
 
 NODES, WEIGHTS = gauss_legendre(12)
-"""Gauss-Legendre rule of each panel of energies, and of each cycle of an orbit."""
+"""Nodes and weights of the Gauss-Legendre rule of each panel of energies, and of each orbit."""
 
 INTEGRATED = np.polynomial.legendre.Legendre.basis
-"""The Legendre polynomial of a degree, whose integrals the panels are made of."""
+"""Function from a degree to the Legendre polynomial of this degree."""
 
 PANELS = 14
-"""Number of panels between the energies of two stops, and above the last one. Twice as many change
-the ninth digit."""
+"""Number of panels between the energies of two stops, and above the last one. With twice as many,
+results change in the ninth digit only."""
 
 LARGEST_FALL = 2.0
-"""Largest fall of ln G in the first panel above a stop; a panel with a larger one is halved. A mass
-that is pressed hard against a lossy stop has little energy for most of the time, and a long
-tail."""
+"""Largest fall of ln G in the first panel above a stop; a panel with a larger fall is halved. The
+fall is large for a mass that is pressed hard against a lossy stop: its energy is small for most of
+the time, and its density has a long tail."""
 
 CUT = 40.0
-"""The largest energy is where G has fallen by the factor e^-CUT, 4e-18, from its value at the last
+"""The panels end at the energy at which G has fallen to e^-CUT = 4e-18 of its value at the last
 stop."""
 
 UNREACHED = 600.0
-"""A stop whose energy is above this multiple of theta is left out: e^-600 is less than any
-floating-point number that counts."""
+"""Largest energy of a stop, in multiples of theta, with which the stop is kept: the density there,
+e^-600 of its largest value, no longer counts in double precision."""
 
 MOST_DOUBLINGS = 200
-"""Largest number of times that the largest energy is doubled or first panels are halved."""
+"""Largest number of times that the largest energy is doubled, or the first panels are halved."""
 
 
 class Orbits(NamedTuple):
-    """T, J, and the integrals of y dt and y^2 dt over a cycle, of orbits of given energies.
+    """T, J, and the integrals of y dt and y^2 dt over a cycle, for orbits of given energies.
 
-    y = x - `Well.place`: of a mass that is pressed hard against a stop x varies too little for the
-    difference of its squares to keep any digit.
+    y is x - `Well.place`. Where a mass is pressed hard against a stop, x varies so little that the
+    variance would lose all digits in a difference of squares of x itself.
     """
 
     period: Vector
@@ -80,28 +81,29 @@ class Well:
     upper: float
 
     def energy(self, x: float) -> float:
-        """Potential energy U(x), with all its digits close to the place where it is 0."""
+        """Potential energy U(x), to full precision also close to the place where it is 0."""
         away = x - self.place
         return away * (0.5 * self.omega**2 * away + (self.omega**2 * self.place - self.load))
 
     @cached_property
     def place(self) -> float:
-        """Place of the least energy between the stops, m."""
+        """Place of the smallest potential energy between the stops, m."""
         if self.omega:
             return min(max(self.load / self.omega**2, self.lower), self.upper)
         place = self.upper if self.load > 0.0 else self.lower
         return place if math.isfinite(place) else self.upper
 
     def orbits(self, energy: Vector) -> Orbits:
-        """Periods and what else a cycle holds: smooth integrals, of which few nodes are exact."""
+        """Periods and the other integrals over a cycle, for which few nodes suffice."""
         return self._sprung(energy) if self.omega else self._free(energy)
 
     def _sprung(self, energy: Vector) -> Orbits:
         """Motion under a spring: with x = load / omega^2 + w sin a / omega and v = w cos a, dt = da
         / omega.
 
-        What is left of the circle may be a short arc about a turning point, so that angles come
-        from place and speed, and differences of sines from half differences of angles.
+        Where stops cut the circle, a short arc about a turning point may remain. To keep digits
+        there, angles are computed from place and speed, and differences of sines from half
+        differences of angles.
         """
         rest = self.load / self.omega**2
         largest = np.sqrt(2.0 * (energy - self.energy(rest)))
@@ -131,7 +133,7 @@ class Well:
         )
 
     def _free(self, energy: Vector) -> Orbits:
-        """Without a spring v^2 / 2 = E + load y, and y a parabola in v: few nodes are exact."""
+        """Without a spring v^2 / 2 = E + load y, and y is a parabola in v: few nodes are exact."""
         ends = np.array([np.full(energy.shape, stop) for stop in (self.lower, self.upper)])
         if self.load:
             turn = self.place - energy / self.load
@@ -165,9 +167,10 @@ class Barrier(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyLaw:
-    """G on nodes: panels between the energies of the stops, E = E_k + s^2 above each of them.
+    """G at nodes in panels between the energies of the stops, with E = E_k + s^2 above each E_k.
 
-    The square takes the root out of T and J where an orbit begins to reach a stop.
+    T and J have a square root at the energy where an orbit begins to reach a stop; as functions of
+    s they are smooth there.
     """
 
     well: Well
@@ -180,7 +183,7 @@ class EnergyLaw:
 
     @cached_property
     def _edges(self) -> list[tuple[float, float, float]]:
-        """Every panel as (E_k, s from, s to)."""
+        """Every panel as (E_k, s at its start, s at its end)."""
         starts = _starts(self.stops)
         ends = [*starts[1:], starts[-1] + self.span]
         found = []
@@ -199,7 +202,7 @@ class EnergyLaw:
 
     @property
     def halved(self) -> tuple[int, ...]:
-        """`halvings`, one more where the first panel holds too much of a fall of G."""
+        """`halvings`, one more where ln G falls by more than `LARGEST_FALL` in the first panel."""
         panels = self.flux.reshape(-1, len(NODES))
         least, most = math.exp(-CUT) * panels.max(), math.exp(LARGEST_FALL)
         return tuple(
@@ -209,7 +212,7 @@ class EnergyLaw:
 
     @property
     def ends(self) -> bool:
-        """Whether hardly anything is left at the largest energy."""
+        """Whether G is negligible at the largest energy."""
         last = self._first_panels[-1] * len(NODES)
         return bool(self.flux[-1] <= math.exp(-CUT) * self.flux[last])
 
@@ -227,7 +230,7 @@ class EnergyLaw:
         return np.asarray((halves[:, None] * WEIGHTS).ravel() * self.nodes[1])
 
     def integrals_above(self, energy: Vector) -> Matrix:
-        """Row by row, the weights of the nodes in an integral from each energy on."""
+        """Weights (energies, nodes): row k integrates from energy k to the largest one."""
         edges = np.array(self._edges)
         bounds = edges[:, 0] + edges[:, 1] ** 2
         panel = np.clip(np.searchsorted(bounds, energy, side="right") - 1, 0, len(edges) - 1)
@@ -287,7 +290,7 @@ class EnergyLaw:
     # Moments and rates ---------------------------------------------------------------------
 
     def moment(self, of: Callable[[Orbits], Vector]) -> float:
-        """Mean of what `of` integrates over a cycle."""
+        """Stationary mean of a quantity, from its integral over a cycle, which `of` returns."""
         return float(self.weights @ (self.flux * of(self.orbits)))
 
     @property
@@ -330,12 +333,12 @@ _TO_COEFFICIENTS = np.linalg.inv(np.polynomial.legendre.legvander(NODES, len(NOD
 def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
     """The law of the energy in a gap between rigid stops under white noise.
 
-    It reaches up to an energy beyond which nothing is left.
+    It reaches up to an energy beyond which the density is negligible.
 
     Raises
     ------
     NotApplicable
-        If no energy ends it.
+        If the density is not negligible at any energy that was tried.
     """
     lower, upper = gap.ends
     well = Well(
@@ -364,7 +367,10 @@ def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
             return law
         else:
             span *= 2.0
-    raise NotApplicable("average", ["no energy was found that the mass does not exceed"])
+    raise NotApplicable(
+        "average",
+        ["damping or stops must bound the energy of the mass, but no largest energy was found"],
+    )
 
 
 def _starts(stops: dict[str, Barrier]) -> list[float]:

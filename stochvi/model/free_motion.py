@@ -17,8 +17,9 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 AT_REST = 1e-20
-"""Share of the largest modal velocity variance, over that of a gap of the same size, below which
-the motion of a gap is rounding error."""
+"""Ratio of the velocity variance of a gap to the largest that it could have (the square of its row
+of modal shapes times the largest variance of a modal velocity), below which it is a rounding
+error."""
 
 
 class FreeMotion(NamedTuple):
@@ -29,7 +30,7 @@ class FreeMotion(NamedTuple):
 
     def deviations(self, directions: Matrix) -> tuple[Vector, Vector]:
         """Standard deviations of displacements (m) and velocities (m/s) along `directions`
-        (rows, n); 0 where nothing but rounding error moves."""
+        (rows, n); 0 where the motion is a rounding error only."""
         n, rows = self.modes.size, directions @ self.modes.shapes
         places, speeds = (
             np.einsum("gm,mk,gk->g", rows, self.law.covariance[part, part], rows)
@@ -46,8 +47,8 @@ def free_motion(model: Model) -> FreeMotion:
     Raises
     ------
     NotApplicable
-        If there is none, or it is not Gaussian: a sine, no noise, a spring that is a function, a
-        coordinate that nothing holds or damps.
+        If there is no such motion, or it is not Gaussian: the scene has a sine, no noise, a spring
+        that is a function, or a coordinate that no spring holds or no damper damps.
     """
     unmet = [condition for condition in functions(model) if condition.startswith("structure")]
     if model.sines:
@@ -63,7 +64,7 @@ def free_motion(model: Model) -> FreeMotion:
 
 
 def _unheld(model: Model) -> str:
-    """Which modes have no stationary motion, and what is missing there."""
+    """A sentence on the modes that have no stationary motion, and on what they lack."""
     modes = model.modal
     words = "stiffness and damping must hold every coordinate where nothing is hit"
     held = modes.squares > 0.0

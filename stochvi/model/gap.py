@@ -14,9 +14,9 @@ from stochvi.model.model import LOWER, UPPER, Model, Pair, Stop
 class Gap:
     """x'' + damping_rate x' + omega^2 x = noise + load between the stops, per unit mass.
 
-    It is the view of a model that methods for a single gap compute with: of one oscillator
-    (`Gap.of`), or of one pair of a structure with springs in the place of all else
-    (`Gap.of_pair`).
+    Methods for a single gap compute with it. It is made from the model of one oscillator
+    (`Gap.of`), or from one impact pair of a structure, with a spring that stands for the rest of
+    the structure (`Gap.of_pair`).
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Gap:
 
     @classmethod
     def of_pair(cls, pair: Pair, *, omega: float, damping_rate: float, load: float) -> Self:
-        """The gap of a pair that springs hold as if it had a frequency of its own."""
+        """The gap of an impact pair, held as by one spring of the natural frequency `omega`."""
         stops = {stop.side: stop.per_unit_mass(pair.mass) for stop in pair.stops}
         return cls(
             omega=omega,
@@ -107,7 +107,7 @@ class Gap:
 
     @property
     def walls(self) -> tuple[float | None, float | None]:
-        """Positions of the two stops, m; None where there is none, or one that gives way."""
+        """Positions of the rigid stops, m; None on a side whose stop is compliant or missing."""
         lower, upper = self.lower, self.upper
         return (
             lower.position if lower is not None and lower.rigid else None,

@@ -2,8 +2,8 @@
 
 U(x) = omega^2 x^2 / 2 - load x + V_u(x - upper) + V_l(lower - x), all per unit mass; a rigid stop
 cuts the density instead. U is convex, so the density has one peak, and everything is computed
-relative to it. A spring that is a function takes the place of omega^2 x^2 / 2: its U may have
-several wells, which are searched for, and its integrals are refined until they stand.
+relative to it. A spring given as a function takes the place of omega^2 x^2 / 2: its U may have
+several wells, which are searched for, and its integrals are refined until they no longer change.
 """
 
 from __future__ import annotations
@@ -28,28 +28,29 @@ from stochvi.scenes.impact_laws import CompliantLaw
 Vector = NDArray[np.float64]
 
 MOST_DOUBLINGS = 2000
-"""Largest number of doublings of a bracket: enough to come from any length that a floating-point
-number holds to any other."""
+"""Largest number of doublings of a bracket: enough to reach any length in double precision from any
+other."""
 
 
 MOST_HALVINGS = 30
-"""Largest number of times that a panel about a kink of a function is halved: after 2^-30 of its
-length it holds nothing."""
+"""Largest number of times that a panel about a kink of a function is halved: a panel of 2^-30 of
+the first length contributes nothing that counts."""
 
 SETTLED = 1e-13
-"""Largest change of an integral, relative to the whole, by halving one of its panels with which the
-panel counts as fine enough."""
+"""A panel is fine enough if halving it changes the integral by no more than this share of its whole
+value."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WellSearch:
-    """How the wells of a spring that is a function are looked for, outwards from a place.
+    """Settings of the search for the wells of a spring given as a function, outwards from a place.
 
     Parameters
     ----------
     shortest, longest
-        Lengths, m: on the one no energy changes, and an energy that has not changed up to the
-        other is taken never to change. Powers of `stride` lie between them.
+        Lengths, m. Over the shortest one no energy changes; an energy that has not changed over
+        the longest one is taken to be constant. The search grows from one to the other by factors
+        of `stride`.
     stride
         Factor from one length to the next while the energy hardly changes.
     share_of_gap, share_of_theta
@@ -76,7 +77,7 @@ SEARCH = WellSearch()
 
 
 class Spring(NamedTuple):
-    """Force (m/s^2) and energy (m^2/s^2) per unit mass of a spring that is a function of x (m)."""
+    """Force (m/s^2) and energy (m^2/s^2) per unit mass of a spring, as functions of x (m)."""
 
     force: Callable[[ArrayLike], Vector]
     energy: Callable[[ArrayLike], Vector]
@@ -93,12 +94,12 @@ class GibbsLaw:
     omega, load
         Natural frequency, rad/s, and constant load per unit mass, m/s^2.
     lower, upper
-        The stops, with laws for forces per unit mass; None for none. Of a viscoelastic stop the
-        spring alone counts.
+        The stops, with laws for forces per unit mass; None for no stop. Of a viscoelastic stop
+        only the spring enters.
     spring
-        A function in the place of omega^2 x; omega is then 0. Its wells are looked for outwards
-        from 0 until the energy has stayed 50 theta above the deepest one over an eightfold
-        distance.
+        A function in the place of omega^2 x; omega is then 0. Its wells are searched for outwards
+        from 0 until the energy has stayed 50 theta above the deepest well while the distance grew
+        eightfold.
 
     Raises
     ------
@@ -191,7 +192,7 @@ class GibbsLaw:
 
     @cached_property
     def _scale(self) -> float:
-        """A length to start a search from: no larger than any on which the density changes."""
+        """Length at which a search starts: at most the shortest on which the density changes, m."""
         speed = math.sqrt(self.theta)
         lengths = [law.impact(speed, 1.0).peak_deflection for _, law in self._soft]
         if self.omega > 0.0:
@@ -232,8 +233,11 @@ class GibbsLaw:
         return np.asarray(np.clip(np.asarray(x, dtype=float), *self.walls))
 
     def _outer(self, origin: float, away: float) -> float:
-        """Where, away from `origin`, a spring that is a function leaves no more of the density; a
-        rigid stop, or infinity where nothing holds the mass."""
+        """Place, in the direction `away` from `origin`, beyond which the density is negligible.
+
+        For a spring given as a function. A rigid stop ends the search; infinity where nothing holds
+        the mass.
+        """
         end = self._wall(away)
         most = (end - origin) * away
         distance, lowest, high = self._near(origin, away, most), 0.0, 0
@@ -256,7 +260,7 @@ class GibbsLaw:
 
     @cached_property
     def _ends(self) -> tuple[float, float]:
-        """The two places between which a spring that is a function keeps all of the density, m."""
+        """Places (m) outside which the density is negligible, for a spring given as a function."""
         start = float(self._within(0.0))
         return self._outer(start, -1.0), self._outer(start, 1.0)
 
@@ -273,9 +277,9 @@ class GibbsLaw:
         return distance
 
     def _deepest_well(self) -> float:
-        """The lowest energy of a spring that is a function, between its outer ends."""
+        """Place of the lowest energy of a spring given as a function, between `_ends`, m."""
         start, ends = float(self._within(0.0)), self._ends
-        # as many places about each end of the scale as far out: a well may be narrow
+        # on a logarithmic grid about the start and on an even one: a well may be narrow
         steps = [
             np.geomspace(SEARCH.shortest, 1.0, 8 * SEARCH.places) * (end - start) for end in ends
         ]
@@ -292,7 +296,7 @@ class GibbsLaw:
         return float(found.x if found.fun < rise[best] else places[best])
 
     def _first(self, function: Callable[[float], float], origin: float, away: float) -> float:
-        """Distance at which a function that starts below 0 comes to 0; up to a rigid stop."""
+        """Distance at which a function that starts below 0 reaches 0, up to a rigid stop, m."""
         most = abs(self._wall(away) - origin)
         near, far = 0.0, self._scale
         for _ in range(MOST_DOUBLINGS):
@@ -336,7 +340,7 @@ class GibbsLaw:
         return np.concatenate(places), np.concatenate(weights)
 
     def _origin(self, start: float, end: float) -> tuple[float | None, float]:
-        """The stop within which a panel lies, and on which side that stop is."""
+        """Position of the stop within which a panel lies, None for no stop, and the side of it."""
         for stop, _ in reversed(self._soft):
             if stop.deflection(start) >= 0.0 and stop.deflection(end) >= 0.0:
                 return stop.position, float(stop.side)
@@ -406,8 +410,8 @@ class GibbsLaw:
         return self.expect((offset - self.expect(offset)) ** 2) + self._beyond(2)
 
     def _beyond(self, power: int) -> float:
-        """What lies beyond the ends of the quadrature of E (x - peak)^power, of a density that
-        falls as |x - peak|^-n there: |x - peak|^(power + 1) p / (n - power - 1)."""
+        """Part of E (x - peak)^power that lies beyond the ends of the quadrature. For a density p
+        that falls as |x - peak|^-n there it is |x - peak|^(power + 1) p / (n - power - 1)."""
         found = 0.0
         for away, end, falls in self._open_ends() if self.spring else []:
             x = abs(end - self.peak)
@@ -415,7 +419,7 @@ class GibbsLaw:
         return found
 
     def _open_ends(self) -> list[tuple[float, float, float]]:
-        """Side of each end that is no rigid stop, its place, and n of p ~ |x - peak|^-n there."""
+        """For each end without a rigid stop: its side, its place, and n of p ~ |x - peak|^-n."""
         return [
             (away, end, (end - self.peak) * float(self._pull(end)) / self.theta)
             for away in (-1.0, 1.0)
@@ -424,8 +428,8 @@ class GibbsLaw:
 
     @property
     def heaviest(self) -> float:
-        """Least n of the powers |x|^-n with which the density of a spring that is a function falls
-        far out; its variance is finite above 3."""
+        """Smallest n of the powers |x|^-n with which the density falls far out, for a spring given
+        as a function; the variance is finite for n > 3."""
         return min((n for _, _, n in self._open_ends()), default=math.inf)
 
     @property
@@ -446,7 +450,7 @@ class GibbsLaw:
             return np.asarray(np.exp(self.log_density(x)))
 
     def log_tail(self, x: ArrayLike) -> Vector:
-        """log P(X > x), from the side of x where there is less."""
+        """log P(X > x), computed from the smaller of the two parts that x divides."""
         return np.asarray(np.vectorize(self._log_tail, otypes=[float])(x))
 
     def _log_tail(self, x: float) -> float:
@@ -471,7 +475,7 @@ class GibbsLaw:
         return 0.0 if x is None else float(self.density(x))
 
     def contact(self, side: str) -> ContactStatistics | None:
-        """Contact with one stop that gives way; None for one that does not, or is not there."""
+        """Contact with the compliant stop on a side; None if that stop is rigid or missing."""
         stop = self._stops.get(side)
         if stop is None or not isinstance(stop.law, CompliantLaw):
             return None
@@ -491,9 +495,9 @@ class GibbsLaw:
     def peak_force_exceedance(self, side: str, force: ArrayLike) -> Vector:
         """P(largest force of a contact > force), force per unit mass, noise and damping neglected.
 
-        The mass turns where U = U(stop) + w^2 / 2, w the Rayleigh speed that it comes with:
-        P = exp(-(U(y_f) - U(stop)) / theta), y_f the deflection of that force; 1 as long as it is
-        reached without speed.
+        The mass turns where U = U(stop) + w^2 / 2, with w its impact speed, which is Rayleigh
+        distributed. So P = exp(-(U(y_f) - U(stop)) / theta), with y_f the deflection at that force,
+        and P = 1 for a force that the mass reaches even at zero impact speed.
         """
         stop, law = self._soft_stop(side)
         y = law.deflection_at(force)
@@ -516,10 +520,11 @@ class GibbsLaw:
     def _peak_force(self, bumper: Stop, law: CompliantLaw) -> float | None:
         """Mean of the largest force of a contact without noise and damping while it lasts.
 
-        The force F turns a mass that came with the speed w where U = U(stop) + w^2 / 2. Over the
-        Rayleigh law of w that is F(y_0) + int F'(y) exp(-(U - U(stop)) / theta) dy, from y_0 on,
-        where w = 0: the stop itself, unless the mass is pressed into it. None where a spring that
-        is a function makes U fall again further in, so that a faster mass may turn elsewhere.
+        A mass that arrives at the speed w turns where U = U(stop) + w^2 / 2. The mean of F there
+        over the Rayleigh law of w is F(y_0) + int F'(y) exp(-(U - U(stop)) / theta) dy from y_0 on,
+        where y_0 is the deflection at which a mass with w = 0 turns: 0, unless the mass is pressed
+        into the stop. None where a spring given as a function makes U fall again further in, so
+        that a faster mass may turn elsewhere.
         """
         sign, stop = float(bumper.side), bumper.position
         start = stop

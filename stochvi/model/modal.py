@@ -1,4 +1,4 @@
-"""A structure in modal coordinates, and the stationary law of it with springs for its stops."""
+"""A structure in modal coordinates, and its stationary law with springs in place of its stops."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 RIGID_BODY = 1e-13
-"""Eigenvalues below this multiple of the largest one are rounding errors, and are set to 0."""
+"""Eigenvalue, relative to the largest one, below which it is a rounding error and is set to 0."""
 
 UNREACHED = 1e-26
-"""Share of its largest possible size up to which the intensity of a modal force is rounding, the
-square of the relative error of a sum of forces that cancel each other."""
+"""Intensity of a modal force, relative to the largest that it could have, up to which it is a
+rounding error: the square of the relative error of a sum of forces that cancel each other."""
 
 UNSTABLE = 1e-8
-"""Decay rate, relative to the fastest frequency, up to which a structure counts as one without a
+"""Decay rate, relative to the fastest frequency, up to which a structure is taken to have no
 stationary law."""
 
 
@@ -47,15 +47,15 @@ class ModalForm(NamedTuple):
     gaps
         Rows phi (pairs, n): the gap of a pair is y = phi . q.
     rest
-        Modal displacements (n,) under the loads where nothing hits. A load on a mode without
-        stiffness has none: it is a last signal, of one state that stays 1.
+        Modal displacements (n,) under the constant loads where nothing hits. A load on a mode
+        without stiffness has no such displacement: it is the last signal, a state that stays 1.
     signals, coupling, signal_noise
         Generator (m, m) of the signals, modal forces per unit of them (n, m), and the intensity
         matrix (m, m) of the white noise that drives them.
     sines
         (first state, omega, amplitude) of the signals that are sines.
     tables
-        Densities of what else shakes, and the modal forces (n,) per unit of it.
+        Densities of the other noises, and the modal forces (n,) per unit of each.
     """
 
     shapes: Matrix
@@ -93,7 +93,7 @@ class ModalForm(NamedTuple):
 
     @property
     def fading(self) -> NDArray[np.int64]:
-        """States that forget their start: all but those of sines and of what is constant."""
+        """Indices of the states that forget their start: all but those of sines and constants."""
         kept = np.ones(len(self.signals), bool)
         for first, _, _ in self.sines:
             kept[first : first + 2] = False
@@ -163,8 +163,8 @@ def modal_form(model: Model) -> ModalForm:
 
 
 def _modal_white(white: Matrix, shapes: Matrix) -> Matrix:
-    """Phi' S Phi, with zeros for modes that the noise does not reach: rounding would leave them
-    correlations above 1."""
+    """Phi' S Phi, with zeros for modes that the noise does not reach: rounding errors would give
+    these modes correlations above 1."""
     found: Matrix = shapes.T @ white @ shapes
     largest = np.diag(np.abs(shapes).T @ np.abs(white) @ np.abs(shapes))
     still = np.diag(found) <= UNREACHED * largest
@@ -173,9 +173,12 @@ def _modal_white(white: Matrix, shapes: Matrix) -> Matrix:
 
 
 class LinearLaw(NamedTuple):
-    """Stationary law of a linear structure: `covariance` of the states from noise; `waves`, the
-    complex amplitudes of the states under each sine; `mean` of the modal displacements; `decay`,
-    rates of the damping by mode; `slowest` relaxation of a variance, s."""
+    """Stationary law of a linear structure.
+
+    `covariance` is that of the states under noise, `waves` are the complex amplitudes of the states
+    under each sine, `mean` are the mean modal displacements, `decay` the eigenvalues of the modal
+    damping matrix (1/s), and `slowest` is the longest relaxation time of a variance (s).
+    """
 
     covariance: Matrix
     waves: tuple[NDArray[np.complex128], ...]
@@ -195,8 +198,8 @@ class LinearLaw(NamedTuple):
 
 
 def absolute_accelerations(modes: ModalForm, law: LinearLaw, rows: Matrix) -> Vector:
-    """Mean squares (len(rows),) of the absolute accelerations, -rows . Phi (omega^2 q + B q'), of a
-    linear structure whose base alone moves, without constant loads; (m/s^2)^2.
+    """Mean squares (len(rows),) of the absolute accelerations -rows . Phi (omega^2 q + B q') of a
+    linear structure that only its base shakes, without constant loads, (m/s^2)^2.
 
     Parameters
     ----------
@@ -210,7 +213,7 @@ def absolute_accelerations(modes: ModalForm, law: LinearLaw, rows: Matrix) -> Ve
 
 
 class Substitute(NamedTuple):
-    """Linear substitute for the impacts of a pair: spring N/m, its centre m, damper N s/m."""
+    """Linear substitute for the impacts of a pair: spring (N/m), its centre (m), damper (N s/m)."""
 
     spring: float
     centre: float
@@ -218,8 +221,10 @@ class Substitute(NamedTuple):
 
 
 def linear_law(modes: ModalForm, substitutes: Sequence[Substitute] = ()) -> LinearLaw | None:
-    """The stationary law of a structure whose pairs are springs and dampers, exactly; None where
-    it has none. Without substitutes, one without stops.
+    """Exact stationary law of a structure whose impact pairs are replaced by springs and dampers.
+
+    Without substitutes it is the law of the structure without stops. None where there is no
+    stationary law.
     """
     gaps = modes.gaps[: len(substitutes)]
     n = modes.size
@@ -237,7 +242,7 @@ def linear_law(modes: ModalForm, substitutes: Sequence[Substitute] = ()) -> Line
         return None
     covariance = np.zeros_like(generator)
     noise = modes.noise(modes.white)[np.ix_(fading, fading)]
-    # in units in which every entry is a rate: displacements and signals may be of any size
+    # scaled to units in which every entry is a rate: displacements and signals may have any size
     size = np.ones(len(generator))
     reference = max(fastest, modes.fastest)
     size[:n] = 1.0 / reference
@@ -247,7 +252,7 @@ def linear_law(modes: ModalForm, substitutes: Sequence[Substitute] = ()) -> Line
     size[2 * n :] = np.divide(reference, pull, out=np.ones_like(pull), where=pull > 0.0)
     size = size[fading]
     with warnings.catch_warnings():
-        # decays far apart cost digits, of which a rough law needs few
+        # decay rates of very different size cost digits, but a rough law needs few
         warnings.simplefilter("ignore", RuntimeWarning)
         scaled = stationary_covariance(inner * size / size[:, None], noise / np.outer(size, size))
     covariance[np.ix_(fading, fading)] = scaled * np.outer(size, size)

@@ -111,7 +111,7 @@ class Stop:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """An impact pair: the gap y = direction . q, and the one or two stops that it can meet.
+    """An impact pair: the gap y = direction . q (m), and the one or two stops that it can meet.
 
     `mass` is the reduced mass 1 / (direction . M^-1 direction), kg. `relative` says whether the gap
     is a combination of coordinates: the difference of two, or the motion of a place of a body.
@@ -175,7 +175,7 @@ class Signal:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Model:
-    """M q'' + C q' + K q = forces, the gaps that can be hit, and what shakes, in SI units.
+    """M q'' + C q' + K q = forces, the gaps that can be hit, and the excitations, in SI units.
 
     One oscillator is the case of one coordinate; its numbers per unit mass
     (x'' + b x' + omega^2 x = f(t) + load) have properties of their own. Every excitation is a
@@ -197,14 +197,14 @@ class Model:
     moving_base
         Whether displacements are relative to a base that moves.
     base
-        Accelerations of the coordinates (n,) if they follow that of the base, by the axis of the
-        base; the axis is empty where the base has one only.
+        Accelerations of the coordinates (n,) per unit of that of the base if they follow it, by
+        axis of the base; the axis is "" where the base has only one.
     points
         Rows (n,) by name: displacements row . q that are reported besides the coordinates.
     rates
-        omega (rad/s) and b (1/s) of one oscillator; None of several coordinates.
+        omega (rad/s) and b (1/s) of one oscillator; None for several coordinates.
     cautions
-        What should be known of an excitation before an answer is believed, in words.
+        Warnings about excitations, in words, for example a record that is too short.
     restoring, potential, drag
         Spring force, its energy, and damper force per unit mass, where they are functions.
 
@@ -274,7 +274,7 @@ class Model:
 
     @cached_property
     def base_rows(self) -> Matrix:
-        """Accelerations (coordinates, axes) of the coordinates that follow those of the base."""
+        """Accelerations in `base` as a matrix (coordinates, axes)."""
         return np.array(list(self.base.values())).T
 
     @property
@@ -299,8 +299,11 @@ class Model:
 
     @cached_property
     def base_alone_moves(self) -> bool:
-        """Whether the base is all that moves in time: springs, dampers and stops then carry all of
-        the absolute acceleration, M a = -C q' - K q - contact forces, constant loads apart."""
+        """Whether all excitations but constant loads move the base.
+
+        Apart from constant loads, springs, dampers and stops then cause all of the absolute
+        acceleration: M a = -C q' - K q - contact forces.
+        """
         inertia = [inertia_of(self.mass, each) for each in self.base.values()]
         shaken = [
             *(direction for _, direction in self.whites),
@@ -328,13 +331,16 @@ class Model:
 
     @cached_property
     def temperature(self) -> float | None:
-        """theta (J) with white = 2 theta damping, where white noise alone shakes and matches the
-        damping, so that elastic stops leave the Gibbs law exp(-H / theta); else None."""
+        """theta (J) for which white = 2 theta damping; None if there is no such number.
+
+        There is one where the only excitation is white noise whose matrix is proportional to the
+        damping. With elastic stops the stationary law is then the Gibbs law exp(-H / theta).
+        """
         if self.signals or self.tables or not np.any(self.damping):
             return None
         theta = float(np.trace(self.white) / np.trace(self.damping) / 2.0)
         wanted = 2.0 * theta * self.damping
-        # every coordinate by its own measure: a light one has little noise and little damping
+        # each entry relative to its own coordinates: light ones have little noise and damping
         size = np.sqrt(np.maximum(np.diag(self.white), np.diag(wanted)))
         matched = np.all(np.abs(self.white - wanted) <= MATCHED * np.outer(size, size))
         return theta if matched and theta > 0.0 else None
@@ -439,22 +445,25 @@ class Model:
 
     @property
     def rest(self) -> float:
-        """Rest position of one oscillator under its load, m, if no stop is met. Without a spring: 0
-        without a load, and infinity in the direction of a load."""
+        """Rest position of one oscillator under its load, m, if no stop is met.
+
+        Without a spring it is 0 for a load of 0, otherwise infinity in the direction of the load.
+        """
         if self.load == 0.0:
             return 0.0
         return self.load / self.omega**2 if self.omega else math.copysign(math.inf, self.load)
 
     @property
     def held(self) -> bool:
-        """Whether spring, or stops and load, keep one oscillator from being lost on either side."""
+        """Whether spring, stops and load keep one oscillator from drifting away on either side."""
         left = self.lower is not None or self.load > 0.0
         right = self.upper is not None or self.load < 0.0
         return self.omega > 0.0 or (left and right)
 
 
 MATCHED = 1e-12
-"""Relative difference up to which white noise and damping are taken to match (rounding error)."""
+"""Relative difference up to which the matrices of white noise and damping count as proportional: a
+rounding error."""
 
 
 _LOWERED: dict[int, tuple[weakref.ref[Scene], Model]] = {}
@@ -462,7 +471,7 @@ _LOWERED: dict[int, tuple[weakref.ref[Scene], Model]] = {}
 
 
 def model_of(scene: Scene) -> Model:
-    """The model of a scene; the same object however often it is asked for."""
+    """The model of a scene, which is made once and kept as long as the scene lives."""
     known = _LOWERED.get(id(scene))
     if known is not None and known[0]() is scene:
         return known[1]
@@ -527,7 +536,10 @@ def _lowered(scene: Scene) -> Model:
 
 
 def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
-    """The model of the motion relative to coordinates with which the whole drifts (`drifts`)."""
+    """The model of the motion relative to reference coordinates, if the whole structure drifts.
+
+    `references` and `motions` are those that `drifts` returns.
+    """
     forces = without_drift(model.mass, references, motions)
     kept = np.delete(np.arange(len(model.mass)), references)
     inner = np.ix_(kept, kept)
@@ -568,14 +580,16 @@ def _signals(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[
                 wave *= _crank_force(scene, excitation, direction) or excitation.peak
                 yield Signal(omega, 0.0, 0.0, abs(wave), direction, cmath.phase(wave), on_base)
             case WhiteNoise() | ConstantLoad() | DensityNoise():
-                pass  # a part of the model of its own
+                pass  # `Model` has other fields for these
             case _:
                 assert_never(excitation)
 
 
 def _crank_force(scene: Scene, sine: Sine, direction: Vector) -> complex:
-    """Force on the first coordinate (N, complex peak) of a crank that moves the end of the spring
-    and damper between two; 0 of any other sine."""
+    """Complex peak of the force on the first coordinate, N, of a crank between two coordinates.
+
+    The crank moves the end of the spring and damper between them. 0 for any other sine.
+    """
     if not sine.crank:
         return 0.0
     _, damping, stiffness = scene.structure.matrices
@@ -587,8 +601,8 @@ def _crank_force(scene: Scene, sine: Sine, direction: Vector) -> complex:
 def _tables(
     scene: Scene, mass: Matrix, shaken: list[tuple[Excitation, Vector]]
 ) -> Iterator[tuple[Table, Force]]:
-    """Densities with the forces per unit of them; those of a base whose axes depend on each other
-    as independent sources."""
+    """Densities with the forces per unit of each; correlated motions of a base along several axes
+    are expressed by independent sources."""
     together = scene.tables_by_axis() if scene.cross_densities else {}
     sources = independent_sources(scene.cross_densities, together)
     influence = _base(scene.structure)
@@ -609,7 +623,7 @@ def _tables(
 def _constants(
     scene: Scene, mass: Matrix, shaken: list[tuple[Excitation, Vector]]
 ) -> Iterator[tuple[float, Vector]]:
-    """Gravity, as an acceleration of the base, and constant loads: size and direction of each."""
+    """Size and direction of every constant load, with gravity as an acceleration of the base."""
     if isinstance(scene.structure, Oscillator) and scene.structure.gravity_load:
         yield -scene.structure.gravity_load, -mass.sum(axis=1)
     if isinstance(scene.structure, RigidBody) and scene.structure.gravity:
@@ -620,7 +634,7 @@ def _constants(
 
 
 def _direction(scene: Scene, excitation: Excitation, mass: Matrix) -> Vector:
-    """Forces on the coordinates, per newton or per m/s^2 of the base."""
+    """Forces (n,) on the coordinates per newton of an excitation, or per m/s^2 of the base."""
     if excitation.between is not None:
         return scene.unit(*excitation.between)
     place = scene.place(excitation)
@@ -630,7 +644,8 @@ def _direction(scene: Scene, excitation: Excitation, mass: Matrix) -> Vector:
 
 
 def inertia_of(mass: Matrix, influence: Vector) -> Vector:
-    """Forces (n,) on the coordinates per m/s^2 of a base that they follow as `influence` says."""
+    """Forces (n,) on the coordinates per m/s^2 of a base; `influence` (n,) are the accelerations of
+    the coordinates that follow it."""
     return np.asarray(-(mass * influence).sum(axis=1))
 
 

@@ -23,10 +23,11 @@ class NaturalMode(NamedTuple):
     damping_ratio
         phi'C phi / (2 omega), dimensionless; None where no spring holds the mode.
     motion
-        Which coordinates move, those with the most kinetic energy first.
+        The coordinates that move, by falling share of the kinetic energy.
     effective_mass
-        (phi'M iota)^2, kg, for each axis of the base along which iota moves all coordinates with
-        it; over all modes they add up to the mass that moves along that axis.
+        (phi'M iota)^2, kg, by axis of the base, where iota are the displacements of the coordinates
+        when they follow the base along that axis. The effective masses of all modes add up to the
+        mass that moves along the axis.
     """
 
     frequency_hz: float
@@ -36,8 +37,10 @@ class NaturalMode(NamedTuple):
 
 
 class RestingGap(NamedTuple):
-    """Where a gap rests under constant loads, and how far it is from its stops, m; None for a stop
-    that there is not, below 0 for one that is pressed on."""
+    """Position of a gap at rest under constant loads, and its distances from the stops, m.
+
+    The distance is None where there is no stop, and negative where the mass is pressed onto it.
+    """
 
     position: float
     to_lower: float | None
@@ -45,8 +48,9 @@ class RestingGap(NamedTuple):
 
 
 def natural_modes(model: Model) -> tuple[NaturalMode, ...]:
-    """The modes of a structure in rising order of their frequencies; none where a spring or damper
-    is a function.
+    """The modes of a structure in rising order of their frequencies.
+
+    There are none where a spring or damper is a function.
 
     Examples
     --------
@@ -91,13 +95,13 @@ def _motion(model: Model, shape: np.ndarray) -> str:
 
 
 ROUNDING = 1e-12
-"""Displacement of rest, relative to the largest one, up to which it counts as a rounding error."""
+"""Displacement at rest, relative to the largest one, up to which it counts as a rounding error."""
 
 
 def at_rest(model: Model) -> tuple[dict[str, float], dict[str, RestingGap]]:
-    """Displacements of coordinates and points under the constant loads where nothing hits (m, of
-    rotations rad), and where the gaps then rest; nothing where there is no constant load or no
-    position of rest."""
+    """Displacements of coordinates and points (m, or rad for rotations) under the constant loads if
+    no stop is met, and the gaps in that position. Both are empty without a constant load or without
+    a position of rest."""
     loaded = bool(np.any(model.constant_force)) and not functions(model)
     if not loaded or np.any(model.modal.falling):
         return {}, {}

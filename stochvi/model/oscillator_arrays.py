@@ -148,7 +148,7 @@ class OscillatorArrays(NamedTuple):
         Raises
         ------
         ValueError
-            With the name of the first column that holds one.
+            The message names the first column that holds such a number.
         """
         for name, column in self._asdict().items():
             if np.isnan(column).any():

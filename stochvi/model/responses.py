@@ -1,4 +1,4 @@
-"""Responses of deterministic methods, made from the few numbers that these compute."""
+"""Responses in the common form; those of deterministic methods from their stationary moments."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
 
 MOST_ENERGY_CHANGE = 0.1
-"""Largest part of the energy that noise and damping may change within a contact, for the peak force
-to follow from the energy alone."""
+"""Largest share of the energy that noise and damping may change during a contact, if its peak force
+is to follow from the energy alone."""
 
 
 def build_response(
@@ -36,7 +36,7 @@ def build_response(
     seed: int | None = None,
     made_by: Mapping[str, str] | None = None,
 ) -> Response:
-    """The response of a scene by a method, with everything that the scene itself says.
+    """The response of a scene by a method, with what the scene contributes to every response.
 
     Effects, assumptions of the scene, notes on one oscillator (`scene_notes`) and the provenance
     come from the scene, so that no method can leave them out.
@@ -46,10 +46,10 @@ def build_response(
     assumptions, warnings
         Assumptions and warnings of the method, which follow those of the scene.
     seed, made_by
-        What else the provenance holds: the seed, and facts on the machine.
+        Further entries of the provenance: the seed, and facts about the machine.
     """
     model = model_of(scene)
-    # the notes are about the response to noise, which a sine would add to
+    # the notes hold for the response to noise alone, not for a scene with sines
     notes = scene_notes(model) if model.single and not model.sines else []
     return Response(
         method=method,
@@ -69,9 +69,9 @@ def build_response(
 class StationaryMoments:
     """Stationary moments, in SI units per unit mass, as a deterministic method finds them.
 
-    The three rates that a method has no law for are None in the `StopStatistics`; the contact
-    statistics of a rigid stop are None. `errors`, where a method knows them, holds a bound on
-    the error of each number in the place of the number.
+    Where a method has no law for the rates at a stop, they are None in its `StopStatistics`. The
+    contact statistics of a rigid stop are None. `errors`, if a method knows them, has the same
+    fields with a bound on the error of each number.
     """
 
     mean: float
@@ -96,7 +96,8 @@ class StationaryMoments:
         assumptions: Sequence[str] = (),
         speed_threshold: float = 0.0,
     ) -> Response:
-        """The answer in the form that every method returns; `bias` holds where `errors` do not."""
+        """The answer in the form that every method returns; `bias` is used where there are no
+        `errors`."""
         model = model_of(scene)
         biases = self._biases(model.unit_mass)
         if self.errors is not None and accelerates_between_impacts(model):
@@ -142,8 +143,11 @@ class StationaryMoments:
 
     @staticmethod
     def _between_impacts(model: Model, variance: float, square: float) -> float:
-        """Mean square of omega^2 x + b x' about its mean, (m/s^2)^2, from those of x and x', which
-        are not correlated, as E x^2 is stationary and impacts do not change x."""
+        """Mean square of omega^2 x + b x' about its mean, (m/s^2)^2.
+
+        It follows from the mean squares of x and x' alone: they are not correlated, because E x^2
+        is stationary and impacts do not change x.
+        """
         return model.omega**4 * variance + model.damping_rate**2 * square
 
     def pair(
@@ -197,10 +201,10 @@ class StationaryMoments:
         }
 
     def _peak_force(self, pair: Pair, damping_rate: float, how: str) -> Estimate | None:
-        """Mean over all contacts of their largest force, N, noise and damping in them neglected.
+        """Mean over all contacts of their largest force, N, neglecting noise and damping in them.
 
-        A contact of the duration t gains and loses the part b t of its energy; where that is not
-        small no number is given.
+        In a contact of the duration t, noise and damping change the energy by the share b t. Where
+        that is more than `MOST_ENERGY_CHANGE`, no number is given.
         """
         found = []
         for stop in pair.stops:
@@ -226,7 +230,7 @@ class StationaryMoments:
         return speed_rate / rate if speed_rate is not None and rate else None
 
     def _biases(self, mass: float) -> dict[str, float]:
-        """Bounds on the errors of the quantities of a response, from those of this answer."""
+        """Bounds on the errors of the quantities of a response, from `errors`."""
         errors = self.errors
         if errors is None:
             return {}
@@ -294,21 +298,23 @@ def _total(lower: float | None, upper: float | None) -> float | None:
     return None if lower is None or upper is None else lower + upper
 
 
-BETWEEN_IMPACTS = "acceleration_std is that between the impacts, which have none on rigid stops"
-"""What an absolute acceleration with rigid stops leaves out."""
+BETWEEN_IMPACTS = (
+    "acceleration_std is that of the motion between impacts; at an impact on a rigid stop the "
+    "acceleration is infinite"
+)
+"""Assumption that is stated with an absolute acceleration in a scene with rigid stops."""
 
 
 def accelerates_between_impacts(model: Model) -> bool:
     """Whether springs and dampers alone give the absolute acceleration of one oscillator between
-    impacts on rigid stops: on a base that alone moves, where they are no functions."""
+    impacts on rigid stops: if only the base is shaken, and no spring or damper is a function."""
     smooth = model.restoring is None and model.drag is None
     shaken = model.moving_base and not model.noise_on_mass
     return bool(model.stops) and all(stop.rigid for stop in model.stops) and smooth and shaken
 
 
 def linear_acceleration(model: Model) -> float | None:
-    """Mean square absolute acceleration of the mass where it is finite: no rigid stops, no
-    white noise on the mass itself (m^2/s^4)."""
+    """Mean square absolute acceleration of the mass without stops, m^2/s^4."""
     if model.stops or not model.moving_base or model.noise_on_mass:
         return None
     omega, b = model.omega, model.damping_rate

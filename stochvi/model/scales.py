@@ -18,20 +18,20 @@ from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 
 UNSHAKEN = 1e-24
-"""A gap counts as at rest if the variance of its speed is below this share of the largest modal
-one: what is left there is rounding."""
+"""Variance of the speed of a gap, relative to the largest of a modal velocity, below which the gap
+counts as at rest, because the rest is rounding error."""
 
 ITERATIONS = 40
-"""Number of times that the springs and dampers in the place of impacts are renewed: they then keep
-a few digits, which is enough for steps and starts."""
+"""Number of iterations for the springs and dampers in the place of impacts: a few digits then no
+longer change, which is enough for time steps and starting values."""
 
 
 class PairScale(NamedTuple):
     """The scales of an impact pair, in SI units.
 
-    `speed` is the rms speed of its gap, and `pressing` the acceleration that presses it onto a
-    stop, or 0. `slope` and `curvature` are those of the law exp(slope y - curvature y^2 / 2) of
-    the gap, and `deviation` is its standard deviation.
+    `speed` is the rms speed of its gap, and `pressing` the acceleration that presses the mass onto
+    a stop, or 0. The gap has the density exp(slope y - curvature y^2 / 2), up to a factor, and the
+    standard deviation `deviation`.
     """
 
     speed: float
@@ -44,18 +44,19 @@ class PairScale(NamedTuple):
 def scales_of(
     model: Model, modes: ModalForm, method: str = "simulate", *, giving_way: bool = False
 ) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
-    """A linear law close to the stationary one, for a method; None where it finds none.
+    """A linear law close to the stationary one, and the scales of each pair; None if none is found.
 
-    Every pair is replaced by a spring, which brings mean and variance of the gap to those of a
-    normal law cut at the stops, and a damper, which takes the power that restitution takes at
-    Rayleigh impact speeds; found by repetition. Stops that give way count as rigid ones of their
-    restitution, or, `giving_way`, by the energy that they store.
+    Every pair is replaced by a spring, which gives the gap the mean and the variance of a normal
+    law cut at the stops, and by a damper, which takes as much power as the restitution does at
+    Rayleigh impact speeds. Both are found by iteration. Compliant stops are treated as rigid ones
+    with their restitution or, if `giving_way`, by the energy that they store. `method` is the name
+    of the method in error messages.
     """
     substitutes = [_first_guess(modes, pair) for pair in model.pairs]
     scales: tuple[PairScale, ...] = ()
     law = following = linear_law(modes, substitutes)
     for _ in range(ITERATIONS if model.pairs else 0):
-        if following is None:  # no spring represents so wide a gap: the last one is kept
+        if following is None:  # no spring represents so wide a gap: the last law is kept
             break
         law = following
         found = [
@@ -83,11 +84,11 @@ def _first_guess(modes: ModalForm, pair: Pair) -> Substitute:
     frequency = modes.fastest
     stops = [stop.position for stop in pair.stops]
     if frequency == 0.0 and modes.tables:
-        # the middle of the band that shakes
+        # the middle of the excited band
         bands = [(table.frequency_hz[0], table.frequency_hz[-1]) for table, _ in modes.tables]
         frequency = 2.0 * math.pi * max(math.sqrt(low * high) for low, high in bands)
     elif frequency == 0.0:
-        # no time but that in which noise brings the mass across the gap
+        # the only time scale is that in which noise brings the mass across the gap
         noise = float(np.trace(modes.white)) / pair.mass
         width = max(stops) - min(stops) or abs(stops[0]) or 1.0
         frequency = (noise / width**2) ** (1.0 / 3.0)
@@ -104,7 +105,7 @@ def _without_own_spring(
 ) -> tuple[float, float]:
     """Stiffness k and force f of a gap without the spring of its own stops: k y - f pulls it back.
 
-    The static ones: with noise that matches the damping, the law of y is the Gibbs law of them.
+    Both are static ones, because y has the Gibbs law of k and f where noise matches the damping.
     """
     # the soft spring holds a gap that no other spring holds
     gap, soft = modes.gaps[j], SOFTEST * substitutes[j].spring
@@ -130,8 +131,11 @@ def _substitute(
     method: str,
     giving_way: bool,
 ) -> tuple[Substitute, PairScale] | None:
-    """The next spring and damper: what the gap's law would be without the old spring, cut; None
-    where nothing holds the gap on a side without a stop."""
+    """The next spring and damper, and the scales of the pair.
+
+    They follow from the law that the gap would have without the old spring, cut at the stops. None
+    where nothing holds the gap on a side without a stop.
+    """
     square = law.variances(gap, modes.size)
     if not square > UNSHAKEN * law.largest_variance(modes.size):
         raise NotApplicable(
@@ -169,8 +173,11 @@ def _substitute(
 
 
 def _energy_behind(modes: ModalForm, law: LinearLaw, pair: Pair, gap: Vector) -> float:
-    """Twice the mean energy, J, of the springs that pull at a gap: a swing behind a mass that is
-    pressed onto a stop lifts it where the motion of the mass itself does not."""
+    """Twice the mean energy, J, of the springs that pull at a gap.
+
+    A mass that is pressed onto a stop may be lifted by the swinging of the structure behind it,
+    even where its own motion is too small.
+    """
     pull = pair.mass * gap * modes.squares
     stiffness = pair.mass * float(pull @ gap)
     return law.variances(pull, 0) / stiffness if stiffness > 0.0 else 0.0
@@ -179,8 +186,11 @@ def _energy_behind(modes: ModalForm, law: LinearLaw, pair: Pair, gap: Vector) ->
 def _law_of_gap(
     pair: Pair, held: tuple[float, float], energy: float, giving_way: bool
 ) -> CutNormal | GibbsLaw:
-    """The law exp(-(k y^2 / 2 - f y) / energy) of a gap that k y - f pulls back, between the stops,
-    and within those that give way times exp(-V / energy), V the energy stored there."""
+    """The law exp(-(k y^2 / 2 - f y) / energy) of a gap that the force k y - f pulls back.
+
+    Rigid stops cut it; within compliant stops it has the factor exp(-V / energy), with V the energy
+    that the stop stores.
+    """
     own, force = held
     gap = Gap.of_pair(
         pair, omega=math.sqrt(own / pair.mass), damping_rate=0.0, load=force / pair.mass
@@ -192,8 +202,8 @@ def _law_of_gap(
 
 
 def _power_of_stops(pair: Pair, law: CutNormal | GibbsLaw, square: float) -> float:
-    """Power that the stops take, W: (1 - R^2) / 2 F2 of Rayleigh speeds, and c E y'^2 P(contact) of
-    a damper."""
+    """Power that the stops take, W: mu (1 - R^2) / 2 F2 with Rayleigh impact speeds, and
+    c E y'^2 P(contact) at a stop with a damper."""
     power = 0.0
     for stop in pair.stops:
         if isinstance(law, CutNormal) or stop.rigid:
@@ -208,10 +218,11 @@ def _power_of_stops(pair: Pair, law: CutNormal | GibbsLaw, square: float) -> flo
 
 
 LEANING = 0.5
-"""A pair leans on a stop if pressing turns over more than this share of its energy within the
-spread of its gap. The share is 1 for a mass that lies on the stop."""
+"""A pair leans on a stop if the pressing acceleration times the standard deviation of the gap is
+more than this share of E v^2, v the rate of the gap. The share is 1 for a mass that lies on the
+stop."""
 
 
 SOFTEST = 1e-6
-"""Least spring that stands for the stops of a gap, relative to the spring that alone would give the
-gap its variance: a gap that hardly meets its stops needs none."""
+"""Smallest spring in the place of the stops of a gap, relative to the spring that alone would give
+the gap its variance. For a gap that hardly meets its stops the difference could be 0 or less."""

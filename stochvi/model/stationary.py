@@ -8,11 +8,12 @@ import scipy
 from stochvi.model.model import Model
 
 HELD = 1e-9
-"""Size of a free motion, of at most 1, up to which stops and loads count as holding it."""
+"""Largest size of a free motion, dimensionless and at most 1, at which stops and loads are taken to
+hold it; what remains is the tolerance of the linear programme that searches for the motion."""
 
 
 def not_stationary(model: Model) -> list[str]:
-    """What keeps a model from a stationary state; empty where nothing is found.
+    """Sentences on what keeps a model from a stationary state; empty if nothing does.
 
     Examples
     --------
@@ -40,8 +41,7 @@ def not_stationary(model: Model) -> list[str]:
 
 
 def _lost(model: Model) -> np.ndarray:
-    """A motion (n,) that no spring and no stop hinders, and no constant load opposes; zeros where
-    there is none."""
+    """A motion (n,) that no spring, stop or constant load opposes; zeros if there is none."""
     modes = model.modal
     free = np.flatnonzero(modes.squares == 0.0)
     if not len(free) or model.restoring is not None:
