@@ -38,7 +38,7 @@ CLOSER = (0.7, 0.82, 0.93, 1.07, 1.22, 1.43)
 """Plays of the second search, relative to the best of the first."""
 
 COARSE = 2.0
-"""Relative error of the first search, in units of that of the second."""
+"""Relative error of the first search, as a multiple of that of the second."""
 
 DRAWS = 400
 """Number of curves sampled within the errors of the points to find the error of the best play."""
@@ -47,7 +47,7 @@ GRID = 801
 """Number of plays at which a curve is searched for its lowest point."""
 
 FEWEST_POINTS = 4
-"""Plays of a candidate without which it has no curve."""
+"""Number of simulated plays below which a candidate has no curve."""
 
 DECIBELS = 20.0 / math.log(10.0)
 """Decibels of a unit of the logarithm of a play."""
@@ -159,11 +159,12 @@ def design_absorber(
     mass_budget
         Mass of all units together, kg.
     restitutions, units
-        What there is to choose from.
+        Restitutions of the walls and numbers of units from which the best are chosen.
     plays
         Total plays of the first look, in rms displacements of the structure alone; at least 4.
     level_range_db
-        The robust box is best in the worst case from this much below to this much above.
+        The robust box has the lowest worst ratio over all levels from this much below that of the
+        scene to this much above it, dB.
     rel_error
         Relative error of the points close to the best one.
     seed
@@ -179,7 +180,7 @@ def design_absorber(
     Returns
     -------
     Design
-        The best box, and all that were tried.
+        The best box, and all boxes that were tried.
 
     Raises
     ------
@@ -277,7 +278,8 @@ def design_absorber(
 
 
 def _spread(plays: Sequence[float]) -> list[float]:
-    """Every second play, then those between: where time ends, the whole range was looked at."""
+    """Every second play, then those between, so that the whole range has been looked at when time
+    ends early."""
     return [*plays[::2], *plays[1::2]]
 
 
@@ -285,7 +287,7 @@ def _spread(plays: Sequence[float]) -> list[float]:
 class _Search:
     """Points of the curves of all candidates, simulated within a deadline.
 
-    `left` and `all` are the work that is to be done and all of it, in points of full accuracy;
+    `left` is the work still to be done and `all` the whole work, in points of full accuracy;
     `short` counts the points that are missing, or not as accurate as they should be.
     """
 
@@ -435,7 +437,7 @@ def _best_box(points: Vector, sigma: float, range_db: float, seed: int) -> BestB
     random = np.random.default_rng(seed)
     drawn_ratios = ratios + errors * random.standard_normal((DRAWS, len(at)))
     curves = _smoothed(at, np.vstack([ratios, drawn_ratios]), errors, grid)
-    # within the range of levels: the neighbours on the grid
+    # the range of levels, as a number of neighbours on the grid
     width = round(reach / (grid[1] - grid[0]))
     curves = maximum_filter1d(curves, 2 * width + 1, axis=1)[:, np.searchsorted(grid, inner)]
     found, drawn = curves[0], curves[1:]

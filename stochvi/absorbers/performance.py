@@ -41,7 +41,8 @@ WINDOWS_OF_PATH = 8
 """Number of windows that are taken from one path after it has settled."""
 
 RECORDED_TOGETHER = 2
-"""Number of paths that are recorded between two looks at the deadline; it divides that of all."""
+"""Number of paths that are recorded between two looks at the deadline; it divides the number of all
+paths."""
 
 LEVELS_DB = (-6.0, -3.0, 0.0, 3.0, 6.0)
 """Levels of the excitation, dB relative to that of the scene, at which an absorber is judged."""
@@ -58,7 +59,8 @@ class Performance:
     ratio
         rms displacement of the carrier with the absorber over that without.
     displacement_std, displacement_std_without, velocity_std
-        rms values of the carrier; without the absorber those of the linear response, exactly.
+        rms values of the carrier, m and m/s; without the absorber from the linear response,
+        exactly.
     peak_factor, peak_factor_without
         Mean over windows of `PEAK_PERIODS` periods of the largest abs(x - mean) / rms.
     acceleration_std, acceleration_std_without
@@ -75,8 +77,8 @@ class Performance:
         restitution does not know the force of an impact.
     wall_force_largest, wall_acceleration_largest
         Mean over windows of `PEAK_PERIODS` periods of the largest force on a wall, N, and of the
-        largest acceleration that such a force gives the carrier, m/s^2; None likewise. Each
-        contact is taken for that of a free mass of the same impact speed.
+        largest acceleration that such a force gives the carrier, m/s^2; None where a wall is rigid.
+        Each contact is taken for that of a free mass of the same impact speed.
     absorbed_share
         Share of the supplied power that impacts take; of walls that give way, the share that brief
         contacts would take.
@@ -128,11 +130,11 @@ class AbsorberReport(Result):
     """An absorber over levels of the excitation: one `Performance` each, and what it cost.
 
     `warnings` are those of the level nearest to the scene's own. `play_curve` holds the rms ratio
-    against the play of the boxes, by rising play. It needs no simulation of its own: without a
-    length but that of the boxes the motion scales, and a level raised by 20 lg r decibels acts
-    like a play r times smaller. It is empty where a load, or a wall whose stiffness depends on its
-    deflection, brings another length. `tuned_damper` is the same mass on a tuned spring and
-    dashpot, None where none is known (several coordinates under a sine).
+    against the play of the boxes, by rising play. It needs no simulation of its own: where the play
+    of the boxes is the only length, the motion scales with it, and a level raised by 20 lg r
+    decibels acts like a play r times smaller. It is empty where a load, or a wall whose stiffness
+    depends on its deflection, brings another length. `tuned_damper` is the same mass on a tuned
+    spring and dashpot, None where none is known (several coordinates under a sine).
 
     See Also
     --------
@@ -214,8 +216,8 @@ def absorber(
     threads
         Number of threads; by default all cores.
     budget
-        Seconds for all levels together, compilation apart; each gets as much of what is left as
-        any other that is still to come. None for no limit.
+        Seconds for all levels together, compilation apart; the levels still to come share the time
+        that is left evenly. None for no limit.
     progress
         Called now and then with what is done and what was reached.
 

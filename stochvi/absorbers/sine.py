@@ -36,7 +36,8 @@ PLAYS = np.geomspace(0.02, 3.0, 61)
 """Plays of a tuning curve, over the travel of the structure without the absorber, peak to peak."""
 
 GAPS = np.linspace(-1.0, 2.0, 61)
-"""Gaps of one wall, over the largest displacement of the structure without the absorber."""
+"""Gaps of a tuning curve of one wall, over the largest displacement of the structure without the
+absorber."""
 
 MASSES = np.geomspace(0.25, 4.0, 41)
 """Masses of a tuning curve, over that of the scene."""
@@ -56,7 +57,7 @@ class ResidualCurve:
     key
         What is varied: "frequency_hz", or a key of the scene.
     value
-        Its values.
+        Values of the varied number.
     without
         Largest displacement without the absorber.
     best, worst
@@ -111,9 +112,9 @@ class AbsorberSine(Result):
     mass_ratio
         Mass of the absorber over that of the structure.
     frequency
-        What is left over the frequency of the sine.
+        What is left of the vibration, over the frequency of the sine.
     tuning
-        What is left over play, gap and mass, at the frequency of the scene.
+        What is left of the vibration, over play, gap and mass, at the frequency of the scene.
     regimes
         All regimes with the absorber over frequency.
 
@@ -369,7 +370,7 @@ class _Solver:
 
     @staticmethod
     def _values(found: HarmonicResponse) -> Vector:
-        """The values that were reached."""
+        """The values of the varied number that were reached in time."""
         swept = [each.value for each in found.simulated]
         followed = [each.value[[not name for name in each.names]] for each in found.branches]
         return np.unique(np.concatenate([np.empty(0), *swept, *followed]))
@@ -471,7 +472,7 @@ def _within(family: Family, sigma: Vector) -> Flags:
         waves = forced(parts, (k + 1) * parts["omega"], force)
         across = np.einsum("psi,pi->ps", parts["rows"], waves)
         moved += (across[:, :, None] * np.exp(1j * (k + 1) * phases)).real
-    # stops of a pair follow each other, and their rows are opposite
+    # the two stops of a pair are neighbouring rows, with opposite signs
     travel = np.ptp(moved[:, ::2], axis=2)
     room = parts["distances"][:, ::2] + parts["distances"][:, 1::2]
     return np.asarray(np.all(travel <= room, axis=1))

@@ -115,8 +115,8 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
 
     Under noise the damper with the least rms displacement of the carrier is found by search, which
     begins at Warburton's tuning for white noise; the rms values are exact. A sine alone would be
-    cancelled by a damper without losses that fits no other frequency: there the damper is that of
-    Den Hartog, for a structure of one coordinate.
+    cancelled by a damper without losses, which would fit no other frequency: under a sine the
+    damper is therefore that of Den Hartog, for a structure of one coordinate.
 
     Parameters
     ----------

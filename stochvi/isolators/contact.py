@@ -12,7 +12,7 @@ from stochvi.model.model import Model
 from stochvi.scenes.impact_laws import CompliantLaw
 
 CONTACT_STEPS = 200.0
-"""Steps in a contact: its peak is then read off to a relative error of 1e-4."""
+"""Number of time steps in a contact; its peak is then read off with a relative error of 1e-4."""
 
 
 class Contact(NamedTuple):
@@ -39,7 +39,7 @@ def contact_on_mount(model: Model, law: CompliantLaw, distance: float, speed: fl
         return float(state[0])
 
     back.terminal, back.direction = True, -1.0  # type: ignore[attr-defined]
-    # the mount only shortens a contact
+    # a mount can only shorten a contact, so that none lasts longer than this
     longest = 1.1 * law.impact(speed, 1.0).contact_time + math.pi / model.omega
     shortest = min(law.impact(speed, 1.0).contact_time, 1.0 / model.omega)
     found = solve_ivp(

@@ -22,11 +22,12 @@ POINTS = 801
 """Number of frequencies of a curve over the whole input; those around the resonance are extra."""
 
 RESONANCE_POINTS, RESONANCE_WIDTHS = 121, 3.0
-"""Frequencies around the resonance, and how many half-power bandwidths they reach to each side."""
+"""Number of extra frequencies around the resonance, and how many half-power bandwidths they reach
+to each side of it."""
 
 WHITE_BAND = (0.05, 20.0)
-"""Natural frequencies between which the response to white noise is evaluated: outside of them lies
-less than 1 % of the mean square of a usual mount."""
+"""Lowest and highest frequency, over the natural frequency, at which the response to white noise is
+evaluated: outside of them lies less than 1 % of the mean square of a usual mount."""
 
 
 @dataclass(frozen=True, kw_only=True)

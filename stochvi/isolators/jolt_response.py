@@ -33,8 +33,9 @@ SETTLING_WINDOWS = 10
 """Number of windows after a jolt before a path counts as captured."""
 
 CLATTER = 0.5
-"""Hits per period from which on a window belongs to clatter, both stops together, and to the
-resonant regime, on each of them: that regime has one on each, occasional hits are few."""
+"""Number of hits per period of the sine from which on a window counts as clatter (hits on both
+stops together), and as the resonant regime (hits on each stop): that regime has one hit on each
+stop per period, occasional hits are fewer."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -46,14 +47,14 @@ class Jolts(Result):
     speeds
         Speeds of the jolts, m/s: changes of the velocity relative to the base.
     captured, resonant
-        Paths (jolts, paths): in clatter 100 periods later; of these on both stops, which is the
-        resonant regime (others rattle on one stop).
+        Whether each path (jolts, paths) is in clatter 100 periods after the jolt, and whether it
+        then hits both stops, which is the resonant regime (others rattle on one stop).
     left
-        Captured paths that later left the clatter.
+        Whether each path was captured and later left the clatter.
     watched
         Seconds (jolts, paths) in clatter after capture, until left or until the end.
     duration
-        Seconds that every path was flown.
+        Seconds for which every path was simulated.
     resonance
         Exact regimes and the energy boundary of the sine alone; None where the stops are not
         symmetric about the mean.
@@ -92,7 +93,8 @@ class Jolts(Result):
         return events / time, low, high
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per jolt: share of captured paths with its exact interval, and who stays."""
+        """One row per jolt: shares of paths captured, with the exact interval, and on both stops;
+        share of the captured ones that left later."""
         import pandas as pd
 
         rows = []
@@ -158,10 +160,10 @@ def jolts(
     duration: float | None = None,
     seed: int = 0,
 ) -> Jolts:
-    """Capture and escape: kick a mount that does not hit its stops, and see whether it clatters.
+    """Capture by clatter and escape from it, after jolts to a mount that does not hit its stops.
 
     Every path starts in its motion without stops, at a random phase of the sine, receives the
-    velocity of the jolt, and is flown with its stops; noise, if there is any, is the scene's own.
+    velocity of the jolt, and is simulated with its stops. Noise, if any, is that of the scene.
 
     Parameters
     ----------

@@ -27,12 +27,12 @@ FALSE_ALARMS = 0.005
 the 1 % that is promised, because the laws of the two statistics are approximate."""
 
 FEWEST = 20.0
-"""Independent values of the fourth power of the response below which its kurtosis is not judged:
-the law of Anscombe and Glynn (1983) holds from about there on."""
+"""Smallest number of independent values of the fourth power of the response from which its kurtosis
+is judged: the law of Anscombe and Glynn (1983) holds from about there on."""
 
 BEYOND = 1.0 + 1e-6
-"""Clearance that a record does not reach, over the largest distance that it reaches: above what the
-cubics between samples may miss."""
+"""Clearance that a record needs over the largest distance that it reaches: the excess covers what
+the cubics between samples may miss."""
 
 LEVELS = (2.0, 3.0, 4.0)
 """Levels whose crossings are counted, in standard deviations of the response."""
@@ -45,26 +45,29 @@ POINTS_IN_BANDWIDTH = 16
 """Frequencies in the half-power bandwidth of the mount on which its response density is summed."""
 
 BAND, OUTSIDE = 8.0, 1e-3
-"""Highest frequency of that density, in natural frequencies: above it lies less than this share of
-the mean square displacement of a mount on a flat input. Where the record lies higher, the density
-is summed up to a frequency above which no more than this share lies."""
+"""Highest frequency of that density, in natural frequencies: above it lies less than the second
+number, a share, of the mean square displacement of a mount on a flat input. Where the record has
+higher frequencies, the density is summed up to a frequency above which no more than that share
+lies."""
 
 MOST_POINTS = 2**20
 """Largest number of these frequencies."""
 
 FASTER, START_LEFT = 1.5, 0.05
-"""Where a mount moves more than so many times faster than at its natural frequency, the motion with
-which it starts from rest is larger than the stationary one; it is left out of the judgement until
-it has died out to this share of the stationary one."""
+"""Where the response crosses its mean more than `FASTER` times as often as at the natural
+frequency, the motion with which the mount starts from rest is larger than the stationary one. It is
+left out of the judgement until it has died out to `START_LEFT` times the stationary one."""
 
 CLIPPED_SAMPLES, CLIPPED_BAND, CLIPPED_RATIO = 8, 0.02, 2.0
-"""A record is cut off where at least this many samples lie at its largest value (or smallest), and
-more than this many times as many as within the band, relative to the value, before it."""
+"""A record counts as cut off where at least `CLIPPED_SAMPLES` of its samples lie at its largest (or
+smallest) value, and more than `CLIPPED_RATIO` times as many as lie in the band before it, whose
+width is `CLIPPED_BAND` times that value."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Crossings:
-    """How often the response left the band of +-`level` (m), seen and expected by Rice."""
+    """Number of times that the response left the band of +-`level` (m), as seen and as expected by
+    Rice."""
 
     level: float
     in_sigma: float
@@ -74,7 +77,8 @@ class Crossings:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordVerdict:
-    """The record through the mount without stops, against a Gaussian process of its spectrum.
+    """The response of the mount without stops to the record, against a Gaussian process of its
+    spectrum.
 
     Parameters
     ----------
@@ -88,19 +92,19 @@ class RecordVerdict:
     displacement_max
         Largest distance from the position of rest, m.
     displacement_std
-        Of the response to the record, m.
+        Standard deviation of the response to the record, m.
     peak_in_sigma, expected_peak_in_sigma
         The largest distance over the standard deviation, and the median of it for a Gaussian
         process (Vanmarcke 1975); without the start, where that is left out.
     kurtosis, kurtosis_error
-        Of the response, without the start where that is left out, and the standard error that it
-        has for a Gaussian process.
+        Kurtosis of the response, without the start where that is left out, and the standard error
+        that it would have for a Gaussian process.
     clearance
         The smallest distance of stops from the position of rest that the record does not reach, m;
         of the sides on which the scene has stops.
     p_values
-        Chance of a Gaussian process to be as far off, either way: "peak", "kurtosis"; None where
-        the record is too short to tell.
+        Chance that a Gaussian process deviates as far, to either side, in its "peak" and in its
+        "kurtosis"; None where the record is too short to tell.
     crossings
         Crossings of levels.
     clipped
@@ -275,7 +279,7 @@ def _turning_points(x: Vector, v: Vector, h: float) -> Vector:
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseLaw:
-    """What of a response density the statistics of a Gaussian process depend on.
+    """The numbers of a response density on which the statistics of a Gaussian process depend.
 
     Parameters
     ----------
@@ -390,8 +394,8 @@ def _verdict(
     clearance: float, law: ResponseLaw, clipped: bool,
 ) -> RecordVerdict:  # fmt: skip
     """The verdict on a response x (m, from rest), whose largest distance is `settled`;
-    `largest` and `whole` are the largest distance and the standard deviation with the start.
-    Nothing is tested without `judged`."""
+    `largest` and `whole` are the largest distance and the standard deviation with the start. No
+    test is made unless `judged`."""
     centred = x - x.mean()
     square = float(np.mean(centred**2))
     sigma = math.sqrt(square)

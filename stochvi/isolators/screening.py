@@ -43,8 +43,8 @@ SMOOTH_POINTS = 31
 class Screening(Result):
     """What linear theory says of an isolator without stops (SI units; rates in 1/s).
 
-    `miles` is None where Miles' equation does not apply: the natural frequency lies outside the
-    table, and the density there is 0, which the response is not. `notes` are warnings in words.
+    `miles` is None where Miles' equation does not apply: where the natural frequency lies outside
+    the table, the density at it is 0, although the response is not. `notes` are warnings in words.
     `record` judges a measured record that shakes the isolator; None without one.
 
     See Also
@@ -90,7 +90,8 @@ class Screening(Result):
         )
 
     def summary(self) -> str:
-        """What the table holds, after a record that does not agree with it."""
+        """The numbers of the table in words; a record that does not agree with them is named
+        first."""
         text = "linear screening, stops left out"
         if self.record is not None and not self.record.agrees:
             return f"{self.record.sentence()}; {text}"
@@ -199,8 +200,8 @@ def with_clearance(scene: Scene, clearance: float, law: Law | None = None) -> Sc
 def clearance_notes(
     scene: Scene, linear: Screening, clearances: Sequence[float]
 ) -> tuple[str, ...]:
-    """Warnings that belong beside a curve of hit rates: those of the screening, and where the stops
-    of a loaded mass stand.
+    """Warnings to a curve of hit rates: those of the screening, and one where a load moves the mass
+    by more than its gap.
 
     Parameters
     ----------
@@ -252,8 +253,8 @@ def clearance_curve(
     Parameters
     ----------
     scene
-        An isolator with one impact pair, or a structure of several coordinates or pairs, whose laws
-        are kept while all stops move together.
+        An isolator with one impact pair, or a structure of several coordinates or pairs. The laws
+        of the stops are kept, and all stops move together.
     clearances
         Metres per side from the mean position; of several pairs, of all of them, or a row (pairs,)
         each.
@@ -337,7 +338,8 @@ def clearance_curve(
 
 
 class _Case(NamedTuple):
-    """Stops at one clearance: in words, the scene, and the rows that a simulation of it gives."""
+    """One clearance of a curve: how messages call it, its scene, and what makes its rows from a
+    response."""
 
     words: str
     scene: Scene
@@ -389,7 +391,7 @@ def _cases_of_pairs(scene: Scene, clearances: Matrix) -> list[_Case]:
 
 
 def _simulated(found: Response, pair: str) -> dict[str, float | str]:
-    """What a simulation says of the hits of a pair."""
+    """The simulated rate of hits of a pair with its interval, and the mean impact speed."""
     hits = found.impact_pairs[pair]
     low, high = _interval(hits["collision_rate"])
     return {
@@ -452,7 +454,7 @@ def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
 
 
 def _rates(scene: Scene, clearances: np.ndarray, closure: ArrayLike) -> pd.DataFrame:
-    """Rates by Rice and by the closure, which are given, at clearances (m)."""
+    """The table of Rice's rates and of the given rates `closure` at clearances (m)."""
     linear = screen_isolator(scene)
     return pd.DataFrame(
         {

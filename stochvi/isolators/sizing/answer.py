@@ -42,7 +42,8 @@ class Target:
     value, unit
         The limit, in SI units.
     exceedance
-        Accepted chance that a hit of the mission exceeds the limit; None where `value` says it.
+        Accepted chance that a hit of the mission exceeds the limit; None for "probability" and
+        "rate", of which `value` says all.
     """
 
     name: str
@@ -62,7 +63,7 @@ class Target:
         return f"{self.value / STANDARD_GRAVITY:.4g} g"
 
     def kept(self, mission: float) -> str:
-        """What is kept in a mission of so many seconds, in words."""
+        """What the clearance keeps in a mission (s), in words."""
         spoken = spoken_mission(mission)
         if self.name == "probability":
             return f"the chance of any hit in {spoken} at {spoken_percent(self.value)}"
@@ -76,14 +77,15 @@ class Target:
 
 
 FINEST_SHARE = 0.05
-"""Largest share of a clearance that rounding may add."""
+"""Largest share of a clearance that rounding it up may add."""
 
 COARSEST = 1e-4
-"""Tolerance to which a gap is made, m: 0.1 mm, and a tenth of it, again and again, where that
-would be more than `FINEST_SHARE` of the clearance."""
+"""Largest step to which a clearance is rounded up, m: 0.1 mm, to which gaps are usually made. It is
+divided by 10 until it is at most `FINEST_SHARE` of the clearance."""
 
 ROUNDING = 1e-9
-"""Relative error of a clearance that is no reason for a step more."""
+"""Relative excess of a clearance over a whole number of steps that counts as rounding error and
+asks for no further step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +114,8 @@ class Rounded:
 class Clearance:
     """Metres per side from the mean position, and the 95 % interval of the calculation.
 
-    Where a smaller clearance may do as well (`Sizing.kept_with`), from 0 to the value.
+    The interval reaches from 0 to the value where a smaller clearance may do as well
+    (`Sizing.kept_with`).
     """
 
     value: float
@@ -168,7 +171,7 @@ class Sizing(Result):
         limit that the rate of first hits tends to), `probability`, `probability_low`,
         `probability_high` (of any hit in the mission, 95 % limits).
     three_sigma
-        The rule of thumb judged.
+        What the rule "three times the linear rms" comes to.
     required
         One row per accepted chance of any hit in the mission (10, 1, 0.1 %): `probability`,
         `clearance`, `clearance_low`, `clearance_high` (m), `clearance_in_sigma`.
@@ -213,7 +216,7 @@ class Sizing(Result):
 
     @property
     def gap(self) -> Gap:
-        """Where the stops lie, and what those of the scene risk."""
+        """Where the stops lie, and the chance of a hit on the stops of the scene."""
         return gap_of(self)
 
     @property

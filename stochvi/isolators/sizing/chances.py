@@ -33,8 +33,8 @@ class Gap:
     distances
         Distance of each stop of the scene from the mean position.
     probability
-        Chance of any hit in the mission with the stops of the scene; None where it is not known,
-        or there are none.
+        Chance of any hit in the mission with the stops of the scene; None where it is not known, or
+        the scene has no stops.
     """
 
     mean_position: float
@@ -68,8 +68,8 @@ def probability_at(sizing: Sizing, clearance: float) -> float | None:
 def probability_of_stops(sizing: Sizing) -> float | None:
     """Chance of any hit in the mission with the stops where the scene has them.
 
-    A response as often above its mean as below brings half the bursts of equal distances to each
-    side; bursts on the two sides are taken for independent.
+    The response is above its mean as often as below, so that each side has half of the bursts that
+    two stops at its distance would have. Bursts on the two sides are taken for independent.
     """
     model = model_of(sizing.scene)
     rest, places = model.rest, [stop.position for stop in model.stops]
@@ -85,7 +85,7 @@ def probability_of_stops(sizing: Sizing) -> float | None:
 def _bursts_at(sizing: Sizing, clearance: float) -> float | None:
     """-log(1 - P) at a clearance; None before the curve, whose end is followed beyond it.
 
-    It falls nearly as a Gaussian: straight in its logarithm over the square of the clearance.
+    It falls nearly as a Gaussian: its logarithm over the square of the clearance is straight.
     """
     curve = sizing.curve
     squares, p = curve["clearance"].to_numpy() ** 2, curve["probability"].to_numpy()
@@ -104,5 +104,5 @@ LEAST, CERTAIN = 1e-300, 1.0 - 1e-15
 
 
 def two_sided(scene: Scene) -> bool:
-    """Whether both sides are sized: two stops, or none yet."""
+    """Whether both sides are sized: the scene has two stops, or none yet."""
     return not scene.impact_pairs or len(scene.impact_pairs[0].stops()) == 2

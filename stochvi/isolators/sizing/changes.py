@@ -51,7 +51,7 @@ class Tolerances:
 
     @classmethod
     def of(cls, scene: Scene, **stated: float) -> Tolerances:
-        """The tolerances of a scene: those that are stated here, its own, else the defaults."""
+        """The tolerances of a scene: those stated as arguments, else its own, else the defaults."""
         own = {
             name: value
             for name in ("frequency", "damping", "centre")
@@ -67,7 +67,7 @@ class Tolerances:
 
 
 CENTRE = "centre "
-"""What the quantities of changes of the centre of mass begin with; the axis follows."""
+"""Beginning of the name of a quantity that moves the centre of mass; the axis follows it."""
 
 
 class Change(NamedTuple):
@@ -173,5 +173,5 @@ def changed_stops(scene: Scene, amount: float) -> Scene:
 def _changed_law(law: Law, amount: float) -> Law:
     if isinstance(law, Restitution):
         return Restitution(coefficient=min(max(law.coefficient + amount, 0.0), 1.0))
-    # a force law of more stiffness is that of a mass which is smaller by as much
+    # a larger stiffness acts on a mass like the same law on a mass that is smaller by this factor
     return law.per_unit_mass(1.0 / amount)

@@ -77,7 +77,7 @@ def clatter(
         Stiffness of elastic or viscoelastic stops over that of the mount, each with each
         clearance; by default that of the scene.
     window
-        Seconds of which the largest acceleration is taken.
+        Length in seconds of the windows whose largest acceleration is taken.
     rel_error
         Relative standard error of the mean largest acceleration to reach, if `budget` (seconds
         for each row) allows it.
@@ -95,7 +95,8 @@ def clatter(
         `clearance`, `clearance_in_sigma`, `stiffness_ratio` (NaN for the scene's own),
         `hit_rate` (all contacts), `acceleration_rms`, `largest_acceleration` (mean over windows),
         `rms_amplification`, `peak_amplification` (over the same without stops, from the same
-        random numbers), and `largest_acceleration_bias` (what half the sampling changes, over 3).
+        random numbers), and `largest_acceleration_bias` (a third of what half as many samples
+        change).
 
     Raises
     ------
@@ -195,7 +196,7 @@ def _variants(
 
 def plan_windows(scene: Scene, window: float) -> TabulatedPlan:
     """Paths of the length of a window, sampled finely enough for free crests."""
-    # every contact counts, however slow
+    # the threshold speed is 0: every contact counts, however slow
     plan = plan_tabulated(model_of(scene), 0.0, window)
     period = 2.0 * math.pi / plan.model.omega
     return plan.with_step(min(plan.step, period / SAMPLES_PER_PERIOD))
@@ -242,7 +243,8 @@ def _block(
 
 
 class _Windows:
-    """Windows with stops, at half their sampling, and without stops: the same random numbers."""
+    """Windows with stops, with stops at half as many samples, and without stops, all from the same
+    random numbers."""
 
     def __init__(self, plan: TabulatedPlan, free: TabulatedPlan, seed: int, crew: Crew) -> None:
         self.plans = [plan, plan.coarser(), free]
@@ -252,7 +254,8 @@ class _Windows:
         self.sigma = math.sqrt(float(variance))
 
     def run(self, rel_error: float, budget: float | None) -> None:
-        """More windows until the largest acceleration is known, or time is up."""
+        """Simulate more windows until the largest acceleration is known to `rel_error`, or time is
+        up."""
         size = min(plan.block for plan in self.plans)
         deadline, done, wanted = Deadline.after(budget), 0, FIRST_PATHS
 

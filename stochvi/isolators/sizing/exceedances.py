@@ -35,26 +35,28 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 LIMITS = 16
-"""Number of limits of a curve, with equal ratios."""
+"""Number of limits on a curve of chances; each is the same multiple of the one before."""
 
 WIDENING = 2.5
 """Factor on the speeds of every second first hit, so that rare hard hits are seen as well."""
 
 MARKS = 3
-"""Number of limits that are followed over all clearances where none are given."""
+"""Number of limits that are followed over all clearances where the caller gives none."""
 
 FEWEST = 5
-"""Bursts, or windows, beyond the largest limit of a curve."""
+"""Smallest number of bursts, or windows, with a hit as hard as a limit for which its chance is
+given."""
 
 REL_ERROR = 0.1
-"""Relative standard error at which the rate of hits, or of those beyond the first mark, is taken
-for known."""
+"""Relative standard error to which the rate of hits, or of hits beyond the first mark, is
+simulated."""
 
 MOST_ERROR = 0.5
-"""Relative standard error of a chance above which it is left out."""
+"""Relative standard error above which a chance is left out."""
 
 WINDOW, MOST_WINDOWS = 18.0, 4096
-"""Length, s, and largest number of windows where hits come without a pause."""
+"""Length (s) and largest number of the windows of the whole motion that are simulated where hits
+come without a pause."""
 
 
 def event_of(scene: Scene) -> str:
@@ -86,8 +88,9 @@ def exceedances(
     event
         "peak_acceleration" (absolute, m/s^2) or "impact_speed" (m/s); by default `event_of`.
     marks
-        Limits that every clearance has a row for, where they are known there, the first one to
-        `REL_ERROR` if the budget allows it; by default some that most clearances have.
+        Limits for which every clearance has a row where their chance is known; that of the first
+        one is found to `REL_ERROR` if the budget allows it. By default, limits that most clearances
+        have in common.
     budget
         Seconds for all clearances together.
 
@@ -97,7 +100,8 @@ def exceedances(
         `clearance` (m), `event`, `limit` (SI), `mark` (whether the limit is one of the
         marks), `probability` with its 95 % limits
         `probability_low`, `probability_high`, and `by`, "bursts" or "windows". Limits that are
-        exceeded too seldom for a standard error are left out; so is a clearance where nothing is.
+        exceeded too seldom for a standard error are left out; so is a clearance at which no limit
+        is left.
     """
     import pandas as pd
 
@@ -195,7 +199,7 @@ class _Windows(_Seen):
 
 
 def _common(seen: Sequence[_Seen]) -> tuple[float, ...]:
-    """Limits, of two digits, that as many clearances as possible have a chance for."""
+    """Limits of two digits whose chance is known at as many clearances as possible."""
     ends = [each for each in (one.ends() for one in seen) if each is not None]
     if not ends:
         return ()
@@ -210,7 +214,7 @@ def _common(seen: Sequence[_Seen]) -> tuple[float, ...]:
 def _by_bursts(
     scene: Scene, event: str, mission: float, marks: Sequence[float], asked: dict[str, Any]
 ) -> _Bursts | None:
-    """From bursts; None where they do not end, or meet."""
+    """Trials by bursts; None where bursts do not end, or overlap."""
     wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate
     if marks:
         wanted = partial(Bursts.exceedance_rate, name=event, limit=marks[0])
@@ -224,7 +228,7 @@ def _by_bursts(
 
 
 def _by_windows(scene: Scene, event: str, mission: float, asked: dict[str, Any]) -> _Windows:
-    """From windows of the whole motion, as many as the time allows."""
+    """Trials by windows of the whole motion, as many as the time allows."""
     window = min(WINDOW, mission)
     plan = plan_windows(scene, window)
     deadline, most = Deadline.after(asked["budget"]), -(-MOST_WINDOWS // plan.block)

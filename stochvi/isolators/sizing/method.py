@@ -68,8 +68,8 @@ class SearchSettings:
         Relative difference between a rate and the wanted one below which the clearance is
         extrapolated from the place that was tried.
     grace
-        Share of the budget for which places are still looked at after it, briefly: mostly one is
-        near.
+        Share of the budget by which the search for a clearance may outlast its time, because an
+        answer is mostly near then.
     least_seconds
         Seconds that every calculation gets, even where the budget is spent.
     share_of_hits
@@ -77,13 +77,14 @@ class SearchSettings:
     most_error
         Relative error of the chance of a hit above which no clearance is given.
     reach
-        Largest logarithm of a rate over the wanted one from which a clearance is extrapolated.
+        Logarithm of a rate over the wanted one, in magnitude, up to which a clearance is
+        extrapolated from the place of that rate.
     divisor_on_the_way, divisor_of_last
         A clearance that is tried on the way gets the remaining time divided by the first number,
         the clearance that the answer rests on gets it divided by the second.
     pumped, more_than_rice
-        Hits that follow from a first hit, and hits over Rice's number, above which a warning says
-        that the stops pump the mount.
+        Hits per first hit, and hits over their number by Rice's rate, above both of which a warning
+        says that the stops pump the mount.
     """
 
     lowest_sigma: float = 1.0
@@ -125,7 +126,8 @@ BY_BURSTS = (
 )
 
 METHODS = {"probability": BY_FIRST_CROSSINGS, "rate": BY_HITS}
-"""How a target is sized for; one that is not here, by bursts."""
+"""How the clearance is found, by the name of the target; for a target that is not here, by
+bursts."""
 
 SIMULATED = (
     "clearance", "clearance_in_sigma", "hit_rate", "hit_rate_low", "hit_rate_high",
@@ -250,7 +252,7 @@ def size(
             job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
             return job.sizing()
     except NotApplicable as reason:
-        # what was asked for is a size, by whatever means
+        # the user called `size`, so that the refusal has its name, whatever function it came from
         raise NotApplicable("size", reason.conditions) from reason
 
 
@@ -264,7 +266,8 @@ def risk_curve(
     threads: int | None = None,
     budget: float | None = 60.0,
 ) -> RiskCurve:
-    """Chance of any hit, from clearances of 1 sigma on to those that no target needs."""
+    """Chance of any hit against clearance, from 1 sigma to a clearance that is more than the target
+    needs."""
     free = scene.model_copy(update={"impact_pairs": ()})
     s_x, s_v = deviations(free)
     chances = [*SEARCH.required, target.exceedance or 1.0]
@@ -349,7 +352,8 @@ class _Job:
 
     @property
     def left(self) -> float:
-        """Seconds of the budget that are left, at least some to come to an end."""
+        """Seconds of the budget that are left; never below `SEARCH.least_seconds`, in which a
+        calculation can end."""
         return max(self.deadline.left, SEARCH.least_seconds)
 
     def sizing(self) -> Sizing:
@@ -484,7 +488,7 @@ class _Job:
         )
 
     def _answer(self, place: float, found: Estimate, excess: float, slope: float) -> Clearance:
-        """The clearance by extrapolation from a place that was tried next to it.
+        """The clearance, extrapolated from a place near it that was tried.
 
         A rate of hits is a mean, and a standard error that is larger than asked for widens the
         interval. A rate of exceedances may rest on so few bursts that its standard error is too
@@ -534,7 +538,8 @@ class _Job:
 
     @cached_property
     def _least(self) -> float:
-        """The smallest clearance that is tried, m; bursts, where they are needed, stay apart."""
+        """The smallest clearance that is tried, m; for a limit, one at which bursts do not overlap
+        yet."""
         if self.target.exceedance is None:
             return SEARCH.least_sigma * self.sigma
         clearances = self.curve.clearances
@@ -566,7 +571,8 @@ class _Job:
         return Clearance(value=place, lower=0.0, upper=place)
 
     def _first_guess(self, wanted: float) -> float:
-        """The first clearance to try: by Rice's rate or, for a limit, where hits are that rare."""
+        """The first clearance to try: where Rice's rate is the wanted one or, for a limit, a little
+        below the clearance at which any hit has the accepted chance."""
         if self.target.exceedance is not None:
             return max(0.9 * self.curve.clearance(self.target.exceedance).value, self._least)
         crossings = self.curve.crossings

@@ -35,13 +35,13 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class PathSettings:
-    """How long the path is and how it is looked at.
+    """Length of the path, and how its statistics are taken.
 
     Parameters
     ----------
     periods
-        Natural periods of the path: seconds to make, and at 3 sigma of a light mount some hundred
-        hits.
+        Length of the path in natural periods: it takes seconds to simulate, and has some hundred
+        hits on stops at 3 sigma of a light mount.
     burn_in_share
         Share of the path that is left out at its start, where it is not stationary.
     fewest_hits
@@ -100,8 +100,8 @@ class MotionBetweenStops:
         -(b v + omega^2 x), the part of the acceleration that spring and damper cause, over that of
         the base. None unless noise moves the base and nothing else shakes the mass.
     transmissibility_change
-        Largest relative difference of it from that without stops, over bands of a third of an
-        octave.
+        Largest relative difference of the apparent transmissibility from the one without stops,
+        over bands of a third of an octave.
     """
 
     scene: Scene
@@ -170,7 +170,8 @@ def motion_between_stops(
 
 
 def _ends(model: Model, low: float, high: float) -> tuple[float, float]:
-    """Ends of a histogram: a rigid stop, which nothing is beyond, else those that are given."""
+    """Ends of a histogram: a rigid stop, since no displacement lies beyond it, else the given
+    end."""
     for stop in model.stops:
         if stop.rigid and stop.position < model.rest:
             low = stop.position
@@ -235,7 +236,7 @@ def _apparent_transmissibility(
 
 
 FEWEST_IN_BAND = 4
-"""Frequencies that a band must hold to be judged."""
+"""Number of frequencies that a band must hold to be compared."""
 
 
 def _largest_change(model: Model, apparent: pd.DataFrame | None) -> float | None:

@@ -65,32 +65,34 @@ LOWEST_SIGMA, SIGMA_STEP = 1.0, 0.25
 """Smallest clearance of the curve of a pair and distance to the next, in standard deviations."""
 
 CLUSTERED = 1e3
-"""Largest number of crossings for a first hit that the curve of a pair leaves room for."""
+"""Largest number of crossings per first hit for which the curve of a pair leaves room."""
 
 RISK_STEP, HITS_STEP = 2.5, 6.0
-"""Largest factor from one risk per pair to the next: the chance of any hit over it changes slowly,
-and is interpolated. The second one where hits decide, and that chance stands beside them."""
+"""Largest factor from one risk per pair to the next, where a chance of any hit is asked for, and
+where hits decide and that chance is only reported: the chance over the risk changes slowly, and is
+interpolated between them."""
 
 ROOM = 1.25
 """How far the risks that are looked at reach beyond those that can be the answer, as a factor."""
 
 SHARE_OF_CURVES, SHARE_OF_ALL = 0.4, 0.8
-"""Share of the budget for the curves of the single pairs; and of what is then left, for all pairs
-together."""
+"""Share of the budget for the curves of the single pairs, and share of the time that is then left
+for all pairs together."""
 
 MOST_ERROR = 1.0
 """Relative error of the chance of a hit above which no clearance is given."""
 
 SMALL_SHARE = 1e3
-"""The smallest risk that is looked at of a pair that is sized alone, below that of all pairs."""
+"""Risk of all pairs over the smallest risk that is looked at of a pair that is sized alone."""
 
 STEEP = 1e-3
-"""Smallest slope of the risk of all pairs over that of the sized ones: below it no clearance of
-theirs changes the risk."""
+"""Smallest slope of the risk of all pairs over the risk of the sized ones, both logarithmic, by
+which an error is divided: below it no clearance of the sized pairs changes the risk of all."""
 
 UNSEEN, FARTHEST, LOOKS = -8.0, 4.0, 12
-"""Logarithm of a rate over the wanted one that stands for a rate of which nothing was seen, largest
-change of the logarithm of the risk from one place to the next, and largest number of places."""
+"""Three numbers of the search by hits: the logarithm of a rate over the wanted one that is assumed
+where no hit was seen, the largest change of the logarithm of the risk from one place to the next,
+and the largest number of places."""
 
 FIRST_LOOK = 3.0
 """Relative error of the first look at a risk, as a multiple of the error asked for."""
@@ -99,7 +101,7 @@ CLOSE = 0.05
 """Logarithm of a rate over the wanted one from which the risk is extrapolated."""
 
 SHARE_OF_LOOK = 0.3
-"""Share of the time that is left for the hits at one risk of a search."""
+"""Share of the time still left that the hits at one risk of a search may take."""
 
 METHOD = (
     "first outcrossings of all gaps together, Gaussian and correlated as they are without stops "
@@ -127,8 +129,8 @@ def size_pairs(
     tolerances: Tolerances | None = None,
     progress: Progress | None = None,
 ) -> PairsSizing:
-    """The clearances that keep a target, of which `limit` is what hits must not exceed; see
-    `size`."""
+    """The clearances that keep a target; `limit` is what a hit must not exceed, None for a target
+    without one; see `size`."""
     return _PairsJob(
         scene=scene,
         target=target,
@@ -389,8 +391,9 @@ class _PairsJob:
 
     @cached_property
     def _hazards(self) -> Vector:
-        """-ln(1 - P) of all chances whose clearances are wanted, the smallest first; where hits
-        decide, from so few first hits on as can exceed a limit to as many as there are."""
+        """-ln(1 - P) of all chances whose clearances are wanted, the smallest first. Where hits
+        decide, two numbers of first hits in the mission: one so small that the target is kept even
+        if each leads to many hits, and the largest that there can be."""
         if self.target.name == "probability":
             return np.asarray(-np.log1p(-np.sort([*REQUIRED, self.target.value])))
         wanted = self.target.exceedance or -math.expm1(-self.target.value * self.mission)
@@ -400,8 +403,8 @@ class _PairsJob:
 
     @property
     def _least_risk(self) -> float:
-        """The smallest risk of a pair that is looked at: where one alone is sized it may have to be
-        much smaller than that of all."""
+        """The smallest risk of a pair that is looked at; where one pair alone is sized, its risk
+        may have to be much smaller than that of all pairs."""
         share = ROOM * len(self.names) if self.pair is None else SMALL_SHARE
         return float(self._hazards[0]) / share
 
@@ -432,7 +435,7 @@ class _PairsJob:
         return np.where(np.isfinite(self.own), places, math.inf)
 
     def _only(self, k: int) -> Matrix:
-        """The stops of one pair alone, where they are."""
+        """The stops of one pair alone, at their places in the scene."""
         kept = np.arange(len(self.names)) == k
         return np.where(kept, self.own, math.inf)
 
@@ -510,7 +513,7 @@ class _PairsJob:
         return pd.DataFrame(rows)
 
     def _warnings(self, together: PairCrossings) -> tuple[str, ...]:
-        """What the budget did not suffice for, and what should be known of the excitations."""
+        """Warnings on the accuracy that the budget did not suffice for, and on the excitations."""
         reached = largest_error(together, self.mission)
         if reached > MOST_ERROR:
             raise self.deadline.fell_short(

@@ -56,7 +56,7 @@ class PairsSizing(Result):
         What was asked for, and seconds of exposure.
     pair
         The one pair that was sized, the stops of the others fixed as in the scene; None where all
-        pairs share the risk.
+        pairs share the risk equally.
     clearances
         By pair, m per side from the mean gap, each with the 95 % interval of the calculation; of
         the sized pair alone where there is one.
@@ -73,7 +73,7 @@ class PairsSizing(Result):
     curve
         One row per risk: `probability_alone` of each sized pair, the clearance of each sized pair
         under its name (m), `probability` with `probability_low` and `probability_high` of a hit of
-        any pair, and `independent`, what it would be if the pairs knew nothing of each other.
+        any pair, and `independent`, the chance of any hit if hits of the pairs were independent.
     three_sigma
         Chance of any hit where every stop is at three times the rms of its gap.
     as_given

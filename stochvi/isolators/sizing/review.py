@@ -36,12 +36,13 @@ PLACES = ("three_sigma", "recommended")
 
 @dataclass(frozen=True, kw_only=True)
 class PeakSettings:
-    """What peak accelerations are simulated for.
+    """The windows, stops and clearances for which peak accelerations are simulated.
 
     Parameters
     ----------
     window
-        Seconds of which the largest acceleration is taken: some hundred cycles of a usual mount.
+        Length in seconds of the windows whose largest acceleration is taken: some hundred cycles of
+        a usual mount.
     stiffness_ratios
         Stiffness of the stops over that of the mount: soft rubber, hard rubber, metal.
     multiples
@@ -118,12 +119,13 @@ BALANCE_ERRORS = 4.0
 """Standard errors of a balance from which on it fails: one right balance in 16,000 does."""
 
 TINY = 1e-12
-"""What is left of a balance by rounding where nothing was sampled."""
+"""Residual of a balance up to which it is ascribed to rounding, where nothing was sampled."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Exceeding:
-    """Chance in the mission that a hit exceeds a limit, at one clearance; None is not known."""
+    """Chance in the mission that a hit exceeds a limit, at one clearance; None where it is not
+    known."""
 
     clearance: float
     probability: float | None
@@ -146,7 +148,7 @@ class Mount:
 
 @dataclass(frozen=True, kw_only=True)
 class Chance:
-    """Chance of any hit in the mission and of none; None where they are not known."""
+    """Chance of any hit in the mission, and of no hit; None where they are not known."""
 
     any_hit: float | None
     no_hit: float | None
@@ -180,7 +182,8 @@ class LinearMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class HitsAt:
-    """Simulated hits at one clearance, on all stops; None is not known, as where no hit was seen.
+    """Simulated hits at one clearance, on all stops; None where a number is not known, because no
+    hit was seen for one.
 
     `rate` is in 1/s and `expected` the number in the mission, each with its 95 % limits. `by` says
     whether bursts or the whole motion was simulated.
@@ -201,8 +204,9 @@ class HitsAt:
 class Comparison:
     """A quantity without stops by linear theory, and with stops at 3 sigma and as recommended.
 
-    SI units; None is not known. `quantity` is a name as in `Response`, "stop_acceleration" (mean
-    of the peak forces over the mass, m/s^2) or "lost_power" (W/kg, taken by the stops).
+    SI units; None where a value is not known. `quantity` is a name as in `Response`,
+    "stop_acceleration" (mean of the peak forces over the mass, m/s^2) or "lost_power" (W/kg, taken
+    by the stops).
     """
 
     quantity: str
@@ -349,10 +353,10 @@ def review(
 
 
 MORE = 1.15
-"""The largest clearance at which chances of hard hits are found, over the recommended one."""
+"""Ratio of the largest clearance at which chances of hard hits are found to the recommended one."""
 
 MARK_RATIOS = (1.0, 0.5, 2.0)
-"""Limits whose chances are drawn against clearance, over the limit of the target."""
+"""Limits whose chances are drawn against clearance, as multiples of the limit of the target."""
 
 
 def _exceedances(
@@ -547,7 +551,7 @@ def _hits_at(sizing: Sizing, clearance: float) -> HitsAt | None:
 
 
 def _comparisons(sizing: Sizing) -> tuple[Comparison, ...]:
-    """Quantities that at least one simulation knows."""
+    """The quantities that at least one simulation has found, each with its values."""
     scene = sizing.scene
     wanted = [
         ("displacement_std", "displacement_std", 1.0),
@@ -598,8 +602,8 @@ def _warnings(sizing: Sizing) -> tuple[str, ...]:
 
 
 def _assumptions(sizing: Sizing) -> tuple[str, ...]:
-    """Those of the scene, then assumptions and warnings of the simulations, that no warning of the
-    review repeats."""
+    """Assumptions of the scene, then assumptions and warnings of the simulations, without those
+    that are warnings of the review already."""
     above = (*_warnings(sizing), UNLOADED)  # the report measures from the position of rest
     texts = list(sizing.scene.assumptions())
     for answer in sizing.evidence.values():

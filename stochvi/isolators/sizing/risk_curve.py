@@ -28,11 +28,12 @@ KNOWN = 1.0 - 1e-12
 """Largest chance of a hit whose ln(1 - P) still has four digits after rounding."""
 
 RARE_ENOUGH = 10.0
-"""Number of first hits in a mission up to which the chance of none is read from its curve, and
-above which from their rate."""
+"""Number of first hits in a mission up to which a clearance is read from the curve of chances; for
+more, it is read from the rate of first hits."""
 
 LIKELY = 0.5
-"""Chance of a hit above which its error is taken from that of the rate of first hits."""
+"""Chance of a hit above which its error may be taken from that of the rate of first hits, where
+that is smaller."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +101,8 @@ class RiskCurve:
         """The clearance (m) at which -ln(1 - P) is `hazard`, however close to 1 the chance P is."""
         if hazard <= RARE_ENOUGH:
             return self.clearance(-math.expm1(-hazard)).value
-        # in a mission with many first hits, their limiting rate says it all
+        # in a mission with many first hits the chance of none follows from their limiting rate
+        # alone
         wanted = hazard / self.mission
         low, high = self.clearances[[0, -1]]
         if wanted > self.first_rate(low):
@@ -111,7 +113,8 @@ class RiskCurve:
         return float(brentq(lambda c: self.first_rate(c) - wanted, low, high))
 
     def probability(self, clearance: float) -> float:
-        """Chance of any hit at a clearance; beyond the levels the share of Rice's is kept."""
+        """Chance of any hit at a clearance; beyond the levels, the ratio to Rice's rate is held
+        constant."""
         usable, logs, _ = self._logarithms()
         if clearance < self.clearances[usable][0]:
             return 1.0
@@ -181,8 +184,9 @@ def _half_widths(estimates: Sequence[Estimate]) -> Vector:
 
 
 def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:
-    """Rates, or chances, of which none is below that of a farther stop: where hardly any motion
-    outlasts the memory, what is left of it is noise. One that is raised has the error of both."""
+    """Rates, or chances, raised so that none is below that of a farther stop: where hardly any
+    motion outlasts the memory, the estimate is mostly noise. A raised value has the larger error of
+    the two."""
     found: list[Estimate] = []
     for own in reversed(estimates):
         farther = found[-1] if found else own

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 RESTITUTION_STEP, STIFFNESS_FACTOR = 0.1, 2.0
-"""Change of the restitution and factor on the stiffness of the stops that are tried."""
+"""Change of the restitution, and factor on the stiffness, by which the stops of a scene are
+varied."""
 
 UNCHANGED = "none"
 """Name of the case in which nothing is changed."""
@@ -423,6 +424,7 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
 
 
 def _nearly_constant(shape: float) -> tuple[Vector, Vector]:
-    """A gamma law of large shape is nearly Gaussian, of variance 1 / shape."""
+    """Nodes and weights for a gamma law of large shape, which is nearly Gaussian with variance 1 /
+    shape."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(9)
     return 1.0 + nodes / math.sqrt(shape), weights / math.sqrt(2.0 * math.pi)
